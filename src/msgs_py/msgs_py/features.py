@@ -1,0 +1,238 @@
+"""Matching features: straight edges, planar curves and axes, as a struct of arrays.
+
+The same type carries a model's features (exact, uncertainty zero), the features recovered from a stereo pair,
+and the true features of a rendered scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ._checks import as_finite, as_shaped
+from .pose import Pose
+
+FULL_ARC = (0.0, 2.0 * np.pi)
+
+
+class FeatureKind(IntEnum):
+    """What a feature is. An EDGE is a straight crease, a CURVE a circle or ellipse, an AXIS a line of rotation."""
+
+    EDGE = 0
+    CURVE = 1
+    AXIS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureSet:
+    """n features; every array has one row a feature.
+
+    kind : (n,) uint8, FeatureKind
+    start, end : (n, 3) float64, metres. EDGE: its end points, in no particular order. CURVE: start is the centre and
+        end - start the unit normal of its plane (outward where known). AXIS: the centres of the planar ends (cone:
+        apex to base centre)
+    radii : (n, 2) float64, metres: major, minor of a CURVE; NaN otherwise
+    err_par, err_per : (n,) float64, metres: uncertainty of the end points along and across (thesis 5.4); 0 for a model
+    major_axis : (n, 3) float64: unit direction of a CURVE's major radius, in its plane; NaN where unknown or no CURVE
+    arc : (n, 2) float64, radians: where a CURVE's visible piece starts, from major_axis about the normal, and how far
+        it runs (2 pi: the whole curve); NaN when not a CURVE. From 0 when major_axis is unknown
+
+    Raises ValueError, naming the array, when shapes disagree or a needed value is not finite.
+    """
+
+    kind: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    radii: np.ndarray
+    err_par: np.ndarray
+    err_per: np.ndarray
+    major_axis: np.ndarray = None  # type: ignore[assignment]
+    arc: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        kind = np.array(self.kind)
+        if kind.ndim != 1:
+            raise ValueError(f'kind: expected shape (n,), got {kind.shape}')
+        n = len(kind)
+        if n and not np.isin(kind, [int(k) for k in FeatureKind]).all():
+            raise ValueError(f'kind: expected 0 (EDGE), 1 (CURVE) or 2 (AXIS), got {np.unique(kind)}')
+        kind = kind.astype(np.uint8)
+        curve = kind == FeatureKind.CURVE
+        arrays = {
+            'kind': kind,
+            'start': as_finite('start', _rows(self.start, n, 3), (n, 3)),
+            'end': as_finite('end', _rows(self.end, n, 3), (n, 3)),
+            'radii': as_shaped('radii', _rows(self.radii, n, 2), (n, 2)),
+            'err_par': as_finite('err_par', np.broadcast_to(self.err_par, (n,)), (n,)),
+            'err_per': as_finite('err_per', np.broadcast_to(self.err_per, (n,)), (n,)),
+        }
+        if (arrays['err_par'] < 0).any() or (arrays['err_per'] < 0).any():
+            raise ValueError('err_par, err_per: expected distances >= 0')
+        if curve.any() and not (arrays['radii'][curve] > 0).all():
+            raise ValueError('radii: a CURVE needs two finite radii > 0')
+        arrays['radii'][~curve] = np.nan
+        if self.major_axis is None:
+            arrays['major_axis'] = np.full((n, 3), np.nan)
+        else:
+            arrays['major_axis'] = as_shaped('major_axis', _rows(self.major_axis, n, 3), (n, 3))
+        if self.arc is None:
+            arrays['arc'] = np.where(curve[:, None], FULL_ARC, np.nan)
+        else:
+            arrays['arc'] = as_shaped('arc', _rows(self.arc, n, 2), (n, 2))
+        for name, array in arrays.items():
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    # -- making ------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def empty(cls) -> FeatureSet:
+        return cls.from_edges(np.zeros((0, 3)), np.zeros((0, 3)))
+
+    @classmethod
+    def from_edges(cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0,
+                   err_per: ArrayLike = 0.0) -> FeatureSet:
+        """Straight edges from end points (n, 3), metres; uncertainties scalar or (n,)."""
+        start = np.asarray(start, dtype=np.float64).reshape(-1, 3)
+        n = len(start)
+        return cls(np.full(n, FeatureKind.EDGE, np.uint8), start, end, np.full((n, 2), np.nan), err_par, err_per)
+
+    @classmethod
+    def from_curves(cls, centre: ArrayLike, normal: ArrayLike, radii: ArrayLike, err_par: ArrayLike = 0.0,
+                    err_per: ArrayLike = 0.0, major_axis: ArrayLike | None = None,
+                    arc: ArrayLike | None = None) -> FeatureSet:
+        """Planar curves from centres (n, 3), normals (n, 3) of any length, radii (n, 2) or (n,) for circles."""
+        centre = np.asarray(centre, dtype=np.float64).reshape(-1, 3)
+        normal = np.asarray(normal, dtype=np.float64).reshape(-1, 3)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        if (length == 0.0).any():
+            raise ValueError('normal: a curve has a normal of length zero')
+        radii = np.asarray(radii, dtype=np.float64)
+        if radii.ndim < 2:
+            radii = np.repeat(np.broadcast_to(radii, (len(centre),))[:, None], 2, axis=1)
+        return cls(np.full(len(centre), FeatureKind.CURVE, np.uint8), centre, centre + normal / length, radii,
+                   err_par, err_per, major_axis, arc)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_axes(cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0,
+                  err_per: ArrayLike = 0.0) -> FeatureSet:
+        """Axes from end points (n, 3), metres."""
+        edges = cls.from_edges(start, end, err_par, err_per)
+        return replace(edges, kind=np.full(len(edges), FeatureKind.AXIS, np.uint8))
+
+    @classmethod
+    def concatenate(cls, sets: Iterable[FeatureSet]) -> FeatureSet:
+        sets = list(sets)
+        if not sets:
+            return cls.empty()
+        return cls(*(np.concatenate([getattr(s, name) for s in sets]) for name in FIELDS))
+
+    # -- reading -----------------------------------------------------------------------------------------------
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """(n, 3) float64: end - start."""
+        return self.end - self.start
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """(n,) float64, metres (1 for a CURVE, whose normal is a unit vector)."""
+        return np.linalg.norm(self.vectors, axis=1)
+
+    @property
+    def directions(self) -> np.ndarray:
+        """(n, 3) float64, unit, from start to end; zeros where the length is zero."""
+        lengths = self.lengths[:, None]
+        return np.divide(self.vectors, lengths, out=np.zeros_like(self.start), where=lengths > 0.0)
+
+    @property
+    def midpoints(self) -> np.ndarray:
+        """(n, 3) float64, metres: the middle of an EDGE or AXIS, the centre of a CURVE."""
+        middle = 0.5 * (self.start + self.end)
+        return np.where((self.kind == FeatureKind.CURVE)[:, None], self.start, middle)
+
+    def of_kind(self, kind: FeatureKind) -> FeatureSet:
+        return self.select(self.kind == kind)
+
+    def select(self, mask: ArrayLike) -> FeatureSet:
+        """A subset: mask is (n,) bool, or indices."""
+        mask = np.asarray(mask)
+        if mask.dtype != bool:
+            mask = mask.astype(np.intp)
+        return FeatureSet(*(getattr(self, name)[mask] for name in FIELDS))
+
+    def transformed(self, pose: Pose) -> FeatureSet:
+        """In another frame: ``camera = model.transformed(camera_T_model)``. Sizes and errors follow the scale."""
+        start = pose.apply(self.start)
+        end = np.where((self.kind == FeatureKind.CURVE)[:, None], start + pose.rotate(self.vectors),
+                       pose.apply(self.end))
+        return FeatureSet(self.kind, start, end, self.radii * pose.scale, self.err_par * pose.scale,
+                          self.err_per * pose.scale, pose.rotate(self.major_axis), self.arc)
+
+    def polyline(self, index: int, samples: int = 64) -> np.ndarray:
+        """(m, 3) float64, metres: the feature as points to draw; 2 for an EDGE or AXIS, ``samples`` for a CURVE."""
+        if self.kind[index] != FeatureKind.CURVE:
+            return np.stack([self.start[index], self.end[index]])
+        normal = self.directions[index]
+        first = self.major_axis[index]
+        if not np.isfinite(first).all():
+            # Any direction in the plane will do for a circle: the coordinate axis farthest from the normal.
+            first = np.eye(3)[np.argmin(np.abs(normal))]
+        first = first - normal * (first @ normal)
+        first /= np.linalg.norm(first)
+        angle = self.arc[index, 0] + np.linspace(0.0, 1.0, samples) * self.arc[index, 1]
+        major, minor = self.radii[index]
+        return (self.start[index] + major * np.cos(angle)[:, None] * first
+                + minor * np.sin(angle)[:, None] * np.cross(normal, first))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, FeatureSet):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=name != 'kind')
+                   for name in FIELDS)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        counts = ', '.join(f'{(self.kind == kind).sum()} {kind.name.lower()}s' for kind in FeatureKind)
+        return f'FeatureSet({counts})'
+
+    # -- files -------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Write a .npz file with one array a field."""
+        fields: dict[str, Any] = {name: getattr(self, name) for name in FIELDS}
+        with open(path, 'wb') as file:
+            np.savez_compressed(file, **fields)
+
+    @classmethod
+    def load(cls, path: str | Path) -> FeatureSet:
+        """Read a file written by :meth:`save`. Raises ValueError, naming the file, when it is not one."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                missing = [name for name in FIELDS[:6] if name not in file]
+                if missing:
+                    raise ValueError(f'no array named {missing[0]!r}')
+                return cls(*(file[name] if name in file else None for name in FIELDS))  # type: ignore[misc]
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # numpy raises half a dozen types for a damaged archive
+            raise ValueError(f'{path}: not a feature file: {error}') from error
+
+
+FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc')
+
+
+def _rows(array: ArrayLike, n: int, columns: int) -> np.ndarray:
+    """An empty list stands for zero rows of any width."""
+    array = np.asarray(array, dtype=np.float64)
+    return array.reshape(n, columns) if array.size == 0 and n == 0 else array

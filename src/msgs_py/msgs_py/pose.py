@@ -1,0 +1,158 @@
+"""Rigid (or similarity) transforms between frames.
+
+A :class:`Pose` named ``camera_T_model`` takes points of the model frame to the camera frame:
+``p_camera = scale * R p_model + t``. Column form throughout; a matrix printed in the thesis
+(row vectors, p' = p R) is the transpose of ``rotation``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ._checks import as_finite
+
+# How far a rotation matrix may be from orthonormal before it is refused (it is then no rounding error).
+ORTHONORMAL_TOLERANCE = 1e-6
+
+
+class PoseError(NamedTuple):
+    """How far one pose is from another: angle in radians, distance in metres, ratio of scales minus one."""
+
+    rotation: float
+    translation: float
+    scale: float
+
+    @property
+    def rotation_deg(self) -> float:
+        return float(np.degrees(self.rotation))
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid motion, with a uniform scale for data of unknown size.
+
+    rotation : (3, 3) float64, orthonormal, determinant +1 (column form)
+    translation : (3,) float64, metres, target frame
+    scale : float > 0, 1 unless the data's size is unknown
+
+    Raises ValueError, naming the argument, for wrong shapes, non-finite values or an improper rotation.
+    """
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        rotation = as_finite('rotation', self.rotation, (3, 3))
+        translation = as_finite('translation', self.translation, (3,))
+        scale = float(self.scale)
+        if not np.isfinite(scale) or scale <= 0.0:
+            raise ValueError(f'scale: expected a finite number > 0, got {scale}')
+        departure = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if departure > ORTHONORMAL_TOLERANCE:
+            raise ValueError(f'rotation: not orthonormal, R R^T differs from the identity by {departure:.2g}')
+        if np.linalg.det(rotation) < 0.0:
+            raise ValueError('rotation: determinant is -1, a reflection, expected +1')
+        object.__setattr__(self, 'rotation', rotation)
+        object.__setattr__(self, 'translation', translation)
+        object.__setattr__(self, 'scale', scale)
+
+    @classmethod
+    def identity(cls) -> Pose:
+        return cls()
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Pose:
+        """From a (4, 4) column-form matrix whose upper left block is a positive multiple of a rotation."""
+        m = as_finite('matrix', matrix, (4, 4))
+        if np.abs(m[3] - [0, 0, 0, 1]).max() > ORTHONORMAL_TOLERANCE:
+            raise ValueError(f'matrix: last row is {m[3]}, expected 0 0 0 1')
+        determinant = np.linalg.det(m[:3, :3])
+        if determinant <= 0.0:
+            raise ValueError(f'matrix: determinant {determinant:.3g} of the upper left block, expected > 0')
+        scale = np.cbrt(determinant)
+        return cls(m[:3, :3] / scale, m[:3, 3], scale)
+
+    @classmethod
+    def from_quaternion(cls, xyzw: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+        """From a quaternion in ROS order (x, y, z, w); it is normalised, and refused when its norm is zero."""
+        q = as_finite('quaternion', xyzw, (4,))
+        norm = np.linalg.norm(q)
+        if norm < 1e-12:
+            raise ValueError('quaternion: norm is zero; an unset message field?')
+        return cls(Rotation.from_quat(q / norm).as_matrix(), np.asarray(translation, float))
+
+    @classmethod
+    def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+        """From axis times angle (3,), radians, as OpenCV's rvec."""
+        vector = as_finite('rotation_vector', rotation_vector, (3,))
+        return cls(Rotation.from_rotvec(vector).as_matrix(), np.asarray(translation, float))
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(4, 4) float64, column form, scale included."""
+        m = np.eye(4)
+        m[:3, :3] = self.scale * self.rotation
+        m[:3, 3] = self.translation
+        return m
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """(4,) float64, unit, ROS order (x, y, z, w), w >= 0."""
+        q = Rotation.from_matrix(self.rotation).as_quat()
+        return -q if q[3] < 0 else q
+
+    @property
+    def rotation_vector(self) -> np.ndarray:
+        """(3,) float64, axis times angle, radians."""
+        return Rotation.from_matrix(self.rotation).as_rotvec()
+
+    def apply(self, points: ArrayLike) -> np.ndarray:
+        """Source-frame points (..., 3) to the target frame."""
+        p = np.asarray(points, dtype=np.float64)
+        return self.scale * (p @ self.rotation.T) + self.translation
+
+    def rotate(self, directions: ArrayLike) -> np.ndarray:
+        """Source-frame directions (..., 3) to the target frame; length kept."""
+        return np.asarray(directions, dtype=np.float64) @ self.rotation.T
+
+    def inverse(self) -> Pose:
+        rotation = self.rotation.T
+        return Pose(rotation, -(rotation @ self.translation) / self.scale, 1.0 / self.scale)
+
+    def compose(self, other: Pose) -> Pose:
+        """``a_T_b.compose(b_T_c)`` is ``a_T_c``: other is applied first."""
+        rotation = self.rotation @ other.rotation
+        # Long chains would drift away from orthonormal; one step of Newton's polar iteration holds them there.
+        rotation = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation
+        return Pose(rotation, self.apply(other.translation), self.scale * other.scale)
+
+    def error_to(self, other: Pose) -> PoseError:
+        """How far ``other`` is from this pose. Symmetric in rotation and translation."""
+        relative = self.rotation.T @ other.rotation
+        sine = 0.5 * np.linalg.norm(
+            [relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]])
+        # atan2 keeps full precision near 0 and pi, where arccos of the trace loses half the digits.
+        angle = float(np.arctan2(sine, 0.5 * (np.trace(relative) - 1.0)))
+        distance = float(np.linalg.norm(self.translation - other.translation))
+        return PoseError(angle, distance, other.scale / self.scale - 1.0)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Pose):
+            return NotImplemented
+        return (self.scale == other.scale and np.array_equal(self.rotation, other.rotation)
+                and np.array_equal(self.translation, other.translation))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        rv = np.degrees(self.rotation_vector)
+        t = self.translation
+        scale = '' if self.scale == 1.0 else f', scale={self.scale:.6g}'
+        return (f'Pose(rotation_vector_deg=[{rv[0]:.4g}, {rv[1]:.4g}, {rv[2]:.4g}], '
+                f'translation=[{t[0]:.6g}, {t[1]:.6g}, {t[2]:.6g}]{scale})')
