@@ -1,5 +1,5 @@
-from glob import glob
 import os
+from glob import glob
 
 from setuptools import find_packages, setup
 
@@ -27,7 +27,7 @@ setup(
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',
-    description='Constructive solid geometry: modelling language, exact ray caster with ground truth, model features, renderer node.',
+    description='Constructive solid geometry',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,5 +1,5 @@
-from glob import glob
 import os
+from glob import glob
 
 from setuptools import find_packages, setup
 
@@ -27,7 +27,7 @@ setup(
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',
-    description='Emulator of the AMT DAP array processor: bit-plane machine, Fortran-Plus subset, cost model and ROS service node.',
+    description='Emulator of the AMT DAP array processor',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,5 +1,5 @@
-from glob import glob
 import os
+from glob import glob
 
 from setuptools import find_packages, setup
 
@@ -27,7 +27,7 @@ setup(
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',
-    description='Finds known objects among recovered 3D features: interpretation search, validation, closed-form testing.',
+    description='Finds known objects among recovered 3D features',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,5 +1,5 @@
-from glob import glob
 import os
+from glob import glob
 
 from setuptools import find_packages, setup
 
@@ -27,7 +27,7 @@ setup(
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',
-    description='Recovers 3D edges, curves and axes with stated uncertainty from a stereo pair.',
+    description='Recovers 3D edges, curves and axes with stated uncertainty from a stereo pair',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,1 +1,1 @@
-"""Constructive solid geometry: modelling language, exact ray caster with ground truth, model features, renderer node."""
+"""Constructive solid geometry: modelling language, exact ray caster, model features, renderer node."""

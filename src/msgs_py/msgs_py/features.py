@@ -203,7 +203,7 @@ class FeatureSet:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        counts = ', '.join(f'{(self.kind == kind).sum()} {kind.name.lower()}s' for kind in FeatureKind)
+        counts = ', '.join(f'{(self.kind == kind).sum()} {kind.name}' for kind in FeatureKind)
         return f'FeatureSet({counts})'
 
     # -- files -------------------------------------------------------------------------------------------------
@@ -219,10 +219,11 @@ class FeatureSet:
         """Read a file written by :meth:`save`. Raises ValueError, naming the file, when it is not one."""
         try:
             with np.load(path, allow_pickle=False) as file:
-                missing = [name for name in FIELDS[:6] if name not in file]
+                arrays = dict(file)
+                missing = [name for name in FIELDS[:6] if name not in arrays]
                 if missing:
                     raise ValueError(f'no array named {missing[0]!r}')
-                return cls(*(file[name] if name in file else None for name in FIELDS))  # type: ignore[misc]
+                return cls(*(arrays.get(name) for name in FIELDS))  # type: ignore[misc]
         except FileNotFoundError:
             raise
         except Exception as error:  # numpy raises half a dozen types for a damaged archive
