@@ -101,7 +101,8 @@ class FeatureSet:
         """Straight edges from end points (n, 3), metres; uncertainties scalar or (n,)."""
         start = np.asarray(start, dtype=np.float64).reshape(-1, 3)
         n = len(start)
-        return cls(np.full(n, FeatureKind.EDGE, np.uint8), start, end, np.full((n, 2), np.nan), err_par, err_per)
+        return cls(np.full(n, FeatureKind.EDGE, np.uint8), start, np.asarray(end), np.full((n, 2), np.nan),
+                   np.asarray(err_par), np.asarray(err_per))
 
     @classmethod
     def from_curves(cls, centre: ArrayLike, normal: ArrayLike, radii: ArrayLike, err_par: ArrayLike = 0.0,
@@ -223,7 +224,7 @@ class FeatureSet:
                 missing = [name for name in FIELDS[:6] if name not in arrays]
                 if missing:
                     raise ValueError(f'no array named {missing[0]!r}')
-                return cls(*(arrays.get(name) for name in FIELDS))  # type: ignore[misc]
+                return cls(**{name: arrays.get(name) for name in FIELDS})  # type: ignore[arg-type]
         except FileNotFoundError:
             raise
         except Exception as error:  # numpy raises half a dozen types for a damaged archive

@@ -1,0 +1,90 @@
+"""A scene: placed solids, lights, and the light that comes from everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from msgs_py import PinholeCamera, Pose
+
+from .solid import Primitive, Solid, as_matrix, colour
+
+
+@dataclass(frozen=True)
+class Light:
+    """A point light. position : (x, y, z), metres, scene frame; colour : (r, g, b) in 0..1, linear."""
+
+    position: tuple[float, float, float]
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        position = np.asarray(self.position, dtype=np.float64)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise ValueError(f'position: expected three finite numbers, got {self.position}')
+        object.__setattr__(self, 'position', tuple(float(x) for x in position))
+        object.__setattr__(self, 'colour', colour(self.colour, 'colour'))
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A drawn object: which model, and where. One DRAW statement makes one.
+
+    name : str; model : the solid in its own frame, metres; matrix : (4, 4) float64, scene from model, any affine
+    """
+
+    name: str
+    model: Solid
+    matrix: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'matrix', np.array(as_matrix(self.matrix)))
+
+    @property
+    def solid(self) -> Solid:
+        """The model in the scene frame."""
+        return self.model.transformed(self.matrix)
+
+    @property
+    def pose(self) -> Pose:
+        """scene_T_model. Raises ValueError when the placement is no rotation, translation and uniform scale."""
+        return Pose.from_matrix(self.matrix)
+
+
+class Scene:
+    """What is rendered.
+
+    solids : Solids, or Placements when model and pose matter; Frame.object_id counts them in this order
+    lights : Lights; ambient_light, background : (r, g, b) in 0..1
+    definitions : named solids of the scene file, model frame, metres
+    camera, camera_T_scene, baseline : what the file says of the camera (CAMERA, STEREO), or None
+    """
+
+    def __init__(self, solids: Iterable[Solid | Placement] | Solid | Placement, lights: Iterable[Light] = (),
+                 ambient_light: ArrayLike = (0.2, 0.2, 0.2), background: ArrayLike = (0.0, 0.0, 0.0), *,
+                 definitions: dict[str, Solid] | None = None, camera: PinholeCamera | None = None,
+                 camera_T_scene: Pose | None = None, baseline: float | None = None) -> None:
+        if isinstance(solids, Solid | Placement):
+            solids = [solids]
+        self.placements: tuple[Placement, ...] = tuple(
+            item if isinstance(item, Placement) else Placement(f'object{index}', item)
+            for index, item in enumerate(solids))
+        self.solids: tuple[Solid, ...] = tuple(placement.solid for placement in self.placements)
+        self.lights: tuple[Light, ...] = tuple(lights)
+        self.ambient_light = colour(ambient_light, 'ambient_light')
+        self.background = colour(background, 'background')
+        self.definitions: dict[str, Solid] = dict(definitions or {})
+        self.camera = camera
+        self.camera_T_scene = camera_T_scene if camera_T_scene is not None else Pose()
+        self.baseline = baseline
+
+    @property
+    def primitives(self) -> tuple[Primitive, ...]:
+        """All leaves, object by object, left to right; Frame.primitive_id indexes it."""
+        return tuple(leaf for solid in self.solids for leaf in solid.primitives)
+
+    def __repr__(self) -> str:
+        names = ', '.join(placement.name for placement in self.placements)
+        return f'Scene({names or "empty"}; {len(self.primitives)} primitives, {len(self.lights)} lights)'
