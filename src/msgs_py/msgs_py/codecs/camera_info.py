@@ -1,0 +1,38 @@
+"""sensor_msgs/CameraInfo of a rectified pair, to and from a StereoRig."""
+
+from __future__ import annotations
+
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
+
+from ..camera import PinholeCamera, StereoRig
+from .errors import CodecError
+
+
+def camera_infos_from_rig(rig: StereoRig, header: Header | None = None) -> tuple[CameraInfo, CameraInfo]:
+    """Left and right camera_info: no distortion, and P[0,3] = -fx * baseline on the right (CameraInfo.msg)."""
+    return (_info(rig.left, 0.0, header), _info(rig.right, -rig.right.fx * rig.baseline, header))
+
+
+def rig_from_camera_infos(left: CameraInfo, right: CameraInfo) -> StereoRig:
+    """The rig of two camera_info messages. Raises CodecError, naming message and field."""
+    try:
+        return StereoRig.from_camera_info(left, right)
+    except CodecError:
+        raise
+    except ValueError as error:
+        text = str(error)
+        raise CodecError(text if 'camera_info' in text else f'camera_info: {text}') from None
+
+
+def _info(camera: PinholeCamera, offset: float, header: Header | None) -> CameraInfo:
+    info = CameraInfo()
+    if header is not None:
+        info.header = header
+    info.width, info.height = camera.width, camera.height
+    info.distortion_model = 'plumb_bob'
+    info.d = [0.0] * 5
+    info.k = [camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]
+    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    info.p = [camera.fx, 0.0, camera.cx, offset, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    return info

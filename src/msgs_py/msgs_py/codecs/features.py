@@ -1,0 +1,98 @@
+"""FeatureSet to and from sensor_msgs/PointCloud2: one point a feature.
+
+Fields, in this order: x y z float32 (the feature's middle, for viewers), kind uint8, then float64 start_x..z, end_x..z,
+radius_major, radius_minor, err_par, err_per, major_x..z, arc_start, arc_sweep. Decoding goes by field name; major_*
+and arc_* may be missing, floats may be 32 or 64 bit. The round trip is exact.
+"""
+
+from __future__ import annotations
+
+import array
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from ..features import FeatureSet
+from .errors import CodecError
+
+VECTORS = {'start': ('start_x', 'start_y', 'start_z'), 'end': ('end_x', 'end_y', 'end_z'),
+           'radii': ('radius_major', 'radius_minor'), 'err_par': ('err_par',), 'err_per': ('err_per',),
+           'major_axis': ('major_x', 'major_y', 'major_z'), 'arc': ('arc_start', 'arc_sweep')}
+OPTIONAL = ('major_axis', 'arc')
+ROW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('kind', 'u1'), ('pad', 'V3')]
+               + [(name, '<f8') for names in VECTORS.values() for name in names])
+
+_DATATYPES = {PointField.INT8: 'i1', PointField.UINT8: 'u1', PointField.INT16: 'i2', PointField.UINT16: 'u2',
+              PointField.INT32: 'i4', PointField.UINT32: 'u4', PointField.FLOAT32: 'f4', PointField.FLOAT64: 'f8'}
+_CODES = {'f4': PointField.FLOAT32, 'u1': PointField.UINT8, 'f8': PointField.FLOAT64}
+
+
+def features_to_cloud(features: FeatureSet, header: Header | None = None) -> PointCloud2:
+    """One row a feature, little endian, height 1."""
+    rows = np.zeros(len(features), ROW)
+    rows['x'], rows['y'], rows['z'] = features.midpoints.T
+    rows['kind'] = features.kind
+    for attribute, names in VECTORS.items():
+        columns = getattr(features, attribute).reshape(len(features), len(names))
+        for column, name in zip(columns.T, names):
+            rows[name] = column
+    cloud = PointCloud2()
+    if header is not None:
+        cloud.header = header
+    cloud.height, cloud.width = 1, len(features)
+    cloud.is_bigendian = False
+    cloud.point_step = ROW.itemsize
+    cloud.row_step = ROW.itemsize * len(features)
+    cloud.is_dense = True
+    assert ROW.names is not None and ROW.fields is not None
+    cloud.fields = [PointField(name=name, offset=ROW.fields[name][1], datatype=_CODES[ROW.fields[name][0].str[1:]],
+                               count=1) for name in ROW.names if name != 'pad']
+    cloud.data = array.array('B', rows.tobytes())
+    return cloud
+
+
+def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
+    """The features of a cloud. Raises CodecError, naming the field, when one is missing, truncated or out of range."""
+    n = int(cloud.width) * int(cloud.height)
+    point_step, row_step = int(cloud.point_step), int(cloud.row_step)
+    offered = {field.name: field for field in cloud.fields}
+    wanted = ['kind'] + [name for attribute, names in VECTORS.items() for name in names
+                         if attribute not in OPTIONAL or all(name in offered for name in names)]
+    missing = [name for name in wanted if name not in offered]
+    if missing:
+        raise CodecError(f'features.fields: no field {missing[0]!r}; is this a cloud of features? '
+                         f'It has {", ".join(offered) or "no fields"}')
+    formats, offsets = [], []
+    order = '>' if cloud.is_bigendian else '<'
+    for name in wanted:
+        field = offered[name]
+        if field.datatype not in _DATATYPES:
+            raise CodecError(f'features.fields: {name} has the unknown datatype {field.datatype}')
+        dtype = np.dtype(_DATATYPES[field.datatype]).newbyteorder(order)
+        if field.offset + dtype.itemsize > point_step:
+            raise CodecError(f'features.fields: {name} ends at byte {field.offset + dtype.itemsize}, '
+                             f'beyond point_step {point_step}')
+        formats.append(dtype)
+        offsets.append(int(field.offset))
+    if n and row_step < point_step * int(cloud.width):
+        raise CodecError(f'features.row_step: {row_step} bytes, expected at least {point_step * int(cloud.width)}')
+    needed = row_step * (int(cloud.height) - 1) + point_step * int(cloud.width) if n else 0
+    if len(cloud.data) < needed:
+        raise CodecError(f'features.data: {len(cloud.data)} bytes, expected {needed} for {n} features; truncated?')
+    if n == 0:
+        return FeatureSet.empty()
+    row = np.dtype({'names': wanted, 'formats': formats, 'offsets': offsets, 'itemsize': point_step})
+    buffer = np.frombuffer(cloud.data, np.uint8)
+    rows = np.concatenate([
+        buffer[i * row_step:i * row_step + point_step * int(cloud.width)] for i in range(int(cloud.height))]).view(row)
+    values = {attribute: np.stack([rows[name].astype(np.float64) for name in names], axis=1)
+              for attribute, names in VECTORS.items() if names[0] in wanted}
+    for attribute in ('err_par', 'err_per'):
+        values[attribute] = values[attribute][:, 0]
+    try:
+        return FeatureSet(kind=rows['kind'].astype(np.int64), **values)
+    except ValueError as error:
+        raise CodecError(f'features.data: {error}') from None
+
+

@@ -1,0 +1,98 @@
+"""sensor_msgs/Image to and from arrays. Row padding and byte order are respected."""
+
+from __future__ import annotations
+
+import array
+import sys
+
+import numpy as np
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from .errors import CodecError
+
+# encoding: (element type without byte order, channels)
+ENCODINGS: dict[str, tuple[str, int]] = {
+    'mono8': ('u1', 1), 'rgb8': ('u1', 3), 'bgr8': ('u1', 3), 'mono16': ('u2', 1), '32FC1': ('f4', 1),
+}
+# The same memory layouts under the names OpenCV users publish.
+ALIASES = {'8UC1': 'mono8', '8UC3': 'bgr8', '16UC1': 'mono16'}
+# ITU-R BT.601, the weights of every grey conversion in OpenCV.
+LUMA = np.array([0.299, 0.587, 0.114])
+
+
+def image_to_array(message: Image) -> tuple[np.ndarray, str]:
+    """Pixels and encoding of an image.
+
+    Returns ((height, width) or (height, width, 3) array of uint8, uint16 or float32 in this machine's byte order,
+    encoding). The array is a view of the message's memory where that is possible: copy it before changing it.
+    Raises CodecError, naming the field, for unknown encodings and sizes that do not agree.
+    """
+    encoding = ALIASES.get(message.encoding, message.encoding)
+    if encoding not in ENCODINGS:
+        raise CodecError(f'image.encoding: {message.encoding!r} is unknown, expected one of '
+                         f'{", ".join([*ENCODINGS, *ALIASES])}')
+    element, channels = ENCODINGS[encoding]
+    dtype = np.dtype(element).newbyteorder('>' if message.is_bigendian else '<')
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if height < 1 or width < 1:
+        raise CodecError(f'image.height, image.width: {height} x {width}, expected at least one pixel')
+    row = width * channels * dtype.itemsize
+    if step < row:
+        raise CodecError(f'image.step: {step} bytes, expected at least {row} for {width} pixels of {encoding}')
+    needed = step * (height - 1) + row
+    # np.frombuffer refuses an empty buffer, so the length is looked at first.
+    if len(message.data) < needed:
+        raise CodecError(f'image.data: {len(message.data)} bytes, expected {step * height} '
+                         f'({height} rows of {step}); truncated?')
+    buffer = np.frombuffer(message.data, dtype=np.uint8)
+    if len(buffer) < step * height:  # the last row may come without its padding
+        buffer = np.concatenate([buffer, np.zeros(step * height - len(buffer), np.uint8)])
+    rows = buffer[:step * height].reshape(height, step)[:, :row]
+    pixels = np.ascontiguousarray(rows) if step != row else rows
+    pixels = pixels.view(dtype)
+    if not dtype.isnative:
+        pixels = pixels.astype(dtype.newbyteorder('='))
+    return (pixels.reshape(height, width, channels) if channels > 1 else pixels.reshape(height, width)), encoding
+
+
+def gray_from_image(message: Image) -> np.ndarray:
+    """Any supported image as (height, width) uint8 grey levels; 16 bit is scaled down, float images are refused."""
+    pixels, encoding = image_to_array(message)
+    if encoding == 'mono8':
+        return pixels
+    if encoding == 'mono16':
+        return (pixels >> 8).astype(np.uint8)
+    if encoding == '32FC1':
+        raise CodecError('image.encoding: 32FC1 is a depth image, expected grey levels or colour')
+    weights = LUMA if encoding == 'rgb8' else LUMA[::-1]
+    return np.rint(pixels @ weights).astype(np.uint8)
+
+
+def array_to_image(pixels: np.ndarray, encoding: str, header: Header | None = None) -> Image:
+    """An array as an image message, rows unpadded, in this machine's byte order.
+
+    pixels : (height, width) or (height, width, 3), with the element type of the encoding
+    Raises CodecError when array and encoding do not agree.
+    """
+    if encoding not in ENCODINGS:
+        raise CodecError(f'encoding: {encoding!r} is unknown, expected one of {", ".join(ENCODINGS)}')
+    element, channels = ENCODINGS[encoding]
+    pixels = np.asarray(pixels)
+    expected = 'shape (h, w, 3)' if channels == 3 else 'shape (h, w)'
+    if pixels.ndim != (3 if channels > 1 else 2) or (channels > 1 and pixels.shape[2] != channels):
+        raise CodecError(f'pixels: shape {pixels.shape}, expected {expected} for {encoding}')
+    if pixels.dtype != np.dtype(element):
+        raise CodecError(f'pixels: {pixels.dtype}, expected {np.dtype(element)} for {encoding}')
+    message = Image()
+    if header is not None:
+        message.header = header
+    message.height, message.width = pixels.shape[:2]
+    message.encoding = encoding
+    message.is_bigendian = int(sys.byteorder == 'big')
+    message.step = pixels.shape[1] * channels * pixels.dtype.itemsize
+    # array('B') is stored as it is; anything else is converted element by element (1000 times slower).
+    data = array.array('B')
+    data.frombytes(memoryview(np.ascontiguousarray(pixels)).cast('B') if pixels.size else b'')
+    message.data = data
+    return message

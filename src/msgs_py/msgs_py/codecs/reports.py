@@ -1,0 +1,74 @@
+"""Interpretations to and from diagnostic_msgs/DiagnosticArray: one status a hypothesis, best first.
+
+Values are JSON text, so that a person reads them and a program parses them back exactly.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+from ..interpretation import Interpretation
+from ..pose import Pose
+from .errors import CodecError
+
+ACCEPTED = 'accepted'
+
+
+def report_from_interpretations(interpretations: Iterable[Interpretation],
+                                header: Header | None = None) -> DiagnosticArray:
+    """Level OK and message 'accepted', or level WARN and the reason of rejection; name is the model's."""
+    report = DiagnosticArray()
+    if header is not None:
+        report.header = header
+    for item in interpretations:
+        values = {
+            'matched': item.matched,
+            'score': item.matched / max(1, len(item.assignment)),
+            'residual_rms_m': item.residual_rms,
+            'assignment': item.assignment.tolist(),
+            'sign': item.sign.tolist(),
+            'pose': _pose_values(item.pose),
+            'covariance': None if item.covariance is None else item.covariance.tolist(),
+            'symmetric_poses': [_pose_values(pose) for pose in item.symmetric_poses],
+            'proven': item.proven,
+        }
+        report.status.append(DiagnosticStatus(
+            level=DiagnosticStatus.OK if item.accepted else DiagnosticStatus.WARN,
+            name=item.model, message=ACCEPTED if item.accepted else str(item.rejected_reason),
+            values=[KeyValue(key=key, value=json.dumps(value)) for key, value in values.items()]))
+    return report
+
+
+def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]:
+    """The interpretations of a report. Raises CodecError, naming status and key, when one is missing or damaged."""
+    result = []
+    for index, status in enumerate(report.status):
+        values = {item.key: item.value for item in status.values}
+        try:
+            decoded = {key: json.loads(values[key]) for key in (
+                'residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven')}
+            accepted = status.level == DiagnosticStatus.OK
+            result.append(Interpretation(
+                model=status.name, assignment=np.array(decoded['assignment'], np.int32),
+                sign=np.array(decoded['sign'], np.int8), pose=_pose(decoded['pose']),
+                residual_rms=decoded['residual_rms_m'], covariance=decoded['covariance'],
+                symmetric_poses=tuple(_pose(pose) for pose in decoded['symmetric_poses']),
+                proven=bool(decoded['proven']), rejected_reason=None if accepted else status.message))
+        except KeyError as error:
+            raise CodecError(f'report.status[{index}]: no value {error.args[0]!r}') from None
+        except (TypeError, ValueError) as error:
+            raise CodecError(f'report.status[{index}]: {error}') from None
+    return result
+
+
+def _pose_values(pose: Pose) -> dict:
+    return {'rotation': pose.rotation.tolist(), 'translation': pose.translation.tolist(), 'scale': pose.scale}
+
+
+def _pose(values: dict) -> Pose:
+    return Pose(np.array(values['rotation']), np.array(values['translation']), values['scale'])
