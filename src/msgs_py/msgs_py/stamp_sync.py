@@ -98,7 +98,7 @@ class StampSync:
         return self._newest_emitted - stamp_ns >= self.jump_ns or self._late_run[topic] > self.queue_size
 
     def _group(self, topic: str, stamp_ns: int) -> dict[str, Any]:
-        """The pending set this stamp belongs to: the nearest within the tolerance that lacks the topic, or a new one."""
+        """The pending set of this stamp: the nearest within the tolerance that lacks the topic, or a new one."""
         candidates = [(abs(stamp - stamp_ns), index) for index, (stamp, messages) in enumerate(self._pending)
                       if abs(stamp - stamp_ns) <= self.tolerance_ns and topic not in messages]
         if candidates:

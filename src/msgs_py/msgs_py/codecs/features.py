@@ -8,6 +8,7 @@ and arc_* may be missing, floats may be 32 or 64 bit. The round trip is exact.
 from __future__ import annotations
 
 import array
+from typing import Literal
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
@@ -64,7 +65,7 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
         raise CodecError(f'features.fields: no field {missing[0]!r}; is this a cloud of features? '
                          f'It has {", ".join(offered) or "no fields"}')
     formats, offsets = [], []
-    order = '>' if cloud.is_bigendian else '<'
+    order: Literal['>', '<'] = '>' if cloud.is_bigendian else '<'
     for name in wanted:
         field = offered[name]
         if field.datatype not in _DATATYPES:

@@ -1,0 +1,308 @@
+"""What every node of the graph shares: parameters from a Config, QoS, guarded callbacks, diagnostics, shutdown.
+
+With codecs this is the only part of the package that needs ROS, and the only one that imports rclpy.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from .config import Config, ParameterSpec
+from .health import Health
+from .stamp_sync import NANOSECONDS, StampSync
+
+# REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
+# kind of publisher is heard. Shallow: a result that is late is worth less than the next one.
+OUTPUT_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, depth=2, reliability=QoSReliabilityPolicy.RELIABLE)
+INPUT_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, depth=2, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+DIAGNOSTICS_PERIOD_S = 1.0
+SILENCE_S = 5.0
+SILENCE_LOG_S = 10.0
+STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
+
+_ARRAY_TYPES = {str: Parameter.Type.STRING_ARRAY, int: Parameter.Type.INTEGER_ARRAY,
+                float: Parameter.Type.DOUBLE_ARRAY, bool: Parameter.Type.BOOL_ARRAY}
+
+
+@dataclass(frozen=True)
+class StereoMessages:
+    """Four messages of one moment."""
+
+    left: Image
+    left_info: CameraInfo
+    right: Image
+    right_info: CameraInfo
+
+
+class GraphNode(Node):
+    """A node of the recognition graph. ``kwargs`` (context, namespace, parameter_overrides, ...) go to rclpy's Node."""
+
+    def __init__(self, name: str, config_class: type[Config], **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.health = Health(time.monotonic())
+        self._sync: StampSync | None = None
+        self._received: dict[str, int] = {}
+        self._callback_start = time.monotonic()
+        self._silence_logged = -SILENCE_LOG_S
+        self._config = self._declare(config_class)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+        self._diagnostics_out = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # A steady clock: diagnostics go on when simulated time stands still.
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady_clock)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+
+    # -- to be overridden --------------------------------------------------------------------------------------
+
+    def check_config(self, new: Config) -> None:
+        """Refuse a configuration: raise ValueError with what was expected. No side effects."""
+
+    def on_config(self, old: Config, new: Config) -> None:
+        """The configuration has changed from old to new."""
+
+    def reset(self) -> str:
+        """Forget everything about earlier inputs; return what was forgotten."""
+        return 'counters'
+
+    def why_silent(self) -> str | None:
+        """A reason of this node's own why nothing comes out."""
+        return None
+
+    def report_values(self) -> dict[str, object]:
+        """More key and value pairs for /diagnostics."""
+        return {}
+
+    # -- parameters --------------------------------------------------------------------------------------------
+
+    @property
+    def config(self) -> Any:
+        """The current configuration (an instance of the node's Config class)."""
+        return self._config
+
+    def _declare(self, config_class: type[Config]) -> Config:
+        """Declare every parameter. An unusable start-up value is reported, and the default taken instead."""
+        config = config_class()
+        for spec in config_class.parameters():
+            try:
+                self._declare_one(spec)
+                candidate = config.changed({spec.name: self._declared_value(spec)})
+            except (InvalidParameterTypeException, InvalidParameterValueException, ValueError) as error:
+                self.problem(f'{error}; using the default {spec.default!r}')
+                if self.has_parameter(spec.name):
+                    self.undeclare_parameter(spec.name)
+                self._declare_one(spec, ignore_override=True)
+                continue
+            config = candidate
+        return config
+
+    def _declare_one(self, spec: ParameterSpec, ignore_override: bool = False) -> None:
+        descriptor = ParameterDescriptor(
+            description=spec.description + (f' [{spec.unit}]' if spec.unit else ''),
+            additional_constraints=spec.range_text, read_only=spec.read_only,
+            # An integer is welcome where a number is expected; the type is checked with the range, by the Config.
+            dynamic_typing=spec.kind is float)
+        low, high = spec.minimum, spec.maximum
+        if spec.kind is float and (low is not None or high is not None):
+            descriptor.floating_point_range = [FloatingPointRange(
+                from_value=float(-1e308 if low is None else low), to_value=float(1e308 if high is None else high))]
+        elif spec.kind is int and (low is not None or high is not None):
+            descriptor.integer_range = [IntegerRange(
+                from_value=int(-2**62 if low is None else low), to_value=int(2**62 if high is None else high), step=1)]
+        if spec.kind is not tuple:
+            self.declare_parameter(spec.name, spec.default, descriptor, ignore_override=ignore_override)
+            return
+        # An empty list has no type of its own, so the type is declared and the value set.
+        array_type = _ARRAY_TYPES[spec.element]
+        self.declare_parameter(spec.name, array_type, descriptor, ignore_override=ignore_override)
+        if self.get_parameter_or(spec.name, Parameter(spec.name)).value is None:
+            assert isinstance(spec.default, tuple)
+            self.set_parameters([Parameter(spec.name, array_type, list(spec.default))])
+
+    def _declared_value(self, spec: ParameterSpec) -> Any:
+        value = self.get_parameter(spec.name).value
+        return list(value) if spec.kind is tuple else value
+
+    def _candidate(self, parameters: list[Parameter]) -> Config:
+        """The configuration with these changes; parameters that are not ours (QoS, use_sim_time) are left alone."""
+        names = {spec.name for spec in type(self._config).parameters()}
+        ours = {p.name: p.value for p in parameters if p.name in names}
+        candidate = self._config.changed(ours)
+        if ours:
+            self.check_config(candidate)
+        return candidate
+
+    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            self._candidate(parameters)
+        except ValueError as error:
+            self.problem(str(error))
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        old, new = self._config, self._candidate(parameters)
+        if new != old:
+            self._config = new
+            self._guard('parameters', self.on_config)(old, new)
+
+    # -- topics ------------------------------------------------------------------------------------------------
+
+    def create_output(self, message_type: type, topic: str) -> Publisher:
+        """A publisher, reliable and shallow, QoS overridable by parameters."""
+        return self.create_publisher(message_type, topic, OUTPUT_QOS,
+                                     qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def wanted(self, publisher: Publisher) -> bool:
+        """Whether anybody listens; heavy outputs are made only then."""
+        return publisher.get_subscription_count() > 0
+
+    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> Subscription:
+        """A subscription whose callback may raise: that is reported, and the node lives on."""
+        self._received.setdefault(topic, 0)
+        guarded = self._guard(topic, callback)
+
+        def on_message(message: Any) -> None:
+            self._received[topic] += 1
+            guarded(message)
+
+        return self.create_subscription(message_type, topic, on_message, INPUT_QOS,
+                                        qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def listen_stereo(self, callback: Callable[[StereoMessages], None], queue_size: int = 5,
+                      tolerance_s: float = 0.0) -> None:
+        """Subscribe to the four stereo topics; callback gets sets of equal stamps (or within the tolerance)."""
+        self._sync = sync = StampSync(STEREO_TOPICS, queue_size, round(tolerance_s * NANOSECONDS))
+
+        def joined(topic: str) -> Callable[[Any], None]:
+            def on_message(message: Any) -> None:
+                stamp = message.header.stamp
+                complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
+                if complete is not None:
+                    callback(StereoMessages(*(complete[name] for name in STEREO_TOPICS)))
+            return on_message
+
+        for topic in STEREO_TOPICS:
+            self.listen(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
+
+    def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
+        def guarded(*arguments: Any) -> None:
+            self._callback_start = time.monotonic()
+            try:
+                callback(*arguments)
+            except ValueError as error:  # what a checked input raises; its text names the field
+                self.health.dropped += 1
+                self.problem(f'{source}: {error}')
+            except Exception as error:  # a fault of ours must not take the robot's node down
+                self.health.dropped += 1
+                where = traceback.extract_tb(error.__traceback__)[-1]
+                self.problem(f'{source}: {type(error).__name__}: {error} ({where.name}, line {where.lineno})')
+                self.get_logger().debug(traceback.format_exc())
+        return guarded
+
+    # -- health ------------------------------------------------------------------------------------------------
+
+    def done(self, header: Any = None) -> None:
+        """One input was processed and its results are published. Latency runs from the callback's start."""
+        now = time.monotonic()
+        self.health.done(now, now - self._callback_start)
+
+    def problem(self, text: str) -> None:
+        """Report a problem: once in the log, then counted; always the last error in the diagnostics."""
+        line = self.health.problem(time.monotonic(), text)
+        if line is not None:
+            self.get_logger().error(line)
+
+    def silence(self) -> str | None:
+        """Why nothing has come out for a while, or None when all is well."""
+        now = time.monotonic()
+        since = self.health.last_output_time if self.health.last_output_time is not None else self.health.started
+        if now - since < SILENCE_S:
+            return None
+        own = self.why_silent()
+        if own is not None:
+            return own
+        if self._sync is not None and self._sync.explain() is not None:
+            return self._sync.explain()
+        deaf = [topic for topic, count in self._received.items() if count == 0]
+        if deaf:
+            return f'nothing received on {", ".join(deaf)}'
+        if self._received and self.health.last_error_time is not None and self.health.last_error_time >= since:
+            return f'every input was refused: {self.health.last_error}'
+        return f'no input for {now - since:.0f} s' if self._received else None
+
+    def _publish_diagnostics(self) -> None:
+        now = time.monotonic()
+        status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id='none', message='ok')
+        silence = self.silence()
+        recent = self.health.last_error_time is not None and now - self.health.last_error_time < SILENCE_S
+        if silence is not None:
+            status.level, status.message = DiagnosticStatus.WARN, silence
+            if now - self._silence_logged >= SILENCE_LOG_S:
+                self._silence_logged = now
+                self.get_logger().warning(silence)
+        elif recent:
+            status.level, status.message = DiagnosticStatus.WARN, self.health.last_error
+        values = self.health.values(now)
+        if self._sync is not None:
+            counters = self._sync.counters
+            values |= {'stereo_pairs': counters.sets, 'unmatched_stamps': counters.unmatched,
+                       'late_stamps': counters.late, 'clock_jumps': counters.clock_jumps}
+        values |= self.report_values()
+        status.values = [KeyValue(key=str(key), value=str(value)) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_out.publish(message)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._sync is not None:
+            self._sync.forget()
+        self.health = Health(time.monotonic())
+        try:
+            response.success, response.message = True, f'reset: {self.reset()}'
+        except Exception as error:
+            response.success, response.message = False, f'{type(error).__name__}: {error}'
+            self.problem(f'reset: {response.message}')
+        return response
+
+
+def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown. Returns the exit code."""
+    try:
+        rclpy.init(args=args)
+    except Exception as error:  # malformed --ros-args; rclpy has a type for each
+        print(f'cannot start: {error}', file=sys.stderr)
+        return 2
+    node = None
+    try:
+        node = factory()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

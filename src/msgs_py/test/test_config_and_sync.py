@@ -1,0 +1,132 @@
+"""Configurations that validate themselves, stamp synchronisation, and the counters of health."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs_py.config import Config, parameter
+from msgs_py.health import REMEMBERED_PROBLEMS, Health
+from msgs_py.stamp_sync import NANOSECONDS, StampSync
+
+
+@dataclass(frozen=True)
+class Example(Config):
+    size: int = parameter(512, 'Image size', unit='px', minimum=8, maximum=4096)
+    gain: float = parameter(1.5, 'Gain', minimum=0.0)
+    mode: str = parameter('a', 'Mode', choices=('a', 'b'))
+    on: bool = parameter(True, 'Switch')
+    names: tuple[str, ...] = parameter(('x',), 'Names')
+    queue: int = parameter(3, 'Queue', name='sync.queue_size')
+
+
+class TestConfig:
+    def test_parameters_describe_the_fields(self):
+        specs = {spec.name: spec for spec in Example.parameters()}
+        assert list(specs) == ['size', 'gain', 'mode', 'on', 'names', 'sync.queue_size']
+        assert specs['size'].range_text == '8 to 4096' and specs['mode'].range_text == "one of 'a', 'b'"
+
+    def test_values_round_trip(self):
+        changed = Example().changed({'size': 64, 'gain': 2, 'names': ['p', 'q'], 'sync.queue_size': 9})
+        assert (changed.size, changed.gain, changed.names, changed.queue) == (64, 2.0, ('p', 'q'), 9)
+        assert Example.from_parameters(changed.as_parameters()) == changed
+
+    @pytest.mark.parametrize('name, value, text', [
+        ('size', 4, 'out of range, expected 8 to 4096 px'), ('size', 64.0, 'an integer'), ('size', True, 'an integer'),
+        ('gain', float('nan'), 'finite'), ('gain', -1.0, 'at least 0'), ('mode', 'c', "one of 'a', 'b'"),
+        ('on', 1, 'true or false'), ('names', 'x', 'a list'), ('names', [1], 'a string'), ('nope', 1, 'unknown')])
+    def test_bad_values_name_the_parameter_and_what_was_expected(self, name, value, text):
+        with pytest.raises(ValueError, match=f'parameter {name}: .*{text}'):
+            Example().changed({name: value})
+
+
+class TestStampSync:
+    def test_equal_stamps_make_a_set(self):
+        sync = StampSync('ab')
+        assert sync.add('a', 1, 'a1') is None
+        assert sync.add('b', 1, 'b1') == {'a': 'a1', 'b': 'b1'}
+        assert sync.counters.sets == 1 and sync.counters.unmatched == 0
+
+    def test_unmatched_messages_are_counted_and_do_not_block(self):
+        sync = StampSync('ab', queue_size=2)
+        for stamp in range(1, 6):
+            sync.add('a', stamp, None)
+        assert sync.counters.unmatched == 3
+        assert sync.add('b', 5, 'b') is not None
+        assert sync.counters.unmatched == 4 and 'do not match' not in (sync.explain() or '')
+
+    def test_a_tolerance_takes_the_nearest(self):
+        sync = StampSync('ab', tolerance_ns=10)
+        sync.add('a', 100, 'far')
+        sync.add('a', 108, 'near')
+        assert sync.add('b', 109, 'b')['a'] == 'near'
+
+    def test_late_messages_are_dropped_but_a_clock_jump_starts_afresh(self):
+        sync = StampSync('ab')
+        sync.add('a', 10 * NANOSECONDS, 1)
+        sync.add('b', 10 * NANOSECONDS, 1)
+        assert sync.add('a', 10 * NANOSECONDS - 5, 1) is None and sync.counters.late == 1
+        assert sync.add('a', 2 * NANOSECONDS, 2) is None and sync.counters.clock_jumps == 1
+        assert sync.add('b', 2 * NANOSECONDS, 2) is not None
+
+    def test_a_short_loop_is_noticed_when_the_topic_stays_behind(self):
+        sync = StampSync('ab', queue_size=3)
+        sets = 0
+        for stamp in [100, 101, 102, 103, 104, 90, 91, 92, 93, 94, 95, 96]:
+            sync.add('a', stamp, None)
+            sets += sync.add('b', stamp, None) is not None
+        assert sync.counters.clock_jumps == 1 and sets >= 8
+
+    def test_explanations_name_the_silent_topic_and_unmatched_stamps(self):
+        sync = StampSync('ab', queue_size=1)
+        assert 'nothing received on a, b' in sync.explain()
+        sync.add('a', 1, None)
+        assert 'nothing received on b' in sync.explain()
+        sync.add('b', 2, None)
+        sync.add('a', 3, None)
+        assert 'do not match' in sync.explain()
+
+    @settings(max_examples=100, deadline=None)
+    @given(st.lists(st.tuples(st.sampled_from('abc'), st.integers(-5, 20)), max_size=60), st.integers(0, 2))
+    def test_never_grows_never_raises_and_counts_everything(self, messages, tolerance):
+        sync = StampSync('abc', queue_size=4, tolerance_ns=tolerance, jump_ns=10)
+        for topic, stamp in messages:
+            complete = sync.add(topic, stamp, stamp)
+            if complete is not None:
+                assert max(complete.values()) - min(complete.values()) <= 2 * tolerance
+            assert len(sync._pending) <= 4
+        sync.forget()
+        counters = sync.counters
+        assert len(messages) == 3 * counters.sets + counters.unmatched + counters.late
+
+    @pytest.mark.parametrize('arguments', [dict(topics='aa'), dict(topics=''), dict(topics='a', queue_size=0),
+                                           dict(topics='a', tolerance_ns=-1)])
+    def test_misuse_is_refused(self, arguments):
+        with pytest.raises(ValueError):
+            StampSync(**arguments)
+
+
+class TestHealth:
+    def test_rate_and_latency(self):
+        health = Health(now=0.0)
+        for i in range(50):
+            health.done(now=i * 0.1, latency_s=0.02)
+        found = health.values(now=5.0)
+        assert float(found['rate_hz']) == pytest.approx(10.0, abs=0.3) and found['latency_p50_ms'] == '20.0'
+        assert float(Health(0.0).values(1.0)['rate_hz']) == 0.0
+
+    def test_a_problem_is_logged_once_then_counted_then_summed_up(self):
+        health = Health(now=0.0)
+        assert health.problem(1.0, 'image.data: short') == 'image.data: short'
+        assert health.problem(2.0, 'image.data: short') is None
+        assert health.problem(40.0, 'image.data: short') == 'image.data: short (and 1 times more)'
+        assert health.problems == 3 and health.values(41.0)['last_error_age_s'] == '1.0'
+
+    def test_a_flood_of_different_problems_does_not_grow(self):
+        health = Health(now=0.0)
+        for i in range(1000):
+            health.problem(0.0, f'problem {i}')
+        assert len(health._seen) == REMEMBERED_PROBLEMS

@@ -1,0 +1,182 @@
+"""Pose, cameras, feature sets, interpretations: closed forms and properties."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs_py import FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig
+
+finite = st.floats(-10, 10, allow_nan=False, allow_subnormal=False)
+vector = st.tuples(finite, finite, finite).map(np.array)
+poses = st.builds(Pose.from_rotation_vector, vector, vector)
+similarities = st.builds(lambda p, s: Pose(p.rotation, p.translation, s), poses, st.floats(0.1, 10))
+fast = settings(max_examples=50, deadline=None)
+
+
+class TestPose:
+    def test_column_form_is_the_transpose_of_the_thesis_matrix(self):
+        # Row form YROT(90): (x, y, z) -> (z, y, -x), so the column form takes x to -z.
+        c, s = np.cos(np.pi / 2), np.sin(np.pi / 2)
+        row = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+        assert np.allclose(Pose(row.T).apply([1, 0, 0]), np.array([1, 0, 0]) @ row)
+
+    @fast
+    @given(similarities, vector)
+    def test_inverse_undoes(self, pose, point):
+        assert np.allclose(pose.inverse().apply(pose.apply(point)), point, atol=1e-9)
+
+    @fast
+    @given(similarities, similarities, vector)
+    def test_composition_applies_the_right_hand_pose_first(self, a, b, point):
+        assert np.allclose(a.compose(b).apply(point), a.apply(b.apply(point)), atol=1e-8)
+        assert np.allclose(a.compose(b).matrix, a.matrix @ b.matrix, atol=1e-8)
+
+    @fast
+    @given(poses)
+    def test_quaternion_and_matrix_round_trip(self, pose):
+        assert np.allclose(Pose.from_quaternion(pose.quaternion, pose.translation).matrix, pose.matrix, atol=1e-12)
+        assert np.allclose(Pose.from_matrix(pose.matrix).matrix, pose.matrix, atol=1e-9)
+
+    @pytest.mark.parametrize('angle', [1e-10, 1e-3, 1.0, np.pi - 1e-9])
+    def test_error_is_the_angle_and_the_distance(self, angle):
+        a = Pose.from_rotation_vector([0.3, -0.2, 0.9], [1, 2, 3])
+        b = a.compose(Pose.from_rotation_vector([0, angle, 0]))
+        error = a.error_to(Pose(b.rotation, [1, 2, 5]))
+        assert error.rotation == pytest.approx(angle, rel=1e-5, abs=1e-15)
+        assert error.translation == pytest.approx(2.0)
+
+    @pytest.mark.parametrize('arguments, name', [
+        ((np.eye(3) * 2,), 'rotation'), ((np.diag([1, 1, -1]),), 'rotation'), ((np.eye(2),), 'rotation'),
+        ((np.eye(3), [0, 0, np.nan]), 'translation'), ((np.eye(3), [0, 0, 0], 0.0), 'scale'),
+    ])
+    def test_misuse_names_the_argument(self, arguments, name):
+        with pytest.raises(ValueError, match=f'^{name}'):
+            Pose(*arguments)
+
+    def test_a_zero_quaternion_is_refused(self):
+        with pytest.raises(ValueError, match='quaternion'):
+            Pose.from_quaternion([0, 0, 0, 0])
+
+
+class TestCameras:
+    camera = PinholeCamera(640, 480, 500.0, 510.0, 320.5, 239.5)
+
+    def test_centred_principal_point_is_between_the_middle_pixels(self):
+        assert PinholeCamera.centred(512, 512, 703.0).cx == 255.5
+
+    @fast
+    @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.1, 5.0))
+    def test_rays_undo_projection(self, x, y, z):
+        point = np.array([x * z, y * z, z])
+        assert np.allclose(self.camera.rays(self.camera.project(point)) * z, point, atol=1e-12)
+
+    def test_points_behind_the_camera_have_no_image(self):
+        assert np.isnan(self.camera.project([0, 0, -1.0])).all()
+
+    @fast
+    @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.2, 5.0), st.floats(0.01, 1.0), st.floats(-20, 20))
+    def test_project_then_triangulate(self, x, y, z, baseline, offset):
+        right = PinholeCamera(640, 480, 500.0, 510.0, 320.5 + offset, 239.5)
+        rig = StereoRig(self.camera, right, baseline)
+        point = np.array([x * z, y * z, z])
+        left_pixel, right_pixel = rig.project(point)
+        assert left_pixel[1] == pytest.approx(right_pixel[1])
+        assert np.allclose(rig.triangulate(left_pixel, right_pixel[0]), point, rtol=1e-9, atol=1e-9)
+        assert rig.disparity(z) == pytest.approx(left_pixel[0] - right_pixel[0])
+
+    @pytest.mark.parametrize('change, name', [
+        (dict(fx=0.0), 'fx'), (dict(fy=np.nan), 'fy'), (dict(width=0), 'width'), (dict(height=2.5), 'height')])
+    def test_bad_intrinsics_are_refused_by_name(self, change, name):
+        values = dict(width=640, height=480, fx=500.0, fy=500.0, cx=320.0, cy=240.0) | change
+        with pytest.raises(ValueError, match=f'^{name}'):
+            PinholeCamera(**values)
+
+    @pytest.mark.parametrize('right, baseline, name', [
+        (PinholeCamera(640, 480, 501.0, 510.0, 320.5, 239.5), 0.1, 'fx'),
+        (PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5), 0.1, 'cy'),
+        (PinholeCamera(641, 480, 500.0, 510.0, 320.5, 239.5), 0.1, 'width'),
+        (camera, 0.0, 'baseline'), (camera, -0.1, 'baseline'), (camera, np.inf, 'baseline'),
+    ])
+    def test_an_unrectified_pair_is_refused_by_name(self, right, baseline, name):
+        with pytest.raises(ValueError, match=f'^{name}'):
+            StereoRig(self.camera, right, baseline)
+
+
+def example_features() -> FeatureSet:
+    return FeatureSet.concatenate([
+        FeatureSet.from_edges([[0, 0, 0], [1, 1, 1]], [[1, 0, 0], [1, 1, 3]], 0.001, [0.002, 0.003]),
+        FeatureSet.from_curves([[0, 0, 1]], [[0, 0, 2]], [[2.0, 1.0]], major_axis=[[0, 1, 0]], arc=[[0.5, 1.0]]),
+        FeatureSet.from_axes([[0, 0, 0]], [[0, 2, 0]]),
+    ])
+
+
+class TestFeatureSet:
+    def test_lengths_directions_midpoints(self):
+        f = example_features()
+        assert np.allclose(f.lengths, [1, 2, 1, 2])
+        assert np.allclose(f.directions[1], [0, 0, 1])
+        assert np.allclose(f.midpoints, [[0.5, 0, 0], [1, 1, 2], [0, 0, 1], [0, 1, 0]])
+        assert list(f.kind) == [FeatureKind.EDGE, FeatureKind.EDGE, FeatureKind.CURVE, FeatureKind.AXIS]
+
+    @fast
+    @given(similarities)
+    def test_transforming_there_and_back(self, pose):
+        f = example_features()
+        moved = f.transformed(pose)
+        assert np.allclose(moved.lengths, f.lengths * np.where(f.kind == FeatureKind.CURVE, 1.0, pose.scale))
+        back = moved.transformed(pose.inverse())
+        for name in ('start', 'end', 'radii', 'err_per', 'major_axis'):
+            assert np.allclose(getattr(back, name), getattr(f, name), atol=1e-8, equal_nan=True)
+
+    def test_a_curve_is_drawn_on_its_ellipse(self):
+        points = example_features().polyline(2, 5)
+        assert np.allclose(points[:, 2], 1.0)
+        assert np.allclose((points[:, 1] / 2.0) ** 2 + points[:, 0] ** 2, 1.0)
+        # It starts half a radian from the major axis (+y), turning about +z towards -x.
+        assert np.allclose(points[0], [-np.sin(0.5), 2 * np.cos(0.5), 1])
+
+    def test_select_and_concatenate(self):
+        f = example_features()
+        assert FeatureSet.concatenate([f.select([0]), f.select([1, 2, 3])]) == f
+        assert len(f.of_kind(FeatureKind.AXIS)) == 1
+        assert len(FeatureSet.concatenate([])) == 0
+
+    def test_files_round_trip_exactly(self, tmp_path):
+        for f in (example_features(), FeatureSet.empty()):
+            f.save(tmp_path / 'features.npz')
+            assert FeatureSet.load(tmp_path / 'features.npz') == f
+
+    def test_a_damaged_file_is_named(self, tmp_path):
+        path = tmp_path / 'broken.npz'
+        path.write_bytes(b'PK\x03\x04 not really')
+        with pytest.raises(ValueError, match='broken.npz'):
+            FeatureSet.load(path)
+
+    @pytest.mark.parametrize('change, name', [
+        (dict(end=[[0, 0, np.inf]]), 'end'), (dict(start=[[0, 0]]), 'start'), (dict(kind=[7]), 'kind'),
+        (dict(kind=[1]), 'radii'), (dict(err_par=[-1.0]), 'err_par')])
+    def test_misuse_names_the_array(self, change, name):
+        values = dict(kind=[0], start=[[0, 0, 0]], end=[[1, 0, 0]], radii=[[np.nan, np.nan]], err_par=[0], err_per=[0])
+        with pytest.raises(ValueError, match=f'^{name}'):
+            FeatureSet(**(values | change))
+
+    def test_arrays_cannot_be_changed_behind_its_back(self):
+        with pytest.raises(ValueError):
+            example_features().start[0] = 5
+
+
+class TestInterpretation:
+    def test_matched_is_counted(self):
+        item = Interpretation('block', [0, -1, 3], [1, 0, -1], Pose())
+        assert item.matched == 2 and item.accepted and list(item.data_indices) == [0, 2]
+
+    @pytest.mark.parametrize('change, name', [
+        (dict(sign=[1]), 'sign'), (dict(assignment=[0, -2]), 'assignment'), (dict(sign=[2, 0]), 'sign'),
+        (dict(matched=5), 'matched'), (dict(covariance=np.eye(3)), 'covariance')])
+    def test_misuse_names_the_field(self, change, name):
+        values = dict(model='m', assignment=[0, -1], sign=[1, 0], pose=Pose())
+        with pytest.raises(ValueError, match=f'^{name}'):
+            Interpretation(**(values | change))

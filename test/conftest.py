@@ -1,0 +1,101 @@
+"""Fixtures of the tests that use a real ROS graph: a context of its own and a domain of its own for each test."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+_domains = itertools.count()
+TIMEOUT_S = 20.0
+
+
+def _next_domain() -> int:
+    """Distinct among parallel workers and among this worker's tests; 1 to 100 keeps clear of ephemeral ports."""
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+    return 1 + (worker * 25 + next(_domains)) % 100
+
+
+class Graph:
+    """A ROS context, an executor, and waits on a predicate."""
+
+    def __init__(self) -> None:
+        self.domain_id = _next_domain()
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=self.domain_id)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes: list[Node] = []
+
+    def add(self, node_class: Callable[..., Node], *args: Any, parameters: dict[str, Any] | None = None,
+            **kwargs: Any) -> Any:
+        """Make a node in this graph's context and spin it with the others."""
+        overrides = [rclpy.Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        node = node_class(*args, context=self.context, parameter_overrides=overrides, **kwargs)
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def spin_until(self, predicate: Callable[[], Any], timeout_s: float = TIMEOUT_S, what: str = '') -> Any:
+        """Spin until the predicate holds, and return its value; fail when it does not in time."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            value = predicate()
+            if value:
+                return value
+            if time.monotonic() > deadline:
+                pytest.fail(f'not within {timeout_s:g} s: {what or predicate}')
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def collect(self, message_type: type, topic: str, depth: int = 50) -> list:
+        """Subscribe; the returned list grows as messages arrive."""
+        if not hasattr(self, '_listener'):
+            self._listener = self.add(Node, 'listener')
+        received: list = []
+        self._listener.create_subscription(message_type, topic, received.append, depth)
+        return received
+
+    def publisher(self, message_type: type, topic: str, depth: int = 10) -> Any:
+        """A publisher of the test's own node."""
+        if not hasattr(self, '_talker'):
+            self._talker = self.add(Node, 'talker')
+        return self._talker.create_publisher(message_type, topic, depth)
+
+    def wait_matched(self, *publishers: Any, count: int = 1) -> None:
+        """Discovery has joined every publisher with its subscribers."""
+        self.spin_until(lambda: all(p.get_subscription_count() >= count for p in publishers),
+                        what='publishers matched')
+
+    def call(self, node: Node, service_type: type, name: str, request: Any) -> Any:
+        """Call a service from a node of this graph and spin until it answers."""
+        client = node.create_client(service_type, name)
+        self.spin_until(client.service_is_ready, what=f'service {name}')
+        future = client.call_async(request)
+        self.spin_until(future.done, what=f'answer of {name}')
+        node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        for node in self.nodes:
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown(context=self.context)
+
+
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    graph = Graph()
+    yield graph
+    graph.close()

@@ -1,0 +1,188 @@
+"""The behaviour every node shares, shown with a node that only repeats what it hears."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from msgs_py.config import Config, parameter
+from msgs_py.runtime import STEREO_TOPICS, GraphNode
+
+
+@dataclass(frozen=True)
+class EchoConfig(Config):
+    prefix: str = parameter('', 'Put before every text')
+    gain: float = parameter(1.0, 'A number', unit='px', minimum=0.0, maximum=10.0)
+    low: int = parameter(1, 'Lower limit', name='limits.low', minimum=0, maximum=100)
+    high: int = parameter(5, 'Upper limit', name='limits.high', minimum=0, maximum=100)
+    mode: str = parameter('loud', 'How', choices=('loud', 'soft'))
+    names: tuple[str, ...] = parameter((), 'Names')
+
+    def validate(self) -> None:
+        if self.low > self.high:
+            raise ValueError(f'parameter limits.low: {self.low} is above limits.high {self.high}')
+
+
+class EchoNode(GraphNode):
+    def __init__(self, **kwargs):
+        super().__init__('echo_node', EchoConfig, **kwargs)
+        self.out = self.create_output(String, 'out')
+        self.changes = []
+        self.pairs = []
+        self.listen(String, 'in', self.on_text)
+
+    def on_text(self, message):
+        if message.data == 'bad value':
+            raise ValueError('in.data: expected anything else')
+        if message.data == 'bug':
+            raise ZeroDivisionError('oops')
+        self.out.publish(String(data=self.config.prefix + message.data))
+        self.done()
+
+    def on_config(self, old, new):
+        self.changes.append((old, new))
+
+
+class StereoEchoNode(GraphNode):
+    def __init__(self, **kwargs):
+        super().__init__('stereo_echo_node', EchoConfig, **kwargs)
+        self.seen = []
+        self.listen_stereo(self.on_pair)
+
+    def on_pair(self, pair):
+        self.seen.append(pair.left.header.stamp.sec)
+        if len(self.seen) == 1:
+            raise RuntimeError('first one fails')
+        self.done()
+
+
+def latest(statuses, name):
+    found = [s for message in statuses for s in message.status if s.name.endswith(name)]
+    return found[-1] if found else None
+
+
+def values(status):
+    return {item.key: item.value for item in status.values}
+
+
+def set_atomically(graph, node, **changes):
+    kinds = {str: (ParameterType.PARAMETER_STRING, 'string_value'), int: (ParameterType.PARAMETER_INTEGER,
+             'integer_value'), float: (ParameterType.PARAMETER_DOUBLE, 'double_value'),
+             list: (ParameterType.PARAMETER_STRING_ARRAY, 'string_array_value')}
+    parameters = []
+    for name, value in changes.items():
+        kind, attribute = kinds[type(value)]
+        wrapped = ParameterValue(type=kind, **{attribute: value})
+        parameters.append(Parameter(name=name.replace('__', '.'), value=wrapped))
+    request = SetParametersAtomically.Request(parameters=parameters)
+    caller = graph.add(GraphNode, 'caller', Config)
+    return graph.call(caller, SetParametersAtomically, f'/{node.get_name()}/set_parameters_atomically', request).result
+
+
+def test_initial_values_come_from_overrides_and_integers_pass_for_numbers(graph):
+    node = graph.add(EchoNode, parameters={'prefix': '> ', 'gain': 3, 'names': ['a', 'b']})
+    assert (node.config.prefix, node.config.gain, node.config.names) == ('> ', 3.0, ('a', 'b'))
+
+
+@pytest.mark.parametrize('name, value, text', [
+    ('gain', 11.0, 'gain'), ('gain', 'much', 'gain'), ('mode', 'silent', 'mode'), ('limits.low', 9, 'limits.low'),
+    ('prefix', 3, 'prefix'), ('names', 'one', 'names'),
+])
+def test_a_bad_initial_value_is_reported_and_the_default_used(graph, name, value, text):
+    node = graph.add(EchoNode, parameters={name: value})
+    assert node.config == EchoConfig()
+    assert text in node.health.last_error
+    assert node.get_parameter(name).value == EchoConfig().as_parameters()[name] or name == 'names'
+
+
+def test_parameters_change_together_or_not_at_all(graph):
+    node = graph.add(EchoNode)
+    assert set_atomically(graph, node, limits__low=20, limits__high=30, names=['x']).successful
+    assert (node.config.low, node.config.high, node.config.names) == (20, 30, ('x',))
+    assert len(node.changes) == 1 and node.changes[0][0].low == 1
+    refused = set_atomically(graph, node, limits__low=50, gain=2.0)
+    assert not refused.successful and 'limits.low: 50 is above limits.high 30' in refused.reason
+    assert node.config.gain == 1.0
+
+
+def test_parameters_describe_themselves(graph):
+    node = graph.add(EchoNode)
+    caller = graph.add(GraphNode, 'caller', Config)
+    reply = graph.call(caller, DescribeParameters, f'/{node.get_name()}/describe_parameters',
+                       DescribeParameters.Request(names=['gain', 'mode']))
+    assert reply.descriptors[0].description == 'A number [px]'
+    assert reply.descriptors[0].floating_point_range[0].to_value == 10.0
+    assert "one of 'loud', 'soft'" in reply.descriptors[1].additional_constraints
+
+
+def test_a_raising_callback_is_reported_once_and_the_node_lives(graph):
+    node = graph.add(EchoNode)
+    heard = graph.collect(String, 'out')
+    talk = graph.publisher(String, 'in')
+    graph.wait_matched(talk, node.out)
+    for text in ('bad value', 'bug', 'bug', 'fine'):
+        talk.publish(String(data=text))
+        graph.spin_until(lambda text=text: node.health.problems + node.health.processed >= 1)
+        graph.spin_until(lambda: node._received['in'] > 0)
+    graph.spin_until(lambda: heard, what='an echo after the failures')
+    assert heard[0].data == 'fine'
+    assert 'ZeroDivisionError: oops' in node.health.last_error and 'on_text' in node.health.last_error
+    assert node.health.dropped >= 2
+
+
+def test_diagnostics_tell_rate_latency_and_last_error(graph):
+    node = graph.add(EchoNode)
+    statuses = graph.collect(DiagnosticArray, '/diagnostics')
+    talk = graph.publisher(String, 'in')
+    graph.wait_matched(talk)
+    talk.publish(String(data='bad value'))
+    graph.spin_until(lambda: node.health.problems)
+    talk.publish(String(data='fine'))
+    graph.spin_until(lambda: node.health.processed)
+    status = graph.spin_until(lambda: latest(statuses, 'echo_node') if (latest(statuses, 'echo_node') is not None and
+                              values(latest(statuses, 'echo_node'))['processed'] == '1') else None)
+    found = values(status)
+    assert found['last_error'] == 'in: in.data: expected anything else'
+    assert float(found['rate_hz']) > 0 and float(found['latency_p50_ms']) >= 0
+
+
+def test_reset_clears_the_counters(graph):
+    node = graph.add(EchoNode)
+    node.problem('something')
+    caller = graph.add(GraphNode, 'caller', Config)
+    reply = graph.call(caller, Trigger, '/echo_node/reset', Trigger.Request())
+    assert reply.success and 'counters' in reply.message
+    assert node.health.problems == 0 and node.health.last_error == ''
+
+
+def test_silence_names_the_missing_topics(graph):
+    node = graph.add(StereoEchoNode)
+    node.health.started -= 60.0
+    assert 'right/camera_info' in node.silence()
+
+
+def publish_pair(publishers, sec):
+    for topic, publisher in publishers.items():
+        message = CameraInfo() if topic.endswith('camera_info') else Image()
+        message.header.stamp.sec = sec
+        publisher.publish(message)
+
+
+def test_stereo_topics_are_joined_and_survive_a_raising_callback_and_a_backward_clock_jump(graph):
+    node = graph.add(StereoEchoNode)
+    publishers = {topic: graph.publisher(CameraInfo if topic.endswith('camera_info') else Image, topic)
+                  for topic in STEREO_TOPICS}
+    graph.wait_matched(*publishers.values())
+    for count, sec in enumerate((100, 101, 5, 6), start=1):
+        publish_pair(publishers, sec)
+        graph.spin_until(lambda count=count: len(node.seen) >= count, what=f'pair at {sec} s')
+    assert node.seen == [100, 101, 5, 6]
+    assert 'first one fails' in node.health.last_error
+    assert node._sync.counters.clock_jumps == 1
