@@ -38,6 +38,11 @@ class Health:
         self._outputs.append(now)
         self._latencies.append(latency_s)
 
+    @property
+    def last_latency_s(self) -> float:
+        """Time the last processed input took; NaN before the first."""
+        return self._latencies[-1] if self._latencies else float('nan')
+
     def problem(self, now: float, text: str) -> str | None:
         """Note a problem; return what to log, or None when this was logged a moment ago."""
         self.problems += 1

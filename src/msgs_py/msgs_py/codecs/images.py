@@ -93,6 +93,6 @@ def array_to_image(pixels: np.ndarray, encoding: str, header: Header | None = No
     message.step = pixels.shape[1] * channels * pixels.dtype.itemsize
     # array('B') is stored as it is; anything else is converted element by element (1000 times slower).
     data = array.array('B')
-    data.frombytes(memoryview(np.ascontiguousarray(pixels)).cast('B') if pixels.size else b'')
+    data.frombytes(np.ascontiguousarray(pixels).data.cast('B') if pixels.size else b'')
     message.data = data
     return message
