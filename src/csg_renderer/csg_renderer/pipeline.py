@@ -1,0 +1,103 @@
+"""Render a scene: the facade that library users, the command line and the node call."""
+
+from __future__ import annotations
+
+import importlib
+import time
+
+import numpy as np
+
+from msgs_py import PinholeCamera, Pose, StereoRig
+
+from .frame import Frame, RenderOptions
+from .program import program_of
+from .scene import Scene
+
+# Where each engine lives. A module has render(scene, camera, camera_T_scene, options) -> Frame; it is imported when
+# first asked for, because one compiles and another needs the array machine.
+ENGINES = {'native': 'engine_reference', 'reference': 'engine_reference', 'dap': 'engine_dap'}
+
+# What is used when neither the caller nor the scene file names a camera: 512 x 512 pixels and a focal length of
+# 703 pixels, a field of view of 40 degrees.
+DEFAULT_SIZE = 512
+DEFAULT_FOCAL = 703.0
+# Baseline : distance when nobody names a baseline (thesis: about 1 : 5).
+DEFAULT_BASELINE_RATIO = 5.0
+
+
+def default_camera(width: int = DEFAULT_SIZE, height: int | None = None) -> PinholeCamera:
+    """The centred camera used when none is given; its field of view across is the same at every size."""
+    return PinholeCamera.centred(width, width if height is None else height, DEFAULT_FOCAL * width / DEFAULT_SIZE)
+
+
+def default_rig(scene: Scene, camera: PinholeCamera | None = None, baseline: float | None = None) -> StereoRig:
+    """The scene's camera twice, ``baseline`` metres apart: the scene's own, or its distance / 5.
+
+    Raises ValueError, naming baseline, when there is nothing in front of the camera to measure a distance to.
+    """
+    camera = camera or scene.camera or default_camera()
+    baseline = baseline or scene.baseline
+    if baseline is None:
+        distance = scene_distance(scene)
+        if not distance > 0.0:
+            raise ValueError('baseline: the scene names none, and no solid in front of the camera suggests one')
+        baseline = distance / DEFAULT_BASELINE_RATIO
+    return StereoRig.symmetric(camera, baseline)
+
+
+def scene_distance(scene: Scene) -> float:
+    """Metres along the camera's z to the models in front of it: to the origins of those that a Placement moved there
+    (their mean), else to the middle of what is in front; 0 when nothing is."""
+    origins = np.array([placement.matrix[:3, 3] for placement in scene.placements]).reshape(-1, 3)
+    for points in (origins, program_of(scene).outline):
+        depths = scene.camera_T_scene.apply(points)[:, 2]
+        if (depths > 0.0).any():
+            return float(depths[depths > 0.0].mean())
+    return 0.0
+
+
+def render(scene: Scene, camera: PinholeCamera | None = None, world_to_camera: Pose | None = None,
+           engine: str = 'native', tiling: bool = True, levels: int = 1, antialias: bool | int = False,
+           shadows: bool = False, **options: int) -> Frame:
+    """Ray cast (levels=1) or ray trace a scene.
+
+    camera : the scene's own by default, else :func:`default_camera`
+    world_to_camera : camera_T_scene; the scene's own by default (the identity unless the file places its camera)
+    engine : 'native' (compiled), 'dap' (the emulated array machine) or 'reference' (plain numpy, slow); the same image
+    tiling, levels, antialias, shadows, and options tile_size, threads : see :class:`RenderOptions`
+    Raises ValueError, naming the argument, and TypeError for what is no Scene.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f'scene: expected a Scene, got {type(scene).__name__}')
+    camera = camera or scene.camera or default_camera()
+    pose = scene.camera_T_scene if world_to_camera is None else world_to_camera
+    chosen = RenderOptions(tiling=tiling, levels=levels, antialias=antialias, shadows=shadows, **options)
+    start = time.perf_counter()
+    frame = _engine(engine).render(scene, camera, pose, chosen)
+    frame.stats.seconds = time.perf_counter() - start
+    return frame
+
+
+def render_stereo(scene: Scene, rig: StereoRig | None = None, world_to_camera: Pose | None = None,
+                  **options) -> tuple[Frame, Frame]:
+    """A rectified pair, (left, right). world_to_camera places the left camera; options as for :func:`render`.
+
+    rig : :func:`default_rig` of the scene by default
+    """
+    rig = rig or default_rig(scene)
+    left = scene.camera_T_scene if world_to_camera is None else world_to_camera
+    # Along the camera's x whatever the scale of the pose: baselines are metres of the camera frame.
+    right = Pose(left.rotation, left.translation + rig.right_T_left, left.scale)
+    return render(scene, rig.left, left, **options), render(scene, rig.right, right, **options)
+
+
+def _engine(name: str):
+    if name not in ENGINES:
+        raise ValueError(f'engine: expected one of {", ".join(ENGINES)}, got {name!r}')
+    module = f'{__package__}.{ENGINES[name]}'
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        raise ValueError(f'engine: {name!r} is not part of this installation') from None
