@@ -118,7 +118,7 @@ def test_world_to_camera_moves_the_camera_and_normals_stay_in_the_scene_frame(en
 
 @pytest.mark.parametrize('engine', ENGINES)
 def test_stereo_disparity_is_that_of_the_rig(engine):
-    scene = Scene(Placement('wall', Solid.block(0.2, 0.2, 0.1), at(-0.1, -0.1, 0.5).matrix), [Light((0, 0, 0))])
+    scene = Scene(Placement('wall', Solid.block(0.1, 0.1, 1e-4), at(-0.05, -0.05, 0.5).matrix), [Light((0, 0, 0))])
     rig = default_rig(scene, default_camera(128))
     assert rig.baseline == pytest.approx(0.1)
     left, right = render_stereo(scene, rig, engine=engine)
