@@ -1,0 +1,189 @@
+"""From candidate poses to interpretations: the last step that every search shares.
+
+A candidate is refined, its data re-assigned under the refined pose, its covariance estimated; poses that explain the
+same data equally well are put together, competitors for the same data rejected, and so is what chance would explain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from msgs_py import BIN, FeatureSet, Interpretation, Pose
+
+from .model_index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
+from .params import MatchParams
+
+# Tolerance widths of successive fits: a pose from two short edges is off by more than the data's own error.
+WIDTHS = np.array([1.5, 1.2, 1.0, 1.0])
+SEARCH_WIDTH = 1.6
+# Candidates within this share of the best score are refined.
+KEEP = 0.6
+# A candidate whose data is claimed to more than this share by a better interpretation competes with it.
+CLAIMED = 0.34
+
+
+@dataclass(eq=False)
+class Problem:
+    """A model and data, made ready.
+
+    data : the n usable features; keep : (n,) their numbers among all n_data
+    rows : (n, 9), tolerances : (n, 3) as kernels.py wants them; radius_tol : metres
+    """
+
+    index: ModelIndex
+    data: FeatureSet
+    keep: np.ndarray
+    n_data: int
+    rows: np.ndarray
+    tolerances: np.ndarray
+    table: VoxelTable
+    radius_tol: float
+
+    @property
+    def grid(self) -> tuple:
+        """What the back-projection kernels take, model first."""
+        table = self.table
+        return (self.index.rows, self.index.kind, table.low, table.cell, table.shape, table.starts, table.items)
+
+    @property
+    def sample(self) -> tuple:
+        """The data as the kernels take it."""
+        return (self.rows, self.data.kind, self.tolerances)
+
+
+def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:
+    """Prepare data for a model; features without length are left out."""
+    keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
+    used = data if len(keep) == len(data) else data.select(keep)
+    rows = feature_rows(used)
+    tolerances = data_tolerances(used, rows, index.size, params)
+    widest = SEARCH_WIDTH * float(tolerances[:, 0].max(initial=0.0))
+    return Problem(index, used, keep, len(data), rows, tolerances, index.voxels(widest),
+                   params.curvedev * index.max_radius)
+
+
+@dataclass(eq=False)
+class Refined:
+    """c refined candidates: motions (c, 12), assignments and signs (c, n) among used features, normals (c, 6, 6),
+    figures (c, 7) as hypotheses.refine_candidates gives them."""
+
+    motions: np.ndarray
+    assignments: np.ndarray
+    signs: np.ndarray
+    normals: np.ndarray
+    figures: np.ndarray
+
+
+def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: float = KEEP) -> Refined:
+    """Refine candidate poses (c, 12) with search scores (c,), best first."""
+    from . import hypotheses
+    refine: Any = hypotheses.refine_candidates
+    c, n = len(scores), len(problem.rows)
+    refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
+                      np.zeros((c, 7)))
+    refine(motions, scores, keep, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol,
+           refined.assignments, refined.signs, refined.normals, refined.figures)
+    return refined
+
+
+def conclude(problem: Problem, refined: Refined, params: MatchParams,
+             ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
+    """Accepted and rejected interpretations, each best first."""
+    scores = refined.figures[:, 0]
+    order = [int(k) for k in np.argsort(-scores, kind='stable') if scores[k] > 0.0]
+    matched = refined.assignments != BIN
+    heads: list[int] = []
+    twins: dict[int, list[int]] = {}
+    rivals: dict[int, int] = {}
+    for k in order:
+        mine = matched[k]
+        total = max(int(mine.sum()), 1)
+        for head in heads:
+            shared = int((mine & matched[head]).sum())
+            if shared <= CLAIMED * total:
+                continue
+            alike = np.floor(scores[k]) >= np.floor(scores[head]) and shared == total == int(matched[head].sum())
+            if alike and refined.figures[k, 1] <= 1.5 * refined.figures[head, 1] + 1e-9:
+                if not _near(problem, refined, k, [head, *twins[head]]):
+                    twins[head].append(k)
+                rivals[k] = -1
+            else:
+                rivals[k] = head
+            break
+        else:
+            heads.append(k)
+            twins[k] = []
+    accepted: list[Interpretation] = []
+    rejected: list[Interpretation] = []
+    for k in order:
+        if rivals.get(k) == -1:
+            continue
+        reason = None
+        distinct = int(scores[k])
+        if distinct < min(params.min_matched, len(problem.index)):
+            reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
+        elif k in rivals:
+            better = rivals[k]
+            reason = (f'competes for the same data with a better interpretation '
+                      f'({distinct} distinct model features against {int(scores[better])})')
+        elif params.max_bin is not None and problem.n_data - int(matched[k].sum()) > params.max_bin:
+            unmatched = problem.n_data - int(matched[k].sum())
+            reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
+        others = tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
+        target = accepted if reason is None else rejected
+        if len(target) < params.max_interpretations:
+            target.append(_interpretation(problem, refined, k, others, reason))
+    return tuple(accepted), tuple(rejected)
+
+
+def as_pose(motion: np.ndarray) -> Pose:
+    return Pose(motion[:9].reshape(3, 3), motion[9:])
+
+
+def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool:
+    """Whether a pose repeats another: within 1 degree and 1 % of the model's size."""
+    mine = refined.motions[k]
+    for other in refined.motions[others]:
+        if mine[:9] @ other[:9] < 3.0 - 3e-4:
+            continue
+        gap = (mine[:9] - other[:9]).reshape(3, 3) @ problem.index.middle + mine[9:] - other[9:]
+        if np.linalg.norm(gap) < 0.01 * problem.index.size:
+            return True
+    return False
+
+
+def _interpretation(problem: Problem, refined: Refined, k: int, others: tuple[Pose, ...],
+                    reason: str | None) -> Interpretation:
+    assignment = np.full(problem.n_data, BIN, np.int32)
+    sign = np.zeros(problem.n_data, np.int8)
+    chosen = refined.assignments[k] != BIN
+    assignment[problem.keep[chosen]] = problem.index.source[refined.assignments[k][chosen]]
+    sign[problem.keep[chosen]] = refined.signs[k][chosen]
+    covariance = pose_covariance(problem.index, refined.normals[k], refined.figures[k], refined.motions[k])
+    return Interpretation(problem.index.name, assignment, sign, as_pose(refined.motions[k]),
+                          residual_rms=refined.figures[k, 1], covariance=covariance, symmetric_poses=others,
+                          rejected_reason=reason)
+
+
+def pose_covariance(index: ModelIndex, normal: np.ndarray, figures: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """(6, 6) covariance of (x, y, z, rx, ry, rz), metres and radians, from a fit's normal matrix.
+
+    A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
+    """
+    lever = max(0.5 * index.size, SMALLEST_FEATURE)
+    units = np.array([1.0 / lever] * 3 + [1.0] * 3)  # rotation as displacement at the model's rim, to compare the six
+    values, vectors = np.linalg.eigh(normal * units[:, None] * units)
+    floor = max(values[-1], 1e-300) * 1e-7
+    chi = max(float(figures[2]), 1e-12)
+    variances = np.where(values > floor, chi / np.maximum(values, floor), index.size ** 2)
+    covariance = (vectors * variances) @ vectors.T * units[:, None] * units
+    # The fit turns about the data's centre; the pose's translation is that of the model's origin.
+    gap = motion[9:] - figures[3:6]
+    shift = np.zeros((6, 6))
+    shift[:3, 3:] = np.eye(3)
+    shift[:3, :3] = -np.array([[0.0, -gap[2], gap[1]], [gap[2], 0.0, -gap[0]], [-gap[1], gap[0], 0.0]])
+    shift[3:, :3] = np.eye(3)
+    return shift @ covariance @ shift.T

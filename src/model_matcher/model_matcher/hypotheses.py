@@ -1,0 +1,176 @@
+"""The production search: two non-parallel data features fix a pose; back-projection counts what it explains.
+
+Ranked data pairs are looked up in the model's pair table by angle and signed line distance, tested exactly for a
+common rigid motion, turned into a pose, and the pose is scored by the number of distinct model features that data lie
+on. The best poses, near duplicates suppressed, are the candidates. Cost hardly depends on how much data is spurious.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry, refine
+
+CANDIDATES = 16
+
+
+@njit(cache=True)
+def _frame(u, v, out):
+    """Orthonormal frame of two directions, symmetric in their errors: rows bisector, in-plane, common normal."""
+    ax, ay, az = u[0] + v[0], u[1] + v[1], u[2] + v[2]
+    n = np.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / n, ay / n, az / n
+    cx, cy, cz = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+    n = np.sqrt(cx * cx + cy * cy + cz * cz)
+    cx, cy, cz = cx / n, cy / n, cz / n
+    out[0], out[1], out[2] = ax, ay, az
+    out[3], out[4], out[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
+    out[6], out[7], out[8] = cx, cy, cz
+
+
+@njit(cache=True)
+def _pose_of_pair(a, b, flip_b, fa, fb, i, j, flip_j, fi, fj, turn, frame_d, frame_m, motion):
+    """The pose that lays model lines i, j on data lines a, b; turn = -1 reverses both data directions."""
+    u, v = np.empty(3), np.empty(3)
+    for k in range(3):
+        u[k] = turn * a[3 + k]
+        v[k] = turn * flip_b * b[3 + k]
+    _frame(u, v, frame_d)
+    for k in range(3):
+        u[k] = i[3 + k]
+        v[k] = flip_j * j[3 + k]
+    _frame(u, v, frame_m)
+    for p in range(3):
+        for q in range(3):
+            motion[3 * p + q] = (frame_d[p] * frame_m[q] + frame_d[3 + p] * frame_m[3 + q]
+                                 + frame_d[6 + p] * frame_m[6 + q])
+    cm = np.empty(3)
+    for k in range(3):
+        cm[k] = 0.5 * (i[k] + fi * i[3 + k] + j[k] + fj * flip_j * j[3 + k])
+    for p in range(3):
+        cd = 0.5 * (a[p] + fa * a[3 + p] + b[p] + fb * flip_b * b[3 + p])
+        motion[9 + p] = cd - (motion[3 * p] * cm[0] + motion[3 * p + 1] * cm[1] + motion[3 * p + 2] * cm[2])
+
+
+@njit(cache=True)
+def _insert(motion, score, middle, size, motions, scores):
+    """Keep a pose among the best, unless a better one stands within 6 degrees and 6 % of the model's size."""
+    twin = -1
+    mx = motion[0] * middle[0] + motion[1] * middle[1] + motion[2] * middle[2] + motion[9]
+    my = motion[3] * middle[0] + motion[4] * middle[1] + motion[5] * middle[2] + motion[10]
+    mz = motion[6] * middle[0] + motion[7] * middle[1] + motion[8] * middle[2] + motion[11]
+    for k in range(len(scores)):
+        if scores[k] <= 0.0:
+            break
+        other = motions[k]
+        trace = 0.0
+        for i in range(9):
+            trace += motion[i] * other[i]
+        if trace < 2.989:
+            continue
+        dx = mx - (other[0] * middle[0] + other[1] * middle[1] + other[2] * middle[2] + other[9])
+        dy = my - (other[3] * middle[0] + other[4] * middle[1] + other[5] * middle[2] + other[10])
+        dz = mz - (other[6] * middle[0] + other[7] * middle[1] + other[8] * middle[2] + other[11])
+        if dx * dx + dy * dy + dz * dz > (0.06 * size) ** 2:
+            continue
+        if scores[k] >= score:
+            return
+        twin = k
+        break
+    at = len(scores) - 1 if twin < 0 else twin
+    if twin < 0 and score <= scores[at]:
+        return
+    while at > 0 and scores[at - 1] < score:
+        scores[at] = scores[at - 1]
+        motions[at] = motions[at - 1]
+        at -= 1
+    scores[at] = score
+    motions[at] = motion
+
+
+@njit(cache=True)
+def search_pairs(pairs, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape, vox_starts,
+                 vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience, confident,
+                 motions, scores, state):
+    """Try the ranked data pairs first..last-1; best poses and scores are kept in ``motions`` and ``scores``.
+
+    patience : stop once the best is unchanged for so many hypotheses (six times as many while it explains less than
+        ``confident`` distinct model features); a pair of data features is always finished, so that every pose which
+        explains the same data is found
+    state : (4,) int64, carried between calls: hypotheses so far, hypothesis of the last improvement, pairs done,
+        1 when stopped by patience
+    """
+    stamp = np.full(model.shape[0], -1, np.int64)
+    frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
+    n = data.shape[0]
+    for p in range(first, last):
+        a, b = pairs[p, 0], pairs[p, 1]
+        c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
+        angle = np.arctan2(s, c)
+        ha, hb = data[a, 6], data[b, 6]
+        over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
+        cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
+        across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
+        slide_a = tols[a, 1] + across / s
+        slide_b = tols[b, 1] + across / s
+        a_low, d_low = _pair_cell(angle - cone, d - across, reach)
+        a_high, d_high = _pair_cell(angle + cone, d + across, reach)
+        before = state[1]
+        for ca in range(a_low, a_high + 1):
+            row = ca * OFFSET_CELLS
+            for at in range(pair_starts[row + d_low], pair_starts[row + d_high + 1]):
+                value = pair_values[at]
+                if abs(value[0] - angle) > cone or abs(value[1] - d) > across:
+                    continue
+                i, j = pair_members[at, 0], pair_members[at, 1]
+                if kind_d[a] != kind_m[i] or kind_d[b] != kind_m[j]:
+                    continue
+                room_a, room_b = model[i, 6] - ha + slide_a, model[j, 6] - hb + slide_b
+                for turning in range(2):
+                    turn = 1.0 - 2.0 * turning
+                    if abs(value[2] - turn * fa) > room_a or abs(value[3] - turn * fb) > room_b:
+                        continue
+                    _pose_of_pair(data[a], data[b], flip, fa, fb, model[i], model[j], value[4], value[2], value[3],
+                                  turn, frame_d, frame_m, motion)
+                    state[0] += 1
+                    needed = max(scores[len(scores) - 1], 0.6 * np.floor(scores[0]), 3.0)
+                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
+                                          kind_d, tols, widen, radius_tol, stamp, state[0], needed)
+                    if score < needed:
+                        continue
+                    if np.floor(score) > np.floor(scores[0]):
+                        state[1] = state[0]
+                    _insert(motion, score, middle, size, motions, scores)
+        state[2] = p + 1
+        if before != state[1]:
+            continue
+        waited = state[0] - state[1]
+        limit = patience if scores[0] >= confident else 6 * patience
+        if waited > limit and waited > state[1] or scores[0] >= n:
+            state[3] = 1
+            return
+
+
+@njit(cache=True)
+def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols,
+                      widths, radius_tol, assignments, signs, normals, figures):
+    """Refine every candidate whose score is at least keep x best.
+
+    figures (c, 7): score, rms (metres), chi, centre x, y, z, data matched. Score is the number of distinct model
+    features plus 0.9 x the mean quality of fit; 0 for a candidate that was skipped.
+    """
+    stamp = np.full(model.shape[0], -1, np.int64)
+    for k in range(len(scores)):
+        figures[k, 0] = 0.0
+        if scores[k] <= 0.0 or np.floor(scores[k]) < keep * np.floor(scores[0]):
+            continue
+        matched, rms, chi, cx, cy, cz = refine(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data,
+                                               kind_d, tols, widths, radius_tol, assignments[k], signs[k], normals[k])
+        final = widths[len(widths) - 1]
+        matched = assign(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols, final,
+                         radius_tol, assignments[k], signs[k])
+        figures[k, 0] = count_matches(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
+                                      tols, final, radius_tol, stamp, k, 0.0)
+        figures[k, 1], figures[k, 2] = rms, chi
+        figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched

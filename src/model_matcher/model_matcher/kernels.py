@@ -1,0 +1,555 @@
+"""Compiled inner loops of the hypothesis search: pair geometry, voxel table, back-projection, pose refinement.
+
+They stand in one file because numba's cache looks only at the file of the function it compiled.
+
+A feature is a row of nine numbers: mid point (3), unit direction (3), half length, major and minor radius. A CURVE's
+mid point is its centre, its direction the plane normal and its half length 0. Distances in metres.
+A tolerance is a row of three: across (metres), along (metres), half cone angle (radians).
+A rigid motion is a row of twelve: rotation row by row (9), translation (3), taking model to camera.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+CURVE = 1
+PARALLEL_SINE = 0.17  # pairs nearer to parallel than about 10 degrees do not fix a pose well
+ANGLE_CELLS = 36
+FLIP_MARGIN = 0.27  # radians beyond 90 degrees that the angle axis of the pair table reaches
+MAX_ANGLE = 0.5 * np.pi + FLIP_MARGIN
+OFFSET_CELLS = 64
+
+
+@njit(cache=True)
+def pair_geometry(a, b):
+    """Relation of two lines (rows of features): cosine >= 0, sine, signed distance, both feet, flip of b.
+
+    b's direction is reversed (flip = -1) when that makes the cosine positive. A foot is where the common
+    perpendicular meets the line, measured from the mid point along the (flipped) direction.
+    """
+    wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    ux, uy, uz = a[3], a[4], a[5]
+    vx, vy, vz = b[3], b[4], b[5]
+    c = ux * vx + uy * vy + uz * vz
+    flip = 1.0
+    if c < 0.0:
+        flip = -1.0
+        c, vx, vy, vz = -c, -vx, -vy, -vz
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    s = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if s < 1e-9:
+        return c, 0.0, 0.0, 0.0, 0.0, flip
+    d = (wx * nx + wy * ny + wz * nz) / s
+    wu = wx * ux + wy * uy + wz * uz
+    wv = wx * vx + wy * vy + wz * vz
+    return c, s, d, (wu - c * wv) / (s * s), (c * wu - wv) / (s * s), flip
+
+
+# -- the model's pair table ------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def _pair_cell(angle, d, reach):
+    i = int(angle / MAX_ANGLE * ANGLE_CELLS)
+    j = int((d / reach + 1.0) * 0.5 * OFFSET_CELLS)
+    return min(max(i, 0), ANGLE_CELLS - 1), min(max(j, 0), OFFSET_CELLS - 1)
+
+
+@njit(cache=True)
+def build_pair_table(features, reach):
+    """All ordered, non-parallel pairs of model features, sorted into cells of (angle, signed distance).
+
+    A pair near 90 degrees is entered twice, because noise may turn its angle beyond 90 degrees, where the other
+    line counts as reversed. Returns starts (cells + 1,) int32, members (p, 2) int32, values (p, 5) float64: angle,
+    signed distance, foot of first, foot of second, flip of second.
+    """
+    e = features.shape[0]
+    counts = np.zeros(ANGLE_CELLS * OFFSET_CELLS + 1, np.int32)
+    members = np.zeros((0, 2), np.int32)
+    values = np.zeros((0, 5))
+    cursor = counts
+    for sweep in range(2):
+        if sweep == 1:
+            for k in range(len(counts) - 1):
+                counts[k + 1] += counts[k]
+            members = np.zeros((counts[-1], 2), np.int32)
+            values = np.zeros((counts[-1], 5))
+            cursor = counts.copy()
+        for i in range(e):
+            for j in range(e):
+                if i == j:
+                    continue
+                c, s, d, fi, fj, flip = pair_geometry(features[i], features[j])
+                if s < PARALLEL_SINE:
+                    continue
+                angle = np.arctan2(s, c)
+                for other in range(2):
+                    if other == 1:
+                        if np.pi - angle > MAX_ANGLE:
+                            continue
+                        angle, d, fj, flip = np.pi - angle, -d, -fj, -flip
+                    p, q = _pair_cell(angle, d, reach)
+                    cell = p * OFFSET_CELLS + q
+                    if sweep == 0:
+                        counts[cell + 1] += 1
+                        continue
+                    at = cursor[cell]
+                    cursor[cell] += 1
+                    members[at, 0], members[at, 1] = i, j
+                    values[at, 0], values[at, 1], values[at, 2], values[at, 3], values[at, 4] = angle, d, fi, fj, flip
+    return counts, members, values
+
+
+# -- the model's voxel table -----------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def build_voxels(features, low, cell, shape, reach):
+    """Which model features pass near each cell of a grid: starts (cells + 1,) int32, items (m,) int32.
+
+    A feature is listed where its distance from the cell's centre is within reach plus half the cell's diagonal.
+    """
+    nx, ny, nz = shape
+    counts = np.zeros(nx * ny * nz + 1, np.int32)
+    items = np.zeros(0, np.int32)
+    cursor = counts
+    limit = (reach + 0.8661 * cell) ** 2
+    margin = reach + cell
+    for sweep in range(2):
+        if sweep == 1:
+            for k in range(len(counts) - 1):
+                counts[k + 1] += counts[k]
+            items = np.zeros(counts[-1], np.int32)
+            cursor = counts.copy()
+        for i in range(features.shape[0]):
+            f = features[i]
+            h = f[6]
+            lo = np.zeros(3, np.int64)
+            hi = np.zeros(3, np.int64)
+            for axis in range(3):
+                extent = h * abs(f[3 + axis]) + margin
+                lo[axis] = max(0, int(np.floor((f[axis] - extent - low[axis]) / cell)))
+                hi[axis] = min(shape[axis] - 1, int(np.floor((f[axis] + extent - low[axis]) / cell)))
+            for x in range(lo[0], hi[0] + 1):
+                for y in range(lo[1], hi[1] + 1):
+                    for z in range(lo[2], hi[2] + 1):
+                        rx = low[0] + (x + 0.5) * cell - f[0]
+                        ry = low[1] + (y + 0.5) * cell - f[1]
+                        rz = low[2] + (z + 0.5) * cell - f[2]
+                        s = rx * f[3] + ry * f[4] + rz * f[5]
+                        s = min(max(s, -h), h)
+                        rx, ry, rz = rx - s * f[3], ry - s * f[4], rz - s * f[5]
+                        if rx * rx + ry * ry + rz * rz > limit:
+                            continue
+                        k = (x * ny + y) * nz + z
+                        if sweep == 0:
+                            counts[k + 1] += 1
+                        else:
+                            items[cursor[k]] = i
+                            cursor[k] += 1
+    return counts, items
+
+
+# -- ranking data pairs ----------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def rank_pairs(features, neighbours, size, knn):
+    """Data pairs, most promising first: near, long and far from parallel (gap / (length x sine)).
+
+    neighbours : (n, m) int32 candidates of each feature, or (0, 0): all. Each feature contributes its knn best.
+    size : metres, the model's diameter: farther pairs cannot be of one object.
+    Returns (p, 2) int32 and their cost (p,), ascending.
+    """
+    n = features.shape[0]
+    knn = min(knn, max(n - 1, 0))
+    best_cost = np.full((n, max(knn, 1)), np.inf)
+    best_other = np.full((n, max(knn, 1)), -1, np.int32)
+    everyone = neighbours.shape[0] == 0
+    for a in range(n):
+        ha = features[a, 6]
+        m = n if everyone else neighbours.shape[1]
+        for k in range(m):
+            b = k if everyone else neighbours[a, k]
+            if b < 0 or b == a:
+                continue
+            hb = features[b, 6]
+            dx, dy, dz = (features[b, 0] - features[a, 0], features[b, 1] - features[a, 1],
+                          features[b, 2] - features[a, 2])
+            if dx * dx + dy * dy + dz * dz > (size + ha + hb) ** 2:
+                continue
+            c, s, d, fa, fb, _ = pair_geometry(features[a], features[b])
+            if s < PARALLEL_SINE:
+                continue
+            over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
+            gap = np.sqrt(d * d + over_a * over_a + over_b * over_b)
+            # A curve's normal has no length, but its direction is as good as that of a long edge.
+            la = ha if ha > 0.0 else 0.1 * size
+            lb = hb if hb > 0.0 else 0.1 * size
+            cost = (gap + 0.05 * size) / (min(la, lb) * s + 1e-12)
+            if knn == 0 or cost >= best_cost[a, knn - 1]:
+                continue
+            at = knn - 1
+            while at > 0 and best_cost[a, at - 1] > cost:
+                best_cost[a, at] = best_cost[a, at - 1]
+                best_other[a, at] = best_other[a, at - 1]
+                at -= 1
+            best_cost[a, at] = cost
+            best_other[a, at] = b
+    pairs = np.zeros((n * knn, 2), np.int32)
+    costs = np.zeros(n * knn)
+    count = 0
+    for a in range(n):
+        for k in range(knn):
+            b = best_other[a, k]
+            if b < 0:
+                break
+            if b < a:
+                # Entered already when a is also among b's best.
+                known = False
+                for q in range(knn):
+                    if best_other[b, q] == a:
+                        known = True
+                        break
+                if known:
+                    continue
+            pairs[count, 0], pairs[count, 1] = a, b
+            costs[count] = best_cost[a, k]
+            count += 1
+    order = np.argsort(costs[:count], kind='mergesort')
+    return pairs[:count][order], costs[:count][order]
+
+
+# -- back-projection -------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def fit_one(d, kind_d, tol, m, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol):
+    """How well a data feature (already in the model frame) lies on a model feature.
+
+    Returns the largest end point distance across the line over its tolerance, in [0, 1], or -1 when it does not fit.
+    """
+    if kind_d != kind_m:
+        return -1.0
+    rx, ry, rz = px - m[0], py - m[1], pz - m[2]
+    along = rx * m[3] + ry * m[4] + rz * m[5]
+    across = tol[0] * widen
+    qx, qy, qz = rx - along * m[3], ry - along * m[4], rz - along * m[5]
+    middle = qx * qx + qy * qy + qz * qz
+    if middle > across * across:
+        return -1.0
+    c = vx * m[3] + vy * m[4] + vz * m[5]
+    h = d[6]
+    if abs(along) + abs(c) * h > m[6] + tol[1] * widen:
+        return -1.0
+    cone = min(tol[2] * widen, 1.2)
+    if c * c < np.cos(cone) ** 2:
+        return -1.0
+    if kind_d == CURVE:
+        if abs(d[7] - m[7]) > radius_tol + tol[0] or abs(d[8] - m[8]) > radius_tol + tol[0]:
+            return -1.0
+        return min(1.0, np.sqrt(middle + along * along) / across)
+    sx, sy, sz = h * (vx - c * m[3]), h * (vy - c * m[4]), h * (vz - c * m[5])
+    cross = qx * sx + qy * sy + qz * sz
+    worst = middle + sx * sx + sy * sy + sz * sz + 2.0 * abs(cross)
+    if worst > across * across:
+        return -1.0
+    return np.sqrt(worst) / across
+
+
+@njit(cache=True)
+def count_matches(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol,
+                  stamp, mark, needed):
+    """Distinct model features with data on them under a pose, plus the mean quality of fit as the fraction.
+
+    Gives up, returning 0, as soon as ``needed`` distinct features are out of reach.
+    """
+    r0, r1, r2, r3, r4, r5, r6, r7, r8, tx, ty, tz = (motion[0], motion[1], motion[2], motion[3], motion[4], motion[5],
+                                                      motion[6], motion[7], motion[8], motion[9], motion[10],
+                                                      motion[11])
+    nx, ny, nz = shape
+    n = data.shape[0]
+    distinct = 0
+    fits = 0
+    quality = 0.0
+    inverse = 1.0 / cell
+    lx, ly, lz = low[0], low[1], low[2]
+    for k in range(n):
+        if distinct + n - k < needed:
+            return 0.0
+        x, y, z = data[k, 0] - tx, data[k, 1] - ty, data[k, 2] - tz
+        px = r0 * x + r3 * y + r6 * z
+        gx = (px - lx) * inverse
+        if gx < 0.0 or gx >= nx:
+            continue
+        py = r1 * x + r4 * y + r7 * z
+        gy = (py - ly) * inverse
+        if gy < 0.0 or gy >= ny:
+            continue
+        pz = r2 * x + r5 * y + r8 * z
+        gz = (pz - lz) * inverse
+        if gz < 0.0 or gz >= nz:
+            continue
+        at = (int(gx) * ny + int(gy)) * nz + int(gz)
+        first, last = starts[at], starts[at + 1]
+        if first == last:
+            continue
+        ux, uy, uz = data[k, 3], data[k, 4], data[k, 5]
+        vx, vy, vz = r0 * ux + r3 * uy + r6 * uz, r1 * ux + r4 * uy + r7 * uz, r2 * ux + r5 * uy + r8 * uz
+        best = 2.0
+        which = -1
+        for q in range(first, last):
+            j = items[q]
+            fit = fit_one(data[k], kind_d[k], tols[k], model[j], kind_m[j], px, py, pz, vx, vy, vz, widen, radius_tol)
+            if 0.0 <= fit < best:
+                best = fit
+                which = j
+        if which >= 0:
+            fits += 1
+            quality += 1.0 - best * best
+            if stamp[which] != mark:
+                stamp[which] = mark
+                distinct += 1
+    if fits == 0:
+        return 0.0
+    return distinct + 0.9 * quality / fits
+
+
+@njit(cache=True)
+def assign(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol, assignment,
+           sign):
+    """Best model feature of every data feature under a pose, written to assignment and sign. Returns how many."""
+    nx, ny, nz = shape
+    count = 0
+    for k in range(data.shape[0]):
+        assignment[k] = -1
+        sign[k] = 0
+        x, y, z = data[k, 0] - motion[9], data[k, 1] - motion[10], data[k, 2] - motion[11]
+        px = motion[0] * x + motion[3] * y + motion[6] * z
+        py = motion[1] * x + motion[4] * y + motion[7] * z
+        pz = motion[2] * x + motion[5] * y + motion[8] * z
+        gx, gy, gz = (px - low[0]) / cell, (py - low[1]) / cell, (pz - low[2]) / cell
+        if not (0.0 <= gx < nx and 0.0 <= gy < ny and 0.0 <= gz < nz):
+            continue
+        at = (int(gx) * ny + int(gy)) * nz + int(gz)
+        ux, uy, uz = data[k, 3], data[k, 4], data[k, 5]
+        vx = motion[0] * ux + motion[3] * uy + motion[6] * uz
+        vy = motion[1] * ux + motion[4] * uy + motion[7] * uz
+        vz = motion[2] * ux + motion[5] * uy + motion[8] * uz
+        best = 2.0
+        for q in range(starts[at], starts[at + 1]):
+            j = items[q]
+            fit = fit_one(data[k], kind_d[k], tols[k], model[j], kind_m[j], px, py, pz, vx, vy, vz, widen, radius_tol)
+            if 0.0 <= fit < best:
+                best = fit
+                assignment[k] = j
+                sign[k] = 1 if vx * model[j, 3] + vy * model[j, 4] + vz * model[j, 5] >= 0.0 else -1
+        if assignment[k] >= 0:
+            count += 1
+    return count
+
+
+# -- refinement ------------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def solve6(a, b, x):
+    """Solve a x = b for a symmetric positive definite (6, 6) by Cholesky; False when it is not definite."""
+    low = np.zeros((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            total = a[i, j]
+            for k in range(j):
+                total -= low[i, k] * low[j, k]
+            if i == j:
+                if total <= 0.0:
+                    return False
+                low[i, i] = np.sqrt(total)
+            else:
+                low[i, j] = total / low[j, j]
+    for i in range(6):
+        total = b[i]
+        for k in range(i):
+            total -= low[i, k] * x[k]
+        x[i] = total / low[i, i]
+    for i in range(5, -1, -1):
+        total = x[i]
+        for k in range(i + 1, 6):
+            total -= low[k, i] * x[k]
+        x[i] = total / low[i, i]
+    return True
+
+
+@njit(cache=True)
+def _add_row(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
+    row = (gx, gy, gz, ex, ey, ez)
+    for i in range(6):
+        right[i] += weight * row[i] * residual
+        for j in range(i + 1):
+            normal[i, j] += weight * row[i] * row[j]
+
+
+@njit(cache=True)
+def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre, normal, right):
+    """Point-to-line least squares, linearised about a pose; rotation is about ``centre`` (3,), camera frame.
+
+    Both end points of every data edge or axis must lie on its model line; a curve's centre on the model's centre and
+    its normal along the model's. Unknowns: rotation vector (3), translation (3). Fills normal (6, 6), lower half, and
+    right (6,); returns the weighted sum of squares, its number of equations, and the plain sum of squared distances
+    with their number.
+    """
+    normal[:] = 0.0
+    right[:] = 0.0
+    cost = 0.0
+    equations = 0
+    squares = 0.0
+    points = 0
+    for k in range(data.shape[0]):
+        j = assignment[k]
+        if j < 0:
+            continue
+        m = model[j]
+        ux = motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5]
+        uy = motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5]
+        uz = motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5]
+        mx = motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9]
+        my = motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10]
+        mz = motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11]
+        # Two unit vectors across the line.
+        if abs(ux) < 0.6:
+            ex, ey, ez = 0.0, uz, -uy
+        else:
+            ex, ey, ez = -uz, 0.0, ux
+        length = np.sqrt(ex * ex + ey * ey + ez * ez)
+        ex, ey, ez = ex / length, ey / length, ez / length
+        fx, fy, fz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
+        weight = 1.0 / (tols[k, 0] * tols[k, 0])
+        d = data[k]
+        curve = kind_d[k] == CURVE
+        for end in range(2):
+            step = d[6] if end == 0 else -d[6]
+            if curve and end == 1:
+                break
+            x, y, z = d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5]
+            along = (x - mx) * ux + (y - my) * uy + (z - mz) * uz
+            if curve:
+                along = 0.0
+            qx, qy, qz = mx + along * ux, my + along * uy, mz + along * uz
+            rx, ry, rz = x - qx, y - qy, z - qz
+            gx, gy, gz = qx - centre[0], qy - centre[1], qz - centre[2]
+            for axis in range(3 if curve else 2):
+                if axis == 0:
+                    ax, ay, az = ex, ey, ez
+                elif axis == 1:
+                    ax, ay, az = fx, fy, fz
+                else:
+                    ax, ay, az = ux, uy, uz
+                residual = ax * rx + ay * ry + az * rz
+                _add_row(normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual,
+                         weight)
+                cost += weight * residual * residual
+                equations += 1
+                squares += residual * residual
+            points += 1
+        if curve:
+            turn = 1.0 / (tols[k, 2] * tols[k, 2])
+            s = 1.0 if sign[k] >= 0 else -1.0
+            for axis in range(2):
+                if axis == 0:
+                    ax, ay, az = ex, ey, ez
+                else:
+                    ax, ay, az = fx, fy, fz
+                residual = s * (ax * d[3] + ay * d[4] + az * d[5])
+                _add_row(normal, right, uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax, 0.0, 0.0, 0.0,
+                         residual, turn)
+                cost += turn * residual * residual
+                equations += 1
+    for i in range(6):
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+    return cost, equations, squares, points
+
+
+@njit(cache=True)
+def apply_step(motion, centre, step):
+    """Turn a pose by a rotation vector about ``centre`` and shift it, in place; Rodrigues, then re-orthonormalised."""
+    wx, wy, wz = step[0], step[1], step[2]
+    angle = np.sqrt(wx * wx + wy * wy + wz * wz)
+    s = 1.0 - angle * angle / 6.0 if angle < 1e-6 else np.sin(angle) / angle
+    c = 0.5 - angle * angle / 24.0 if angle < 1e-3 else (1.0 - np.cos(angle)) / (angle * angle)
+    q = np.empty(9)
+    q[0] = 1.0 - c * (wy * wy + wz * wz)
+    q[1] = c * wx * wy - s * wz
+    q[2] = c * wx * wz + s * wy
+    q[3] = c * wx * wy + s * wz
+    q[4] = 1.0 - c * (wx * wx + wz * wz)
+    q[5] = c * wy * wz - s * wx
+    q[6] = c * wx * wz - s * wy
+    q[7] = c * wy * wz + s * wx
+    q[8] = 1.0 - c * (wx * wx + wy * wy)
+    old = motion.copy()
+    for i in range(3):
+        for j in range(3):
+            motion[3 * i + j] = q[3 * i] * old[j] + q[3 * i + 1] * old[3 + j] + q[3 * i + 2] * old[6 + j]
+    tx, ty, tz = old[9] - centre[0], old[10] - centre[1], old[11] - centre[2]
+    for i in range(3):
+        motion[9 + i] = q[3 * i] * tx + q[3 * i + 1] * ty + q[3 * i + 2] * tz + centre[i] + step[3 + i]
+    orthonormalise(motion)
+
+
+@njit(cache=True)
+def orthonormalise(motion):
+    """Gram-Schmidt on the rows of the rotation, in place."""
+    n = np.sqrt(motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2)
+    for i in range(3):
+        motion[i] /= n
+    dot = motion[0] * motion[3] + motion[1] * motion[4] + motion[2] * motion[5]
+    for i in range(3):
+        motion[3 + i] -= dot * motion[i]
+    n = np.sqrt(motion[3] ** 2 + motion[4] ** 2 + motion[5] ** 2)
+    for i in range(3):
+        motion[3 + i] /= n
+    motion[6] = motion[1] * motion[5] - motion[2] * motion[4]
+    motion[7] = motion[2] * motion[3] - motion[0] * motion[5]
+    motion[8] = motion[0] * motion[4] - motion[1] * motion[3]
+
+
+@njit(cache=True)
+def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widths, radius_tol, assignment,
+           sign, normal):
+    """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and re-fit.
+
+    The last fit's normal matrix, about the returned centre, stays in ``normal``.
+    Returns matched, root mean square distance (metres, per end point), weighted cost per equation, centre x, y, z.
+    """
+    right = np.zeros(6)
+    step = np.zeros(6)
+    centre = np.zeros(3)
+    matched = 0
+    rms = 0.0
+    chi = 0.0
+    for turn in range(len(widths)):
+        matched = assign(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widths[turn],
+                         radius_tol, assignment, sign)
+        if matched == 0:
+            return matched, 0.0, 0.0, 0.0, 0.0, 0.0
+        centre[:] = 0.0
+        for k in range(data.shape[0]):
+            if assignment[k] >= 0:
+                for i in range(3):
+                    centre[i] += data[k, i] / matched
+        cost, equations, squares, points = normal_equations(motion, model, data, kind_d, tols, assignment, sign,
+                                                            centre, normal, right)
+        trace = 0.0
+        for i in range(6):
+            trace += normal[i, i]
+        for i in range(6):
+            normal[i, i] += 1e-9 * trace  # a free direction stays where it is
+        if solve6(normal, right, step):
+            apply_step(motion, centre, step)
+        cost, equations, squares, points = normal_equations(motion, model, data, kind_d, tols, assignment, sign,
+                                                            centre, normal, right)
+        rms = np.sqrt(squares / max(points, 1))
+        chi = cost / max(equations - 6, 1)
+    return matched, rms, chi, centre[0], centre[1], centre[2]

@@ -1,0 +1,122 @@
+"""Parameters and result of a match."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from msgs_py import FeatureSet, Interpretation
+
+SEARCHES = ('hypotheses', 'tree', 'subgraph', 'serial')
+ENGINES = ('native', 'dap')
+ORDERINGS = ('combined', 'holder_buxton', 'consistency', 'consistency_grouped', 'worst')
+CONSTRAINTS = ('distance', 'angle', 'direction1', 'direction2', 'direction3')
+SCALES = ('known', 'free')
+
+
+@dataclass(frozen=True)
+class MatchParams:
+    """How to match. Raises ValueError, naming the parameter.
+
+    search : 'hypotheses' (pair hypotheses and back-projection, the default), or a search of the thesis: 'tree'
+        (look-up tables, sorted), 'subgraph' (the same by quadrants) or 'serial' (Grimson and Lozano-Perez)
+    engine : 'native', or 'dap': the tree on the emulated array machine
+    ordering, constraints, signs, max_bin, quadrant : of the tree searches (thesis 5.5 to 5.10). constraints is any
+        subset of the five; max_bin is the largest number of data features left unmatched (None: any number)
+    max_cone_deg : degrees, cap of a direction's error cone (thesis 5.4); curve_cone_deg : degrees, the cone of a
+        curve's normal (thesis 6.5)
+    fracdev : a data end point must lie within fracdev x (largest distance between model vertices) of its model feature,
+        or within its own stated error if that is larger (thesis 5.6); curvedev : the same for radii, as a fraction of
+        the largest model radius (thesis 6.7)
+    err_scale : stated errors are multiplied by this before use
+    overhang : how far, as a fraction of its length, an edge may run past its model edge's end
+    max_interpretations : at most so many are returned
+    min_matched : an interpretation with fewer distinct model features is rejected
+    false_alarm_rate : accepted probability that an absent model is reported
+    scale : 'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated)
+    prove : certify that no larger consistent interpretation exists
+    time_limit_s : seconds, the best so far is returned then, unproven
+    seed : of the few random choices; the result depends on nothing else
+    """
+
+    search: str = 'hypotheses'
+    engine: str = 'native'
+    ordering: str = 'combined'
+    constraints: tuple[str, ...] = CONSTRAINTS
+    signs: bool = True
+    max_cone_deg: float = 15.0
+    curve_cone_deg: float = 15.0
+    fracdev: float = 0.012
+    curvedev: float = 0.1
+    err_scale: float = 1.0
+    overhang: float = 0.04
+    max_bin: int | None = None
+    quadrant: int = 16
+    max_interpretations: int = 8
+    min_matched: int = 4
+    false_alarm_rate: float = 1e-3
+    scale: str = 'known'
+    prove: bool = False
+    time_limit_s: float = 10.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, choices in (('search', SEARCHES), ('engine', ENGINES), ('ordering', ORDERINGS), ('scale', SCALES)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f'{name}: expected one of {", ".join(choices)}; got {getattr(self, name)!r}')
+        constraints = (self.constraints,) if isinstance(self.constraints, str) else tuple(self.constraints)
+        for constraint in constraints:
+            if constraint not in CONSTRAINTS:
+                raise ValueError(f'constraints: expected any of {", ".join(CONSTRAINTS)}; got {constraint!r}')
+        object.__setattr__(self, 'constraints', constraints)
+        if self.engine == 'dap' and self.search not in ('tree',):
+            raise ValueError(f"engine: 'dap' runs search='tree' only, got search={self.search!r}")
+        for name, low, high in (('max_cone_deg', 0.0, 90.0), ('curve_cone_deg', 0.0, 90.0), ('fracdev', 0.0, 1.0),
+                                ('curvedev', 0.0, 10.0), ('err_scale', 0.0, 1e6), ('overhang', 0.0, 1.0),
+                                ('false_alarm_rate', 0.0, 1.0), ('time_limit_s', 0.0, np.inf)):
+            value = getattr(self, name)
+            if not isinstance(value, (int, float, np.number)) or not low <= float(value) <= high:
+                raise ValueError(f'{name}: expected a number from {low:g} to {high:g}, got {value!r}')
+        for name, low in (('max_interpretations', 1), ('min_matched', 1), ('quadrant', 2)):
+            if int(getattr(self, name)) != getattr(self, name) or getattr(self, name) < low:
+                raise ValueError(f'{name}: expected a whole number >= {low}, got {getattr(self, name)!r}')
+        if self.max_bin is not None and self.max_bin < 0:
+            raise ValueError(f'max_bin: expected None or a number >= 0, got {self.max_bin}')
+
+    def replace(self, **changes: Any) -> MatchParams:
+        """A copy with some parameters changed."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        unknown = set(changes) - set(values)
+        if unknown:
+            raise ValueError(f'{sorted(unknown)[0]}: no such parameter')
+        return MatchParams(**{**values, **changes})
+
+
+@dataclass(frozen=True)
+class MatchResult:
+    """What a match found.
+
+    interpretations : accepted, best first
+    rejected : further hypotheses, best first, each with its rejected_reason
+    stats : counters and seconds of the search, by name
+    reason : None when something was accepted, otherwise why nothing was
+    """
+
+    interpretations: tuple[Interpretation, ...]
+    rejected: tuple[Interpretation, ...] = ()
+    stats: dict[str, Any] = field(default_factory=dict)
+    reason: str | None = None
+
+    @property
+    def best(self) -> Interpretation | None:
+        return self.interpretations[0] if self.interpretations else None
+
+    def __bool__(self) -> bool:
+        return bool(self.interpretations)
+
+
+def no_match(data: FeatureSet, reason: str, **stats: Any) -> MatchResult:
+    """An ordinary failure."""
+    return MatchResult((), (), {'data_features': len(data), **stats}, reason)

@@ -1,0 +1,104 @@
+"""match() finds models in fragmented, noisy, cluttered data."""
+
+import numpy as np
+import pytest
+
+from model_matcher import MatchParams, match, recognise
+from model_matcher.synthetic import MODELS, chipped_block, l_shape, make_scene, random_pose
+from msgs_py import FeatureSet, Pose
+
+
+def close(pose: Pose, truth: Pose, degrees: float, metres: float) -> bool:
+    error = pose.error_to(truth)
+    return error.rotation_deg <= degrees and error.translation <= metres
+
+
+@pytest.mark.parametrize('name', ['l_shape', 'chipped_block', 'wedge', 'chair', 'plug'])
+def test_ideal_data_gives_the_exact_pose_the_whole_assignment_and_every_sign(name):
+    model = MODELS[name]()
+    truth = random_pose(np.random.default_rng(4))
+    data = model.transformed(truth)
+    best = match(model, data).best
+    poses = [best.pose, *best.symmetric_poses]
+    assert any(close(pose, truth, 1e-5, 1e-8) for pose in poses)
+    assert best.matched == len(model)
+    assert (best.sign != 0).all()
+    landed = model.transformed(best.pose)
+    for k, (j, sign) in enumerate(zip(best.assignment, best.sign)):
+        np.testing.assert_allclose(data.directions[k], sign * landed.directions[j], atol=1e-6)
+
+
+@pytest.mark.parametrize('name', ['l_shape', 'chipped_block'])
+@pytest.mark.parametrize('clutter', [0.0, 0.3, 0.7])
+def test_noisy_fragments_among_clutter_give_the_pose(name, clutter):
+    model = MODELS[name]()
+    for seed in range(5):
+        scene = make_scene(model, seed, clutter=clutter)
+        best = match(model, scene.data).best
+        assert any(close(pose, scene.poses[0], 2.0, 2e-3) for pose in (best.pose, *best.symmetric_poses)), seed
+        true = scene.instance == 0
+        agree = (best.assignment[true] == scene.assignment[true]) & (best.sign[true] == scene.sign[true])
+        assert agree.mean() > 0.8 or best.symmetric_poses
+
+
+def test_edges_a_little_longer_than_their_model_edge_are_matched():
+    model = l_shape()
+    truth = random_pose(np.random.default_rng(1))
+    seen = model.transformed(truth)
+    longer = FeatureSet.from_edges(seen.start - 0.02 * seen.vectors, seen.end + 0.02 * seen.vectors, 5e-4, 5e-4)
+    best = match(model, longer).best
+    assert best.matched == 18
+    assert close(best.pose, truth, 1e-3, 1e-6)
+
+
+def test_covariance_predicts_the_scatter_of_the_pose():
+    model = chipped_block()
+    deviations = []
+    for seed in range(60):
+        scene = make_scene(model, seed, sigma=2e-4)
+        best = match(model, scene.data).best
+        truth = scene.poses[0]
+        turn = Pose(best.pose.rotation @ truth.rotation.T).rotation_vector
+        error = np.concatenate([best.pose.translation - truth.translation, turn])
+        if np.linalg.norm(error[3:]) < 0.1:
+            deviations.append(error @ np.linalg.solve(best.covariance, error))
+    assert len(deviations) >= 55
+    assert 3.0 < np.median(deviations) < 12.0  # chi-square of six degrees of freedom has its median at 5.3
+
+
+@pytest.mark.parametrize('data', [FeatureSet.empty(), FeatureSet.from_edges(np.zeros((3, 3)), np.zeros((3, 3))),
+                                  FeatureSet.from_edges([[0, 0, 1.0]], [[0, 0.1, 1.0]])])
+def test_data_without_an_answer_gives_a_reason(data):
+    result = match(l_shape(), data)
+    assert not result and result.reason
+
+
+def test_an_empty_model_gives_a_reason():
+    result = match(FeatureSet.empty(), l_shape())
+    assert not result and 'model' in result.reason
+
+
+def test_arguments_of_another_type_are_misuse():
+    with pytest.raises(TypeError, match='data'):
+        match(l_shape(), np.zeros((3, 6)))
+    with pytest.raises(TypeError, match='model'):
+        match('l_shape.csg', l_shape())
+    with pytest.raises(ValueError, match='fracdev'):
+        MatchParams(fracdev=-1.0)
+
+
+def test_the_same_input_gives_the_same_output():
+    scene = make_scene(l_shape(), 3, clutter=0.8)
+    first, second = (match(l_shape(), scene.data).best for _ in range(2))
+    assert first.pose == second.pose
+    np.testing.assert_array_equal(first.assignment, second.assignment)
+
+
+def test_two_instances_and_two_models_are_recognised():
+    block, angle = chipped_block(), l_shape()
+    scenes = [make_scene(block, 1, instances=2), make_scene(angle, 2)]
+    data = FeatureSet.concatenate([scene.data for scene in scenes])
+    found = recognise([block, angle], data)
+    for truth, name in [(scenes[0].poses[0], 'model0'), (scenes[0].poses[1], 'model0'), (scenes[1].poses[0], 'model1')]:
+        assert any(close(pose, truth, 2.0, 3e-3) for one in found if one.model == name
+                   for pose in (one.pose, *one.symmetric_poses))
