@@ -1,0 +1,63 @@
+"""Four processes started from their executables, talking over DDS."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import Image
+
+SCENE = 'l_shape_v1'
+
+
+def executable(name: str) -> str:
+    """Where pip has put the console script, beside this interpreter."""
+    found = shutil.which(name, path=f'{Path(sys.executable).parent}{os.pathsep}{os.environ.get("PATH", "")}')
+    if found is None:
+        pytest.skip(f'{name} is not installed as an executable')
+    return found
+
+
+@pytest.fixture
+def processes(graph):
+    started: list[subprocess.Popen] = []
+
+    def start(name: str, **parameters: str) -> subprocess.Popen:
+        arguments = [item for key, value in parameters.items() for item in ('-p', f'{key}:={value}')]
+        environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)}
+        process = subprocess.Popen([executable(name), '--ros-args', *arguments], env=environment,
+                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def test_four_processes_yield_a_pose_for_each_pair_and_stop_cleanly(graph, processes):
+    poses = graph.collect(PoseStamped, 'interpretations/l_shape')
+    lefts = graph.collect(Image, 'left/image_rect')
+    running = [processes('emulator_node'), processes('matcher_node', models=f"['{SCENE}']"),
+               processes('recovery_node'),
+               processes('renderer_node', scene=SCENE, rate='2.0', antialias='4', noise='1.0')]
+    # The first pairs pass while nodes are still being discovered and code compiled.
+    graph.spin_until(lambda: len(poses) >= 4, 28.0, 'four poses')
+    first, last = poses[1].header.stamp, poses[-1].header.stamp
+    pairs = [m.header for m in lefts if (first.sec, first.nanosec) <= (m.header.stamp.sec, m.header.stamp.nanosec)
+             <= (last.sec, last.nanosec)]
+    assert [pose.header for pose in poses[1:]] == pairs, 'a pose for every pair, with its stamp and frame'
+    for process in running:
+        process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + 10.0
+    codes = [process.wait(max(0.1, deadline - time.monotonic())) for process in running]
+    assert codes == [0, 0, 0, 0]
