@@ -39,8 +39,8 @@ class RenderOptions:
     tiling : split the image into tiles that know their primitives, or test every primitive on every ray
     tile_size : pixels a side, 4..256
     levels : how many surfaces a ray may meet one after another; 1 is ray casting
-    antialias : False; True for 3 x 3 weighted samples where neighbouring faces differ (thesis 4.6); an integer n >= 2
-        for the mean of n x n samples in every pixel
+    antialias : False (or 0); True (or 1) for 3 x 3 weighted samples where neighbouring faces differ (thesis 4.6); an
+        integer n >= 2 for the mean of n x n samples in every pixel
     shadows : send a feeler from every visible point to every light
     threads : worker threads, 0 for one a core
     Raises ValueError, naming the argument.
@@ -49,32 +49,27 @@ class RenderOptions:
     tiling: bool = True
     tile_size: int = 32
     levels: int = 1
-    antialias: bool | int = False
+    antialias: int = 0
     shadows: bool = False
     threads: int = 0
 
     def __post_init__(self) -> None:
-        for name, low, high in (('tile_size', 4, 256), ('levels', 1, 64), ('threads', 0, 64)):
+        limits = (('tile_size', 4, 256), ('levels', 1, 64), ('antialias', 0, 16), ('threads', 0, 64))
+        for name, low, high in limits:
             value = getattr(self, name)
             if int(value) != value or not low <= value <= high:
                 raise ValueError(f'{name}: expected a whole number in {low}..{high}, got {value}')
             object.__setattr__(self, name, int(value))
-        if not isinstance(self.antialias, bool | np.bool_):
-            n = int(self.antialias)
-            if n != self.antialias or not 0 <= n <= 16:
-                raise ValueError(f'antialias: expected True, False or a whole number in 0..16, got {self.antialias}')
-            # One sample a pixel is no anti-aliasing.
-            object.__setattr__(self, 'antialias', n if n > 1 else False)
 
     @property
     def box(self) -> int:
         """n of the n x n box mode, or 0."""
-        return 0 if isinstance(self.antialias, bool | np.bool_) else int(self.antialias)
+        return self.antialias if self.antialias > 1 else 0
 
     @property
     def adaptive(self) -> bool:
         """3 x 3 weighted samples where faces differ."""
-        return isinstance(self.antialias, bool | np.bool_) and bool(self.antialias)
+        return self.antialias == 1
 
 
 @dataclass(eq=False)

@@ -45,6 +45,20 @@ def default_rig(scene: Scene, camera: PinholeCamera | None = None, baseline: flo
     return StereoRig.symmetric(camera, baseline)
 
 
+def scene_rig(scene: Scene, width: int = 0, height: int = 0, focal: float = 0.0, baseline: float = 0.0) -> StereoRig:
+    """The rig of a scene with some things changed; 0 leaves one as the scene says (or as the defaults are).
+
+    width, height, focal : pixels; baseline : metres. A changed camera is centred; its focal length follows the width.
+    Raises ValueError, naming the argument.
+    """
+    camera = scene.camera or default_camera()
+    if width or height or focal:
+        columns = width or (camera.width if not height else round(camera.width * height / camera.height))
+        rows = height or round(camera.height * columns / camera.width)
+        camera = PinholeCamera.centred(columns, rows, focal or camera.fx * columns / camera.width)
+    return default_rig(scene, camera, baseline or None)
+
+
 def scene_distance(scene: Scene) -> float:
     """Metres along the camera's z to the models in front of it: to the origins of those that a Placement moved there
     (their mean), else to the middle of what is in front; 0 when nothing is."""

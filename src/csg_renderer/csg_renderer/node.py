@@ -1,0 +1,214 @@
+"""renderer_node: a scene file seen by a stereo camera, as the topics of a rectified pair with its ground truth."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from msgs_py import Pose
+from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
+from msgs_py.config import Config, parameter
+from msgs_py.runtime import GraphNode, run_node
+
+from .frame import Frame
+from .language import SceneError, SceneFile, read_scene
+from .pipeline import ENGINES, render_stereo, scene_rig
+from .sensor import SensorModel, grey
+
+
+@dataclass(frozen=True)
+class RendererConfig(Config):
+    """Parameters of renderer_node. 0 stands for "as the scene says" in sizes and baseline."""
+
+    scene: str = parameter('l_shape_v1', 'Scene file, or the name of a scene of this package')
+    rate: float = parameter(1.0, 'Stereo pairs a second; 0 renders only when ~/render is called', unit='Hz',
+                            minimum=0.0, maximum=1000.0)
+    width: int = parameter(0, 'Image width; 0: as the scene says, else 512', unit='px', minimum=0, maximum=16384)
+    height: int = parameter(0, 'Image height; 0: in the proportion of the scene\'s camera', unit='px', minimum=0,
+                            maximum=16384)
+    focal: float = parameter(0.0, 'Focal length; 0: as the scene says, else 703 px at 512 px width', unit='px',
+                             minimum=0.0, maximum=1e6)
+    baseline: float = parameter(0.0, 'Distance of the two eyes; 0: as the scene says, else its distance / 5', unit='m',
+                                minimum=0.0, maximum=1e3)
+    encoding: str = parameter('mono8', 'Encoding of the images', choices=('mono8', 'rgb8'))
+    psf: float = parameter(0.0, 'Standard deviation of the lens blur', unit='px', minimum=0.0, maximum=20.0)
+    noise: float = parameter(0.0, 'Standard deviation of the sensor noise', unit='grey levels', minimum=0.0,
+                             maximum=100.0)
+    seed: int = parameter(0, 'Seed of the noise', minimum=0, maximum=2**31 - 1)
+    antialias: int = parameter(4, '0: one ray a pixel; 1: 3 x 3 rays where faces meet; n: n x n rays', minimum=0,
+                               maximum=16)
+    levels: int = parameter(1, 'Surfaces a ray may meet one after another; 1 is ray casting', minimum=1, maximum=64)
+    shadows: bool = parameter(False, 'Cast shadows')
+    tiling: bool = parameter(True, 'Split the image into tiles that know their primitives')
+    engine: str = parameter('native', 'Which engine renders', choices=tuple(ENGINES))
+    turntable: float = parameter(0.0, 'Turn of the scene about the vertical through its first object, each frame',
+                                 unit='deg', minimum=-180.0, maximum=180.0)
+    frame_id: str = parameter('camera_left_optical_frame', 'Frame of all messages')
+    watch: bool = parameter(True, 'Read the scene again when one of its files changes')
+
+
+class RendererNode(GraphNode):
+    """Publishes left/ and right/ image_rect and camera_info, and on demand depth and ground truth."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('renderer_node', RendererConfig, **kwargs)
+        self._images = [self.create_output(Image, f'{side}/image_rect') for side in ('left', 'right')]
+        self._infos = [self.create_output(CameraInfo, f'{side}/camera_info') for side in ('left', 'right')]
+        self._depth = self.create_output(Image, 'left/depth')
+        self._pose = self.create_output(PoseStamped, 'ground_truth/pose')
+        self._features = self.create_output(PointCloud2, 'ground_truth/features')
+        self._render_service = self.create_service(Trigger, '~/render', self._on_render)
+        self._file: SceneFile | None = None
+        self._read_at: dict[str, int] = {}
+        self._pair_index = 0
+        self._timer = None
+        self._load(self.config.scene)
+        self._start_timer()
+
+    # -- configuration -----------------------------------------------------------------------------------------
+
+    def check_config(self, new: RendererConfig) -> None:
+        if new.scene != self.config.scene:
+            _read(new.scene)
+
+    def on_config(self, old: RendererConfig, new: RendererConfig) -> None:
+        if new.scene != old.scene:
+            self._load(new.scene)
+        if new.rate != old.rate:
+            self._start_timer()
+
+    def reset(self) -> str:
+        self._pair_index = 0
+        self._load(self.config.scene)
+        return 'scene read again, noise and turntable started over'
+
+    def why_silent(self) -> str | None:
+        if self._file is None:
+            return f'no scene: {self.health.last_error}'
+        if self.config.rate == 0.0:
+            return None
+        return None if any(self.wanted(output) for output in self._outputs) else 'nobody subscribes to the images'
+
+    def report_values(self) -> dict[str, object]:
+        return {'scene': self.config.scene, 'pairs': self._pair_index}
+
+    @property
+    def _outputs(self) -> list:
+        return [*self._images, *self._infos, self._depth, self._pose, self._features]
+
+    def _load(self, name: str) -> None:
+        """Read the scene; when that fails say so and keep the last good one."""
+        try:
+            file = _read(name)
+        except ValueError as error:
+            kept = '' if self._file is None else '; the last good scene is kept'
+            self.problem(f'{error}{kept}')
+            # A file that cannot be read is read again when it changes, not at every frame.
+            self._read_at = {path: _changed_at(path) for path in self._read_at or [name]}
+            return
+        for warning in file.warnings:
+            self.get_logger().warning(f'scene: {warning}')
+        self._file = file
+        self._read_at = {str(path): _changed_at(path) for path in file.files}
+
+    def _start_timer(self) -> None:
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        if self.config.rate > 0.0:
+            self._timer = self.create_timer(1.0 / self.config.rate, self._guard('render', self._on_timer))
+
+    # -- rendering ---------------------------------------------------------------------------------------------
+
+    def _on_timer(self) -> None:
+        if any(self.wanted(output) for output in self._outputs):
+            self._render()
+
+    def _on_render(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        before = self._pair_index
+        self._guard('render', self._render)()
+        response.success = self._pair_index > before
+        response.message = f'pair {before}' if response.success else self.health.last_error
+        return response
+
+    def _render(self) -> None:
+        config = self.config
+        if config.watch and any(_changed_at(path) != at for path, at in self._read_at.items()):
+            self._load(config.scene)
+        if self._file is None:
+            raise ValueError(f'no scene: {self.health.last_error}')
+        scene = self._file.scene
+        rig = scene_rig(scene, config.width, config.height, config.focal, config.baseline)
+        camera_T_scene = turned(scene, config.turntable * self._pair_index)
+        header = Header(stamp=self.get_clock().now().to_msg(), frame_id=config.frame_id)
+        frames = render_stereo(scene, rig, camera_T_scene, engine=config.engine, tiling=config.tiling,
+                               levels=config.levels, antialias=config.antialias, shadows=config.shadows)
+        for output, info in zip(self._infos, camera_infos_from_rig(rig, header)):
+            output.publish(info)
+        for output, image in zip(self._images, sensor_images(frames, config, self._pair_index)):
+            output.publish(array_to_image(image, config.encoding, header))
+        if self.wanted(self._depth):
+            self._depth.publish(array_to_image(frames[0].depth, '32FC1', header))
+        self._publish_truth(camera_T_scene, rig.left, header)
+        self._pair_index += 1
+        self.done(header)
+
+    def _publish_truth(self, camera_T_scene: Pose, camera, header: Header) -> None:
+        """Pose and visible features of the scene's first object, if anybody wants them and it has them."""
+        if not (self.wanted(self._pose) or self.wanted(self._features)) or not self._file.scene.placements:
+            return
+        placement = self._file.scene.placements[0]
+        try:
+            camera_T_model = camera_T_scene.compose(placement.pose)
+        except ValueError as error:
+            self.problem(f'ground_truth: object {placement.name} has no pose: {error}')
+            return
+        if self.wanted(self._pose):
+            self._pose.publish(pose_to_stamped(camera_T_model, header))
+        if self.wanted(self._features):
+            from .visibility import visible_features
+
+            features = visible_features(placement.model, camera_T_model, camera)
+            self._features.publish(features_to_cloud(features, header))
+
+
+def sensor_images(frames: tuple[Frame, Frame], config: RendererConfig, pair_index: int = 0) -> list[np.ndarray]:
+    """Left and right image as the node publishes them, uint8: in the encoding of the config, blurred, with the noise
+    of this pair (each pair and each eye has its own)."""
+    return [SensorModel(config.psf, config.noise, (config.seed, pair_index, eye)).apply(
+        grey(frame.image) if config.encoding == 'mono8' else frame.image) for eye, frame in enumerate(frames)]
+
+
+def turned(scene, degrees: float) -> Pose:
+    """camera_T_scene with the scene turned about the camera's y axis through the origin of its first object."""
+    if degrees == 0.0 or not scene.placements:
+        return scene.camera_T_scene
+    centre = scene.camera_T_scene.apply(scene.placements[0].matrix[:3, 3])
+    turn = Pose.from_rotation_vector([0.0, np.radians(degrees), 0.0])
+    return Pose(turn.rotation, centre - turn.rotation @ centre).compose(scene.camera_T_scene)
+
+
+def _read(name: str) -> SceneFile:
+    """Raises ValueError that starts with "scene" and says where and what."""
+    try:
+        return read_scene(name)
+    except (SceneError, OSError) as error:
+        raise ValueError(f'scene: {error}') from None
+
+
+def _changed_at(path) -> int:
+    """Modification time in nanoseconds, 0 while there is no such file (editors replace files when they save)."""
+    try:
+        return os.stat(path).st_mtime_ns
+    except OSError:
+        return 0
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(RendererNode, args)

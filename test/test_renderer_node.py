@@ -1,0 +1,141 @@
+"""renderer_node alone in a real graph: topics, truth, errors, reload."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from csg_renderer import render_stereo
+from csg_renderer.node import RendererNode, sensor_images
+from csg_renderer.pipeline import scene_rig
+from msgs_py import StereoRig
+from msgs_py.codecs import image_to_array, pose_from_message
+
+SCENE = """
+UNITS MM;
+wall = BLOCK(60, 40, 20) AT(-30, -20, 0);
+LIGHT(100, -200, -100);
+DRAW(wall) AT(10, 5, 300);
+"""
+TOPICS = {'left/image_rect': Image, 'right/image_rect': Image, 'left/camera_info': CameraInfo,
+          'right/camera_info': CameraInfo, 'left/depth': Image, 'ground_truth/pose': PoseStamped}
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / 'wall.csg'
+    path.write_text(SCENE)
+    return path
+
+
+class Listener:
+    def __init__(self, graph, topics=TOPICS):
+        self.node = graph.add(Node, 'listener')
+        self.messages = {topic: [] for topic in topics}
+        for topic in topics:
+            self.node.create_subscription(TOPICS[topic], topic, self.messages[topic].append, 10)
+
+    def complete(self):
+        return all(self.messages.values())
+
+
+def renderer(graph, scene, **parameters):
+    values = {'scene': str(scene), 'width': 64, 'rate': 20.0, 'antialias': 0} | parameters
+    return graph.add(RendererNode, parameters=values)
+
+
+def test_a_pair_has_four_equal_stamps_and_its_truth(graph, scene_file):
+    node = renderer(graph, scene_file, noise=2.0, psf=0.7, seed=5)
+    listener = Listener(graph)
+    graph.spin_until(lambda: all(len(received) >= 3 for received in listener.messages.values()))
+    by_stamp = [{(m.header.stamp.sec, m.header.stamp.nanosec): m for m in received}
+                for received in listener.messages.values()]
+    common = set.intersection(*(set(messages) for messages in by_stamp))
+    assert common
+    left, right, left_info, right_info, depth, pose = (messages[max(common)] for messages in by_stamp)
+    assert {m.header.frame_id for m in (left, right, left_info, right_info, depth, pose)} == {
+        'camera_left_optical_frame'}
+    rig = StereoRig.from_camera_info(left_info, right_info)
+    scene = node._file.scene
+    assert rig == scene_rig(scene, width=64)
+    assert rig.baseline == pytest.approx(0.06)
+    frames = render_stereo(scene, rig)
+    pixels, encoding = image_to_array(left)
+    assert encoding == 'mono8' and pixels.shape == (64, 64)
+    clean = sensor_images(frames, type(node.config)(psf=0.7))[0].astype(float)
+    assert 0.5 < np.abs(pixels - clean).std() < 4.0
+    assert np.array_equal(image_to_array(depth)[0], frames[0].depth, equal_nan=True)
+    assert np.allclose(pose_from_message(pose.pose).translation, [0.010, 0.005, 0.300], atol=1e-9)
+
+
+def test_single_shot_renders_once_and_only_when_asked(graph, scene_file):
+    node = renderer(graph, scene_file, rate=0.0, encoding='rgb8')
+    listener = Listener(graph, ['left/image_rect', 'right/image_rect'])
+    client = listener.node.create_client(Trigger, 'renderer_node/render')
+    graph.spin_until(lambda: client.service_is_ready() and node.wanted(node._images[1]))
+    answer = client.call_async(Trigger.Request())
+    graph.spin_until(lambda: answer.done() and listener.complete())
+    assert answer.result().success
+    assert [len(received) for received in listener.messages.values()] == [1, 1]
+    expected = render_stereo(node._file.scene, scene_rig(node._file.scene, width=64))
+    for frame, received in zip(expected, listener.messages.values()):
+        assert np.array_equal(image_to_array(received[0])[0], frame.image)
+
+
+def test_nothing_is_rendered_while_nobody_listens(graph, scene_file):
+    node = renderer(graph, scene_file, rate=100.0)
+    ticks = []
+    node.create_timer(0.05, lambda: ticks.append(1))
+    graph.spin_until(lambda: len(ticks) >= 3)
+    assert node._pair_index == 0
+
+
+def test_a_scene_that_is_missing_or_wrong_is_reported_and_the_last_good_one_kept(graph, scene_file):
+    node = renderer(graph, scene_file)
+    good = node._file
+    bad = scene_file.with_name('bad.csg')
+    bad.write_text('wall = BLOCK(60, 40;\nDRAW(wall);')
+    for wrong, named in ((bad, 'bad.csg'), ('no_such_scene', 'no_such_scene')):
+        (result,) = node.set_parameters([Parameter('scene', value=str(wrong))])
+        assert not result.successful and named in result.reason
+        assert named in node.health.last_error
+    assert node._file is good and node.config.scene == str(scene_file)
+
+
+def test_a_node_started_with_a_bad_scene_lives_and_says_why(graph, tmp_path):
+    node = renderer(graph, tmp_path / 'none.csg')
+    assert 'none.csg' in node.health.last_error and 'none.csg' in node.why_silent()
+    good = tmp_path / 'good.csg'
+    good.write_text(SCENE)
+    (result,) = node.set_parameters([Parameter('scene', value=str(good))])
+    assert result.successful and node._file is not None
+
+
+def test_a_changed_file_is_read_again_and_a_typo_is_survived(graph, scene_file):
+    node = renderer(graph, scene_file)
+    listener = Listener(graph, ['left/depth', 'left/image_rect'])
+    received = listener.messages['left/depth']
+    graph.spin_until(lambda: received)
+
+    def middle():
+        return float(image_to_array(received[-1])[0][32, 32])
+
+    assert middle() == pytest.approx(0.3)
+    scene_file.write_text(SCENE.replace('300);', '400'))  # neither bracket nor semicolon
+    graph.spin_until(lambda: node.health.last_error)
+    assert middle() == pytest.approx(0.3)
+    scene_file.write_text(SCENE.replace('300);', '400);'))
+    graph.spin_until(lambda: middle() == pytest.approx(0.4))
+
+
+def test_the_turntable_turns_scene_and_truth_together(graph, scene_file):
+    renderer(graph, scene_file, turntable=30.0)
+    listener = Listener(graph, ['ground_truth/pose', 'left/depth'])
+    poses = listener.messages['ground_truth/pose']
+    graph.spin_until(lambda: len(poses) >= 2)
+    first, second = (pose_from_message(message.pose) for message in poses[:2])
+    assert np.degrees(first.error_to(second).rotation) == pytest.approx(30.0, abs=1e-6)
+    assert np.allclose(first.translation, second.translation)
