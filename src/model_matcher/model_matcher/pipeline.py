@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -88,32 +89,79 @@ def recognise(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
               params: MatchParams | None = None) -> list[Interpretation]:
     """Find several models, and several instances of each.
 
-    The best interpretation over all models claims its data; the search goes on in what is left, until nothing is
-    accepted. Interpretations come best first (most data explained); assignments refer to the whole of ``data``.
+    models : FeatureSets (named model0, model1, ...) or ModelIndexes with names of their own
+
+    Interpretations come best first (most data explained); assignments refer to the whole of ``data``, and no data
+    feature is in two of them.
     """
+    return list(survey(models, data, params).interpretations)
+
+
+def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
+           params: MatchParams | None = None) -> MatchResult:
+    """As :func:`recognise`, with the rejected hypotheses and their reasons.
+
+    The interpretation that explains most data over all models claims it; the search goes on in what is left, until
+    nothing more is accepted.
+    """
+    started = time.perf_counter()
     params = params or MatchParams()
-    found: list[Interpretation] = []
+    if not isinstance(data, FeatureSet):
+        raise TypeError(f'data: expected a FeatureSet, got {type(data).__name__}')
+    indexes = []
+    reasons = []
     for number, model in enumerate(models):
-        name = model.name if isinstance(model, ModelIndex) else f'model{number}'
-        left = np.arange(len(data))
-        while len(left):
-            best = match(model, data.select(left), params, name).best
-            if best is None:
-                break
-            assignment = np.full(len(data), BIN, np.int32)
-            sign = np.zeros(len(data), np.int8)
-            assignment[left], sign[left] = best.assignment, best.sign
-            found.append(Interpretation(name, assignment, sign, best.pose, residual_rms=best.residual_rms,
-                                        covariance=best.covariance, symmetric_poses=best.symmetric_poses,
-                                        proven=best.proven))
-            left = left[best.assignment == BIN]
-    found.sort(key=lambda one: -one.matched)
-    kept: list[Interpretation] = []
-    claimed = np.zeros(len(data), bool)
-    for one in found:
-        mine = one.assignment != BIN
-        if (mine & claimed).sum() > 0.34 * mine.sum():
-            continue
-        claimed |= mine
-        kept.append(one)
-    return kept
+        try:
+            indexes.append(indexed(model, f'model{number}'))
+        except ValueError as error:
+            reasons.append(str(error))
+    accepted: list[Interpretation] = []
+    rejected: list[Interpretation] = []
+    left = np.arange(len(data))
+    results = [match(index, data, params) for index in indexes]
+    while True:
+        bests = [result.best for result in results]
+        score = [0 if best is None else best.matched for best in bests]
+        winner = int(np.argmax(score)) if score else 0
+        best = bests[winner] if score else None
+        if best is None:
+            break
+        accepted.append(_spread(best, left, len(data)))
+        keep = best.assignment == BIN
+        # Models that did not use the claimed data keep their result; it only has to be renumbered.
+        for number, result in enumerate(results):
+            other = result.best
+            if other is None or not (other.assignment[~keep] != BIN).any():
+                results[number] = MatchResult(tuple(_thin(one, keep) for one in result.interpretations[:1]),
+                                              tuple(_thin(one, keep) for one in result.rejected), {}, result.reason)
+            else:
+                results[number] = match(indexes[number], data.select(left[keep]), params)
+        left = left[keep]
+    for result in results:
+        rejected += [_spread(one, left, len(data)) for one in result.rejected]
+        reasons += [result.reason] if result.reason else []
+    rejected.sort(key=lambda one: -one.matched)
+    stats = {'data_features': len(data), 'models': len(indexes), 'seconds': time.perf_counter() - started}
+    reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'
+    return MatchResult(tuple(accepted), tuple(rejected), stats, reason)
+
+
+def _spread(one: Interpretation, left: np.ndarray, n: int) -> Interpretation:
+    """An interpretation of the features ``left`` as one of all n."""
+    assignment = np.full(n, BIN, np.int32)
+    sign = np.zeros(n, np.int8)
+    assignment[left], sign[left] = one.assignment, one.sign
+    return replace(one, assignment=assignment, sign=sign)
+
+
+def _thin(one: Interpretation, keep: np.ndarray) -> Interpretation:
+    """An interpretation without the features that are gone."""
+    assignment = one.assignment[keep]
+    return replace(one, assignment=assignment, sign=one.sign[keep], matched=int((assignment != BIN).sum()))
+
+
+def warm_up() -> None:
+    """Compile, or load from numba's cache, all that :func:`match` needs, so that no first message waits for it."""
+    edges = np.array([[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 1, 0]], [[0, 0, 0], [0, 0, 1]], [[1, 0, 0], [1, 1, 0.5]]])
+    model = FeatureSet.from_edges(edges[:, 0], edges[:, 1])
+    match(model, model)

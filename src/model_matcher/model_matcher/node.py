@@ -1,0 +1,184 @@
+"""matcher_node: recovered features in, poses of known models out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray, PoseStamped
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+from msgs_py import FeatureSet, Interpretation
+from msgs_py.codecs import (
+    cloud_to_features,
+    features_to_markers,
+    pose_to_stamped,
+    poses_to_array,
+    report_from_interpretations,
+)
+from msgs_py.config import Config, parameter
+from msgs_py.runtime import GraphNode, run_node
+
+from .library import Library, load_library
+from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
+from .pipeline import survey, warm_up
+
+TOPIC = 'interpretations'
+WATCH_PERIOD_S = 1.0
+_DEFAULT = MatchParams()
+
+
+@dataclass(frozen=True)
+class MatcherConfig(Config):
+    """Parameters of matcher_node."""
+
+    models: tuple[str, ...] = parameter(
+        (), 'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer')
+    watch: bool = parameter(True, 'Read the models again when a file changes')
+    search: str = parameter(_DEFAULT.search, 'Search method', choices=SEARCHES)
+    engine: str = parameter(_DEFAULT.engine, 'Where the tree search runs', choices=ENGINES)
+    ordering: str = parameter(_DEFAULT.ordering, 'Order of data pairs in the tree search', choices=ORDERINGS)
+    constraints: tuple[str, ...] = parameter(CONSTRAINTS, 'Pairwise constraints of the tree search')
+    scale: str = parameter(_DEFAULT.scale, 'Whether the data has absolute size', choices=SCALES)
+    fracdev: float = parameter(_DEFAULT.fracdev, 'Largest distance of a data end point from its model feature, as a '
+                               'fraction of the model\'s size', minimum=1e-6, maximum=0.5)
+    curvedev: float = parameter(_DEFAULT.curvedev, 'Largest difference of radii, as a fraction of the model\'s largest',
+                                minimum=0.0, maximum=10.0)
+    max_cone_deg: float = parameter(_DEFAULT.max_cone_deg, 'Cap of the uncertainty of an edge\'s direction', unit='deg',
+                                    minimum=0.1, maximum=90.0)
+    curve_cone_deg: float = parameter(_DEFAULT.curve_cone_deg, 'Uncertainty of a curve\'s normal', unit='deg',
+                                      minimum=0.1, maximum=90.0)
+    err_scale: float = parameter(_DEFAULT.err_scale, 'Factor on the uncertainties that come with the features',
+                                 minimum=0.0, maximum=100.0)
+    overhang: float = parameter(_DEFAULT.overhang, 'How far an edge may run past its model edge, as a fraction of its '
+                                'length', minimum=0.0, maximum=1.0)
+    min_matched: int = parameter(_DEFAULT.min_matched, 'Fewest distinct model features of an accepted interpretation',
+                                 minimum=1, maximum=10000)
+    max_interpretations: int = parameter(_DEFAULT.max_interpretations, 'Most interpretations reported for a model',
+                                         minimum=1, maximum=1000)
+    false_alarm_rate: float = parameter(_DEFAULT.false_alarm_rate, 'Accepted probability of reporting an absent model',
+                                        minimum=0.0, maximum=1.0)
+    prove: bool = parameter(False, 'Certify that no larger interpretation exists')
+    time_limit: float = parameter(2.0, 'Time for one message and model; the best so far is taken then', unit='s',
+                                  minimum=0.001, maximum=3600.0)
+    seed: int = parameter(0, 'Seed of the search', minimum=0, maximum=2**31 - 1)
+
+    def match_params(self) -> MatchParams:
+        """Raises ValueError, naming the parameter."""
+        return MatchParams(
+            search=self.search, engine=self.engine, ordering=self.ordering, constraints=self.constraints,
+            scale=self.scale, fracdev=self.fracdev, curvedev=self.curvedev, max_cone_deg=self.max_cone_deg,
+            curve_cone_deg=self.curve_cone_deg, err_scale=self.err_scale, overhang=self.overhang,
+            min_matched=self.min_matched, max_interpretations=self.max_interpretations,
+            false_alarm_rate=self.false_alarm_rate, prove=self.prove, time_limit_s=self.time_limit, seed=self.seed)
+
+    def validate(self) -> None:
+        try:
+            self.match_params()
+        except ValueError as error:
+            raise ValueError(f'parameter {error}') from None
+
+
+class MatcherNode(GraphNode):
+    """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('matcher_node', MatcherConfig, **kwargs)
+        self._array_out = self.create_output(PoseArray, TOPIC)
+        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
+        self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
+        self._pose_out: dict[str, object] = {}
+        self._reason = ''
+        self._looked_at = time.monotonic()
+        self._library = Library((), (), {})
+        self._params = self.config.match_params()
+        warm_up()
+        self._load()
+        self.listen(PointCloud2, 'features', self._on_features)
+
+    # -- configuration -----------------------------------------------------------------------------------------
+
+    def on_config(self, old: MatcherConfig, new: MatcherConfig) -> None:
+        self._params = new.match_params()
+        if new.models != old.models:
+            self._load()
+
+    def reset(self) -> str:
+        self._load()
+        return f'counters, and {len(self._library)} models read again'
+
+    def _load(self) -> None:
+        """Read the models; what cannot be used is reported by name and left out."""
+        self._library = load_library(self.config.models)
+        for problem in self._library.problems:
+            self.problem(f'models: {problem}')
+        if not self.config.models:
+            self.problem('parameter models: empty, expected model files, folders or names')
+        names = {model.name for model in self._library.models}
+        for name in set(self._pose_out) - names:
+            self.destroy_publisher(self._pose_out.pop(name))
+        for name in sorted(names - set(self._pose_out)):
+            self._pose_out[name] = self.create_output(PoseStamped, f'{TOPIC}/{_topic_name(name)}')
+
+    def _look_for_changes(self) -> None:
+        now = time.monotonic()
+        if self.config.watch and now - self._looked_at >= WATCH_PERIOD_S:
+            self._looked_at = now
+            if self._library.changed():
+                self._load()
+
+    # -- work --------------------------------------------------------------------------------------------------
+
+    def _on_features(self, message: PointCloud2) -> None:
+        self._look_for_changes()
+        data = cloud_to_features(message)
+        result = survey(self._library.models, data, self._params)
+        self._reason = result.reason or ''
+        self._publish(result, message.header)
+        self.done(message.header)
+
+    def _publish(self, result: MatchResult, header) -> None:
+        best: dict[str, Interpretation] = {}
+        for one in result.interpretations:
+            best.setdefault(one.model, one)
+        for name, one in best.items():
+            self._pose_out[name].publish(pose_to_stamped(one.pose, header))
+        self._report_out.publish(report_from_interpretations([*result.interpretations, *result.rejected], header))
+        if self.wanted(self._markers_out):
+            self._markers_out.publish(self._markers(result, header))
+        self._array_out.publish(poses_to_array([one.pose for one in result.interpretations], header))
+
+    def _markers(self, result: MatchResult, header) -> MarkerArray:
+        """Wire frames of what was accepted; the array begins by deleting the last ones."""
+        features = {model.name: model.features for model in self._library.models}
+        markers = features_to_markers(FeatureSet.empty(), header, TOPIC)
+        for number, one in enumerate(result.interpretations):
+            placed = features[one.model].transformed(one.pose)
+            markers.markers += features_to_markers(placed, header, f'{one.model}/{number}', clear=False).markers
+        return markers
+
+    # -- health ------------------------------------------------------------------------------------------------
+
+    def why_silent(self) -> str | None:
+        if not self._library.models:
+            return 'no model is loaded: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
+        return None
+
+    def report_values(self) -> dict[str, object]:
+        return {'models': ', '.join(model.name for model in self._library.models),
+                'unusable_models': '; '.join(self._library.problems), 'why_nothing_found': self._reason}
+
+
+def _topic_name(name: str) -> str:
+    """'report' and 'markers' are taken."""
+    return f'{name}_model' if name in ('report', 'markers') else name
+
+
+def main(args: list[str] | None = None) -> int:
+    return run_node(MatcherNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

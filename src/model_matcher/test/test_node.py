@@ -1,0 +1,137 @@
+"""matcher_node over real topics: features in, poses, report and markers out; bad input reported, node alive."""
+
+import time
+
+import numpy as np
+import pytest
+
+from model_matcher.synthetic import l_shape, make_scene
+from msgs_py import FeatureSet
+
+rclpy = pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import PoseArray, PoseStamped  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from sensor_msgs.msg import PointCloud2  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from model_matcher.node import MatcherNode  # noqa: E402
+from msgs_py.codecs import features_to_cloud, interpretations_from_report, pose_from_message  # noqa: E402
+
+OUTPUTS = {'interpretations': PoseArray, 'interpretations/l_shape': PoseStamped,
+           'interpretations/report': DiagnosticArray, 'interpretations/markers': MarkerArray}
+
+
+class Bench:
+    """A matcher_node, a publisher of features and ears for everything it says."""
+
+    def __init__(self, models, domain):
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        self.node = MatcherNode(context=self.context, parameter_overrides=[
+            Parameter('models', Parameter.Type.STRING_ARRAY, models)])
+        self.other = Node('observer', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        for node in (self.node, self.other):
+            self.executor.add_node(node)
+        self.heard = {topic: [] for topic in OUTPUTS}
+        for topic, kind in OUTPUTS.items():
+            self.other.create_subscription(kind, topic, self.heard[topic].append, 10)
+        self.features = self.other.create_publisher(PointCloud2, 'features', 10)
+        self.wait(lambda: self.features.get_subscription_count() == 1
+                  and self.other.count_publishers('interpretations') == 1
+                  and self.node.count_subscribers('interpretations/markers') == 1)
+
+    def wait(self, predicate, seconds=20.0):
+        deadline = time.monotonic() + seconds
+        while not predicate():
+            assert time.monotonic() < deadline, f'waited in vain: {self.node.health.last_error}'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def send(self, message):
+        for messages in self.heard.values():
+            messages.clear()
+        self.features.publish(message)
+
+    def close(self):
+        for node in (self.node, self.other):
+            node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+@pytest.fixture(scope='module')
+def bench(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('models')
+    l_shape().save(folder / 'l_shape.npz')
+    (folder / 'broken.csg').write_text('THIS IS NO SCENE ((')
+    made = Bench([str(folder), str(folder / 'missing.csg')], 87)
+    yield made
+    made.close()
+
+
+def stamped(features, second=7):
+    header = Header(frame_id='left_optical')
+    header.stamp.sec = second
+    return features_to_cloud(features, header)
+
+
+def test_a_scene_gives_pose_report_and_markers_with_the_header_of_the_input(bench):
+    scene = make_scene(l_shape(), 1, clutter=0.5)
+    bench.send(stamped(scene.data, 42))
+    bench.wait(lambda: all(bench.heard.values()))
+    for messages in (bench.heard['interpretations'], bench.heard['interpretations/l_shape'],
+                     bench.heard['interpretations/report']):
+        assert messages[0].header.stamp.sec == 42 and messages[0].header.frame_id == 'left_optical'
+    pose = pose_from_message(bench.heard['interpretations/l_shape'][0].pose)
+    error = pose.error_to(scene.poses[0])
+    assert error.rotation_deg < 2.0 and error.translation < 2e-3
+    best = interpretations_from_report(bench.heard['interpretations/report'][0])[0]
+    assert best.accepted and best.model == 'l_shape' and len(best.assignment) == len(scene.data)
+    assert len(bench.heard['interpretations/markers'][0].markers) >= 2
+
+
+def test_nothing_found_is_an_empty_array(bench):
+    bench.send(stamped(FeatureSet.empty(), 43))
+    arrays = bench.heard['interpretations']
+    bench.wait(lambda: arrays and arrays[-1].header.stamp.sec == 43)
+    assert len(arrays[-1].poses) == 0
+    assert all(pose.header.stamp.sec != 43 for pose in bench.heard['interpretations/l_shape'])
+    assert 'no features' in bench.node.report_values()['why_nothing_found']
+
+
+def test_bad_models_are_named_and_skipped(bench):
+    problems = bench.node.report_values()['unusable_models']
+    assert 'broken.csg' in problems and 'missing.csg' in problems
+    assert bench.node.report_values()['models'] == 'l_shape'
+
+
+def test_a_damaged_message_is_reported_and_the_node_lives(bench):
+    message = stamped(make_scene(l_shape(), 1).data)
+    message.data = message.data[:10]
+    bench.send(message)
+    before = bench.node.health.dropped
+    bench.wait(lambda: bench.node.health.dropped > before)
+    assert 'data' in bench.node.health.last_error
+    bench.send(stamped(make_scene(l_shape(), 2).data, 44))
+    arrays = bench.heard['interpretations']
+    bench.wait(lambda: arrays and arrays[-1].header.stamp.sec == 44)
+    assert len(arrays[-1].poses) == 1
+
+
+def test_parameters_are_checked_and_models_can_be_exchanged(bench, tmp_path):
+    refused = bench.node.set_parameters([Parameter('fracdev', value=-1.0)])[0]
+    assert not refused.successful and 'fracdev' in refused.reason
+    before = bench.node.config.models
+    l_shape().save(tmp_path / 'other.npz')
+    assert bench.node.set_parameters([Parameter('models', value=[str(tmp_path / 'other.npz')])])[0].successful
+    assert bench.node.report_values()['models'] == 'other'
+    bench.send(stamped(make_scene(l_shape(), 1).data, 45))
+    reports = bench.heard['interpretations/report']
+    bench.wait(lambda: reports and reports[-1].header.stamp.sec == 45)
+    assert interpretations_from_report(reports[-1])[0].model == 'other'
+    assert np.all(bench.node.set_parameters([Parameter('models', value=list(before))])[0].successful)
