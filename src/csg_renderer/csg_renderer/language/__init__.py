@@ -1,0 +1,18 @@
+"""The modelling language: text to scenes and back (thesis 3.6, 4.10)."""
+
+from .errors import SceneError, SceneWarning
+from .loader import (
+    SceneFile,
+    find_scene,
+    load_models,
+    load_scene,
+    parse_scene,
+    read_scene,
+    read_text,
+    same_geometry,
+    scene_names,
+    scene_path,
+)
+
+__all__ = ['SceneError', 'SceneFile', 'SceneWarning', 'find_scene', 'load_models', 'load_scene', 'parse_scene',
+           'read_scene', 'read_text', 'same_geometry', 'scene_names', 'scene_path']

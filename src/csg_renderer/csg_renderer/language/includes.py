@@ -1,0 +1,85 @@
+"""INCLUDE: which file a path means, which files may be read, and no file inside itself."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from .parser import MAX_CHARACTERS, Source
+
+MAX_FILES = 100
+MAX_DEPTH = 20
+
+
+def models_folder() -> Path:
+    """The folder of scenes and models that comes with this package."""
+    return Path(str(files('csg_renderer').joinpath('models')))
+
+
+def read_source(path: Path, shown: str) -> Source:
+    """A file's text. Raises ValueError with a message for the user."""
+    try:
+        if path.stat().st_size > MAX_CHARACTERS:
+            raise ValueError(f'{shown!r} is larger than {MAX_CHARACTERS} bytes')
+        return Source(path.read_bytes().decode('utf-8-sig').replace('\r\n', '\n'), shown)
+    except UnicodeDecodeError:
+        raise ValueError(f'{shown!r} is no text file (expected UTF-8)') from None
+    except OSError as error:
+        raise ValueError(f'{shown!r} cannot be read: {error.strerror or error}') from None
+
+
+class Includes:
+    """The files one scene is made of. A path is looked up beside the including file, then among the package's models.
+
+    root : files must lie in this folder or below it (or among the package's models); None allows those only.
+    """
+
+    def __init__(self, root: Path | None, first: Path | None = None) -> None:
+        self.root = root.resolve() if root is not None else None
+        self.read: list[Path] = [first.resolve()] if first is not None else []
+        self.open_files: list[Path] = list(self.read)
+        self.done: dict[Path, Any] = {}
+
+    def open(self, written: str, includer: Path | None) -> tuple[Source, Path]:
+        """The source of an included file. Raises ValueError with a message for the user."""
+        path = self._find(written, includer)
+        if path in self.open_files:
+            chain = ' -> '.join(p.name for p in [*self.open_files[self.open_files.index(path):], path])
+            raise ValueError(f'these files include each other: {chain}')
+        if len(self.open_files) > MAX_DEPTH or len(self.read) > MAX_FILES:
+            raise ValueError(f'more than {MAX_DEPTH} files inside each other or {MAX_FILES} in all')
+        source = read_source(path, str(path) if not path.is_relative_to(models_folder()) else path.name)
+        self.read.append(path)
+        self.open_files.append(path)
+        return source, path
+
+    def close(self, path: Path, names: dict[str, Any]) -> None:
+        """The file is evaluated; a second INCLUDE of it will find its names here."""
+        self.open_files.remove(path)
+        self.done[path] = names
+
+    def known(self, written: str, includer: Path | None) -> Any | None:
+        """The names of a file that was included before, or None."""
+        return self.done.get(self._find(written, includer))
+
+    def _find(self, written: str, includer: Path | None) -> Path:
+        if not written.strip() or '\0' in written:
+            raise ValueError('INCLUDE needs a file name')
+        roots = [folder.resolve() for folder in (self.root, models_folder()) if folder is not None]
+        beside = includer.parent if includer is not None else self.root
+        outside = False
+        for folder in (beside, models_folder()):
+            if folder is None:
+                continue
+            try:
+                path = (folder / written).resolve()
+                if not any(path.is_relative_to(root) for root in roots):
+                    outside = True
+                elif path.is_file():
+                    return path
+            except OSError:
+                continue
+        if outside:
+            raise ValueError(f'{written!r} lies outside the folder of the scene')
+        raise ValueError(f'there is no file {written!r} beside this file or among the models of the package')
