@@ -1,0 +1,229 @@
+"""Straight edges in space from matched pieces: disparity as a linear function along the left line, and its covariance.
+
+Along a left line with points c + s t, disparity is d(s) = a + b s. The matched right line measures it wherever the
+edge leaves the rows; an edge along the rows is hardly measured at all. What both lines know is kept as an information
+matrix, so that the two cases need no distinction, and corners add what they know: two edges that meet have the same
+disparity at their corner (figural continuity). One linear least squares per connected wire frame solves all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from msgs_py import StereoRig
+
+from .matching import Matches
+from .segmentation import Corners, Pieces
+
+# Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
+CORNER_SIGMA = 0.05
+# What the match itself says about disparity at a piece's ends, pixels: enough to keep flat edges finite.
+MATCH_SIGMA = 4.0
+# Corners whose edges disagree by more than this many sigma are occlusions, not corners.
+GATE = 3.5
+
+
+@dataclass(frozen=True, eq=False)
+class Lines3D:
+    """n straight edges seen in both images.
+
+    left, right : (n,) int32, the pieces; reach : (n, 2) float64, pixels along the left piece: the part both see
+    coefficient : (n, 2) float64: disparity a + b s; covariance : (n, 2, 2) of them
+    end_sigma : (n, 2) float64, pixels, of the reach; fixed : (n, 2) bool, the end is a corner
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    reach: np.ndarray
+    coefficient: np.ndarray
+    covariance: np.ndarray
+    end_sigma: np.ndarray
+    fixed: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+
+def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the two fitted lines say: information (n, 2, 2) and information vector (n, 2) of a, b.
+
+    rectification_sigma : pixels by which the two images' rows may disagree.
+    """
+    i, j = matches.left, matches.right
+    cl, tl, cr, tr = left.centre[i], left.direction[i], right.centre[j], right.direction[j]
+    middle = 0.5 * (left.reach[i, 0] + left.reach[i, 1])
+    # Signed distance of the left line's points, taken at their own column, from the right line is tr_v d(s).
+    offset = tr[:, 1] * (cl[:, 0] - cr[:, 0]) - tr[:, 0] * (cl[:, 1] - cr[:, 1])
+    slope = tr[:, 1] * tl[:, 0] - tr[:, 0] * tl[:, 1]
+    # The place on the right line that a place on the left one corresponds to: p + q s.
+    b = (matches.disparity[:, 2] - matches.disparity[:, 0]) / np.maximum(left.length[i], 1.0)
+    a = matches.disparity[:, 1] - b * middle
+    p = (cl[:, 0] - a - cr[:, 0]) * tr[:, 0] + (cl[:, 1] - cr[:, 1]) * tr[:, 1]
+    q = (tl[:, 0] - b) * tr[:, 0] + tl[:, 1] * tr[:, 1]
+    sl, sr = left.sigma[i], right.sigma[j]
+    covariance = np.empty((len(i), 2, 2))
+    covariance[:, 0, 0] = (sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2
+                           + (tr[:, 0] * rectification_sigma) ** 2)
+    covariance[:, 0, 1] = covariance[:, 1, 0] = p * q * sr[:, 1] ** 2
+    covariance[:, 1, 1] = sl[:, 1] ** 2 + (q * sr[:, 1]) ** 2
+    inverse = np.linalg.inv(covariance)
+    information = inverse * (tr[:, 1] ** 2)[:, None, None]
+    vector = np.einsum('nij,nj->ni', inverse, np.stack([offset, slope], axis=1)) * tr[:, 1:2]
+    for end, column in ((0, 0), (1, 2)):
+        row = np.stack([np.ones(len(i)), left.reach[i, end]], axis=1)
+        information += np.einsum('ni,nj->nij', row, row) / MATCH_SIGMA ** 2
+        vector += row * (matches.disparity[:, column] / MATCH_SIGMA ** 2)[:, None]
+    return information, vector
+
+
+def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -> np.ndarray:
+    """Corners at which two matched edges share their end: (k, 4) float64: edge, place along it, edge, place along it.
+
+    An end that runs into the middle of another edge is (mostly) hidden by it, and is left out; so is a corner whose
+    two edges do not meet in the right image.
+    """
+    edge_of = np.full(len(left), -1)
+    edge_of[matches.left[::-1]] = np.arange(len(matches))[::-1]
+    rows = []
+    seen = set()
+    for e in range(len(matches)):
+        i = matches.left[e]
+        if edge_of[i] != e:
+            continue
+        for end in range(2):
+            k = met.other[i, end]
+            if k < 0 or met.through[i, end]:
+                continue
+            f = edge_of[k]
+            if f < 0 or (f, e) in seen or matches.right[f] == matches.right[e]:
+                continue
+            x = left.centre[i] + met.place[i, end] * left.direction[i]
+            seen.add((e, f))
+            rows.append((e, met.place[i, end], f, (x - left.centre[k]) @ left.direction[k]))
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (n, 2) and covariance (n, 2, 2) of all edges together.
+
+    Joints at which the edges' own measurements already disagree are dropped, then the wire frame is solved, and what
+    it cannot explain is dropped once more.
+    """
+    n = len(information)
+    own_covariance = np.linalg.inv(information)
+    own = np.einsum('nij,nj->ni', own_covariance, vector)
+    coefficient, covariance = own, own_covariance
+    for _ in range(2):
+        if len(joints) == 0:
+            break
+        e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
+        he = np.stack([np.ones(len(e)), joints[:, 1]], axis=1)
+        hf = np.stack([np.ones(len(f)), joints[:, 3]], axis=1)
+        miss = np.einsum('ni,ni->n', he, own[e]) - np.einsum('ni,ni->n', hf, own[f])
+        variance = (np.einsum('ni,nij,nj->n', he, own_covariance[e], he)
+                    + np.einsum('ni,nij,nj->n', hf, own_covariance[f], hf) + CORNER_SIGMA ** 2)
+        agree = miss ** 2 < GATE ** 2 * variance
+        if coefficient is not own:
+            left_over = np.einsum('ni,ni->n', he, coefficient[e]) - np.einsum('ni,ni->n', hf, coefficient[f])
+            agree &= np.abs(left_over) < 4.0 * CORNER_SIGMA
+        joints = joints[agree]
+        coefficient, covariance = _solve(information, vector, joints, n)
+    return coefficient, covariance
+
+
+def _solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
+    _, label = connected_components(coo_matrix((np.ones(len(e)), (e, f)), shape=(n, n)), directed=False)
+    coefficient, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
+    counts = np.bincount(label, minlength=1)
+    alone = counts[label] == 1
+    if alone.any():
+        covariance[alone] = np.linalg.inv(information[alone])
+        coefficient[alone] = np.einsum('nij,nj->ni', covariance[alone], vector[alone])
+    for c in np.flatnonzero(counts > 1):
+        members = np.flatnonzero(label == c)
+        local = {int(m): k for k, m in enumerate(members)}
+        matrix = np.zeros((2 * len(members), 2 * len(members)))
+        for k, m in enumerate(members):
+            matrix[2 * k:2 * k + 2, 2 * k:2 * k + 2] = information[m]
+        for a, s, b, r in joints[label[e] == c]:
+            x, y = 2 * local[int(a)], 2 * local[int(b)]
+            row = np.zeros(len(matrix))
+            row[x:x + 2] = 1.0, s
+            row[y:y + 2] = -1.0, -r
+            index = [x, x + 1, y, y + 1]
+            matrix[np.ix_(index, index)] += np.outer(row[index], row[index]) / CORNER_SIGMA ** 2
+        inverse = np.linalg.inv(matrix)
+        coefficient[members] = (inverse @ vector[members].ravel()).reshape(-1, 2)
+        for k, m in enumerate(members):
+            covariance[m] = inverse[2 * k:2 * k + 2, 2 * k:2 * k + 2]
+    return coefficient, covariance
+
+
+def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
+          rectification_sigma: float) -> Lines3D:
+    """All straight edges of a pair of segmented images."""
+    information, vector = measure(matches, left, right, rectification_sigma)
+    coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met))
+    i, j = matches.left, matches.right
+    cl, tl = left.centre[i], left.direction[i]
+    # The right piece's ends as places along the left one, by row or by column, whichever it follows.
+    x = right.centre[j][:, None] + right_met.place[j][..., None] * right.direction[j][:, None]
+    by_row = np.abs(right.direction[j][:, 1:2]) > 0.3
+    tv = np.where(np.abs(tl[:, 1:2]) < 1e-3, 1e-3, tl[:, 1:2])
+    run = tl[:, :1] - coefficient[:, 1:2]
+    run = np.where(np.abs(run) < 1e-3, 1e-3, run)
+    seen = np.where(by_row, (x[..., 1] - cl[:, 1:2]) / tv, (x[..., 0] - cl[:, :1] + coefficient[:, :1]) / run)
+    mine, sigma, fixed = met.place[i], met.sigma[i].copy(), (met.other[i] >= 0)
+    inner = np.stack([np.maximum(mine[:, 0], seen[:, 0]), np.minimum(mine[:, 1], seen[:, 1])], axis=1)
+    # Two corners that agree are one corner; the left image's is where its line is known.
+    same = fixed & (np.abs(seen - mine) < 1.5)
+    reach = np.where(same, mine, inner)
+    cut = ~same & (inner != mine)
+    sigma = np.where(cut, np.where(right_met.other[j] >= 0, right_met.sigma[j], 1.5), sigma)
+    return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed & ~cut)
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Straight edges in the left optical frame: end points (n, 2, 3), metres, and their 3 sigma bounds (n,), metres."""
+
+    ends: np.ndarray
+    err_par: np.ndarray
+    err_per: np.ndarray
+
+
+def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
+    """End points and 3 sigma bounds along and across (DESIGN section 8). Points beyond infinity give NaN."""
+    c, t = left.centre[lines.left][:, None], left.direction[lines.left][:, None]
+    s = lines.reach[..., None]
+    pixel = c + s * t
+    d = lines.coefficient[:, :1] + lines.coefficient[:, 1:] * lines.reach
+    true_d = d - (rig.left.cx - rig.right.cx)
+    points = rig.triangulate(pixel, pixel[..., 0] - d)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        scale = points[..., 2] / rig.left.fx
+        scale_v = points[..., 2] / rig.left.fy
+        by_disparity = -points / true_d[..., None]
+        zero = np.zeros_like(scale)
+        along = (np.stack([t[..., 0] * scale, t[..., 1] * scale_v, zero], axis=-1)
+                 + lines.coefficient[:, 1:, None] * by_disparity)
+        across = np.stack([-t[..., 1] * scale, t[..., 0] * scale_v, zero], axis=-1)
+        length = np.linalg.norm(along, axis=-1, keepdims=True)
+        direction = along / length
+        err_par = 3.0 * (lines.end_sigma * length[..., 0]).max(axis=1)
+        h = np.stack([np.ones_like(lines.reach), lines.reach], axis=-1)
+        sigma_d = np.sqrt(np.einsum('nei,nij,nej->ne', h, lines.covariance, h))
+        sigma = left.sigma[lines.left]
+        sigma_e = np.sqrt(sigma[:, :1] ** 2 + (sigma[:, 1:] * lines.reach) ** 2)
+        spread = np.zeros(points.shape + (3,))
+        for vector, size in ((across, sigma_e), (by_disparity, sigma_d)):
+            v = (vector - (vector * direction).sum(-1, keepdims=True) * direction) * size[..., None]
+            spread += v[..., :, None] * v[..., None, :]
+        spread = np.where(np.isfinite(spread), spread, 0.0)
+        err_per = 3.0 * np.sqrt(np.linalg.eigvalsh(spread)[..., -1]).max(axis=1)
+    return Segments(points, err_par, err_per)

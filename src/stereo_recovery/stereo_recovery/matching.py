@@ -1,0 +1,114 @@
+"""Which piece of the right image shows the same edge as a piece of the left one (thesis 3.10, after PMF).
+
+Pollard, Mayhew and Frisby let candidate matches of edge points support each other when the gradient of disparity
+between them is below 0.5. Here the candidates are pairs of straight pieces of strings, so figural continuity is
+built in and a picture has hundreds of them, not tens of thousands. Support, likeness of the two sides and uniqueness
+are iterated, so that what is unambiguous somewhere (the end of a chessboard) decides its neighbourhood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from . import matching_kernels
+from .segmentation import Pieces
+
+# Grey levels by which one side of an edge may differ between the images before its likeness falls to 1 / e.
+LOOSE_CONTRAST = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """k pairs of pieces, best first.
+
+    left, right : (k,) int32, indices of pieces; disparity : (k, 3) float64, pixels, at the left piece's start, middle
+    and end; rows : (k, 2) float64, common rows; belief : (k,) float64, 0..1, share of the strongest competitor
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    disparity: np.ndarray
+    rows: np.ndarray
+    belief: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+
+def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:
+    """(n, 2) float64: mean grey level beside each piece, on its dark and its bright side."""
+    if len(pieces) == 0:
+        return np.zeros((0, 2))
+    share = np.array([0.25, 0.5, 0.75])
+    places = pieces.start[:, None] + share[:, None] * (pieces.end - pieces.start)[:, None]
+    across = offset * np.stack([-pieces.direction[:, 1], pieces.direction[:, 0]], axis=1)[:, None]
+    points = np.stack([places - across, places + across], axis=1).astype(np.float32)
+    values = cv2.remap(grey, points[..., 0].reshape(len(pieces), 6), points[..., 1].reshape(len(pieces), 6),
+                       cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.median(values.reshape(len(pieces), 2, 3), axis=2).astype(np.float64)
+
+
+def _table(grey: np.ndarray, pieces: Pieces) -> np.ndarray:
+    return np.hstack([pieces.start, pieces.end, pieces.direction, sides(grey, pieces), pieces.magnitude[:, None]])
+
+
+def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pieces, lowest: float, highest: float,
+          radius: float, flat_sine: float = 0.1, rounds: int = 6, least_belief: float = 0.6) -> Matches:
+    """Pairs of pieces.
+
+    lowest, highest : allowed disparity, pixels; radius : neighbourhood of support, pixels;
+    flat_sine : pieces flatter than this are paired by their ends, since rows say nothing about them.
+    """
+    nothing = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+    if len(left) == 0 or len(right) == 0:
+        return nothing
+    table, right_table = _table(left_grey, left), _table(right_grey, right)
+    near = matching_kernels.neighbours(table, radius, 24)
+    contrast = LOOSE_CONTRAST
+    for _ in range(2):
+        node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine, contrast)
+        if len(node) == 0:
+            return nothing
+        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds)
+        chosen = _unique(node, value, strength, np.flatnonzero(belief >= least_belief))
+        # How alike the two views really are decides how much a side may change: a surface that only one eye sees has
+        # other grey levels than the one beside it.
+        differ = np.abs(table[node[chosen, 0], 6:8] - right_table[node[chosen, 1], 6:8]).max(axis=1, initial=0.0)
+        tight = float(np.clip(3.0 + 3.0 * np.median(differ), 6.0, LOOSE_CONTRAST)) if len(chosen) else contrast
+        if tight > 0.8 * contrast:
+            break
+        contrast = tight
+    return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
+
+
+def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float,
+             rounds: int) -> tuple[np.ndarray, np.ndarray]:
+    """Strength and belief of every candidate."""
+    first = np.searchsorted(node[:, 0], np.arange(len(left) + 1))
+    right_of = np.argsort(node[:, 1], kind='stable')
+    right_first = np.searchsorted(node[right_of, 1], np.arange(len(right) + 1))
+    sine = np.abs(left.direction[node[:, 0], 1])
+    common = (value[:, 4] - value[:, 3]) / np.maximum(sine, flat_sine)
+    length = np.minimum(np.where(sine < flat_sine, left.length[node[:, 0]], common), 80.0)
+    return matching_kernels.relax(node, value, first, *near, length, right_of, right_first, rounds)
+
+
+def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """Strongest first; a row of a piece is matched once."""
+    taken_left: dict[int, list[tuple[float, float]]] = {}
+    taken_right: dict[int, list[tuple[float, float]]] = {}
+    chosen = []
+    for a in among[np.argsort(-strength[among], kind='stable')]:
+        i, j = int(node[a, 0]), int(node[a, 1])
+        low, high = value[a, 3], value[a, 4]
+        room = 0.3 * (high - low)
+        used = taken_left.get(i, []) + taken_right.get(j, [])
+        if any(min(high, b) - max(low, a0) > room or high - low < 1e-9 for a0, b in used):
+            continue
+        taken_left.setdefault(i, []).append((low, high))
+        taken_right.setdefault(j, []).append((low, high))
+        chosen.append(a)
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,198 @@
+"""Compiled loops over pieces of strings for :mod:`.matching`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# How much a candidate may disagree with a neighbour: the disparity gradient limit of PMF, and where support ends.
+GRADIENT_LIMIT = 0.5
+GRADIENT_END = 1.0
+# Disparity error, pixels, that measuring alone makes.
+SLACK = 0.8
+
+
+@njit(cache=True)
+def candidates(left, right, lowest, highest, flat_sine, contrast):
+    """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
+
+    left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
+    side; gradient magnitude. contrast : grey levels by which one side may change (a background).
+    Pieces are directed with the bright side on one hand, so direction carries the sign.
+    Returns node (k, 2) int32 pieces; value (k, 6): disparity at the left piece's start, middle, end; first and last
+    common row; likeness 0..1.
+    """
+    count = 0
+    node = np.empty((1024, 2), np.int32)
+    value = np.empty((1024, 6))
+    order = np.argsort(np.minimum(right[:, 1], right[:, 3]))
+    tallest = 0.0
+    for j in range(len(right)):
+        tallest = max(tallest, abs(right[j, 3] - right[j, 1]))
+    tops = np.minimum(right[:, 1], right[:, 3])[order]
+    for i in range(len(left)):
+        u0, v0, u1, v1 = left[i, 0], left[i, 1], left[i, 2], left[i, 3]
+        top, bottom = min(v0, v1), max(v0, v1)
+        flat_left = abs(left[i, 5]) < flat_sine
+        begin = np.searchsorted(tops, top - tallest - 3.0)
+        for q in range(begin, len(order)):
+            j = order[q]
+            if tops[q] > bottom + 3.0:
+                break
+            if left[i, 4] * right[j, 4] + left[i, 5] * right[j, 5] < 0.0:
+                continue
+            x0, y0, x1, y1 = right[j, 0], right[j, 1], right[j, 2], right[j, 3]
+            flat_right = abs(right[j, 5]) < flat_sine
+            a, b = max(top, min(y0, y1)), min(bottom, max(y0, y1))
+            if flat_left or flat_right:
+                # Rows say little: the ends must be at the same height, and give the disparity.
+                if abs(v0 - y0) > 2.0 or abs(v1 - y1) > 2.0 or left[i, 4] * right[j, 4] < 0.0:
+                    continue
+                if abs(left[i, 5] - right[j, 5]) > 0.2:
+                    continue
+                d0, d1 = u0 - x0, u1 - x1
+                dm = 0.5 * (d0 + d1)
+                a, b = top, bottom
+            else:
+                if left[i, 5] * right[j, 5] <= 0.0:
+                    continue
+                shorter = min(bottom - top, abs(y1 - y0))
+                if b - a < min(2.0, 0.5 * shorter):
+                    continue
+                cl, cr = left[i, 4] / left[i, 5], right[j, 4] / right[j, 5]
+                # The piece's own disparity gradient, in cyclopean coordinates.
+                if abs(cl - cr) > GRADIENT_END * np.sqrt(1.0 + 0.25 * (cl + cr) ** 2):
+                    continue
+                d0 = u0 - (x0 + (v0 - y0) * cr)
+                d1 = u1 - (x0 + (v1 - y0) * cr)
+                dm = 0.5 * (d0 + d1)
+            if dm < lowest or dm > highest:
+                continue
+            dark, bright = abs(left[i, 6] - right[j, 6]), abs(left[i, 7] - right[j, 7])
+            ratio = left[i, 8] / right[j, 8]
+            if ratio > 1.0:
+                ratio = 1.0 / ratio
+            if ratio < 0.25:
+                continue
+            likeness = np.exp(-min(dark, bright) / 12.0 - max(dark, bright) / contrast) * np.sqrt(ratio)
+            if likeness < 0.05:
+                continue
+            if count == len(node):
+                grown, grown_value = np.empty((2 * count, 2), np.int32), np.empty((2 * count, 6))
+                grown[:count], grown_value[:count] = node, value
+                node, value = grown, grown_value
+            node[count, 0], node[count, 1] = i, j
+            value[count, 0], value[count, 1], value[count, 2] = d0, dm, d1
+            value[count, 3], value[count, 4], value[count, 5] = a, b, likeness
+            count += 1
+    return node[:count], value[:count]
+
+
+@njit(cache=True)
+def neighbours(left, radius, most):
+    """For every left piece the ``most`` heaviest others near it.
+
+    Returns other (n, most) int32 (-1: none), gap (n, most) pixels between the nearest of start, middle and end, which
+    of the three on either side, and weight (n, most).
+    """
+    n = len(left)
+    other = np.full((n, most), -1, np.int32)
+    gap = np.zeros((n, most))
+    place = np.zeros((n, most, 2), np.int8)
+    weight = np.zeros((n, most))
+    points = np.empty((n, 3, 2))
+    length = np.empty(n)
+    for i in range(n):
+        for c in range(2):
+            points[i, 0, c], points[i, 2, c] = left[i, c], left[i, 2 + c]
+            points[i, 1, c] = 0.5 * (left[i, c] + left[i, 2 + c])
+        length[i] = np.sqrt((left[i, 2] - left[i, 0]) ** 2 + (left[i, 3] - left[i, 1]) ** 2)
+    order = np.argsort(points[:, 1, 1])
+    rows = points[:, 1, 1][order]
+    longest = 0.0
+    for i in range(n):
+        longest = max(longest, length[i])
+    for i in range(n):
+        reach = radius + 0.5 * length[i] + 0.5 * longest
+        for q in range(np.searchsorted(rows, rows[0] if points[i, 1, 1] - reach < rows[0] else points[i, 1, 1] - reach),
+                       n):
+            k = order[q]
+            if rows[q] > points[i, 1, 1] + reach:
+                break
+            if k == i or abs(points[k, 1, 0] - points[i, 1, 0]) > radius + 0.5 * (length[i] + length[k]):
+                continue
+            best = 1e30
+            pa = pb = 0
+            for a in range(3):
+                for b in range(3):
+                    d = (points[i, a, 0] - points[k, b, 0]) ** 2 + (points[i, a, 1] - points[k, b, 1]) ** 2
+                    if d < best:
+                        best, pa, pb = d, a, b
+            best = np.sqrt(best)
+            if best > radius:
+                continue
+            w = min(length[k], 60.0) / (best + 8.0)
+            # Keep the heaviest.
+            slot = -1
+            lightest = w
+            for m in range(most):
+                if weight[i, m] < lightest:
+                    lightest, slot = weight[i, m], m
+            if slot >= 0:
+                other[i, slot], gap[i, slot], weight[i, slot] = k, best, w
+                place[i, slot, 0], place[i, slot, 1] = pa, pb
+    return other, gap, place, weight
+
+
+@njit(cache=True)
+def relax(node, value, first, other, gap, place, weight, length, right_of, right_first, rounds):
+    """Relaxation: a candidate is as strong as its own evidence and the support of its neighbours' candidates.
+
+    node, value : from :func:`candidates`, ordered by left piece; first (n + 1,): where each piece's candidates start;
+    right_of, right_first : the same candidates ordered by right piece. Returns strength (k,), belief (k,) 0..1.
+    """
+    k = len(node)
+    belief = np.ones(k)
+    strength = np.zeros(k)
+    for _ in range(rounds):
+        for a in range(k):
+            i = node[a, 0]
+            support = 0.0
+            for m in range(other.shape[1]):
+                o = other[i, m]
+                if o < 0:
+                    continue
+                da = value[a, place[i, m, 0]]
+                best = 0.0
+                for b in range(first[o], first[o + 1]):
+                    if belief[b] <= best:
+                        continue
+                    apart = abs(da - value[b, place[i, m, 1]]) - SLACK
+                    g = apart / (gap[i, m] + 1.0)
+                    if g < GRADIENT_LIMIT:
+                        c = 1.0
+                    elif g < GRADIENT_END:
+                        c = (GRADIENT_END - g) / (GRADIENT_END - GRADIENT_LIMIT)
+                    else:
+                        continue
+                    if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
+                        continue
+                    c *= belief[b] * value[b, 5]
+                    if c > best:
+                        best = c
+                support += best * weight[i, m]
+            strength[a] = value[a, 5] * length[a] * (1.0 + support)
+        # Uniqueness, from both sides, among candidates that compete for the same rows.
+        for a in range(k):
+            top = strength[a]
+            i, j = node[a, 0], node[a, 1]
+            for b in range(first[i], first[i + 1]):
+                if min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3]) > 0.3 * (value[a, 4] - value[a, 3]):
+                    top = max(top, strength[b])
+            for q in range(right_first[j], right_first[j + 1]):
+                b = right_of[q]
+                if min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3]) > 0.3 * (value[a, 4] - value[a, 3]):
+                    top = max(top, strength[b])
+            ratio = strength[a] / top if top > 0.0 else 0.0
+            belief[a] = ratio * ratio
+    return strength, belief

@@ -1,0 +1,109 @@
+"""From a rectified stereo pair to features in space: the facade of library users, the command line and the node."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msgs_py import FeatureSet, StereoRig
+
+from . import edgels as edgel_module
+from .edgels import Edgels
+from .lines3d import edges, to_space
+from .matching import match
+from .params import RecoveryParams
+from .segmentation import Pieces, corners, roughness, straight_pieces
+from .strings import link
+
+
+@dataclass(frozen=True, eq=False)
+class Recovery:
+    """What was found in a pair.
+
+    features : FeatureSet, left optical frame, metres; err_par and err_per are 3 sigma bounds
+    edgels : (left, right) Edgels that belong to strings
+    reason : why features is empty, else ''
+    milliseconds : of each stage
+    counts : of edgels, strings, pieces and matches
+    """
+
+    features: FeatureSet
+    edgels: tuple[Edgels, Edgels]
+    reason: str = ''
+    milliseconds: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One image, segmented."""
+
+    grey: np.ndarray
+    edgels: Edgels
+    pieces: Pieces
+
+
+def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
+    noise = edgel_module.noise_level(grey)
+    gradient_noise = noise / (np.sqrt(8.0 * np.pi) * params.sigma ** 2)
+    low, high = max(params.low, 5.0 * gradient_noise), max(params.high, 7.0 * gradient_noise)
+    found = edgel_module.detect(grey, params.detector, params.sigma, low, noise)
+    strings = link(found, grey.shape, high)
+    tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
+    ordered, pieces = straight_pieces(strings, tolerance, params.sigma)
+    return _View(grey, ordered, pieces)
+
+
+def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: RecoveryParams | None = None) -> Recovery:
+    """Straight edges in space.
+
+    left, right : (h, w) or (h, w, 3) images of a rectified pair, of the rig's size; rig : StereoRig
+    Raises ValueError, naming the argument, for arrays that are no images or not of the rig's size. Pictures in which
+    nothing is found give an empty FeatureSet and a reason.
+    """
+    params = params or RecoveryParams()
+    clock = [time.perf_counter()]
+    stages: dict[str, float] = {}
+
+    def lap(name: str) -> None:
+        clock.append(time.perf_counter())
+        stages[name] = 1e3 * (clock[-1] - clock[-2])
+
+    greys = []
+    for name, image, camera in (('left', left, rig.left), ('right', right, rig.right)):
+        grey = edgel_module.as_grey(image, name)
+        if grey.shape != (camera.height, camera.width):
+            raise ValueError(f'{name}: image is {grey.shape[1]} x {grey.shape[0]} pixels, the rig expects '
+                             f'{camera.width} x {camera.height}')
+        greys.append(grey)
+    views = [_segment(grey, params) for grey in greys]
+    lap('segment')
+    found = (views[0].edgels, views[1].edgels)
+    counts = {'left edgels': len(found[0]), 'right edgels': len(found[1]), 'left pieces': len(views[0].pieces),
+              'right pieces': len(views[1].pieces)}
+    for name, view in zip(('left', 'right'), views):
+        if len(view.pieces) == 0:
+            return Recovery(FeatureSet.empty(), found, f'no texture: no edges in the {name} image', stages, counts)
+    pieces = [view.pieces.select(view.pieces.length >= 3.0) for view in views]
+    offset = rig.left.cx - rig.right.cx
+    lowest = params.min_disparity + offset
+    highest = (0.9 * rig.left.width if params.max_disparity is None else params.max_disparity) + offset
+    matches = match(greys[0], greys[1], pieces[0], pieces[1], lowest, highest, params.support_radius,
+                    least_belief=params.min_belief)
+    counts['matches'] = len(matches)
+    lap('match')
+    if len(matches) == 0:
+        return Recovery(FeatureSet.empty(), found, 'no edge of the left image has a match in the right one', stages,
+                        counts)
+    met, right_met = corners(pieces[0]), corners(pieces[1])
+    lines = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma)
+    segments = to_space(lines, pieces[0], rig)
+    keep = (np.isfinite(segments.ends).all(axis=(1, 2)) & (lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length)
+            & np.isfinite(segments.err_par) & np.isfinite(segments.err_per))
+    ends = segments.ends[keep]
+    features = FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep])
+    lap('lines')
+    reason = '' if len(features) else 'no matched edge is long enough'
+    return Recovery(features, found, reason, stages, counts)

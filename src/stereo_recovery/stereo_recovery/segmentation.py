@@ -1,0 +1,158 @@
+"""Splitting strings into straight pieces, and where the pieces meet (thesis 3.10.1, 3.10.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from . import corner_kernels, segment_kernels
+from .edgels import Edgels
+from .strings import Strings
+
+# Neighbouring edgels share pixels: smoothing correlates them over sqrt(4 pi) sigma, so that many count as one.
+CORRELATION_LENGTH = np.sqrt(4.0 * np.pi)
+# Pixels next to a corner whose edgels are pulled towards it.
+CORNER_REACH = 3.0
+# An edgel belongs to a line when it is within this many of its own sigma.
+STANDING_OFF = 4.5
+# Collinear pieces are joined across at most this many pixels.
+WIDEST_GAP = 15.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """n straight pieces of strings, each fitted by orthogonal regression.
+
+    bounds : (n, 2) int64, edgels [first, last) in the order that came with the pieces; string : (n,) int64
+    centre, direction : (n, 2) float64, pixels; the unit direction runs along the string
+    reach : (n, 2) float64, pixels: first and last place along the direction, from the centre
+    rms, bow : (n,) float64, pixels: residual, and how far the middle stands off the chord of the ends
+    count : (n,) float64, edgels used in the fit
+    sigma : (n, 2) float64: of the offset at the centre, pixels, and of the slope, radians
+    magnitude : (n,) float64, mean gradient, grey levels per pixel
+    """
+
+    bounds: np.ndarray
+    string: np.ndarray
+    centre: np.ndarray
+    direction: np.ndarray
+    reach: np.ndarray
+    rms: np.ndarray
+    bow: np.ndarray
+    count: np.ndarray
+    sigma: np.ndarray
+    magnitude: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.bounds)
+
+    def select(self, index: np.ndarray) -> Pieces:
+        return Pieces(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @property
+    def start(self) -> np.ndarray:
+        """(n, 2) float64, pixels."""
+        return self.centre + self.reach[:, :1] * self.direction
+
+    @property
+    def end(self) -> np.ndarray:
+        """(n, 2) float64, pixels."""
+        return self.centre + self.reach[:, 1:] * self.direction
+
+    @property
+    def length(self) -> np.ndarray:
+        """(n,) float64, pixels."""
+        return self.reach[:, 1] - self.reach[:, 0]
+
+
+def line_table(pieces: Pieces) -> np.ndarray:
+    """(n, 8) float64 for the compiled loops: centre, direction, reach, sigma."""
+    return np.hstack([pieces.centre, pieces.direction, pieces.reach, pieces.sigma])
+
+
+def roughness(strings: Strings) -> float:
+    """How far, in pixels, an edgel typically stands off the line through its neighbours: the images' real precision,
+    jaggies included."""
+    p = strings.edgels.position
+    if len(p) < 16:
+        return 0.03
+    chord = p[4:] - p[:-4]
+    middle = p[2:-2] - 0.5 * (p[4:] + p[:-4])
+    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
+    off = np.abs(chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]) / length
+    return max(0.01, float(np.median(off)) / (0.6745 * np.sqrt(1.5)))
+
+
+def straight_pieces(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) -> tuple[Edgels, Pieces]:
+    """Recursive fit and segment, then collinear neighbours joined across gaps.
+
+    tolerance : pixels an edgel may stand off, more where its own sigma is large; sigma : smoothing of the detector,
+    pixels. Returns the edgels in the order of the pieces, and the pieces.
+    """
+    e = strings.edgels
+    x, y = np.ascontiguousarray(e.position[:, 0]), np.ascontiguousarray(e.position[:, 1])
+    limit = np.maximum(tolerance, STANDING_OFF * e.sigma_position)
+    bounds, string = segment_kernels.split(x, y, limit, strings.offsets, minimum)
+    pieces = fit_pieces(e, bounds, string, sigma)
+    for _ in range(2):
+        e, pieces = _joined(e, pieces, sigma)
+    return e, pieces
+
+
+def _joined(e: Edgels, pieces: Pieces, sigma: float) -> tuple[Edgels, Pieces]:
+    """Pieces that continue each other on one line become one."""
+    successor = segment_kernels.continuations(line_table(pieces), WIDEST_GAP, np.radians(6.0))
+    if (successor < 0).all():
+        return e, pieces
+    heads = np.setdiff1d(np.arange(len(pieces)), successor)
+    chains = []
+    for head in heads:
+        chain = [int(head)]
+        while successor[chain[-1]] >= 0:
+            chain.append(int(successor[chain[-1]]))
+        chains.append(chain)
+    runs = [np.concatenate([np.arange(*pieces.bounds[k]) for k in chain]) for chain in chains]
+    last = np.cumsum([len(run) for run in runs])
+    bounds = np.stack([np.concatenate([[0], last[:-1]]), last], axis=1)
+    e = e.select(np.concatenate(runs))
+    return e, fit_pieces(e, bounds, pieces.string[heads], sigma)
+
+
+def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) -> Pieces:
+    """Lines through given runs of edgels (n, 2)."""
+    x, y = np.ascontiguousarray(e.position[:, 0]), np.ascontiguousarray(e.position[:, 1])
+    rows = segment_kernels.fit_lines(x, y, e.sigma_position, bounds, CORNER_REACH)
+    weight, moment, count = rows[:, 9], rows[:, 10], np.maximum(rows[:, 8], 1.0)
+    # Edgels a pixel: a slanting edge has fewer, and correlation is a matter of distance.
+    density = count / np.maximum(rows[:, 5] - rows[:, 4], 1.0)
+    together = np.maximum(1.0, CORRELATION_LENGTH * sigma * np.minimum(density, 1.5))
+    excess = np.maximum(1.0, rows[:, 6] * np.sqrt(weight / count))
+    fit_sigma = excess[:, None] * np.sqrt(together[:, None] / np.maximum(np.stack([weight, moment], axis=1), 1e-9))
+    total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
+    magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
+    return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], rows[:, 7], rows[:, 8],
+                  fit_sigma, magnitude)
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Where each end of each piece really is: on the line it runs into.
+
+    place : (n, 2) float64, pixels along the piece from its centre, first and last end, corrected where ``other`` >= 0
+    other : (n, 2) int32, the piece it meets there, or -1; through : (n, 2) bool, that piece goes on beyond the meeting
+    sigma : (n, 2) float64, pixels, of the place
+    """
+
+    place: np.ndarray
+    other: np.ndarray
+    through: np.ndarray
+    sigma: np.ndarray
+
+
+def corners(pieces: Pieces, gap: float = 8.0) -> Corners:
+    """Intersect each piece with the one its ends run into, at most ``gap`` pixels away."""
+    if len(pieces) == 0:
+        return Corners(np.zeros((0, 2)), np.zeros((0, 2), np.int32), np.zeros((0, 2), bool), np.zeros((0, 2)))
+    place, other, through, sigma = corner_kernels.meet(line_table(pieces), gap)
+    return Corners(place, other, through, sigma)

@@ -1,0 +1,42 @@
+"""Linking edgels into strings (thesis 3.7, 3.10.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import string_kernels
+from .edgels import Edgels
+
+
+@dataclass(frozen=True, eq=False)
+class Strings:
+    """Edgels in chain order.
+
+    edgels : Edgels, string after string, each along its tangent (bright side on the same hand throughout)
+    offsets : (m + 1,) int64, string k is edgels[offsets[k]:offsets[k + 1]]
+    closed : (m,) bool, the last edgel links back to the first
+    """
+
+    edgels: Edgels
+    offsets: np.ndarray
+    closed: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+
+def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = 4) -> Strings:
+    """Chain edgels that follow each other, keep the chains that are strong somewhere (hysteresis).
+
+    shape : (height, width) of the image; high : a chain needs one edgel of this magnitude (mean of three);
+    minimum : least number of edgels in a chain.
+    """
+    if len(edgels) == 0:
+        return Strings(edgels, np.zeros(1, np.int64), np.zeros(0, bool))
+    tangent = edgels.tangent
+    following = string_kernels.successors(edgels.position[:, 0], edgels.position[:, 1], tangent[:, 0], tangent[:, 1],
+                                          edgels.magnitude, shape[0], shape[1])
+    order, offsets, closed = string_kernels.trace(following, edgels.magnitude, high, minimum)
+    return Strings(edgels.select(order), offsets, closed)
