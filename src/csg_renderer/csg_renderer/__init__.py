@@ -9,6 +9,6 @@ from .solid import Solid, Surface
 from .visibility import visible_features, visible_fragments
 
 __all__ = ['Frame', 'Light', 'Placement', 'RenderOptions', 'RenderStats', 'Scene', 'SceneError', 'SceneWarning',
-           'Solid', 'Surface', 'boundary', 'default_camera', 'default_rig', 'load_models', 'load_scene', 'model_features',
-           'parse_scene', 'render', 'render_stereo', 'scene_names', 'scene_path', 'visible_features',
+           'Solid', 'Surface', 'boundary', 'default_camera', 'default_rig', 'load_models', 'load_scene',
+           'model_features', 'parse_scene', 'render', 'render_stereo', 'scene_names', 'scene_path', 'visible_features',
            'visible_fragments']

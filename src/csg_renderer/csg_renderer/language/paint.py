@@ -2,7 +2,8 @@
 
 Faces that lie in one plane count as one face and share their shade, so that no edge appears where the solid has none.
 Two planar faces can only meet in an edge when they are not parallel, so the shades are first divided among the
-directions of the faces, far apart, and then among the parallel faces of one direction, closer together.
+directions of the faces, far apart, and then among the parallel faces of one direction, closer together. Only faces that
+are left on the finished solid take part in this division: most faces of a cutting tool cut nothing.
 """
 
 from __future__ import annotations
@@ -12,79 +13,94 @@ from dataclasses import replace
 import numpy as np
 
 from ..solid import FACES, Primitive, Solid
+from ..surfaces import SurfaceTable, compile_surfaces
 from .leaves import map_leaves
 
 # Shades are factors of the colour between these; the lower is still lighter than a black background.
 DARKEST, LIGHTEST = 0.22, 1.0
 # How much of the room of one direction its parallel faces use; the rest keeps neighbouring directions apart.
-SPREAD = 0.45
+SPREAD = 0.35
 # Curved faces have no direction; they take turns in this many groups of their own.
 CURVED_GROUPS = 3
 
-# Planes whose directions and offsets differ by less than this (relative to the solid's size) are one plane.
-SAME_PLANE = 1e-6
-
-Plane = tuple[tuple[float, float, float], float]
-
-# Outward normal and offset of every planar face in the unit frame; None for a curved face.
-_PLANES: dict[str, tuple[Plane | None, ...]] = {
-    'BLOCK': (((-1, 0, 0), 0), ((1, 0, 0), 1), ((0, -1, 0), 0), ((0, 1, 0), 1), ((0, 0, -1), 0), ((0, 0, 1), 1)),
-    'CYLINDER': (((0, 0, -1), 0), ((0, 0, 1), 1), None),
-    'CONE': (((0, 0, 1), 1), None),
-    'SPHERE': (None,),
-    'PLANE': (((0, 0, 1), 0),),
-}
+# Directions closer than this are parallel.
+PARALLEL = 1e-6
+# A face is on the solid where a step of this size (fraction of the solid's) through it crosses the boundary.
+STEP = 1e-5
+# Samples of a face along one side at most, and a bound on samples times primitives, which is the time it takes.
+MAX_SAMPLES = 40
+WORK = 1_500_000
 
 
 def paint_faces(solid: Solid) -> Solid:
     """The same solid with a shade of its own on every face. Deterministic: the order of faces decides."""
-    leaves = solid.primitives
-    if not leaves:
+    if not solid.primitives:
         return solid
-    size = max(float(np.abs(leaf.matrix[:3]).max()) for leaf in leaves)
-    # groups[direction] lists the faces of that direction; a face is its key, and keys of coplanar faces are equal.
-    groups: dict[tuple[int, ...], list[tuple[int, ...]]] = {}
-    members: list[list[tuple[tuple[int, ...], tuple[int, ...]]]] = []
+    table = compile_surfaces(solid)
+    shade = _shades(table, _exposed(table))
+    colours = iter([np.array([shade[group] for group in table.slots[i][table.slot_real[i]]])[:, None]
+                    * np.asarray(leaf.surface.colour) for i, leaf in enumerate(table.leaves)])
+    return map_leaves(solid, lambda leaf: replace(leaf, face_colours=next(colours)))
+
+
+def _shades(table: SurfaceTable, exposed: set[int]) -> dict[int, float]:
+    """A shade for every surface group, those on the solid first."""
+    order = list(dict.fromkeys(int(group) for group in table.slots[table.slot_real]))
+    order.sort(key=lambda group: group not in exposed)
+    directions: list[np.ndarray] = []
+    rooms: dict[int, list[int]] = {}
     curved = 0
-    for leaf in leaves:
-        inverse = np.linalg.inv(leaf.matrix)
-        faces = []
-        for plane in _PLANES[leaf.kind]:
-            if plane is None:
-                direction, face = (curved % CURVED_GROUPS,), (curved,)
-                curved += 1
-            else:
-                face = _key(inverse, plane, size)
-                direction = face[:3]
-            group = groups.setdefault(direction, [])
-            if face not in group:
-                group.append(face)
-            faces.append((direction, face))
-        members.append(faces)
-    room = (LIGHTEST - DARKEST) / len(groups)
-    number = {direction: index for index, direction in enumerate(groups)}
-    shades = iter([[LIGHTEST - room * (number[direction] + _within(groups[direction], face)) for direction, face in faces]
-                   for faces in members])
-    return map_leaves(solid, lambda leaf: _shaded(leaf, np.array(next(shades))))
+    for group in order:
+        if group >= len(table.planes):
+            room, curved = -1 - curved % CURVED_GROUPS, curved + 1
+        else:
+            normal = table.planes[group, :3]
+            room = next((k for k, known in enumerate(directions) if np.abs(known - normal).max() < PARALLEL),
+                        len(directions))
+            if room == len(directions):
+                directions.append(normal)
+        rooms.setdefault(room, []).append(group)
+    used = sum(any(group in exposed for group in groups) for groups in rooms.values()) or len(rooms)
+    width = (LIGHTEST - DARKEST) / used
+    return {group: LIGHTEST - width * (index % used + SPREAD * k / max(1, len(groups) - 1))
+            for index, groups in enumerate(rooms.values()) for k, group in enumerate(groups)}
 
 
-def _within(group: list[tuple[int, ...]], face: tuple[int, ...]) -> float:
-    """Where a face lies in the room of its direction, 0..SPREAD."""
-    return SPREAD * group.index(face) / max(1, len(group) - 1)
+def _exposed(table: SurfaceTable) -> set[int]:
+    """The surface groups of which some part is left on the finished solid, found by samples on every face."""
+    faces = int(table.slot_real.sum())
+    side = min(MAX_SAMPLES, int(np.sqrt(WORK / (faces * len(table.leaves)))))
+    if side < 3 or not table.bounded:
+        return {int(group) for group in table.slots[table.slot_real]}
+    found: set[int] = set()
+    for leaf, frame, slots, real in zip(table.leaves, table.frames, table.slots, table.slot_real):
+        for group, points in zip(slots[real], _samples(leaf, side)):
+            if int(group) in found:
+                continue
+            on_face = points @ frame[:3, :3].T + frame[:3, 3]
+            across = STEP * table.gradients(on_face, np.full((len(on_face), 1), group))[:, 0]
+            if (_inside(table, on_face + across) != _inside(table, on_face - across)).any():
+                found.add(int(group))
+    return found
 
 
-def _shaded(leaf: Primitive, shades: np.ndarray) -> Primitive:
-    if len(shades) != len(FACES[leaf.kind]):
-        raise ValueError(f'shades: expected {len(FACES[leaf.kind])}, got {len(shades)}')
-    return replace(leaf, face_colours=shades[:, None] * np.asarray(leaf.surface.colour))
+def _inside(table: SurfaceTable, points: np.ndarray) -> np.ndarray:
+    return table.combine(np.all(table.leaf_values(table.values(points)) <= 0.0, axis=-1))
 
 
-def _key(inverse: np.ndarray, plane: Plane, size: float) -> tuple[int, ...]:
-    """The plane's equation in the solid's frame, rounded, the same for both of its sides; direction first."""
-    normal, offset = plane
-    equation = np.append(normal, -offset) @ inverse
-    equation = equation / np.linalg.norm(equation[:3])
-    equation[3] /= size
-    first = next(value for value in equation if abs(value) > SAME_PLANE)
-    # The shift keeps round decimal sizes, which are what people write, away from the borders of the rounding.
-    return tuple(np.round(equation * (np.sign(first) / SAME_PLANE) + 0.3183).astype(np.int64).tolist())
+def _samples(leaf: Primitive, side: int) -> list[np.ndarray]:
+    """Points (side * side, 3) on every face of a bounded primitive, unit frame, in the order of FACES."""
+    a, b = (grid.ravel() for grid in np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side))
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    turn = 2.0 * np.pi * a
+    ring = np.cos(turn), np.sin(turn)
+    disc = np.sqrt(b) * ring[0], np.sqrt(b) * ring[1]
+    samples = {
+        'BLOCK': [(zero, a, b), (one, a, b), (a, zero, b), (a, one, b), (a, b, zero), (a, b, one)],
+        'CYLINDER': [(*disc, zero), (*disc, one), (*ring, b)],
+        'CONE': [(*disc, one), (b * ring[0], b * ring[1], b)],
+        'SPHERE': [(np.sqrt(1.0 - (2.0 * b - 1.0) ** 2) * ring[0], np.sqrt(1.0 - (2.0 * b - 1.0) ** 2) * ring[1],
+                    2.0 * b - 1.0)],
+    }[leaf.kind]
+    assert len(samples) == len(FACES[leaf.kind])
+    return [np.stack(face, axis=-1) for face in samples]
