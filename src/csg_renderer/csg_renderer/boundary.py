@@ -1,9 +1,8 @@
-"""The boundary of a solid, straight from its CSG tree: where its creases run and which faces meet there.
+"""The boundary of a solid, straight from its CSG tree: its creases, the faces they bound, and its axes.
 
-Candidate curves (``lines``) are cut wherever another surface crosses them, so that the solid looks the same along all
-of a piece; one point of each piece is then classified by its neighbourhood, and pieces of crease that continue each
-other are joined. In the manner of Requicha & Voelcker (Boolean operations in solid modeling, 1985); this is what thesis
-4.12 and 7.4 leave as future work.
+Tentative curves (``candidates``) are cut at all surfaces (``pieces``), classified by their neighbourhood
+(``neighbourhood``) and joined. In the manner of Requicha & Voelcker (Boolean operations in solid modeling, 1985); this
+is what thesis 4.12 and 7.4 leave as future work.
 """
 
 from __future__ import annotations
@@ -14,34 +13,12 @@ import numpy as np
 
 from msgs_py import FeatureSet
 
-from .lines import line_cuts, plane_pairs
-from .neighbourhood import Branches, classify, faces_through
+from .axes import axes
+from .candidates import candidates
+from .conics import is_ellipse
+from .pieces import Pieces, Runs, conic_pieces, creases, line_pieces
 from .solid import Solid
-from .surfaces import ON, SurfaceTable, compile_surfaces
-
-
-@dataclass(frozen=True, eq=False)
-class LinePieces:
-    """Pieces of lines that lie on the boundary, normalised frame, ordered along each line.
-
-    point, direction : (n, 3) of the line; low, high : (n,) its parameters; line : (n,) int
-    branches : the boundary's branches, whose ``point`` indexes the pieces
-    """
-
-    line: np.ndarray
-    point: np.ndarray
-    direction: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    branches: Branches
-
-    @property
-    def start(self) -> np.ndarray:
-        return self.point + self.low[:, None] * self.direction
-
-    @property
-    def end(self) -> np.ndarray:
-        return self.point + self.high[:, None] * self.direction
+from .surfaces import SurfaceTable, compile_surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,50 +26,91 @@ class Boundary:
     """The boundary of a solid, model frame, metres.
 
     edge_start, edge_end : (e, 3) float64: maximal straight creases
+    conic : (c, 4, 3) float64: the conics that carry curved creases; the point at angle t is conic (cos t, sin t, 1)
+    curve : (k,) int row of conic, curve_low, curve_high : (k,) angles: maximal planar curved creases
+    curve_normal : (k, 3) unit: out of the planar face that the curve bounds
+    ellipse : (k,) bool: the curve is (an arc of) a circle or ellipse and so a matching feature
+    axis_start, axis_end : (a, 3) float64
     notices : what could not be given, in words
     """
 
+    table: SurfaceTable
     edge_start: np.ndarray
     edge_end: np.ndarray
-    table: SurfaceTable
-    notices: tuple[str, ...] = ()
+    conic: np.ndarray
+    curve: np.ndarray
+    curve_low: np.ndarray
+    curve_high: np.ndarray
+    curve_normal: np.ndarray
+    ellipse: np.ndarray
+    axis_start: np.ndarray
+    axis_end: np.ndarray
+    notices: tuple[str, ...]
 
     @property
     def features(self) -> FeatureSet:
-        """The matching features: edges, then curves, then axes."""
-        return FeatureSet.from_edges(self.edge_start, self.edge_end)
+        """The matching features: edges, then circles and ellipses, then axes."""
+        k = self.ellipse
+        return FeatureSet.concatenate([
+            FeatureSet.from_edges(self.edge_start, self.edge_end),
+            arcs(self.conic[self.curve[k]], self.curve_low[k], self.curve_high[k], self.curve_normal[k]),
+            FeatureSet.from_axes(self.axis_start, self.axis_end)])
 
 
 def evaluate(solid: Solid) -> Boundary:
     """Evaluate the boundary of a solid."""
     table = compile_surfaces(solid)
-    pieces = line_pieces(table, *plane_pairs(table))
-    first, last = join(pieces.line, pieces.low, pieces.high, pieces.branches)
-    return Boundary(table.metres(pieces.start[first]), table.metres(pieces.end[last]), table)
+    found = candidates(table)
+    straight = line_pieces(table, found.point, found.direction)
+    curved = conic_pieces(table, found.conic, found.extra)
+    edges, curves = creases(straight), creases(curved, 2.0 * np.pi)
+    point, direction = found.point[edges.curve], found.direction[edges.curve]
+    axis_start, axis_end = axes(table, curved, is_ellipse(found.conic))
+    to_metres = np.diag([table.size] * 3 + [1.0])
+    to_metres[:3, 3] = table.centre
+    ellipse = is_ellipse(found.conic)[curves.curve]
+    return Boundary(
+        table, table.metres(point + edges.low[:, None] * direction),
+        table.metres(point + edges.high[:, None] * direction), to_metres @ found.conic, curves.curve, curves.low,
+        curves.high, _normals(table, found.conic, curved, curves), ellipse, table.metres(axis_start),
+        table.metres(axis_end), ())
 
 
-def line_pieces(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) -> LinePieces:
-    """Cut lines at the leaves and keep what lies on the boundary."""
-    cuts = line_cuts(table, point, direction)
-    low, high = cuts[:, :-1], cuts[:, 1:]
-    line, column = np.nonzero(high - low > ON)
-    low, high = low[line, column], high[line, column]
-    middle = point[line] + (0.5 * (low + high))[:, None] * direction[line]
-    keep = faces_through(table, middle).sum(axis=1) >= 2
-    line, low, high, middle = line[keep], low[keep], high[keep], middle[keep]
-    branches = classify(table, middle, direction[line])
-    return LinePieces(line, point[line], direction[line], low, high, branches)
+def arcs(conic: np.ndarray, low: np.ndarray, high: np.ndarray, normal: np.ndarray) -> FeatureSet:
+    """Ellipses (n, 4, 3), last row (0, 0, 1), between angles low and high, as CURVE features with these normals."""
+    diameters = conic[:, :3, :2]
+    u, s, vt = np.linalg.svd(diameters, full_matrices=False)
+    # A circle has no major axis of its own: keep the parametrisation's.
+    circle = s[:, 0] - s[:, 1] <= 1e-9 * s[:, 0]
+    u[circle] = diameters[circle] / s[circle][:, :1, None]
+    vt[circle] = np.eye(2)
+    turns_left = np.einsum('ni,ni->n', np.cross(u[:, :, 0], u[:, :, 1]), normal) > 0.0
+    rising = turns_left == (np.linalg.det(vt) > 0.0)
+    first = np.where(rising, low, high)
+    x, y = np.einsum('nij,nj->in', vt, np.stack([np.cos(first), np.sin(first)], axis=1))
+    start = np.arctan2(np.where(turns_left, y, -y), x) % (2.0 * np.pi)
+    sweep = np.minimum(high - low, 2.0 * np.pi)
+    whole = sweep > 2.0 * np.pi - 1e-6
+    arc = np.stack([np.where(whole, 0.0, start), np.where(whole, 2.0 * np.pi, sweep)], axis=1)
+    return FeatureSet.from_curves(conic[:, :3, 2], normal, s, major_axis=u[:, :, 0], arc=arc)
 
 
-def join(curve: np.ndarray, low: np.ndarray, high: np.ndarray, branches: Branches) -> tuple[np.ndarray, np.ndarray]:
-    """Runs of crease pieces that touch and where the same faces meet: first and last piece of each run.
-
-    Pieces are ordered along each curve. A run ends at a vertex where the faces change, even if a crease goes straight on.
-    """
-    index = np.nonzero(branches.crease)[0]
-    if not len(index):
-        return index, index
-    before, after = index[:-1], index[1:]
-    apart = ((curve[after] != curve[before]) | (low[after] - high[before] > 2.0 * ON)
-             | (branches.signature[after] != branches.signature[before]))
-    return index[np.concatenate([[True], apart])], index[np.concatenate([apart, [True]])]
+def _normals(table: SurfaceTable, conic: np.ndarray, pieces: Pieces, runs: Runs) -> np.ndarray:
+    """(k, 3): out of the planar face where there is one, else to the side where the curve's faces look."""
+    out = np.zeros((len(runs), 3))
+    branches = pieces.branches
+    for row, (curve, piece) in enumerate(zip(runs.curve, runs.piece)):
+        plane = np.cross(conic[curve, :3, 0] - conic[curve, 3, 0] * pieces.middle[piece],
+                         conic[curve, :3, 1] - conic[curve, 3, 1] * pieces.middle[piece])
+        plane /= np.linalg.norm(plane)
+        mine = branches.point == piece
+        flat = mine & (branches.group < len(table.planes))
+        outward = branches.outward[flat]
+        if len(outward) and abs(outward[0] @ plane) > 1.0 - 1e-6:
+            out[row] = outward[0]
+            continue
+        side = branches.outward[mine].sum(axis=0) @ plane
+        if abs(side) < 1e-6:
+            side = pieces.middle[piece] @ plane
+        out[row] = plane if side >= 0.0 else -plane
+    return out
