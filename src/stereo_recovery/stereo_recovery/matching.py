@@ -93,7 +93,9 @@ def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, n
     sine = np.abs(left.direction[node[:, 0], 1])
     common = (value[:, 4] - value[:, 3]) / np.maximum(sine, flat_sine)
     length = np.minimum(np.where(sine < flat_sine, left.length[node[:, 0]], common), 80.0)
-    return matching_kernels.relax(node, value, first, *near, length, right_of, right_first, rounds)
+    other, gap, place, weight = near
+    return matching_kernels.relax(node, value, first, other, gap, place, weight, length, right_of, right_first,
+                                  rounds)
 
 
 def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray) -> np.ndarray:
