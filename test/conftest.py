@@ -37,6 +37,7 @@ class Graph:
         rclpy.init(context=self.context, domain_id=self.domain_id)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
+        self._tester: Node | None = None
 
     def add(self, node_class: Callable[..., Node], *args: Any, parameters: dict[str, Any] | None = None,
             **kwargs: Any) -> Any:
@@ -58,32 +59,41 @@ class Graph:
                 pytest.fail(f'not within {timeout_s:g} s: {what or predicate}')
             self.executor.spin_once(timeout_sec=0.02)
 
+    @property
+    def tester(self) -> Node:
+        """The test's own node, for its subscriptions, publishers and clients."""
+        if self._tester is None:
+            self._tester = self.add(Node, 'tester')
+        return self._tester
+
     def collect(self, message_type: type, topic: str, depth: int = 50) -> list:
         """Subscribe; the returned list grows as messages arrive."""
-        if not hasattr(self, '_listener'):
-            self._listener = self.add(Node, 'listener')
         received: list = []
-        self._listener.create_subscription(message_type, topic, received.append, depth)
+        self.tester.create_subscription(message_type, topic, received.append, depth)
         return received
 
     def publisher(self, message_type: type, topic: str, depth: int = 10) -> Any:
-        """A publisher of the test's own node."""
-        if not hasattr(self, '_talker'):
-            self._talker = self.add(Node, 'talker')
-        return self._talker.create_publisher(message_type, topic, depth)
+        return self.tester.create_publisher(message_type, topic, depth)
 
     def wait_matched(self, *publishers: Any, count: int = 1) -> None:
         """Discovery has joined every publisher with its subscribers."""
         self.spin_until(lambda: all(p.get_subscription_count() >= count for p in publishers),
                         what='publishers matched')
 
-    def call(self, node: Node, service_type: type, name: str, request: Any) -> Any:
-        """Call a service from a node of this graph and spin until it answers."""
-        client = node.create_client(service_type, name)
+    def wait_heard(self, *topics: str) -> None:
+        """Every topic (absolute name) that the test collects has found its publisher, and they each other."""
+        publishers = [p for node in self.nodes if node is not self.tester for p in node.publishers]
+        wanted = [p for p in publishers if p.topic_name in topics]
+        assert len(wanted) >= len(topics), f'{topics}: only {[p.topic_name for p in wanted]} are published here'
+        self.wait_matched(*wanted)
+
+    def call(self, service_type: type, name: str, request: Any) -> Any:
+        """Call a service of this graph and spin until it answers."""
+        client = self.tester.create_client(service_type, name)
         self.spin_until(client.service_is_ready, what=f'service {name}')
         future = client.call_async(request)
         self.spin_until(future.done, what=f'answer of {name}')
-        node.destroy_client(client)
+        self.tester.destroy_client(client)
         return future.result()
 
     def close(self) -> None:

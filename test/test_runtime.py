@@ -82,8 +82,7 @@ def set_atomically(graph, node, **changes):
         wrapped = ParameterValue(type=kind, **{attribute: value})
         parameters.append(Parameter(name=name.replace('__', '.'), value=wrapped))
     request = SetParametersAtomically.Request(parameters=parameters)
-    caller = graph.add(GraphNode, 'caller', Config)
-    return graph.call(caller, SetParametersAtomically, f'/{node.get_name()}/set_parameters_atomically', request).result
+    return graph.call(SetParametersAtomically, f'/{node.get_name()}/set_parameters_atomically', request).result
 
 
 def test_initial_values_come_from_overrides_and_integers_pass_for_numbers(graph):
@@ -114,8 +113,7 @@ def test_parameters_change_together_or_not_at_all(graph):
 
 def test_parameters_describe_themselves(graph):
     node = graph.add(EchoNode)
-    caller = graph.add(GraphNode, 'caller', Config)
-    reply = graph.call(caller, DescribeParameters, f'/{node.get_name()}/describe_parameters',
+    reply = graph.call(DescribeParameters, f'/{node.get_name()}/describe_parameters',
                        DescribeParameters.Request(names=['gain', 'mode']))
     assert reply.descriptors[0].description == 'A number [px]'
     assert reply.descriptors[0].floating_point_range[0].to_value == 10.0
@@ -156,8 +154,7 @@ def test_diagnostics_tell_rate_latency_and_last_error(graph):
 def test_reset_clears_the_counters(graph):
     node = graph.add(EchoNode)
     node.problem('something')
-    caller = graph.add(GraphNode, 'caller', Config)
-    reply = graph.call(caller, Trigger, '/echo_node/reset', Trigger.Request())
+    reply = graph.call(Trigger, '/echo_node/reset', Trigger.Request())
     assert reply.success and 'counters' in reply.message
     assert node.health.problems == 0 and node.health.last_error == ''
 

@@ -152,6 +152,14 @@ class GraphNode(Node):
             self.check_config(candidate)
         return candidate
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As rclpy's, which forgets to say which name it does not know."""
+        unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
+        if unknown:
+            reason = f'parameter {unknown[0]}: unknown to {self.get_name()}'
+            return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(parameter_list)
+
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             self._candidate(parameters)
@@ -298,7 +306,14 @@ def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
         node = factory()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        executor.spin()
+        while rclpy.ok():
+            try:
+                executor.spin_once()
+            except (KeyboardInterrupt, ExternalShutdownException):
+                raise
+            except Exception as error:  # a malformed request fails inside rclpy, outside of our guards
+                text = f'{type(error).__name__}: {error}'
+                node.problem(text) if isinstance(node, GraphNode) else node.get_logger().error(text)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
