@@ -7,6 +7,8 @@ from numba import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
+# How far from a square corner a string may end, pixels.
+NEAR_GAP = 4.0
 # A string may run around a corner by this much, pixels, before it ends.
 OVERRUN = 4.0
 # Without a corner, a string stops this uncertainly, pixels.
@@ -14,8 +16,8 @@ LOOSE_END = 1.5
 
 
 @njit(cache=True)
-def meet(table, gap):
-    """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope."""
+def meet(table, widest):
+    """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope; widest gap, pixels."""
     n = len(table)
     place = table[:, 4:6].copy()
     other = np.full((n, 2), -1, np.int32)
@@ -26,7 +28,7 @@ def meet(table, gap):
         for c in range(2):
             a = table[i, c] + table[i, 4] * table[i, 2 + c]
             b = table[i, c] + table[i, 5] * table[i, 2 + c]
-            box[i, c], box[i, 2 + c] = min(a, b) - gap, max(a, b) + gap
+            box[i, c], box[i, 2 + c] = min(a, b) - widest, max(a, b) + widest
     for i in range(n):
         for e in range(2):
             s_end = table[i, 4 + e]
@@ -44,6 +46,8 @@ def meet(table, gap):
                 s = (dx * table[k, 3] - dy * table[k, 2]) / sine
                 r = (dx * table[i, 3] - dy * table[i, 2]) / sine
                 beyond = (s - s_end) * outward
+                # The sharper the corner, the farther from it its two edges blur into one.
+                gap = min(widest, NEAR_GAP + NEAR_GAP / abs(sine))
                 if beyond > gap or beyond < -min(OVERRUN, 0.4 * (table[i, 5] - table[i, 4])):
                     continue
                 outside = max(table[k, 4] - r, r - table[k, 5])
@@ -61,3 +65,34 @@ def meet(table, gap):
                     cosine2 = 1.0 - sine * sine
                     sigma[i, e] = np.sqrt((its + cosine2 * own) / (sine * sine) + 0.0025)
     return place, other, through, sigma
+
+
+@njit(cache=True)
+def scraps(table, longest, reach, width):
+    """(n,) bool: short pieces that only show how a longer piece bends where it nears another (or how it blurs).
+
+    Such a piece has both ends within ``width`` pixels of the longer one's line, at most ``reach`` pixels beyond it.
+    """
+    n = len(table)
+    scrap = np.zeros(n, np.bool_)
+    for k in range(n):
+        length = table[k, 5] - table[k, 4]
+        if length > longest:
+            continue
+        for m in range(n):
+            if m == k or table[m, 5] - table[m, 4] < 2.0 * length or table[m, 5] - table[m, 4] < 10.0:
+                continue
+            if table[k, 2] * table[m, 2] + table[k, 3] * table[m, 3] < 0.8:
+                continue
+            near = True
+            for e in range(2):
+                x = table[k, 0] + table[k, 4 + e] * table[k, 2] - table[m, 0]
+                y = table[k, 1] + table[k, 4 + e] * table[k, 3] - table[m, 1]
+                s = x * table[m, 2] + y * table[m, 3]
+                if abs(x * table[m, 3] - y * table[m, 2]) > width or s < table[m, 4] - reach or s > table[m, 5] + reach:
+                    near = False
+                    break
+            if near:
+                scrap[k] = True
+                break
+    return scrap

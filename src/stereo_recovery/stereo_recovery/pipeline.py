@@ -14,7 +14,7 @@ from .edgels import Edgels
 from .lines3d import edges, to_space
 from .matching import match
 from .params import RecoveryParams
-from .segmentation import Pieces, corners, roughness, straight_pieces
+from .segmentation import Pieces, corners, roughness, straight_pieces, whole_pieces
 from .strings import link
 
 
@@ -86,7 +86,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     for name, view in zip(('left', 'right'), views):
         if len(view.pieces) == 0:
             return Recovery(FeatureSet.empty(), found, f'no texture: no edges in the {name} image', stages, counts)
-    pieces = [view.pieces.select(view.pieces.length >= 3.0) for view in views]
+    pieces = [view.pieces.select(whole_pieces(view.pieces)) for view in views]
     offset = rig.left.cx - rig.right.cx
     lowest = params.min_disparity + offset
     highest = (0.9 * rig.left.width if params.max_disparity is None else params.max_disparity) + offset

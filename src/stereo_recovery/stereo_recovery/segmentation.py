@@ -150,8 +150,13 @@ class Corners:
     sigma: np.ndarray
 
 
-def corners(pieces: Pieces, gap: float = 8.0) -> Corners:
-    """Intersect each piece with the one its ends run into, at most ``gap`` pixels away."""
+def whole_pieces(pieces: Pieces) -> np.ndarray:
+    """(n,) bool: pieces long enough to mean something, without the scraps at the ends of longer ones."""
+    return (pieces.length >= 3.0) & ~corner_kernels.scraps(line_table(pieces), 16.0, 16.0, 2.5)
+
+
+def corners(pieces: Pieces, gap: float = 18.0) -> Corners:
+    """Intersect each piece with the one its ends run into, at most ``gap`` pixels away (less at square corners)."""
     if len(pieces) == 0:
         return Corners(np.zeros((0, 2)), np.zeros((0, 2), np.int32), np.zeros((0, 2), bool), np.zeros((0, 2)))
     place, other, through, sigma = corner_kernels.meet(line_table(pieces), gap)
