@@ -68,9 +68,11 @@ def cut_segments(segment: np.ndarray, others: Wires, planes: np.ndarray) -> tupl
 def cut_conics(subject: Wires, others: Wires, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same for the conics of ``subject``: which conic (k,), and low, high (k,) angles."""
     n = len(subject.conic)
+    if not n:
+        return np.zeros(0, int), np.zeros(0), np.zeros(0)
     with np.errstate(divide='ignore', invalid='ignore'):
         borders = _plane_angles(subject.conic, planes)
-        crossing = [borders.reshape(n, -1), _conic_by_segment(subject.conic, others.segment),
+        crossing = [borders.reshape(n, int(np.prod(borders.shape[1:]))), _conic_by_segment(subject.conic, others.segment),
                     _conic_by_conic(subject.conic, others)]
         along = np.concatenate(crossing, axis=1) - subject.low[:, None]
     along %= 2.0 * np.pi
@@ -111,6 +113,8 @@ def _segment_by_segment(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarr
 def _segment_by_conic(a: np.ndarray, b: np.ndarray, others: Wires) -> np.ndarray:
     """(n, 2 c): where segments a-b are crossed by conics, as fractions of a-b."""
     n, c = len(a), len(others.conic)
+    if not n or not c:
+        return np.zeros((n, 0))
     angle = _plane_angles(others.conic, np.cross(a, b))
     angle = np.where(_within(angle, others), angle, np.nan)
     point = evaluate(np.repeat(others.conic, 2 * n, axis=0), angle.ravel()).reshape(c, n, 2, 3)
@@ -125,6 +129,8 @@ def _segment_by_conic(a: np.ndarray, b: np.ndarray, others: Wires) -> np.ndarray
 def _conic_by_segment(conic: np.ndarray, segment: np.ndarray) -> np.ndarray:
     """(c, 2 n): angles at which conics are crossed by segments."""
     c, n = len(conic), len(segment)
+    if not n:
+        return np.zeros((c, 0))
     start, end = segment[:, 0], segment[:, 1]
     angle = _plane_angles(conic, np.cross(start, end))
     point = evaluate(np.repeat(conic, 2 * n, axis=0), angle.ravel()).reshape(c, n, 2, 3)
