@@ -17,7 +17,7 @@ RULINGS = 24  # samples round a surface, besides those through the middle of eac
 
 
 def axes(table: SurfaceTable, curved: Pieces, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end (a, 3), normalised frame; curved are the boundary's pieces of conics, closed (c,) which are ellipses."""
+    """Start and end (a, 3), normalised frame; curved: the boundary's pieces of conics; closed (c,): is an ellipse."""
     starts, ends = [], []
     g = len(table.planes)
     for k, leaf in enumerate(table.quadric_leaf):

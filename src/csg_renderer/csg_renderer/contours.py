@@ -1,8 +1,8 @@
 """Occluding contours: where an eye's rays touch the curved surfaces of a solid.
 
-The rays from a point that touch a quadric do so in one plane, the point's polar plane, so a contour is a conic or a pair
-of rulings like any other tentative curve (Semple & Kneebone, Algebraic projective geometry). It depends on the eye and
-is no crease: a stereo pair sees two different ones.
+The rays from a point that touch a quadric do so in one plane, the point's polar plane, so a contour is a conic or a
+pair of rulings like any other tentative curve (Semple & Kneebone, Algebraic projective geometry). It depends on the
+eye and is no crease: a stereo pair sees two different ones.
 """
 
 from __future__ import annotations

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose
+from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 
 from .boundary import Boundary, arcs
 from .conics import evaluate
 from .contours import contours
-from .image_cuts import Wires, cut_conics, cut_segments, runs
+from .image_cuts import SHORTEST, Wires, cut_conics, cut_segments, runs
 from .model_features import boundary
 from .occlusion import hidden
 from .solid import Solid
@@ -40,6 +40,36 @@ class VisibleFeatures:
     contours: FeatureSet
 
 
+@dataclass(frozen=True, eq=False)
+class Spans:
+    """Visible pieces of curves: row (k,) int, which curve; low, high (k,) its parameters; ordered along each curve."""
+
+    row: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def __and__(self, other: Spans) -> Spans:
+        """What lies in both."""
+        one, two = np.nonzero(self.row[:, None] == other.row[None, :])
+        low = np.maximum(self.low[one], other.low[two])
+        high = np.minimum(self.high[one], other.high[two])
+        keep = high - low > SHORTEST
+        order = np.lexsort((low[keep], self.row[one][keep]))
+        return Spans(self.row[one][keep][order], low[keep][order], high[keep][order])
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is seen of one solid: spans of its edges (fractions of the length) and curves (angles), and which axes."""
+
+    edges: Spans
+    curves: Spans
+    axes: np.ndarray
+
+    def __and__(self, other: Seen) -> Seen:
+        return Seen(self.edges & other.edges, self.curves & other.curves, self.axes & other.axes)
+
+
 def visible_features(solid: Solid, pose: Pose, camera: PinholeCamera, others: Sequence[Placed] = ()) -> FeatureSet:
     """The features of a solid that a camera sees, camera frame, metres, clipped to the image, hidden parts removed.
 
@@ -48,26 +78,43 @@ def visible_features(solid: Solid, pose: Pose, camera: PinholeCamera, others: Se
     return visible_fragments(solid, pose, camera, others).features
 
 
-def visible_fragments(solid: Solid, pose: Pose, camera: PinholeCamera, others: Sequence[Placed] = ()) -> VisibleFeatures:
+def visible_fragments(solid: Solid, pose: Pose, camera: PinholeCamera,
+                      others: Sequence[Placed] = ()) -> VisibleFeatures:
     """As :func:`visible_features`, with the model feature of each fragment, and the occluding contours."""
     scene = Scenery([(solid, pose), *others])
-    wires = scene.creases[0]
-    edges, edge_index = scene.seen_segments(wires.segment, camera)
-    curves, curve_index = scene.seen_arcs(wires, camera)
+    features, index = fragments(solid, pose, scene.seen(0, camera))
+    return VisibleFeatures(features, index, scene.visible_contours(0, camera))
+
+
+def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[FeatureSet, np.ndarray]]:
+    """For every solid, the pieces of its features that both eyes see: left camera frame, and their model features.
+
+    placed : solids with their left_T_model; each may hide the others.
+    """
+    right = [(solid, Pose(pose.rotation, pose.translation + rig.right_T_left, pose.scale)) for solid, pose in placed]
+    eyes = [(Scenery(placed), rig.left), (Scenery(right), rig.right)]
+    return [fragments(solid, pose, eyes[0][0].seen(k, eyes[0][1]) & eyes[1][0].seen(k, eyes[1][1]))
+            for k, (solid, pose) in enumerate(placed)]
+
+
+def fragments(solid: Solid, pose: Pose, seen: Seen) -> tuple[FeatureSet, np.ndarray]:
+    """The seen pieces as features in the camera frame, and the model feature (n,) int32 of each."""
     found = boundary(solid)
-    first_curve, first_axis = len(found.edge_start), len(found.edge_start) + int(found.ellipse.sum())
-    normal = pose.rotate(found.curve_normal)
+    wires = wires_of(found).moved(pose.matrix)
+    ends = ends_of(wires.segment, seen.edges)
     # Hyperbolas and parabolas hide what is behind them but are no matching features.
-    curve = found.ellipse[curve_index]
+    curve = round_circles(wires, seen.curves)
+    keep = found.ellipse[curve.row]
+    curve = Spans(curve.row[keep], curve.low[keep], curve.high[keep])
+    model = found.features.of_kind(FeatureKind.AXIS).transformed(pose)
+    first_curve = len(found.edge_start)
+    first_axis = first_curve + int(found.ellipse.sum())
     rank = np.cumsum(found.ellipse) - 1
-    features = [FeatureSet.from_edges(edges[:, 0], edges[:, 1]),
-                arcs(curves.conic[curve], curves.low[curve], curves.high[curve], normal[curve_index[curve]])]
-    axis = _seen_axes(found, scene, camera, np.unique(curve_index))
-    model = boundary(solid).features.of_kind(FeatureKind.AXIS).transformed(pose)
-    features.append(model.select(axis))
-    index = np.concatenate([edge_index, first_curve + rank[curve_index[curve]], first_axis + np.nonzero(axis)[0]])
-    return VisibleFeatures(FeatureSet.concatenate(features), index.astype(np.int32),
-                           scene.visible_contours(0, camera))
+    index = np.concatenate([seen.edges.row, first_curve + rank[curve.row], first_axis + np.nonzero(seen.axes)[0]])
+    return FeatureSet.concatenate([
+        FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
+        arcs(wires.conic[curve.row], curve.low, curve.high, pose.rotate(found.curve_normal)[curve.row]),
+        model.select(seen.axes)]), index.astype(np.int32)
 
 
 class Scenery:
@@ -80,29 +127,21 @@ class Scenery:
                          for solid, pose in self.placed]
         self.all = Wires.concatenate([*self.creases, *self.contours])
 
-    def seen_segments(self, segment: np.ndarray, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
-        """Visible pieces (k, 2, 3) of segments (n, 2, 3), and which segment each is a piece of."""
-        row, low, high = cut_segments(segment, self.all, frustum(camera))
-        start, along = segment[row, 0], segment[row, 1] - segment[row, 0]
-        first, last = runs(row, low, high, ~self.hides(start + (0.5 * (low + high))[:, None] * along))
-        ends = start[first, None] + np.stack([low[first], high[last]], axis=1)[..., None] * along[first, None]
-        return ends, row[first]
+    def seen(self, index: int, camera: PinholeCamera) -> Seen:
+        """What the camera sees of one of the solids."""
+        edges, curves = self.spans(self.creases[index], camera)
+        return Seen(edges, curves, self._axes(index, camera, np.unique(curves.row)))
 
-    def seen_arcs(self, wires: Wires, camera: PinholeCamera) -> tuple[Wires, np.ndarray]:
-        """Visible pieces of conics, and which conic each is a piece of."""
-        row, low, high = cut_conics(wires, self.all, frustum(camera))
-        seen = ~self.hides(evaluate(wires.conic[row], 0.5 * (low + high)))
-        first, last = runs(row, low, high, seen)
-        row, low, high = row[first], low[first], high[last].copy()
-        keep = np.ones(len(row), bool)
-        for k in np.unique(row):
-            # On a whole circle the last piece goes on into the first.
-            a, b = np.nonzero(row == k)[0][[0, -1]]
-            if a != b and wires.high[k] - wires.low[k] > 2.0 * np.pi - 1e-6 and \
-                    low[a] - wires.low[k] < 1e-9 and wires.high[k] - high[b] < 1e-9:
-                high[b], keep[a] = high[a] + 2.0 * np.pi, False
-        row, low, high = row[keep], low[keep], high[keep]
-        return Wires(np.zeros((0, 2, 3)), wires.conic[row], low, high), row
+    def spans(self, wires: Wires, camera: PinholeCamera) -> tuple[Spans, Spans]:
+        """Visible pieces of the segments and of the conics of some wires."""
+        planes = frustum(camera)
+        row, low, high = cut_segments(wires.segment, self.all, planes)
+        start, along = wires.segment[row, 0], wires.segment[row, 1] - wires.segment[row, 0]
+        curve, first, last = cut_conics(wires, self.all, planes)
+        middle = np.concatenate([start + (0.5 * (low + high))[:, None] * along,
+                                 evaluate(wires.conic[curve], 0.5 * (first + last))])
+        seen = ~self.hides(middle)
+        return _joined(row, low, high, seen[:len(row)]), _joined(curve, first, last, seen[len(row):])
 
     def hides(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: some solid stands between the eye and points (n, 3)."""
@@ -116,19 +155,50 @@ class Scenery:
     def visible_contours(self, index: int, camera: PinholeCamera) -> FeatureSet:
         """Occluding contours of one solid that the camera sees, as edges and curves with normals towards the eye."""
         wires = self.contours[index]
-        ends, _ = self.seen_segments(wires.segment, camera)
-        conics, _ = self.seen_arcs(wires, camera)
-        normal = np.cross(conics.conic[:, :3, 0], conics.conic[:, :3, 1])
-        towards = -np.einsum('ni,ni->n', normal, conics.conic[:, :3, 2])
+        straight, curved = self.spans(wires, camera)
+        curved = round_circles(wires, curved)
+        ends, conic = ends_of(wires.segment, straight), wires.conic[curved.row]
+        normal = np.cross(conic[:, :3, 0], conic[:, :3, 1])
+        away = np.einsum('ni,ni->n', normal, conic[:, :3, 2]) > 0.0
         return FeatureSet.concatenate([FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
-                                       arcs(conics.conic, conics.low, conics.high,
-                                            normal * np.where(towards < 0.0, -1.0, 1.0)[:, None])])
+                                       arcs(conic, curved.low, curved.high,
+                                            np.where(away[:, None], -normal, normal))])
+
+    def _axes(self, index: int, camera: PinholeCamera, seen_curves: np.ndarray) -> np.ndarray:
+        """(a,) bool: axes of which both ends can be told from what is seen (thesis Table 6.2)."""
+        solid, pose = self.placed[index]
+        found = boundary(solid)
+        ends = np.stack([found.axis_start, found.axis_end], axis=1).reshape(-1, 3)
+        rims = _rims(found, ends)
+        seen = np.asarray(rims[:, seen_curves].any(axis=1))
+        bare = np.nonzero(~rims.any(axis=1))[0]
+        at = pose.apply(ends[bare])
+        seen[bare] = (at @ frustum(camera).T >= 0.0).all(axis=1) & ~self.hides(at)
+        return np.asarray(seen.reshape(-1, 2).all(axis=1))
 
 
 def wires_of(found: Boundary) -> Wires:
     """The creases of a boundary, model frame: a segment an edge, a conic a curve, in their order."""
     return Wires(np.stack([found.edge_start, found.edge_end], axis=1), found.conic[found.curve], found.curve_low,
                  found.curve_high)
+
+
+def ends_of(segment: np.ndarray, spans: Spans) -> np.ndarray:
+    """(k, 2, 3): the end points of spans of segments (n, 2, 3)."""
+    start, end = segment[spans.row, 0], segment[spans.row, 1]
+    t = np.stack([spans.low, spans.high], axis=1)[..., None]
+    return start[:, None] + t * (end - start)[:, None]
+
+
+def round_circles(wires: Wires, spans: Spans) -> Spans:
+    """On a whole circle a span that stops where the parameter starts anew goes on into the first one."""
+    keep, high = np.ones(len(spans.row), bool), spans.high.copy()
+    for k in np.unique(spans.row):
+        a, b = np.nonzero(spans.row == k)[0][[0, -1]]
+        if a != b and wires.high[k] - wires.low[k] > 2.0 * np.pi - 1e-6 and \
+                spans.low[a] - wires.low[k] <= SHORTEST and wires.high[k] - high[b] <= SHORTEST:
+            high[b], keep[a] = high[a] + 2.0 * np.pi, False
+    return Spans(spans.row[keep], spans.low[keep], high[keep])
 
 
 def frustum(camera: PinholeCamera) -> np.ndarray:
@@ -138,24 +208,19 @@ def frustum(camera: PinholeCamera) -> np.ndarray:
     return np.array([[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]])
 
 
-def _seen_axes(found: Boundary, scene: Scenery, camera: PinholeCamera, seen_curves: np.ndarray) -> np.ndarray:
-    """(a,) bool: axes of which both ends can be told from what is seen (thesis Table 6.2)."""
-    ends = np.stack([found.axis_start, found.axis_end], axis=1)
-    seen = np.zeros(ends.shape[:2], bool)
-    size = found.table.size
+def _joined(row: np.ndarray, low: np.ndarray, high: np.ndarray, seen: np.ndarray) -> Spans:
+    first, last = runs(row, low, high, seen)
+    return Spans(row[first], low[first], high[last])
+
+
+def _rims(found: Boundary, ends: np.ndarray) -> np.ndarray:
+    """(ends, curves) bool: the planar curves about each end of an axis; none about the apex of a cone."""
     centre, normal = found.conic[found.curve, :3, 2], found.curve_normal
-    for row, pair in enumerate(ends):
-        for side, end in enumerate(pair):
-            rims = found.ellipse & (np.linalg.norm(centre - end, axis=1) < 1e-6 * size)
-            if not rims.any():
-                # An oblique section of a cone is not centred on the axis, but its plane meets the axis in the end.
-                in_plane = np.abs(np.einsum('ni,ni->n', normal, end - centre)) < 1e-6 * size
-                rims = found.ellipse & in_plane & (np.linalg.norm(centre - end, axis=1) < np.linalg.norm(
-                    found.conic[found.curve, :3, 0], axis=1))
-            if rims.any():
-                seen[row, side] = np.isin(np.nonzero(rims)[0], seen_curves).any()
-            else:
-                at = scene.placed[0][1].apply(end)[None]
-                inside = (at @ frustum(camera).T >= 0.0).all()
-                seen[row, side] = inside and not scene.hides(at)[0]
-    return seen.all(axis=1)
+    offset = ends[:, None] - centre
+    slack = 1e-6 * found.table.size
+    distance = np.linalg.norm(offset, axis=2)
+    about = found.ellipse & (distance < slack)
+    # An oblique section of a cone is not centred on the axis, but its plane meets the axis in the end.
+    oblique = (found.ellipse & (np.abs((offset * normal).sum(axis=2)) < slack)
+               & (distance < np.linalg.norm(found.conic[found.curve, :3, 0], axis=1)))
+    return np.where(about.any(axis=1)[:, None], about, oblique)
