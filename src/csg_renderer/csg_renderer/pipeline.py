@@ -15,7 +15,7 @@ from .scene import Scene
 
 # Where each engine lives. A module has render(scene, camera, camera_T_scene, options) -> Frame; it is imported when
 # first asked for, because one compiles and another needs the array machine.
-ENGINES = {'native': 'engine_reference', 'reference': 'engine_reference', 'dap': 'engine_dap'}
+ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'engine_dap'}
 
 # What is used when neither the caller nor the scene file names a camera: 512 x 512 pixels and a focal length of
 # 703 pixels, a field of view of 40 degrees.

@@ -1,0 +1,261 @@
+"""The fast engine: flattened scenes, compiled kernels, threads. Gives what the reference engine gives."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from msgs_py import PinholeCamera, Pose
+
+from .engine_reference import CROW_OFFSETS, CROW_WEIGHTS
+from .frame import Frame, RenderOptions, RenderStats
+from .kernels import CUTTER_PARTS, CUTTERS, STRIDE
+from .kernels_image import Plan, Target, product_spans, render_tiles, smooth_rows
+from .kernels_shade import Look, Workspace
+from .kernels_tree import Eye, Trees
+from .products import products_of
+from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program, View, program_of, view_of
+from .reference import PARALLEL
+from .scene import Scene
+from .tiling import leaf_spans
+
+# Far outside any scene, and finite, so that a bounding box test makes no NaN of it.
+UNBOUNDED = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What of a program the kernels need and no camera changes.
+
+    child_products : first and last + 1 product of every child, equal when it must be evaluated by lists
+    factors_most : most cutters of a product; child_inside : postfix evaluation of "is this point inside"
+    """
+
+    program: Program
+    trees: Trees
+    look: Look
+    child_products: np.ndarray
+    cutters_most: int
+
+
+_prepared: WeakKeyDictionary[Program, Prepared] = WeakKeyDictionary()
+
+
+def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions) -> Frame:
+    """See :func:`csg_renderer.render`."""
+    program = program_of(scene)
+    ready = _prepared.get(program)
+    if ready is None:
+        ready = _prepared[program] = prepare(program)
+    view = view_of(program, camera_T_scene)
+    frame, target = _new_frame(camera, camera_T_scene)
+    eye, plan = look_through(ready, view, camera, options)
+    threads = min(options.threads or _cores(), max(1, camera.height // 8))
+    works = [_workspace(ready, options.levels) for _ in range(threads)]
+    object_of = program.object_of
+    active = sum(_each_thread(threads, lambda k: render_tiles(
+        k, threads, ready.trees, eye, ready.look, plan, target, works[k], object_of)))
+    if options.adaptive:
+        _each_thread(threads, lambda k: smooth_rows(
+            k, threads, ready.trees, eye, ready.look, plan, target, works[k], CROW_WEIGHTS, np.array(CROW_OFFSETS)))
+    counts = sum(work.counts for work in works)
+    frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]), active if options.tiling else 1)
+    return frame
+
+
+def prepare(program: Program) -> Prepared:
+    """Flatten a program for the kernels."""
+    starts, positive, factors = [0], [], []
+    child_products = np.zeros((len(program.children), 2), dtype=np.int64)
+    codes, jumps, code_starts = [], [], [0]
+    simple = np.full(len(program.children), -1, dtype=np.int64)
+    box = np.empty((6, len(program.children)))
+    cutters = [0]
+    bounds = _leaf_boxes(program)
+    for child, code in enumerate(program.children):
+        child_products[child] = len(positive)
+        for inside, outside in products_of(code) or ():
+            factors += sorted(inside) + sorted(outside)
+            starts.append(len(factors))
+            positive.append(len(inside))
+            cutters.append(len(outside))
+        child_products[child, 1] = len(positive)
+        jumps += [jump + len(codes) if jump else 0 for jump in _jumps(code)]
+        codes += code.tolist()
+        code_starts.append(len(codes))
+        if len(code) == 1:
+            simple[child] = code[0]
+        box[:, child] = _child_box(code, bounds)
+    whole = {'dtype': np.int64}
+    trees = Trees(np.array(starts, **whole), np.array(positive, **whole), np.array(factors, **whole),
+                  np.array(code_starts, **whole), np.array(codes, **whole), np.array(jumps, **whole), simple, box,
+                  program.kind, np.ascontiguousarray(program.inverse[:, :3]), HALFSPACES[program.kind])
+    look = Look(program.colours, program.material, _flat_normals(program), program.lights, program.light_colours,
+                program.ambient_light, program.background)
+    return Prepared(program, trees, look, child_products, max(cutters))
+
+
+def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: RenderOptions) -> tuple[Eye, Plan]:
+    """What depends on the camera: rays in the unit frames, spans of rows, the order front to back."""
+    program, trees = ready.program, ready.trees
+    local = view.local
+    nearest = np.round(local[:, :, 3])
+    origin = np.where(np.abs(local[:, :, 3] - nearest) < PARALLEL * (1.0 + np.abs(local[:, :, 3])), nearest,
+                      local[:, :, 3])
+    limit = PARALLEL * np.abs(local[:, :, :3]).sum(axis=2)
+
+    listed, chosen = [], []
+    inside = _contains_origin(program, origin)
+    for child, (first, last) in enumerate(ready.child_products):
+        # From inside a solid its far wall is seen, which lists know about and products do not.
+        if first == last or inside[child]:
+            listed.append(child)
+        else:
+            chosen += range(first, last)
+
+    h, w = camera.height, camera.width
+    whole = not options.tiling
+    size = options.tile_size if options.tiling else STRIDE
+    products, bands = len(trees.positive), -(-h // size)
+    camera_T_scene = np.linalg.inv(view.scene_T_camera)
+    points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
+    chosen_array = np.array(chosen, dtype=np.int64)
+    near = np.zeros(products)
+    if whole:
+        leaf_span, span, band = (np.zeros((1, 1, 2), dtype=np.int32) for _ in range(3))
+    else:
+        leaf_span = np.empty((len(program.kind), h, 2), dtype=np.int32)
+        leaf_depth = np.empty(len(program.kind))
+        leaf_spans(points, program.outline_start, view.departure or 1e-9, camera.fx, camera.fy, camera.cx, camera.cy, w,
+                   leaf_span, leaf_depth)
+        span = np.empty((products, h, 2), dtype=np.int32)
+        band = np.empty((products, bands, 2), dtype=np.int32)
+        product_spans(chosen_array, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size,
+                      span, band, near)
+        chosen_array = chosen_array[np.argsort(near[chosen_array], kind='stable')]
+    eye = Eye(local, np.ascontiguousarray(origin), limit, leaf_span, near, np.array(listed, dtype=np.int64), chosen_array)
+    plan = Plan((np.arange(w) - camera.cx) / camera.fx, (np.arange(h) - camera.cy) / camera.fy, 1.0 / camera.fx,
+                1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, view.departure, span,
+                band, size, whole, options.levels, options.box, options.shadows)
+    return eye, plan
+
+
+def _jumps(code: np.ndarray) -> list[int]:
+    """For every instruction that ends the left operand of an INTERSECT or DIFFERENCE: that operator's index + 1."""
+    jumps = [0] * len(code)
+    ends: list[int] = []
+    for index, op in enumerate(code):
+        if op < 0:
+            ends.pop()
+            left_end = ends.pop()
+            if op in (INTERSECT, DIFFERENCE):
+                jumps[left_end] = index + 1
+        ends.append(index)
+    return jumps
+
+
+def _leaf_boxes(program: Program) -> np.ndarray:
+    """(n, 2, 3): bounds of the leaves along the scene's axes."""
+    boxes = np.empty((len(program.kind), 2, 3))
+    for leaf, (first, last) in enumerate(zip(program.outline_start[:-1], program.outline_start[1:])):
+        if program.kind[leaf] == PLANE:
+            boxes[leaf] = [[-UNBOUNDED] * 3, [UNBOUNDED] * 3]
+        else:
+            points = program.outline[first:last]
+            # A little larger, for rounding.
+            slack = 1e-9 * (1.0 + np.abs(points).max())
+            boxes[leaf] = points.min(axis=0) - slack, points.max(axis=0) + slack
+    return boxes
+
+
+def _child_box(code: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """(6,): bounds of a tree."""
+    stack: list[np.ndarray] = []
+    for op in code:
+        if op >= 0:
+            stack.append(boxes[op])
+            continue
+        right, left = stack.pop(), stack.pop()
+        if op == INTERSECT:
+            stack.append(np.stack([np.maximum(left[0], right[0]), np.minimum(left[1], right[1])]))
+        elif op == DIFFERENCE:
+            stack.append(left)
+        else:
+            stack.append(np.stack([np.minimum(left[0], right[0]), np.maximum(left[1], right[1])]))
+    return stack[0].ravel()
+
+
+def _flat_normals(program: Program) -> np.ndarray:
+    """(n, 6, 3): outward unit normals of flat faces, scene frame (the sign is settled by the ray)."""
+    normals = np.zeros((len(program.kind), 6, 3))
+    rows = program.inverse[:, :3, :3]
+    for face in range(6):
+        normals[:, face] = np.where((program.kind == BLOCK)[:, None], rows[:, face // 2], rows[:, 2])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True) if len(normals) else normals
+
+
+def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
+    """For each child: is the camera, at these (n, 3) local origins, inside it (or on its surface)?"""
+    x, y, z = origin.T if len(origin) else np.zeros((3, 0))
+    slab = (z >= 0.0) & (z <= 1.0)
+    round_ = x * x + y * y
+    per_kind = np.stack([(x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & slab, (round_ <= 1.0) & slab,
+                         (round_ <= z * z) & slab, round_ + z * z <= 1.0, z <= 0.0])
+    inside = per_kind[program.kind, np.arange(len(program.kind))]
+    answers = []
+    for code in program.children:
+        stack: list[bool] = []
+        for op in code:
+            if op >= 0:
+                stack.append(bool(inside[op]))
+            else:
+                # A cutter whose surface the camera touches may not cover it: rather too many lists than a wrong image.
+                right, left = stack.pop(), stack.pop()
+                stack.append(left and right if op == INTERSECT else left if op == DIFFERENCE else left or right)
+        answers.append(stack[0])
+    return answers
+
+
+def _workspace(ready: Prepared, levels: int) -> Workspace:
+    longest = max((len(code) for code in ready.program.children), default=1)
+    room = np.empty(4 * longest + 4)
+    return Workspace(np.empty(int(CUTTERS) + max(1, ready.cutters_most) * int(CUTTER_PARTS)), room, np.empty_like(room),
+                     np.empty(longest + 2, dtype=np.int64), np.empty((2 * levels + 2, 9)),
+                     np.empty(len(ready.program.children) + 1, dtype=np.int64), np.zeros((3, STRIDE)),
+                     np.zeros(3, dtype=np.int64))
+
+
+def _new_frame(camera: PinholeCamera, camera_T_scene: Pose) -> tuple[Frame, Target]:
+    """A frame of unwritten arrays. They share one piece of memory: the system hands out large pieces faster."""
+    h, w = camera.height, camera.width
+    n = h * w
+    memory = np.empty(31 * n + 3, dtype=np.uint8)
+    words = memory[:28 * n].view(np.int32)
+    ids = [words[k * n:(k + 1) * n].reshape(h, w) for k in range(3)]
+    depth = words[3 * n:4 * n].view(np.float32).reshape(h, w)
+    normal = words[4 * n:7 * n].view(np.float32).reshape(h, w, 3)
+    image = memory[28 * n:31 * n].reshape(h, w, 3)
+    frame = Frame(image, depth, ids[0], ids[1], ids[2], normal, camera, camera_T_scene)
+    return frame, Target(image, depth, ids[0], ids[1], ids[2], normal)
+
+
+def _cores() -> int:
+    return max(1, len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count() or 1)
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=_cores(), thread_name_prefix='csg_renderer')
+
+
+def _each_thread(threads: int, task) -> list:
+    """task(k) for every thread; the kernels let go of the interpreter lock. This thread does the first share."""
+    if threads == 1:
+        return [task(0)]
+    others = [_pool().submit(task, k) for k in range(1, threads)]
+    return [task(0), *(other.result() for other in others)]
