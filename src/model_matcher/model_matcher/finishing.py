@@ -93,7 +93,9 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
              ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
     """Accepted and rejected interpretations, each best first."""
     scores = refined.figures[:, 0]
-    order = [int(k) for k in np.argsort(-scores, kind='stable') if scores[k] > 0.0]
+    # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
+    order = sorted((k for k in range(len(scores)) if scores[k] > 0.0),
+                   key=lambda k: (-round(float(scores[k]), 3), refined.assignments[k].tolist()))
     matched = refined.assignments != BIN
     heads: list[int] = []
     twins: dict[int, list[int]] = {}

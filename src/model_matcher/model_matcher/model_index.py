@@ -151,8 +151,8 @@ def indexed(model: FeatureSet | ModelIndex, name: str = 'model') -> ModelIndex:
         return known[1]
     index = index_model(model, name)
 
-    def forget(_: object) -> None:
-        _cache.pop(key, None)
+    def forget(_: object, cache: dict = _cache) -> None:  # bound here: module globals go first at interpreter exit
+        cache.pop(key, None)
 
     _cache[key] = (weakref.ref(model, forget), index)
     return index

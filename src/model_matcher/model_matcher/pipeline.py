@@ -15,6 +15,7 @@ from msgs_py import BIN, FeatureSet, Interpretation
 from .finishing import SEARCH_WIDTH, Problem, conclude, make_problem, refine_all
 from .model_index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
+from .tree_match import match_by_tree
 
 NEIGHBOURS = 24
 BLOCK = 256  # data pairs between two looks at the clock
@@ -42,7 +43,10 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
     problem = make_problem(index, data, params)
     if len(problem.rows) == 0:
         return no_match(data, 'the data holds no features' if len(data) == 0 else 'every data feature has length zero')
-    result = _match_hypotheses(problem, params, started)
+    if params.search == 'hypotheses':
+        result = _match_hypotheses(problem, params, started)
+    else:
+        result = match_by_tree(problem, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
 

@@ -1,0 +1,121 @@
+"""The thesis' searches: orderings, signs, bin, quadrants; all find what the hypothesis search finds."""
+
+import numpy as np
+import pytest
+
+from model_matcher import MatchParams, index_model, match
+from model_matcher.ordering import order_pairs
+from model_matcher.params import ORDERINGS
+from model_matcher.serial import serial_search
+from model_matcher.signs import apply_code, initial, relate, set_sign, states
+from model_matcher.subgraph import subgraph_search
+from model_matcher.synthetic import MODELS, make_scene, random_pose
+from model_matcher.tables import all_pairs, build_tables
+from model_matcher.tree import core_numbers, largest_core, tree_search
+from msgs_py import FeatureSet
+
+
+def names(pairs, order):
+    return [f'{a + 1}-{b + 1}' for a, b in pairs[order]]
+
+
+def test_orderings_are_those_of_the_thesis():
+    """Groups by second feature, each led by its pair of fewest matches; Combined starts with the fewest of all."""
+    pairs = all_pairs(5)
+    sums = np.array([15, 2, 1, 6, 9, 18, 29, 31, 30, 14])
+    assert names(pairs, order_pairs(pairs, sums, 'consistency')) == [
+        '1-2', '1-3', '2-3', '1-4', '2-4', '3-4', '1-5', '2-5', '3-5', '4-5']
+    assert names(pairs, order_pairs(pairs, sums, 'consistency_grouped')) == [
+        '1-2', '1-3', '2-3', '1-4', '2-4', '3-4', '1-5', '2-5', '3-5', '4-5']
+    assert names(pairs, order_pairs(pairs, sums, 'holder_buxton'))[:3] == ['1-4', '1-3', '1-5']
+    assert names(pairs, order_pairs(pairs, sums, 'worst'))[:2] == ['3-4', '3-5']
+    assert names(pairs, order_pairs(pairs, sums, 'combined')) == [
+        '1-4', '1-2', '1-3', '2-3', '2-4', '3-4', '1-5', '2-5', '3-5', '4-5']
+    for ordering in ORDERINGS:
+        assert sorted(order_pairs(pairs, sums, ordering)) == list(range(10))
+
+
+def test_the_five_sign_states():
+    root, parity, known = initial(4)
+    assert states(root, parity, known) == ['U', 'U', 'U', 'U']
+    assert relate(0, 1, 1, root, parity, known) and relate(1, 2, -1, root, parity, known)
+    assert states(root, parity, known) == ['U', '+0', '-0', 'U']
+    assert set_sign(1, -1, root, parity, known)
+    assert states(root, parity, known) == ['-', '-', '+', 'U']
+    assert not set_sign(2, -1, root, parity, known)
+    assert not relate(0, 2, 1, root, parity, known)
+    assert apply_code(63, 0, 3, root, parity, known) and states(root, parity, known)[3] == 'U'
+    assert apply_code(63 & ~1, 0, 3, root, parity, known) and states(root, parity, known)[3] == '+'
+
+
+@pytest.mark.parametrize('ordering', [name for name in ORDERINGS if name != 'worst'])
+@pytest.mark.parametrize('signs', [True, False])
+def test_every_ordering_finds_the_interpretation_of_ideal_data(ordering, signs):
+    model = MODELS['l_shape']()
+    data = model.transformed(random_pose(np.random.default_rng(2))).select(np.arange(0, 18, 2))
+    tables = build_tables(index_model(model), data, MatchParams(fracdev=1e-4, signs=signs))
+    result = tree_search(tables, MatchParams(ordering=ordering, signs=signs, max_bin=0), seconds=20.0)
+    assert result.complete
+    assert any((row == np.arange(0, 18, 2)).all() for row in result.assignments)
+
+
+def test_signs_cut_off_what_assignments_alone_allow():
+    model = MODELS['chair']()
+    data = model.transformed(random_pose(np.random.default_rng(0)))
+    counts = {}
+    for signs in (True, False):
+        params = MatchParams(fracdev=1e-4, signs=signs, max_bin=0)
+        result = tree_search(build_tables(index_model(model), data, params), params, seconds=20.0)
+        counts[signs] = len(result.assignments)
+        if signs:
+            assert (result.signs[0] != 0).all()
+    assert 1 <= counts[True] < counts[False]
+
+
+@pytest.mark.parametrize('spurious', [1, 2])
+def test_the_bin_takes_spurious_edges_and_no_others(spurious):
+    model = MODELS['chipped_block']()
+    rng = np.random.default_rng(spurious)
+    seen = model.transformed(random_pose(rng))
+    junk = FeatureSet.from_edges(*(rng.uniform(-0.05, 0.05, (spurious, 3)) + [0, 0, 0.35] for _ in range(2)))
+    data = FeatureSet.concatenate([junk, seen])
+    tables = build_tables(index_model(model), data, MatchParams(fracdev=1e-4))
+    for eliminate in (True, False):
+        result = tree_search(tables, MatchParams(max_bin=4), seconds=20.0, eliminate=eliminate)
+        assert (result.assignments[0] == [*[-1] * spurious, *range(15)]).all()
+    assert largest_core(core_numbers(tables)) == 15
+    assert not len(tree_search(tables, MatchParams(max_bin=spurious - 1)).assignments)
+
+
+@pytest.mark.parametrize('name', ['l_shape', 'wedge', 'cylinder_box', 'chair'])
+def test_quadrants_and_the_serial_search_give_the_same_feasible_interpretations(name):
+    model = MODELS[name]()
+    index = index_model(model)
+    data = make_scene(model, 3, sigma=2e-4, clutter=0.1).data
+    params = MatchParams(max_bin=6)
+    tables = build_tables(index, data, params)
+    results = [tree_search(tables, params), subgraph_search(tables, params.replace(quadrant=4)),
+               serial_search(index, data, params)]
+    found = [sorted(map(tuple, result.assignments.tolist())) for result in results]
+    assert found[0] and found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize('name', ['l_shape', 'chipped_block', 'wedge', 'chair', 'computer', 'lamp', 'tubes'])
+@pytest.mark.parametrize('seed', [0, 1])
+def test_all_searches_give_one_best_interpretation(name, seed):
+    model = MODELS[name]()
+    scene = make_scene(model, seed, sigma=2e-4, clutter=0.05)
+    bests = {search: match(model, scene.data, MatchParams(search=search)).best
+             for search in ('hypotheses', 'tree', 'subgraph', 'serial')}
+    first = bests['hypotheses']
+    for search, best in bests.items():
+        np.testing.assert_array_equal(best.assignment, first.assignment, err_msg=search)
+        np.testing.assert_array_equal(best.sign, first.sign, err_msg=search)
+        error = best.pose.error_to(first.pose)
+        assert error.rotation < 1e-6 and error.translation < 1e-7, search
+
+
+def test_tables_that_would_not_fit_are_refused_with_a_reason():
+    model = MODELS['lattice']()
+    result = match(model, model, MatchParams(search='tree'))
+    assert not result and 'hypotheses' in result.reason
