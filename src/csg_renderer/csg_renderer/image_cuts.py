@@ -72,7 +72,7 @@ def cut_conics(subject: Wires, others: Wires, planes: np.ndarray) -> tuple[np.nd
         return np.zeros(0, int), np.zeros(0), np.zeros(0)
     with np.errstate(divide='ignore', invalid='ignore'):
         borders = _plane_angles(subject.conic, planes)
-        crossing = [borders.reshape(n, int(np.prod(borders.shape[1:]))), _conic_by_segment(subject.conic, others.segment),
+        crossing = [borders.reshape(n, -1), _conic_by_segment(subject.conic, others.segment),
                     _conic_by_conic(subject.conic, others)]
         along = np.concatenate(crossing, axis=1) - subject.low[:, None]
     along %= 2.0 * np.pi
