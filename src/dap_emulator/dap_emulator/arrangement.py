@@ -1,0 +1,237 @@
+"""Arrangement: arrays from scalars and patterns, spreading, transposing, reversing and shifting.
+
+Definitions as for intrinsics.py, which offers these functions too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .arrays import DapArray, Operand, Scalar, moved
+from .kinds import LOGICAL, Kind, integer, real
+from .machine import Dap
+
+_RANKS = ('vector', 'matrix')
+_WAYS = {'N': 'up', 'S': 'down', 'W': 'to the left', 'E': 'to the right', 'L': 'to the left', 'R': 'to the right'}
+
+
+def checked_array(value: Any, name: str, rank: int | None = None, logical: bool | None = None) -> DapArray:
+    """value, checked: a parallel array of this rank, LOGICAL or numeric. Raises ValueError starting with name."""
+    if not isinstance(value, DapArray):
+        raise ValueError(f'{name}: expected a parallel array, got {value!r}')
+    if rank is not None and value.rank != rank:
+        raise ValueError(f'{name}: expected a {_RANKS[rank - 1]}, got a {_RANKS[value.rank - 1]}')
+    if logical is not None and (value.kind.name == 'LOGICAL') != logical:
+        raise ValueError(f'{name}: expected {"LOGICAL" if logical else "numbers"}, got {value.kind}')
+    return value
+
+
+def column_order(values: np.ndarray) -> np.ndarray:
+    """Elements as a long vector, down the columns."""
+    return values.T.reshape(-1) if values.ndim == 2 else values
+
+
+def matr(v: Any, rows: int | None = None) -> DapArray:
+    """MATR(v) or MATR(v, rows): the matrix whose every row is v; as many rows as v is long when not said."""
+    source = checked_array(v, 'MATR', rank=1)
+    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(
+        source.values, (_extent('MATR', rows or source.shape[0]), source.shape[0]))))
+    out._charge('broadcast', source.kind)
+    return out
+
+
+def matc(v: Any, columns: int | None = None) -> DapArray:
+    """MATC(v) or MATC(v, columns): the matrix whose every column is v."""
+    source = checked_array(v, 'MATC', rank=1)
+    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(
+        source.values[:, None], (source.shape[0], _extent('MATC', columns or source.shape[0])))))
+    out._charge('broadcast', source.kind)
+    return out
+
+
+def _extent(name: str, value: int) -> int:
+    if not isinstance(value, (int, np.integer)) or value < 1:
+        raise ValueError(f'{name}: expected an extent of at least 1, got {value!r}')
+    return int(value)
+
+
+def mat(dap: Dap, x: Operand, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """MAT(s): a matrix full of a scalar. MAT(v, rows, columns): a long vector folded down the columns; zeros fill up.
+
+    ES x ES when no extents are given.
+    """
+    shape = _extent('MAT', rows or dap.es), _extent('MAT', columns or dap.es)
+    if isinstance(x, DapArray):
+        source = checked_array(x, 'MAT', rank=1)
+        full = np.zeros(shape[0] * shape[1], dtype=source.kind.dtype)
+        if source.size > full.size:
+            raise ValueError(f'MAT: {source.size} elements do not fit a matrix of {shape[0]} x {shape[1]}')
+        full[:source.size] = source.values
+        out = source.like(source.kind, np.ascontiguousarray(full.reshape(shape[::-1]).T))
+    else:
+        out = filled(dap, x, shape)
+    out._charge('copy', out.kind)
+    return out
+
+
+def vec(dap: Dap, x: Operand, n: int | None = None) -> DapArray:
+    """VEC(s, n): a vector full of a scalar (ES long when n is not given). VEC(m): a matrix as a long vector."""
+    if isinstance(x, DapArray):
+        source = checked_array(x, 'VEC', rank=2)
+        source._charge('copy', source.kind)
+        return DapArray(source.dap, source.kind, column_order(source.values).copy())
+    out = filled(dap, x, (_extent('VEC', n or dap.es),))
+    out._charge('copy', out.kind)
+    return out
+
+
+def filled(dap: Dap, value: Scalar, shape: tuple[int, ...], kind: Kind | None = None) -> DapArray:
+    """An array whose every element is one scalar; costs nothing by itself."""
+    if kind is None:
+        kind = LOGICAL if isinstance(value, (bool, np.bool_)) else real(4) if isinstance(value, float) else integer(4)
+    return DapArray(dap, kind, np.full(shape, kind.scalar(value), dtype=kind.dtype))
+
+
+def tran(x: Any) -> DapArray:
+    """TRAN(m): the transpose."""
+    return checked_array(x, 'TRAN', rank=2).T
+
+
+def _reversed(name: str, x: Any, rank: int, axis: int) -> DapArray:
+    source = checked_array(x, name, rank=rank)
+    source._charge('transpose', source.kind)
+    return source.like(source.kind, np.ascontiguousarray(np.flip(source.values, axis)))
+
+
+def rev(x: Any) -> DapArray:
+    """REV(v): the elements in reverse order."""
+    return _reversed('REV', x, 1, 0)
+
+
+def revr(x: Any) -> DapArray:
+    """REVR(m): the rows in reverse order."""
+    return _reversed('REVR', x, 2, 0)
+
+
+def revc(x: Any) -> DapArray:
+    """REVC(m): the columns in reverse order."""
+    return _reversed('REVC', x, 2, 1)
+
+
+# Logical patterns. n rows (columns, elements); ES when not said.
+
+def _pattern(dap: Dap, values: np.ndarray) -> DapArray:
+    out = DapArray(dap, LOGICAL, values)
+    out._charge('pattern', LOGICAL)
+    return out
+
+
+def _shape(dap: Dap, rows: int | None, columns: int | None) -> tuple[int, int]:
+    return _extent('extent', rows or dap.es), _extent('extent', columns or dap.es)
+
+
+def _within(extent: int, first: int, last: int) -> np.ndarray:
+    index = np.arange(1, extent + 1)
+    return (index >= first) & (index <= last)
+
+
+def row(dap: Dap, i: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """ROW(i): a matrix true in row i only (nowhere when i is outside)."""
+    return rows_(dap, i, i, rows, columns)
+
+
+def rows_(dap: Dap, first: int, last: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """ROWS(i, j): a matrix true in rows i to j."""
+    shape = _shape(dap, rows, columns)
+    return _pattern(dap, np.repeat(_within(shape[0], first, last)[:, None], shape[1], axis=1))
+
+
+def col(dap: Dap, j: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """COL(j): a matrix true in column j only."""
+    return cols(dap, j, j, rows, columns)
+
+
+def cols(dap: Dap, first: int, last: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """COLS(i, j): a matrix true in columns i to j."""
+    shape = _shape(dap, rows, columns)
+    return _pattern(dap, np.repeat(_within(shape[1], first, last)[None, :], shape[0], axis=0))
+
+
+def el(dap: Dap, i: int, n: int | None = None) -> DapArray:
+    """EL(i): a vector true in element i only."""
+    return els(dap, i, i, n)
+
+
+def els(dap: Dap, first: int, last: int, n: int | None = None) -> DapArray:
+    """ELS(i, j): a vector true in elements i to j."""
+    return _pattern(dap, _within(_extent('ELS', n or dap.es), first, last))
+
+
+def _alternate(extent: int, run: int) -> np.ndarray:
+    return np.arange(extent) // _extent('ALT', run) % 2 == 1
+
+
+def alt(dap: Dap, run: int, n: int | None = None) -> DapArray:
+    """ALT(r): a vector of r falses, r trues, r falses, ..."""
+    return _pattern(dap, _alternate(_extent('ALT', n or dap.es), run))
+
+
+def altr(dap: Dap, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """ALTR(r): a matrix of r rows false, r rows true, ..."""
+    shape = _shape(dap, rows, columns)
+    return _pattern(dap, np.repeat(_alternate(shape[0], run)[:, None], shape[1], axis=1))
+
+
+def altc(dap: Dap, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """ALTC(r): a matrix of r columns false, r columns true, ..."""
+    shape = _shape(dap, rows, columns)
+    return _pattern(dap, np.repeat(_alternate(shape[1], run)[None, :], shape[0], axis=0))
+
+
+def unit_diagonal(dap: Dap, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """PATUNITDIAG(): a matrix true on its main diagonal."""
+    return _pattern(dap, np.eye(*_shape(dap, rows, columns), dtype=bool))
+
+
+def lower_triangle(dap: Dap, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """PATLOWERTRI(): a matrix true on and below its main diagonal."""
+    return _pattern(dap, np.tri(*_shape(dap, rows, columns), dtype=bool))
+
+
+def upper_triangle(dap: Dap, rows: int | None = None, columns: int | None = None) -> DapArray:
+    """PATUPPERTRI(): a matrix true on and above its main diagonal."""
+    return _pattern(dap, np.tri(*_shape(dap, rows, columns)[::-1], dtype=bool).T.copy())
+
+
+def index_vector(dap: Dap, n: int | None = None) -> DapArray:
+    """INDEX(n): the INTEGER*4 vector 1, 2, ..., n (our addition: the language builds it from patterns)."""
+    out = DapArray(dap, integer(4), np.arange(1, _extent('INDEX', n or dap.es) + 1, dtype=np.int32))
+    out._charge('broadcast', integer(4))
+    return out
+
+
+# Shifts: SH, the way the data moves (north: to lower rows, west and left: to lower columns), Planar or Cyclic.
+
+def _shift(name: str, rank: int, axis: int, step: int, cyclic: bool) -> Callable[..., DapArray]:
+    def apply(x: Any, distance: int = 1) -> DapArray:
+        source = checked_array(x, name, rank=rank)
+        if distance < 0:
+            raise ValueError(f'{name}: expected a distance >= 0, got {distance}')
+        source._charge('neighbour', source.kind, detail=max(1, distance), axis=axis)
+        return source.like(source.kind, moved(source.values, step * distance, axis, cyclic))
+
+    apply.__name__ = name.lower()
+    apply.__doc__ = (f'{name}(x, d = 1): every element moves d places '
+                     f'{_WAYS[name[2]]}; '
+                     f'{"what leaves comes in at the other end" if cyclic else "zeros (false) come in"}.')
+    return apply
+
+
+SHIFTS: dict[str, Callable[..., DapArray]] = {
+    f'SH{way}{geometry}': _shift(f'SH{way}{geometry}', rank, axis, step, geometry == 'C')
+    for way, rank, axis, step in (('N', 2, 0, 1), ('S', 2, 0, -1), ('W', 2, 1, 1), ('E', 2, 1, -1),
+                                  ('L', 1, 0, 1), ('R', 1, 0, -1))
+    for geometry in 'PC'}

@@ -1,0 +1,483 @@
+"""Parallel arrays: the vectors and matrices of Fortran-Plus as Python values.
+
+Every operation is computed with numpy (or, for LOGICAL, on packed bit-planes), cut to the word length, and charged to
+the machine's cost model. Python indices start at 0; the language's start at 1.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Union
+
+import numpy as np
+
+from . import planes
+from .kinds import LOGICAL, Kind, common_kind, parse_kind, real
+from .machine import Dap
+
+Scalar = Union[bool, int, float]  # noqa: UP007  (evaluated at run time)
+Operand = Union['DapArray', Scalar]
+
+_COMPARE = {'lt': np.less, 'le': np.less_equal, 'gt': np.greater, 'ge': np.greater_equal, 'eq': np.equal,
+            'ne': np.not_equal}
+_ARITHMETIC = {'add': np.add, 'subtract': np.subtract, 'multiply': np.multiply}
+_LOGIC = {'and': np.bitwise_and, 'or': np.bitwise_or, 'neqv': np.bitwise_xor}
+
+
+class DapArray:
+    """A parallel vector or matrix on one Dap.
+
+    kind : its type; shape : (n,) or (rows, columns); mapping : how it lies on the PEs; values : numpy array of the
+    kind's dtype (a view for reading: change an array with ``a[mask] = ...`` or ``assign``).
+    Operators + - * / // % ** & | ^ ~ and comparisons work element by element; a scalar takes the word length of the
+    array it meets, and must fit. Mixing two machines, mappings or shapes raises ValueError.
+    """
+
+    __slots__ = ('dap', 'kind', 'shape', 'mapping', '_values', '_words', '_planes', 'fresh', '__weakref__')
+    __array_priority__ = 100
+
+    def __init__(self, dap: Dap, kind: Kind, values: np.ndarray | None, *, shape: tuple[int, ...] | None = None,
+                 words: np.ndarray | None = None, mapping: str | None = None, owned: bool = True) -> None:
+        """values of kind.dtype, or for LOGICAL packed words with a shape. owned: takes store (a view does not)."""
+        self._planes = 0
+        self.dap, self.kind = dap, kind
+        self._values, self._words = values, words
+        self.shape: tuple[int, ...] = values.shape if values is not None else tuple(shape or ())
+        self.mapping = mapping or dap.mapping
+        # An expression's result may be moved into a variable; anything else must be copied.
+        self.fresh = owned
+        if owned:
+            wanted = kind.bits * dap.layout(self.shape, self.mapping).blocks
+            dap.store.take(wanted, f'a {kind} array of shape {self.shape}')
+            self._planes = wanted
+
+    def __del__(self) -> None:
+        if self._planes:
+            self.dap.store.give_back(self._planes)
+
+    # What is in it.
+
+    @property
+    def values(self) -> np.ndarray:
+        if self._values is None:
+            assert self._words is not None
+            self._values = planes.unpack(self._words, self.size).reshape(self.shape)
+        return self._values
+
+    @property
+    def words(self) -> np.ndarray:
+        """(words,) uint64: the packed bit-plane of a LOGICAL, elements in row order."""
+        if self._words is None:
+            assert self._values is not None
+            self._words = planes.pack(self._values.reshape(-1))
+        return self._words
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    @property
+    def rank(self) -> int:
+        return len(self.shape)
+
+    @property
+    def blocks(self) -> int:
+        return self.dap.layout(self.shape, self.mapping).blocks
+
+    def numpy(self) -> np.ndarray:
+        """A copy for the host."""
+        self._charge('host', self.kind)
+        return self.values.copy()
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        return self.values.astype(dtype) if dtype is not None else self.values.copy()
+
+    def planes(self) -> np.ndarray:
+        """(bits, words) uint64: the packed bit-planes of a LOGICAL or INTEGER, plane 0 the least significant."""
+        if self.kind.name == 'LOGICAL':
+            return self.words[None]
+        if self.kind.name != 'INTEGER':
+            raise ValueError(f'planes: of a LOGICAL or INTEGER array, not {self.kind}')
+        return planes.to_planes(self.values, self.kind)
+
+    def pe_grid(self) -> np.ndarray:
+        """(blocks, ES, ES): the values as the PEs hold them."""
+        return self.dap.layout(self.shape, self.mapping).to_blocks(self.values)
+
+    # Charging and making results.
+
+    def _charge(self, operation: str, kind: Kind, detail: int = 1, axis: int = 0, times: int = 1) -> None:
+        self.dap.charge(operation, kind, self.shape, self.mapping, detail, axis, times)
+
+    def like(self, kind: Kind, values: np.ndarray) -> DapArray:
+        """A new array on the same machine and mapping."""
+        return DapArray(self.dap, kind, values, mapping=self.mapping)
+
+    def _logical(self, words: np.ndarray) -> DapArray:
+        return DapArray(self.dap, LOGICAL, None, shape=self.shape, words=words, mapping=self.mapping)
+
+    def _other(self, other: Operand, what: str) -> tuple[Any, Kind]:
+        """The other operand's values, checked, and the kind both become."""
+        if isinstance(other, DapArray):
+            if other.dap is not self.dap:
+                raise ValueError(f'{what}: the arrays are on different machines')
+            if other.shape != self.shape:
+                raise ValueError(f'{what}: shapes {self.shape} and {other.shape} differ')
+            if other.mapping != self.mapping and self.rank == 2:
+                raise ValueError(f'{what}: mappings {self.mapping} and {other.mapping} differ; use remapped()')
+            return other, common_kind(self.kind, other.kind)
+        return other, scalar_kind(self.kind, other, what)
+
+    def _numeric(self, other: Operand, what: str) -> tuple[np.ndarray, Any, Kind]:
+        """Both operands' values in their common kind."""
+        _, kind = self._other(other, what)
+        if not kind.is_numeric or self.kind.name == 'LOGICAL' or (
+                isinstance(other, DapArray) and other.kind.name == 'LOGICAL'):
+            raise ValueError(f'{what}: expected numbers, got {self.kind} and '
+                             f'{other.kind if isinstance(other, DapArray) else type(other).__name__}')
+        mine = self._widened(kind)
+        if isinstance(other, DapArray):
+            return mine, other._widened(kind), kind
+        return mine, kind.dtype.type(kind.scalar(other)), kind
+
+    def _widened(self, kind: Kind) -> np.ndarray:
+        if self.kind == kind:
+            return self.values
+        if kind.name == 'REAL' and self.kind.name == 'INTEGER':
+            self._charge('convert', kind)
+        return kind.convert(self.values)
+
+    # Arithmetic.
+
+    def binary(self, operation: str, other: Operand, swapped: bool = False, kind: Kind | None = None) -> DapArray:
+        """add, subtract, multiply, divide or remainder. kind: of the result, when not the operands' common kind."""
+        a, b, common = self._numeric(other, operation)
+        target = kind or common
+        if target != common:
+            a, b = target.convert(a), target.convert(np.asarray(b))
+        if swapped:
+            a, b = b, a
+        charged = 'divide' if operation == 'remainder' else operation
+        self._charge(charged, target)
+        if self.dap.bit_serial and target.name == 'INTEGER' and target.bits <= 16 and operation in _ARITHMETIC:
+            return self.like(target, self._serial(operation, a, b, target))
+        with np.errstate(all='ignore'):
+            if operation in _ARITHMETIC:
+                result = _ARITHMETIC[operation](a, b)
+            elif target.name == 'REAL':
+                result = np.divide(a, b) if operation == 'divide' else np.fmod(a, b)
+            else:
+                result = self._integer_divide(operation, a, b)
+        return self.like(target, target.fit(result))
+
+    def _serial(self, operation: str, a: np.ndarray, b: np.ndarray, kind: Kind) -> np.ndarray:
+        """The same plane by plane, on packed planes."""
+        p, q = (planes.to_planes(np.broadcast_to(side, self.shape), kind) for side in (a, b))
+        full = planes.ones(self.size)
+        if operation == 'add':
+            result = planes.add(p, q, np.zeros_like(full))
+        else:
+            result = planes.subtract(p, q, full) if operation == 'subtract' else planes.multiply(p, q)
+        return planes.from_planes(result, kind, self.shape)
+
+    def _integer_divide(self, operation: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Toward zero, as Fortran divides. Division by zero gives 0 and is counted as a fault."""
+        zero = b == 0
+        faults = int(np.count_nonzero(np.broadcast_to(zero, self.shape)))
+        if faults:
+            self.dap.faults += faults
+            b = np.where(zero, b.dtype.type(1), b)
+        rest = np.fmod(a, b)
+        if operation == 'remainder':
+            return np.where(zero, b.dtype.type(0), rest) if faults else rest
+        quotient = np.floor_divide(a - rest, b)
+        return np.where(zero, b.dtype.type(0), quotient) if faults else quotient
+
+    def power(self, exponent: Operand) -> DapArray:
+        """Integer powers by multiplication, real powers by exp and log."""
+        if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool) and exponent >= 0:
+            self._charge('power', self.kind, detail=max(1, int(exponent)))
+            with np.errstate(all='ignore'):
+                result = np.power(self.values, self.values.dtype.type(exponent) if self.kind.name == 'INTEGER'
+                                  else int(exponent))
+            return self.like(self.kind, self.kind.fit(result.astype(self.kind.dtype, copy=False)))
+        a, b, kind = self._numeric(exponent, 'power')
+        if kind.name == 'INTEGER':
+            kind = real(4) if kind.bits <= 32 else real(8)
+            a, b = kind.convert(a), kind.convert(np.asarray(b))
+        self._charge('function', kind, times=2)
+        self._charge('multiply', kind)
+        with np.errstate(all='ignore'):
+            return self.like(kind, kind.fit(np.power(a, b).astype(kind.dtype, copy=False)))
+
+    def plus(self, other: Operand, kind: Kind) -> DapArray:
+        """self + other in a word length of your choice: an APAL programmer lets sums grow a plane at a time."""
+        return self.binary('add', other, kind=kind)
+
+    def minus(self, other: Operand, kind: Kind) -> DapArray:
+        """self - other in a word length of your choice."""
+        return self.binary('subtract', other, kind=kind)
+
+    def __add__(self, other: Operand) -> DapArray:
+        return self.binary('add', other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Operand) -> DapArray:
+        return self.binary('subtract', other)
+
+    def __rsub__(self, other: Operand) -> DapArray:
+        return self.binary('subtract', other, swapped=True)
+
+    def __mul__(self, other: Operand) -> DapArray:
+        return self.binary('multiply', other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Operand) -> DapArray:
+        """Fortran's /: of integers it is an integer, toward zero."""
+        return self.binary('divide', other)
+
+    def __rtruediv__(self, other: Operand) -> DapArray:
+        return self.binary('divide', other, swapped=True)
+
+    def __mod__(self, other: Operand) -> DapArray:
+        """Fortran's MOD: the sign of the first operand."""
+        return self.binary('remainder', other)
+
+    def __pow__(self, other: Operand) -> DapArray:
+        return self.power(other)
+
+    def __neg__(self) -> DapArray:
+        self._charge('negate', self._number())
+        return self.like(self.kind, self.kind.fit(np.negative(self.values)))
+
+    def __pos__(self) -> DapArray:
+        return self
+
+    def __abs__(self) -> DapArray:
+        self._charge('absolute' if self._number().name == 'INTEGER' else 'negate', self.kind)
+        return self.like(self.kind, self.kind.fit(np.abs(self.values)))
+
+    def _number(self) -> Kind:
+        if not self.kind.is_numeric:
+            raise ValueError(f'expected numbers, got {self.kind}')
+        return self.kind
+
+    # Comparison and logic.
+
+    def compare(self, relation: str, other: Operand) -> DapArray:
+        """lt, le, gt, ge, eq or ne: a LOGICAL array."""
+        if isinstance(other, DapArray) and other.kind.name == self.kind.name == 'LOGICAL' and relation in ('eq', 'ne'):
+            return self.logic('eqv' if relation == 'eq' else 'neqv', other)
+        a, b, kind = self._numeric(other, 'comparison')
+        self._charge('compare', kind)
+        if self.dap.bit_serial and kind.name == 'INTEGER' and kind.bits <= 16:
+            return self._logical(self._serial_compare(relation, a, b, kind))
+        return self.like(LOGICAL, _COMPARE[relation](a, b))
+
+    def _serial_compare(self, relation: str, a: np.ndarray, b: np.ndarray, kind: Kind) -> np.ndarray:
+        p, q = (planes.to_planes(np.broadcast_to(side, self.shape), kind) for side in (a, b))
+        full = planes.ones(self.size)
+        if relation in ('eq', 'ne'):
+            same = planes.equal(p, q, full)
+            return same if relation == 'eq' else ~same & full
+        if relation in ('gt', 'le'):
+            p, q = q, p
+        smaller = planes.less(p, q, kind.signed)
+        return smaller if relation in ('lt', 'gt') else ~smaller & full
+
+    def logic(self, operation: str, other: Operand) -> DapArray:
+        """and, or, eqv or neqv of LOGICALs, on packed planes."""
+        self._other(other, operation)
+        self._charge('logic', LOGICAL)
+        mine = self._truth()
+        if isinstance(other, DapArray):
+            theirs = other._truth()
+        else:
+            theirs = planes.ones(self.size) if other else np.zeros_like(mine)
+        if operation == 'eqv':
+            return self._logical(~(mine ^ theirs) & planes.ones(self.size))
+        return self._logical(_LOGIC[operation](mine, theirs))
+
+    def _truth(self) -> np.ndarray:
+        if self.kind.name != 'LOGICAL':
+            raise ValueError(f'expected LOGICAL, got {self.kind}')
+        return self.words
+
+    def __and__(self, other: Operand) -> DapArray:
+        return self.logic('and', other)
+
+    def __or__(self, other: Operand) -> DapArray:
+        return self.logic('or', other)
+
+    def __xor__(self, other: Operand) -> DapArray:
+        return self.logic('neqv', other)
+
+    __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
+
+    def __invert__(self) -> DapArray:
+        self._charge('not', LOGICAL)
+        return self._logical(~self._truth() & planes.ones(self.size))
+
+    def __lt__(self, other: Operand) -> DapArray:
+        return self.compare('lt', other)
+
+    def __le__(self, other: Operand) -> DapArray:
+        return self.compare('le', other)
+
+    def __gt__(self, other: Operand) -> DapArray:
+        return self.compare('gt', other)
+
+    def __ge__(self, other: Operand) -> DapArray:
+        return self.compare('ge', other)
+
+    def __eq__(self, other: object) -> DapArray:  # type: ignore[override]
+        return self.compare('eq', other)  # type: ignore[arg-type]
+
+    def __ne__(self, other: object) -> DapArray:  # type: ignore[override]
+        return self.compare('ne', other)  # type: ignore[arg-type]
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __bool__(self) -> bool:
+        raise ValueError('a parallel array has no single truth value: use any() or all() of dap_emulator.intrinsics')
+
+    # Types, copies, masked assignment, elements.
+
+    def astype(self, kind: Kind | str) -> DapArray:
+        """Another kind: FLOAT, FIX and LENGTH of the language."""
+        target = parse_kind(kind)
+        if target.name == 'LOGICAL' or self.kind.name == 'LOGICAL':
+            if target == self.kind:
+                return self
+            raise ValueError(f'{self.kind} cannot become {target}: use MERGE or a comparison')
+        self._charge('convert' if target.name != self.kind.name or target.name == 'REAL' else 'copy', target)
+        return self.like(target, target.convert(self.values))
+
+    def copy(self) -> DapArray:
+        self._charge('copy', self.kind)
+        return self.like(self.kind, self.values.copy())
+
+    def remapped(self, mapping: str) -> DapArray:
+        """The same values lying another way on the PEs."""
+        result = DapArray(self.dap, self.kind, self.values.copy(), mapping=mapping)
+        if mapping != self.mapping:
+            self._charge('remap', self.kind)
+        return result
+
+    def assign(self, value: Operand, mask: DapArray | None = None) -> None:
+        """value into every element, or where the mask is true. The cost is the same whatever the mask says."""
+        if isinstance(value, DapArray):
+            self._other(value, 'assignment')
+            source: Any = value.values if value.kind == self.kind else value._converted(self.kind)
+            self._charge('copy' if mask is None else 'masked_copy', self.kind)
+        else:
+            if (self.kind.name == 'LOGICAL') != isinstance(value, (bool, np.bool_)):
+                raise ValueError(f'assignment: cannot put {value!r} into {self.kind}')
+            source = self.kind.dtype.type(self.kind.scalar(checked_scalar(self.kind, value, 'assignment')))
+            self._charge('copy' if mask is None else 'masked_copy', self.kind)
+        target = self.values
+        if not target.flags.writeable:
+            target = target.copy()
+        if mask is None:
+            target[...] = source
+        else:
+            self._other(mask, 'mask')
+            mask._truth()
+            np.copyto(target, source, where=mask.values)
+        self._values, self._words = target, None
+
+    def _converted(self, kind: Kind) -> np.ndarray:
+        return self.astype(kind).values
+
+    def __setitem__(self, where: Any, value: Operand) -> None:
+        if isinstance(where, DapArray):
+            self.assign(value, where)
+        elif isinstance(where, slice) and where == slice(None):
+            self.assign(value)
+        else:
+            index = self._index(where)
+            self._charge('store_element', self.kind)
+            target = self.values if self.values.flags.writeable else self.values.copy()
+            target[index] = self.kind.scalar(checked_scalar(self.kind, value, 'element'))
+            self._values, self._words = target, None
+
+    def __getitem__(self, where: Any) -> Scalar:
+        """One element, fetched into the control unit."""
+        index = self._index(where)
+        self._charge('fetch', self.kind)
+        return self.values[index].item()
+
+    def _index(self, where: Any) -> tuple[int, ...]:
+        index = where if isinstance(where, tuple) else (where,)
+        if len(index) != self.rank or not all(isinstance(i, (int, np.integer)) for i in index):
+            raise IndexError(f'index: expected {self.rank} whole numbers or a LOGICAL mask, got {where!r}')
+        if not all(0 <= i < extent for i, extent in zip(index, self.shape)):
+            raise IndexError(f'index: {where} is outside shape {self.shape}')
+        return tuple(int(i) for i in index)
+
+    def neighbour(self, distance: int, axis: int = 0, cyclic: bool = False) -> DapArray:
+        """The element ``distance`` places further along an axis, in every place: X(+,) is neighbour(1, axis=0).
+
+        Planar geometry puts zero (false) beyond the edge; cyclic wraps around.
+        """
+        if not 0 <= axis < self.rank:
+            raise ValueError(f'axis: expected 0 to {self.rank - 1}, got {axis}')
+        self._charge('neighbour', self.kind, detail=max(1, abs(distance)), axis=axis)
+        return self.like(self.kind, moved(self.values, distance, axis, cyclic))
+
+    @property
+    def T(self) -> DapArray:
+        if self.rank != 2:
+            raise ValueError('transpose: expected a matrix')
+        self._charge('transpose', self.kind)
+        mapping = self.mapping
+        return DapArray(self.dap, self.kind, np.ascontiguousarray(self.values.T), mapping=mapping)
+
+    def __repr__(self) -> str:
+        extents = ' x '.join(str(extent) for extent in self.shape)
+        with np.printoptions(threshold=200, edgeitems=3, precision=5):
+            shape = 'matrix' if self.rank == 2 else 'vector'
+            return f'{self.kind} {shape} {extents}, {self.blocks} block(s)\n{self.values}'
+
+    def _repr_html_(self) -> str:
+        from .drawing import html_plane
+        return html_plane(self)
+
+
+def moved(values: np.ndarray, distance: int, axis: int, cyclic: bool) -> np.ndarray:
+    """out[i] = values[i + distance] along an axis; beyond the edge zero, or wrapped around."""
+    if cyclic:
+        return np.roll(values, -distance, axis=axis)
+    out = np.zeros_like(values)
+    extent = values.shape[axis]
+    if abs(distance) < extent:
+        here: list[Any] = [slice(None)] * values.ndim
+        there = list(here)
+        here[axis] = slice(0, extent - distance) if distance >= 0 else slice(-distance, extent)
+        there[axis] = slice(distance, extent) if distance >= 0 else slice(0, extent + distance)
+        out[tuple(here)] = values[tuple(there)]
+    return out
+
+
+def checked_scalar(kind: Kind, value: Any, what: str) -> Scalar:
+    """A scalar that fits an array's kind. Raises ValueError that says which does not."""
+    if isinstance(value, (bool, np.bool_)):
+        if kind.name != 'LOGICAL':
+            raise ValueError(f'{what}: a logical value meets {kind}')
+        return bool(value)
+    if kind.name == 'LOGICAL' or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise ValueError(f'{what}: {value!r} meets {kind}')
+    if kind.name == 'INTEGER' and isinstance(value, (int, np.integer)):
+        low, high = kind.range
+        if not low <= value <= high:
+            raise ValueError(f'{what}: {value} does not fit {kind} ({low} to {high})')
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def scalar_kind(kind: Kind, value: Any, what: str) -> Kind:
+    """The kind an array of this kind and a scalar become."""
+    if kind.name == 'INTEGER' and isinstance(value, (float, np.floating)):
+        return real(4) if kind.bits <= 32 else real(8)
+    checked_scalar(kind, value, what)
+    return kind

@@ -1,0 +1,26 @@
+"""Errors of Fortran-Plus programs: where, what, and the line itself."""
+
+from __future__ import annotations
+
+from ..machine import OutOfStore
+
+
+class FortranError(ValueError):
+    """A program that cannot be compiled or run.
+
+    line, column : from 1; text : the source line; reason : what is wrong
+    """
+
+    def __init__(self, reason: str, line: int = 0, column: int = 0, text: str = '') -> None:
+        self.reason, self.line, self.column, self.text = reason, line, column, text
+        where = f'line {line}, column {column}: ' if line else ''
+        shown = f'\n  {text.rstrip()}\n  {" " * max(0, column - 1)}^' if text else ''
+        super().__init__(f'{where}{reason}{shown}')
+
+
+class FortranStoreError(FortranError, OutOfStore):
+    """A program asked for more bit-planes than are free."""
+
+
+class Stopped(RuntimeError):
+    """A run was stopped from outside: cancelled, or out of time or cycles."""

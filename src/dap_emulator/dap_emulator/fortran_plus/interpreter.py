@@ -1,0 +1,406 @@
+"""Interpreter: every statement becomes a Python closure once, and a run steps through them.
+
+Parallel work is charged by the arrays themselves; scalar work of a statement is counted when it is compiled and charged
+to the control unit each time the statement runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..arrays import DapArray
+from ..machine import OutOfStore
+from .control import Step, flatten
+from .declarations import CheckedUnit, Symbol
+from .errors import FortranError, FortranStoreError
+from .expressions import Expressions, position_in, select_part
+from .parser import located
+from .running import MAX_DEPTH, MAX_DISPLAYS, Evaluate, Frame, Run, StopProgram
+from .storage import ArrayVariable
+from .syntax import Constant, Node, Reference, Whole
+
+
+class CompiledUnit:
+    """A unit as closures. call(run, arguments) runs it and gives its frame."""
+
+    def __init__(self, item: CheckedUnit, units: dict[str, CheckedUnit]) -> None:
+        self.item = item
+        self.steps, loops = flatten(item.body)
+        self.loop_base = 1 + sum(symbol.slot > 0 for symbol in item.symbols.values())
+        self.frame_size = self.loop_base + loops
+        self.lines = [step.node.source.line for step in self.steps]
+        self.symbols = [symbol for symbol in item.symbols.values() if symbol.slot]
+        compiler = _Compiler(self, units)
+        self.prepare = [compiler.preparation(symbol) for symbol in self.symbols
+                        if symbol.argument is None]
+        self.code = [compiler.step(step) for step in self.steps]
+
+    def call(self, run: Run, arguments: list[Any]) -> Frame:
+        """arguments: scalars and ArrayVariables, in order."""
+        frame: Frame = [None] * self.frame_size
+        frame[0] = run
+        for symbol, value in zip(self.item.arguments, arguments):
+            frame[symbol.slot] = value
+        run.depth += 1
+        if run.depth > MAX_DEPTH:
+            raise located(self.item.unit.header.source, 0, f'calls nested deeper than {MAX_DEPTH}')
+        caller_line = run.dap.line
+        try:
+            for prepare in self.prepare:
+                prepare(frame)
+            self._execute(run, frame)
+        except StopProgram:
+            if run.depth > 1:
+                raise
+        finally:
+            run.depth -= 1
+            run.dap.line = caller_line
+        return frame
+
+    def _execute(self, run: Run, frame: Frame) -> None:
+        dap, code, lines = run.dap, self.code, self.lines
+        position, end = 0, len(code)
+        try:
+            while position < end:
+                run.ticks += 1
+                if not run.ticks & 63:
+                    run.check()
+                dap.line = lines[position]
+                target = code[position](frame)
+                position = position + 1 if target is None else target
+        except (ValueError, IndexError, ArithmeticError, OutOfStore) as error:
+            if isinstance(error, FortranError):
+                raise
+            raise self._failure(self.steps[position].node, error) from error
+
+    def _failure(self, node: Node, error: Exception) -> FortranError:
+        where = located(node.source, node.at, str(error))
+        kind = FortranStoreError if isinstance(error, OutOfStore) else FortranError
+        return kind(where.reason, where.line, where.column, where.text)
+
+
+class _Compiler(Expressions):
+    """Closures for the statements of one unit."""
+
+    # Variables.
+
+    def preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
+        """What makes a local or COMMON variable when its unit is called."""
+        slot, kind, initial = symbol.slot, symbol.type.kind, symbol.initial
+        if not symbol.dimensions:
+            start: Any = {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
+            if initial is not None:
+                start = initial[0] if kind.name == 'CHARACTER' else kind.scalar(initial[0])
+            common = symbol.common
+
+            def prepare_scalar(frame: Frame) -> None:
+                if common is None:
+                    frame[slot] = start
+                else:
+                    frame[0].commons.setdefault(common, start)
+            return prepare_scalar
+        shape = self.extents(symbol)
+
+        def prepare_array(frame: Frame) -> None:
+            run = frame[0]
+            if symbol.common is not None and symbol.common in run.commons:
+                variable = run.commons[symbol.common]
+                parallel, serial = shape(frame)
+                if (variable.kind, variable.parallel, variable.serial) != (kind, parallel, serial):
+                    raise ValueError(f'COMMON /{symbol.common[0]}/: {symbol.name} differs between subroutines')
+            else:
+                parallel, serial = shape(frame)
+                variable = ArrayVariable(run.dap, kind, parallel, serial, name=symbol.name)
+                if initial is not None:
+                    if len(initial) != variable.data.size:
+                        raise ValueError(f'DATA: {symbol.name} has {variable.data.size} elements, {len(initial)} given')
+                    variable.data[...] = np.asarray(initial, dtype=variable.data.dtype).reshape(serial, order='F')
+                if symbol.common is not None:
+                    run.commons[symbol.common] = variable
+            frame[slot] = variable
+
+        def prepare(frame: Frame) -> None:
+            try:
+                prepare_array(frame)
+            except (ValueError, OutOfStore) as error:
+                if isinstance(error, FortranError):
+                    raise
+                raise self.unit._failure(self.item.unit.header, error) from error
+        return prepare
+
+    def extents(self, symbol: Symbol) -> Callable[[Frame], tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Parallel and serial extents of an array; an omitted parallel extent is ES."""
+        parts = [(dimension.parallel, None if dimension.extent is None else self.expression(dimension.extent))
+                 for dimension in symbol.dimensions]
+
+        def shape(frame: Frame) -> tuple[tuple[int, ...], tuple[int, ...]]:
+            found: tuple[list[int], list[int]] = ([], [])
+            for parallel, extent in parts:
+                value = frame[0].dap.es if extent is None else extent(frame)
+                if value < 1:
+                    raise ValueError(f'{symbol.name}: an extent is {value}, expected at least 1')
+                found[0 if parallel else 1].append(value)
+            return tuple(found[0]), tuple(found[1])
+        return shape
+
+    def store_scalar(self, symbol: Symbol) -> Callable[[Frame, Any], None]:
+        slot, common, kind = symbol.slot, symbol.common, symbol.type.kind
+        convert: Callable[[Any], Any] = (lambda value: value) if kind.name in ('CHARACTER', 'LOGICAL') else kind.scalar
+
+        def store(frame: Frame, value: Any) -> None:
+            if common is None:
+                frame[slot] = convert(value)
+            else:
+                frame[0].commons[common] = convert(value)
+        return store
+
+    # Statements.
+
+    def step(self, step: Step) -> Callable[[Frame], int | None]:
+        """A step's closure: the next position, or None for the following one."""
+        self.integers = self.reals = self.functions = 0
+        run = getattr(self, '_step_' + step.what)(step)
+        return self._with_scalar_work(run, branches=step.what != 'plain')
+
+    def _with_scalar_work(self, run: Callable[[Frame], Any], branches: bool) -> Callable[[Frame], Any]:
+        integers, reals, functions = self.integers, self.reals, self.functions
+        if not (integers or reals or functions or branches):
+            return run
+
+        def charged(frame: Frame) -> Any:
+            dap = frame[0].dap
+            costs = dap.costs
+            cycles = integers * costs.mcu() + reals * costs.mcu(real=True) + functions * costs.mcu(function=True)
+            dap.charge_mcu('scalar', cycles + (round(costs['mcu_branch']) if branches else 0))
+            return run(frame)
+        return charged
+
+    def _step_plain(self, step: Step) -> Callable[[Frame], int | None]:
+        return getattr(self, '_' + step.node.what)(step.node)
+
+    def _step_jump(self, step: Step) -> Callable[[Frame], int | None]:
+        target = step.target
+        return lambda frame: target
+
+    def _step_jump_unless(self, step: Step) -> Callable[[Frame], int | None]:
+        condition, target = self.expression(step.condition), step.target
+        return lambda frame: None if condition(frame) else target
+
+    def _step_do_start(self, step: Step) -> Callable[[Frame], int | None]:
+        node = step.node
+        store = self.store_scalar(self.item.symbols[node.variable.name])
+        first, last = self.expression(node.first), self.expression(node.last)
+        by = self.expression(node.step) if node.step is not None else lambda frame: 1
+        slot, target = self.unit.loop_base + step.loop, step.target
+
+        def run(frame: Frame) -> int | None:
+            start, stride = first(frame), by(frame)
+            if stride == 0:
+                raise ValueError('the step of a DO is zero')
+            store(frame, start)
+            trips = (last(frame) - start + stride) // stride
+            frame[slot] = [trips, stride]
+            return target if trips <= 0 else None
+        return run
+
+    def _step_do_next(self, step: Step) -> Callable[[Frame], int | None]:
+        symbol = self.item.symbols[step.node.variable.name]
+        load, store = self.load(symbol), self.store_scalar(symbol)
+        slot, target = self.unit.loop_base + step.loop, step.target
+
+        def run(frame: Frame) -> int | None:
+            counter = frame[slot]
+            counter[0] -= 1
+            store(frame, load(frame) + counter[1])
+            return target if counter[0] > 0 else None
+        return run
+
+    def _return(self, node: Node) -> Callable[[Frame], int | None]:
+        end = len(self.unit.steps)
+        return lambda frame: end
+
+    def _stop(self, node: Node) -> Callable[[Frame], int | None]:
+        def run(frame: Frame) -> int | None:
+            raise StopProgram
+        return run
+
+    def _call(self, node: Node) -> Callable[[Frame], int | None]:
+        if node.name == 'DISPLAY' and node.name not in self.units:
+            return self._display(node)
+        bind = self.arguments(node.name, node.arguments)
+
+        def run(frame: Frame) -> None:
+            bind(frame)
+        return run
+
+    def _display(self, node: Node) -> Callable[[Frame], int | None]:
+        value = self.expression(node.arguments[0])
+        title = self.expression(node.arguments[1]) if len(node.arguments) > 1 else None
+        first = node.arguments[0]
+        name = first.name if isinstance(first, Reference) else 'value'
+
+        def run(frame: Frame) -> None:
+            if len(frame[0].displays) < MAX_DISPLAYS:
+                shown = value(frame)
+                values = shown.values.copy() if isinstance(shown, DapArray) else np.asarray(shown)
+                frame[0].displays.append((name, values, str(title(frame)) if title else ''))
+        return run
+
+    def arguments(self, name: str, actuals: list[Any]) -> Callable[[Frame], Frame]:
+        """Call a unit: arrays by reference, scalars copied in and back out."""
+        dummies = self.units[name].arguments
+        changed = self.units[name].changed
+        makers = [self._actual(actual, dummy) for actual, dummy in zip(actuals, dummies)]
+        backs: list[tuple[int, Callable[[Frame, Any], None]]] = []
+        for dummy, actual in zip(dummies, actuals):
+            if not dummy.dimensions and dummy.name in changed and isinstance(actual, Reference) \
+                    and actual.meaning == 'variable' and self.item.symbols[actual.name].slot:
+                backs.append((dummy.slot, self.target(actual)))
+
+        def call(frame: Frame) -> Frame:
+            run = frame[0]
+            run.dap.charge_mcu('call', round(run.dap.costs['mcu_call']))
+            inner = run.units[name].call(run, [make(frame) for make in makers])
+            for slot, store in backs:
+                store(frame, inner[slot])
+            return inner
+        return call
+
+    def _actual(self, actual: Any, dummy: Symbol) -> Evaluate:
+        if not dummy.dimensions:
+            value, kind = self.expression(actual), dummy.type.kind
+            return value if kind.name in ('CHARACTER', 'LOGICAL') else lambda frame: kind.scalar(value(frame))
+        if isinstance(actual, Reference) and actual.meaning == 'variable':
+            symbol = self.item.symbols[actual.name]
+            load = self.load(symbol)
+            if actual.items is None:
+                return self._same_shape(load, dummy)
+            leading = len(actual.items) - symbol.type.serial
+            if all(isinstance(item, Whole) for item in actual.items[:leading]):
+                indices = [self.expression(item) for item in actual.items[leading:]]
+
+                def part(frame: Frame) -> Any:
+                    variable = load(frame)
+                    return variable.part(variable.place(tuple(index(frame) for index in indices)))
+                return self._same_shape(part, dummy)
+        value = self.expression(actual)
+
+        def temporary(frame: Frame) -> ArrayVariable:
+            array = value(frame)
+            variable = ArrayVariable(array.dap, dummy.type.kind, array.shape, ())
+            variable.write((), array)
+            return variable
+        return self._same_shape(temporary, dummy)
+
+    def _same_shape(self, make: Evaluate, dummy: Symbol) -> Evaluate:
+        """Checks the extents a dummy array states as constants."""
+        stated = [(axis, dimension.extent.value) for axis, dimension in enumerate(dummy.dimensions)
+                  if isinstance(dimension.extent, Constant)]
+        if not stated:
+            return make
+
+        def checked(frame: Frame) -> ArrayVariable:
+            variable = make(frame)
+            shape = variable.parallel + variable.serial
+            for axis, extent in stated:
+                if shape[axis] != extent:
+                    raise ValueError(f'argument {dummy.name} has shape {shape}, its declaration says {extent} '
+                                     f'in dimension {axis + 1}')
+            return variable
+        return checked
+
+    def _assign(self, node: Node) -> Callable[[Frame], int | None]:
+        value, store = self.expression(node.value), self.target(node.target)
+        if not node.target.type.rank:
+            self._count(node.target.type.kind)
+
+        def run(frame: Frame) -> None:
+            store(frame, value(frame))
+        return run
+
+    def target(self, node: Reference) -> Callable[[Frame, Any], None]:
+        """Where an assignment goes."""
+        symbol = self.item.symbols[node.name]
+        rank, serial = symbol.type.rank, symbol.type.serial
+        if not symbol.dimensions:
+            return self.store_scalar(symbol)
+        load = self.load(symbol)
+        if node.items is None:
+            return self._store_all(load, symbol)
+        leading = len(node.items) - serial
+        place = self._place(load, node.items[leading:])
+        if not rank:
+            def element(frame: Frame, value: Any) -> None:
+                variable = load(frame)
+                variable.data[place(frame, variable)] = value if variable.kind.name == 'CHARACTER' else \
+                    variable.scalar(value)
+            return element
+        items = node.items[:leading]
+        if all(isinstance(item, Whole) for item in items):
+            return lambda frame, value: load(frame).write(place(frame, load(frame)), value)
+        masked = any(getattr(item, 'type', None) is not None and item.type.rank for item in items)
+        return self._store_masked(load, place, items) if masked else self._store_part(load, place, items, rank)
+
+    def _store_all(self, load: Evaluate, symbol: Symbol) -> Callable[[Frame, Any], None]:
+        if not symbol.type.serial:
+            return lambda frame, value: load(frame).write((), value)
+
+        def every(frame: Frame, value: Any) -> None:
+            variable = load(frame)
+            if variable.parallel:
+                for place in np.ndindex(*variable.serial):
+                    variable.write(place, value)
+            else:
+                variable.data[...] = value if variable.kind.name == 'CHARACTER' else variable.scalar(value)
+        return every
+
+    def _store_masked(self, load: Evaluate, place: Any, items: list[Any]) -> Callable[[Frame, Any], None]:
+        """X(mask) = ..., X(rows,) = ... and X(,columns) = ..."""
+        parts = [None if isinstance(item, Whole) else self.expression(item) for item in items]
+
+        def store(frame: Frame, value: Any) -> None:
+            variable = load(frame)
+            masks: list[np.ndarray] = []
+            for axis, part in enumerate(parts):
+                if part is None:
+                    continue
+                chosen = part(frame)
+                if isinstance(chosen, DapArray):
+                    wanted = variable.parallel if chosen.rank == 2 else (variable.parallel[axis],)
+                    if chosen.shape != wanted:
+                        raise ValueError(f'a mask of shape {chosen.shape} for extents {wanted}')
+                    mask = chosen.values
+                else:
+                    mask = np.zeros(variable.parallel[axis], dtype=bool)
+                    mask[position_in(chosen, variable.parallel[axis])] = True
+                if mask.ndim == 1 and len(variable.parallel) == 2:
+                    mask = mask[:, None] if axis == 0 else mask[None, :]
+                masks.append(mask)
+            mask = masks[0]
+            for other in masks[1:]:
+                mask = mask & other
+            if isinstance(value, DapArray) and value.shape != variable.parallel and not (
+                    value.rank == 1 and mask.ndim == 2 and value.shape[0] == variable.parallel[mask.shape[0] != 1]):
+                raise ValueError(f'cannot assign shape {value.shape} to shape {variable.parallel}')
+            variable.write_where(place(frame, variable), value, mask)
+        return store
+
+    def _store_part(self, load: Evaluate, place: Any, items: list[Any], rank: int) -> Callable[[Frame, Any], None]:
+        """X(i,j) = ..., X(i,) = ..., X(,j) = ..., X(k) = ..."""
+        parts = [None if isinstance(item, Whole) else self.expression(item) for item in items]
+
+        def store(frame: Frame, value: Any) -> None:
+            variable = load(frame)
+            where = select_part(variable.parallel, [part and part(frame) for part in parts])
+            if isinstance(value, DapArray) and value.shape != tuple(
+                    extent for extent, index in zip(variable.parallel, where) if isinstance(index, slice)):
+                raise ValueError(f'cannot assign shape {value.shape} to a part of shape {variable.parallel}')
+            variable.write_part(place(frame, variable), where, value)
+        return store
+
+def compile_units(items: dict[str, CheckedUnit]) -> dict[str, CompiledUnit]:
+    """Closures for all units."""
+    return {name: CompiledUnit(item, items) for name, item in items.items()}

@@ -1,0 +1,215 @@
+"""A compiled program: run it on a machine, read its results, list it with the cycles of every line."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..arrays import DapArray
+from ..machine import Dap, Stats
+from .checker import check
+from .declarations import CheckedUnit, Symbol
+from .interpreter import compile_units
+from .parser import parse
+from .running import MAX_DEPTH, Limits, Run
+from .storage import ArrayVariable
+from .syntax import Constant
+
+# Python frames that one call of a Fortran unit may take: a closure for every level of its expressions.
+_FRAMES_PER_CALL = 8
+
+
+class Result(Mapping[str, Any]):
+    """What a run left in the entry's arguments (numpy arrays or scalars, by upper-case name), and what it cost.
+
+    cycles, seconds, stats : of this run, computed (not simulated); displays : (name, values, title) of CALL DISPLAY
+    """
+
+    def __init__(self, values: dict[str, Any], stats: Stats, displays: list[tuple[str, np.ndarray, str]],
+                 source: str) -> None:
+        self._values, self.stats, self.displays, self._source = values, stats, displays, source
+
+    @property
+    def cycles(self) -> int:
+        return self.stats.cycles
+
+    @property
+    def seconds(self) -> float:
+        return self.stats.seconds
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name.upper()]
+
+    def __iter__(self):
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def listing(self) -> str:
+        """The source with times run, cycles and share of every line."""
+        total = max(1, self.cycles)
+        rows = [f'{"times":>9} {"cycles":>12} {"share":>6}  line']
+        for number, text in enumerate(self._source.splitlines(), 1):
+            count, cycles = self.stats.lines.get(number, (0, 0))
+            figures = f'{count:>9} {cycles:>12} {100 * cycles / total:5.1f}%' if count else ' ' * 29
+            rows.append(f'{figures} {number:>5}  {text}')
+        rows.append(f'{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated)')
+        return '\n'.join(rows)
+
+    def __repr__(self) -> str:
+        names = ', '.join(f'{name}{value.shape}' if isinstance(value, np.ndarray) else f'{name}={value}'
+                          for name, value in self._values.items())
+        return f'Result({names}; {self.cycles} cycles, {self.seconds:.6g} s, computed)'
+
+    def _repr_html_(self) -> str:
+        return f'<pre>{self!r}</pre>{self.stats._repr_html_()}'
+
+
+class Program:
+    """A checked program. units by name; entries : names callable from the host."""
+
+    def __init__(self, source: str, form: str = 'auto') -> None:
+        self.source = source
+        self.units: dict[str, CheckedUnit] = check(parse(source, form))
+        self._compiled = compile_units(self.units)
+        self.entries = [name for name, item in self.units.items() if item.unit.entry]
+
+    def entry(self, name: str | None = None) -> CheckedUnit:
+        """The entry of this name, or the only one. Raises ValueError."""
+        if name is None:
+            if len(self.entries) != 1:
+                raise ValueError(f'entry: the program has {len(self.entries)} entries '
+                                 f'({", ".join(self.entries) or "none"}); name one')
+            name = self.entries[0]
+        if name.upper() not in self.entries:
+            raise ValueError(f'entry: {name!r} is not an ENTRY SUBROUTINE, expected one of '
+                             f'{", ".join(self.entries) or "(the program has none)"}')
+        return self.units[name.upper()]
+
+    def run(self, dap: Dap, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
+        """Run an entry.
+
+        arguments : by name, any case; numbers, texts and arrays (numpy or DapArray) in the language's order of
+        dimensions. One that is left out starts as zeros; its omitted extents are then those of the arrays given with
+        as many parallel dimensions, or ES.
+        Raises FortranError (FortranStoreError when out of store), Stopped, or ValueError naming the argument.
+        """
+        unit = self.entry(entry)
+        given = {name.upper(): value for name, value in arguments.items()}
+        known = [symbol.name for symbol in unit.arguments]
+        for name in given:
+            if name not in known:
+                raise ValueError(f'{name}: no such argument of {unit.unit.name}, expected {", ".join(known) or "none"}')
+        before = (dap.cycles, dap._counts, dap.store.peak)
+        dap._counts, dap.store.peak = {}, dap.store.used
+        run = Run(dap, self._compiled, limits or Limits())
+        try:
+            values = _bind(dap, unit, given)
+            needed = _FRAMES_PER_CALL * MAX_DEPTH + 1000
+            if sys.getrecursionlimit() < needed:
+                sys.setrecursionlimit(needed)
+            run.started, run.first_cycle = time.monotonic(), dap.cycles
+            frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
+            results = {symbol.name: _host_value(frame[symbol.slot]) for symbol in unit.arguments}
+            cycles = dap.cycles - before[0]
+            stats = Stats(dap._counts, cycles, cycles * dap.clock_s, dap.store)
+        finally:
+            counts, dap._counts = dap._counts, before[1]
+            for key, (count, spent) in counts.items():
+                entry_counts = dap._counts.setdefault(key, [0, 0])
+                entry_counts[0] += count
+                entry_counts[1] += spent
+            dap.store.peak = max(dap.store.peak, before[2])
+            dap.line = 0
+        return Result(results, stats, run.displays, self.source)
+
+    def __repr__(self) -> str:
+        signatures = [f'{name}({", ".join(symbol.name for symbol in self.units[name].arguments)})'
+                      for name in self.entries]
+        return f'Program({"; ".join(signatures) or "no entries"})'
+
+
+def compile(source: str, form: str = 'auto') -> Program:
+    """Compile a Fortran-Plus program. form : 'free', 'fixed' or 'auto'. Raises FortranError."""
+    return Program(source, form)
+
+
+def _host_value(value: Any) -> Any:
+    return value.to_numpy() if isinstance(value, ArrayVariable) else value
+
+
+def _bind(dap: Dap, unit: CheckedUnit, given: dict[str, Any]) -> dict[str, Any]:
+    """The entry's arguments as scalars and variables."""
+    values: dict[str, Any] = {}
+    for symbol in unit.arguments:
+        if not symbol.dimensions:
+            values[symbol.name] = _scalar(symbol, given.get(symbol.name))
+    shapes = {name: np.shape(value.values if isinstance(value, DapArray) else value)
+              for name, value in given.items() if name not in values and not isinstance(value, str)}
+    for symbol in unit.arguments:
+        if symbol.name in values:
+            continue
+        extents = [_extent(dimension.extent, values, symbol) for dimension in symbol.dimensions]
+        shape = _shape(dap, symbol, extents, given, shapes, unit)
+        rank = symbol.type.rank
+        variable = ArrayVariable(dap, symbol.type.kind, shape[:rank], shape[rank:], name=symbol.name)
+        if symbol.name in given:
+            value = given[symbol.name]
+            variable.load(value.values if isinstance(value, DapArray) else value, symbol.name)
+        values[symbol.name] = variable
+    return values
+
+
+def _scalar(symbol: Symbol, value: Any) -> Any:
+    kind = symbol.type.kind
+    if value is None:
+        return {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
+    if isinstance(value, (np.ndarray, np.generic)) and np.ndim(value) == 0:
+        value = value.item()
+    fits = {'LOGICAL': isinstance(value, bool), 'CHARACTER': isinstance(value, str),
+            'INTEGER': isinstance(value, int) and not isinstance(value, bool),
+            'REAL': isinstance(value, (int, float)) and not isinstance(value, bool)}[kind.name]
+    if not fits:
+        raise ValueError(f'{symbol.name}: expected {symbol.type}, got {type(value).__name__}')
+    if kind.name == 'INTEGER' and not kind.range[0] <= value <= kind.range[1]:
+        raise ValueError(f'{symbol.name}: {value} does not fit {kind}')
+    return value if isinstance(value, (str, bool)) else kind.scalar(value)
+
+
+def _extent(extent: Any, values: dict[str, Any], symbol: Symbol) -> int | None:
+    """A declared extent that is a constant or another argument; None when omitted."""
+    if extent is None:
+        return None
+    if isinstance(extent, Constant):
+        return int(extent.value)
+    name = getattr(extent, 'name', None)
+    if name in values:
+        return int(values[name])
+    return None
+
+
+def _shape(dap: Dap, symbol: Symbol, extents: list[int | None], given: dict[str, Any], shapes: dict[str, tuple],
+           unit: CheckedUnit) -> tuple[int, ...]:
+    if symbol.name in given:
+        if isinstance(given[symbol.name], str):
+            return (len(given[symbol.name]),)
+        shape = shapes[symbol.name]
+        if len(shape) != len(extents):
+            raise ValueError(f'{symbol.name}: expected {len(extents)} dimension(s), {symbol.type}; got shape {shape}')
+        if 0 in shape or any(extent not in (None, found) for extent, found in zip(extents, shape)):
+            wanted = ', '.join('any' if extent is None else str(extent) for extent in extents)
+            raise ValueError(f'{symbol.name}: expected shape ({wanted}), got {shape}')
+        return tuple(shape)
+    alike = {shape[:symbol.type.rank] for name, shape in shapes.items()
+             if unit.symbols[name].type.rank == symbol.type.rank}
+    default = alike.pop() if len(alike) == 1 else (dap.es,) * symbol.type.rank
+    filled = [extent if extent is not None else default[axis] if axis < symbol.type.rank else 1
+              for axis, extent in enumerate(extents)]
+    if min(filled) < 1:
+        raise ValueError(f'{symbol.name}: an extent is {min(filled)}, expected at least 1')
+    return tuple(filled)

@@ -1,0 +1,55 @@
+"""Scalar arithmetic of the control unit, in the word length of the operands."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from ..kinds import Kind
+
+
+def _integer_divide(a: int, b: int) -> int:
+    if b == 0:
+        raise ZeroDivisionError('division of an INTEGER by zero')
+    quotient = abs(a) // abs(b)
+    return quotient if (a < 0) == (b < 0) else -quotient
+
+
+def _real_divide(a: float, b: float) -> float:
+    if b == 0:
+        return math.nan if a == 0 or a != a else math.copysign(math.inf, a) * math.copysign(1.0, b)
+    return a / b
+
+
+def _integer_power(a: int, b: int) -> int:
+    if b < 0:
+        return _integer_divide(1, a**-b) if a else _integer_divide(1, 0)
+    return pow(a, b, 1 << 64) if a >= 0 and b > 64 else a**min(b, 4096)
+
+
+def _real_power(a: float, b: float) -> float:
+    try:
+        result = a**b
+    except (OverflowError, ZeroDivisionError):
+        return math.inf
+    return result if isinstance(result, (int, float)) else math.nan
+
+
+def scalar_operation(symbol: str, kind: Kind) -> Callable[[Any, Any], Any]:
+    """+ - * / ** of two scalars in a word of this kind."""
+    whole = kind.name == 'INTEGER'
+    raw: Callable[[Any, Any], Any] = {
+        '+': operator.add, '-': operator.sub, '*': operator.mul, '/': _integer_divide if whole else _real_divide,
+        '**': _integer_power if whole else _real_power}[symbol]
+    if not whole:
+        fit = kind.scalar
+        return lambda a, b: fit(raw(float(a), b))
+    low, high = kind.range
+    size = 1 << kind.bits
+
+    def run(a: int, b: int) -> int:
+        result = raw(a, b)
+        return result if low <= result <= high else (result - low) % size + low
+    return run

@@ -1,0 +1,167 @@
+"""Variables of a running program: parallel arrays in bit-planes, serial arrays of scalars beside them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .. import planes
+from ..arrays import DapArray, checked_scalar
+from ..kinds import LOGICAL, Kind
+from ..machine import Dap
+
+Place = tuple[int, ...]
+
+
+class ArrayVariable:
+    """An array of a program.
+
+    kind; parallel : parallel extents, (), (n,) or (rows, columns); serial : serial extents
+    data : packed words (serial..., words) uint64 for a parallel LOGICAL, else values (serial..., parallel...)
+    """
+
+    __slots__ = ('dap', 'kind', 'parallel', 'serial', 'data', 'packed', '_taken')
+
+    def __init__(self, dap: Dap, kind: Kind, parallel: Place, serial: Place, data: np.ndarray | None = None,
+                 name: str = 'an array') -> None:
+        """data given: a part of another variable, which pays for it."""
+        self.dap, self.kind, self.parallel, self.serial = dap, kind, tuple(parallel), tuple(serial)
+        self.packed = kind == LOGICAL and bool(parallel)
+        self._taken = 0
+        if data is None:
+            many = int(np.prod(self.serial, dtype=np.int64)) if self.serial else 1
+            if self.parallel:
+                wanted = many * kind.bits * dap.layout(self.parallel).blocks
+            else:  # scalars lie along a plane's rows, ES * ES bits to a plane (thesis 3.2.3)
+                wanted = -(-many * kind.bits // dap.pes)
+            dap.store.take(wanted, f'{name} ({kind}, {" x ".join(map(str, self.parallel + self.serial))})')
+            self._taken = wanted
+            if self.packed:
+                data = np.zeros(self.serial + (planes.words_for(int(np.prod(self.parallel))),), dtype=np.uint64)
+            elif kind.name == 'CHARACTER':
+                data = np.full(self.serial, ' ', dtype=object)
+            else:
+                data = np.zeros(self.serial + self.parallel, dtype=kind.dtype)
+        self.data = data
+
+    def __del__(self) -> None:
+        if self._taken:
+            self.dap.store.give_back(self._taken)
+
+    def place(self, indices: tuple[int, ...]) -> Place:
+        """Serial indices from 1, checked, as numpy indices."""
+        for index, extent in zip(indices, self.serial):
+            if not 1 <= index <= extent:
+                raise IndexError(f'serial index {index} is outside 1 to {extent}')
+        return tuple(index - 1 for index in indices)
+
+    def read(self, place: Place) -> DapArray:
+        """The parallel array at a serial place: a view."""
+        if self.packed:
+            return DapArray(self.dap, LOGICAL, None, shape=self.parallel, words=self.data[place], owned=False)
+        return DapArray(self.dap, self.kind, self.data[place] if place else self.data, owned=False)
+
+    def part(self, place: Place) -> ArrayVariable:
+        """The parallel array at a serial place as a variable of its own, sharing its store."""
+        return ArrayVariable(self.dap, self.kind, self.parallel, (), self.data[place])
+
+    def scalar(self, value: Any) -> Any:
+        """A scalar that will be stored, converted to this kind."""
+        if self.kind.name == 'LOGICAL' or isinstance(value, bool):
+            return checked_scalar(self.kind, value, 'assignment')
+        return self.kind.scalar(value)
+
+    def write(self, place: Place, value: Any) -> None:
+        """A parallel array or a scalar over the whole parallel array."""
+        target = self.data[place] if place else self.data
+        if not isinstance(value, DapArray):
+            scalar = self.scalar(value)
+            self.dap.charge('copy', self.kind, self.parallel)
+            if self.packed:
+                target[...] = planes.ones(int(np.prod(self.parallel))) if scalar else 0
+            else:
+                target[...] = scalar
+            return
+        if value.shape != self.parallel:
+            raise ValueError(f'cannot assign shape {value.shape} to shape {self.parallel}')
+        if value.kind != self.kind:
+            target[...] = value._converted(self.kind)
+            return
+        if not value.fresh:
+            self.dap.charge('copy', self.kind, self.parallel)
+        target[...] = value.words if self.packed else value.values
+
+    def write_where(self, place: Place, value: Any, mask: np.ndarray) -> None:
+        """A parallel array or scalar, where a numpy mask (of the parallel shape, or broadcast to it) is true."""
+        target = self.data[place] if place else self.data
+        self.dap.charge('masked_copy', self.kind, self.parallel)
+        source: Any
+        if isinstance(value, DapArray):
+            source = value.values if value.kind == self.kind else value._converted(self.kind)
+            if source.ndim == 1 and len(self.parallel) == 2:
+                source = source[None, :] if mask.shape[1] == 1 or mask.shape[0] > 1 else source[:, None]
+        else:
+            source = self.scalar(value)
+        if self.packed:
+            chosen = np.broadcast_to(mask, self.parallel)
+            flags = planes.unpack(target, int(np.prod(self.parallel))).reshape(self.parallel)
+            target[...] = planes.pack(np.where(chosen, source, flags).reshape(-1))
+        else:
+            np.copyto(target, source, where=mask, casting='unsafe')
+
+    def write_part(self, place: Place, where: tuple[Any, ...], value: Any) -> None:
+        """A scalar, or a vector, into the part that numpy indices (ints and whole slices) select."""
+        element = all(isinstance(index, int) for index in where)
+        self.dap.charge('store_element' if element else 'broadcast', self.kind, self.parallel)
+        source = value
+        if isinstance(value, DapArray):
+            source = value.values if value.kind == self.kind else value._converted(self.kind)
+        else:
+            source = self.scalar(value)
+        target = self.data[place] if place else self.data
+        if not self.packed:
+            target[where] = source
+        elif element:
+            flat = int(np.ravel_multi_index(where, self.parallel))
+            bit = np.uint64(1 << (flat % 64))
+            target[flat // 64] = target[flat // 64] | bit if source else target[flat // 64] & ~bit
+        else:
+            flags = planes.unpack(target, int(np.prod(self.parallel))).reshape(self.parallel)
+            flags[where] = source
+            target[...] = planes.pack(flags.reshape(-1))
+
+    def to_numpy(self) -> Any:
+        """Values in the language's order of dimensions: parallel first, then serial."""
+        if self.kind.name == 'CHARACTER':
+            return ''.join(self.data) if self.data.ndim == 1 else self.data.copy()
+        values = self.data
+        if self.packed:
+            values = planes.unpack(values, int(np.prod(self.parallel))).reshape(self.serial + self.parallel)
+        axes = tuple(range(len(self.serial), values.ndim)) + tuple(range(len(self.serial)))
+        return np.ascontiguousarray(values.transpose(axes))
+
+    def load(self, values: Any, name: str) -> None:
+        """Values in the language's order of dimensions, from the host. Raises ValueError naming the variable."""
+        if self.kind.name == 'CHARACTER':
+            text = list(values)
+            if self.data.shape != (len(text),):
+                raise ValueError(f'{name}: expected {self.data.shape[0]} characters, got {len(text)}')
+            self.data[...] = text
+            return
+        array = np.asarray(values)
+        shape = self.parallel + self.serial
+        if array.shape != shape:
+            raise ValueError(f'{name}: expected shape {shape}, got {array.shape}')
+        logical = array.dtype == bool
+        if logical != (self.kind.name == 'LOGICAL') or array.dtype.kind not in 'biuf':
+            raise ValueError(f'{name}: expected {self.kind}, got {array.dtype}')
+        converted = self.kind.convert(array)
+        count = len(self.parallel)
+        converted = np.ascontiguousarray(converted.transpose(tuple(range(count, array.ndim)) + tuple(range(count))))
+        if self.packed:
+            self.data[...] = planes.pack(converted.reshape(self.serial + (-1,)))
+        else:
+            self.data[...] = converted
+        if self.parallel:
+            self.dap.charge('host', self.kind, self.parallel, times=int(np.prod(self.serial)) if self.serial else 1)

@@ -1,0 +1,278 @@
+"""The machine: its models, its store, its counters.
+
+Thesis 3.2: ES x ES one-bit processing elements with 32 Kbit to 1 Mbit of store each, a control unit (MCU) that does
+scalar work, row and column highways. Cycles are computed from costs.py, not simulated.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .costs import CostTable
+from .kinds import Kind, kind_of, parse_kind
+from .mapping import MAPPINGS, Layout, layout
+
+if TYPE_CHECKING:
+    from .arrays import DapArray
+
+TRACE_LENGTH = 100_000
+
+
+class OutOfStore(MemoryError):
+    """An array asked for more bit-planes than are free."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """name; es : PEs along an edge; clock_s : seconds a cycle; coprocessor : 8-bit chips fitted"""
+
+    name: str
+    es: int
+    clock_s: float = 100e-9
+    coprocessor: bool = False
+    memory_bits_per_pe: int = 131_072
+
+
+# Thesis 3.2.1 and 3.2.4 (128 Kbit a PE is the thesis' own machine). ICL: the 64 x 64 ancestor, 200 ns, 4096 bits a PE.
+MODELS: dict[str, Model] = {
+    '510': Model('510', 32),
+    '610': Model('610', 64),
+    '510C': Model('510C', 32, coprocessor=True),
+    '610C': Model('610C', 64, coprocessor=True),
+    'ICL': Model('ICL', 64, clock_s=200e-9, memory_bits_per_pe=4096),
+}
+
+
+class Store:
+    """Bit-planes of the array store: how many exist, how many are in use, the most there ever were."""
+
+    def __init__(self, planes: int) -> None:
+        self.planes, self.used, self.peak = planes, 0, 0
+        self._lock = threading.Lock()
+
+    @property
+    def free(self) -> int:
+        return self.planes - self.used
+
+    def take(self, planes: int, what: str = 'an array') -> None:
+        """Raises OutOfStore."""
+        with self._lock:
+            if planes > self.planes - self.used:
+                raise OutOfStore(f'out of store: {what} asks for {planes} bit-planes, '
+                                 f'{self.planes - self.used} of {self.planes} are free')
+            self.used += planes
+            self.peak = max(self.peak, self.used)
+
+    def give_back(self, planes: int) -> None:
+        with self._lock:
+            self.used -= planes
+
+
+@dataclass(frozen=True)
+class TraceEntry:
+    """One charged operation. line : of the source program, 0 outside one."""
+
+    operation: str
+    kind: str
+    shape: tuple[int, ...]
+    blocks: int
+    cycles: int
+    line: int
+
+
+def _accumulate(table: dict, key: object, count: int, spent: int) -> None:
+    before = table.get(key, (0, 0))
+    table[key] = (before[0] + count, before[1] + spent)
+
+
+class Stats:
+    """Counts and cycles, computed (not simulated). operations and lines map a name or line to (count, cycles)."""
+
+    def __init__(self, counts: Mapping[tuple[int, str], list[int]], cycles: int, seconds: float, store: Store) -> None:
+        self.cycles, self.seconds = cycles, seconds
+        self.peak_planes, self.planes = store.peak, store.planes
+        self.operations: dict[str, tuple[int, int]] = {}
+        self.lines: dict[int, tuple[int, int]] = {}
+        for (line, operation), (count, spent) in counts.items():
+            _accumulate(self.operations, operation, count, spent)
+            _accumulate(self.lines, line, count, spent)
+        self.operations = dict(sorted(self.operations.items(), key=lambda item: -item[1][1]))
+        self.lines = dict(sorted(self.lines.items()))
+
+    def __str__(self) -> str:
+        rows = [f'{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated); '
+                f'store: at most {self.peak_planes} of {self.planes} planes']
+        rows += [f'  {name:28} {count:>9} times {spent:>12} cycles {100 * spent / max(1, self.cycles):5.1f} %'
+                 for name, (count, spent) in self.operations.items()]
+        return '\n'.join(rows)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        rows = ''.join(f'<tr><td>{name}</td><td>{count}</td><td>{spent}</td></tr>'
+                       for name, (count, spent) in self.operations.items())
+        return (f'<p>{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated)</p>'
+                f'<table><tr><th>operation</th><th>times</th><th>cycles</th></tr>{rows}</table>')
+
+
+class Dap:
+    """An array processor. Make one with Dap.model('510').
+
+    model : Model; memory_bits_per_pe : store of one PE, 32 Kbit to 1 Mbit on the AMT machines
+    mapping : how matrices lie, unless an array says otherwise; level : 'fortran' or 'apal' overhead
+    costs : overrides of cost constants; clock_s : overrides the model's; tracing : keep the last operations in trace
+    bit_serial : run INTEGER*1 and *2 arithmetic plane by plane, as the PEs do (slow; the same answers)
+    """
+
+    def __init__(self, model: Model, memory_bits_per_pe: int | None = None, *, mapping: str = 'sheet',
+                 level: str = 'fortran', costs: Mapping[str, float] | None = None, clock_s: float | None = None,
+                 tracing: bool = False, bit_serial: bool = False) -> None:
+        if mapping not in MAPPINGS:
+            raise ValueError(f'mapping: expected one of {", ".join(MAPPINGS)}, got {mapping!r}')
+        memory = model.memory_bits_per_pe if memory_bits_per_pe is None else int(memory_bits_per_pe)
+        if memory < 1:
+            raise ValueError(f'memory_bits_per_pe: expected at least 1, got {memory}')
+        self.spec, self.mapping = model, mapping
+        self.clock_s = model.clock_s if clock_s is None else float(clock_s)
+        self.es = model.es
+        self.costs = CostTable(model.coprocessor, level, costs)
+        self.store = Store(memory)
+        self.bit_serial = bit_serial
+        self.line = 0
+        self.cycles = 0
+        self.faults = 0
+        self.tracing = tracing
+        self.trace: deque[TraceEntry] = deque(maxlen=TRACE_LENGTH)
+        self._counts: dict[tuple[int, str], list[int]] = {}
+
+    @classmethod
+    def model(cls, name: str, memory_bits_per_pe: int | None = None, **options) -> Dap:
+        """'510', '610', '510C', '610C' or 'ICL'. Options are those of Dap. Raises ValueError for another name."""
+        key = str(name).upper()
+        if key not in MODELS:
+            raise ValueError(f'model: expected one of {", ".join(MODELS)}, got {name!r}')
+        return cls(MODELS[key], memory_bits_per_pe, **options)
+
+    # Figures of the machine itself.
+
+    @property
+    def pes(self) -> int:
+        """Number of processing elements."""
+        return self.es**2
+
+    @property
+    def boolean_rate(self) -> float:
+        """Peak one-bit operations a second."""
+        return self.pes / (self.clock_s * self.costs['plane_logic'])
+
+    @property
+    def store_rate(self) -> float:
+        """Store to PE, bytes a second."""
+        return self.pes / 8 / (self.clock_s * self.costs['plane_access'])
+
+    @property
+    def highway_rate(self) -> float:
+        """Row or column highway, bytes a second: ES bits a cycle."""
+        return self.es / 8 / self.clock_s
+
+    @property
+    def memory_bytes(self) -> int:
+        return self.store.planes * self.pes // 8
+
+    def rate(self, operation: str, kind: Kind | str) -> float:
+        """Operations a second of this kind with every PE busy, for example rate('add', 'REAL*4')."""
+        cycles = self.costs.cycles(operation, parse_kind(kind), self.layout((self.es, self.es)))
+        return self.pes / (cycles * self.clock_s)
+
+    # Counters.
+
+    @property
+    def seconds(self) -> float:
+        """Predicted time of everything charged so far: computed, not simulated."""
+        return self.cycles * self.clock_s
+
+    def charge(self, operation: str, kind: Kind, shape: tuple[int, ...], mapping: str | None = None, detail: int = 1,
+               axis: int = 0, times: int = 1) -> None:
+        """Charge a parallel operation to the counters."""
+        where = layout(shape, self.es, mapping or self.mapping)
+        cycles = times * self.costs.cycles(operation, kind, where, detail, axis)
+        self._add(f'{operation} {kind}', cycles, times)
+        if self.tracing:
+            self.trace.append(TraceEntry(operation, str(kind), shape, where.blocks, cycles, self.line))
+
+    def charge_mcu(self, operation: str, cycles: int) -> None:
+        """Charge scalar or control work to the counters."""
+        self._add(operation, cycles)
+        if self.tracing:
+            self.trace.append(TraceEntry(operation, 'MCU', (), 0, cycles, self.line))
+
+    def _add(self, operation: str, cycles: int, times: int = 1) -> None:
+        self.cycles += cycles
+        entry = self._counts.get((self.line, operation))
+        if entry is None:
+            self._counts[self.line, operation] = [times, cycles]
+        else:
+            entry[0] += times
+            entry[1] += cycles
+
+    def stats(self) -> Stats:
+        return Stats(self._counts, self.cycles, self.seconds, self.store)
+
+    def reset(self) -> None:
+        """Counters, trace and the store's high-water mark; arrays stay."""
+        self.cycles = self.faults = 0
+        self._counts.clear()
+        self.trace.clear()
+        self.store.peak = self.store.used
+
+    @contextmanager
+    def at_line(self, line: int) -> Iterator[None]:
+        """Charge what happens inside to this source line."""
+        before, self.line = self.line, line
+        try:
+            yield
+        finally:
+            self.line = before
+
+    # Arrays.
+
+    def layout(self, shape: tuple[int, ...], mapping: str | None = None) -> Layout:
+        return layout(tuple(shape), self.es, mapping or self.mapping)
+
+    def matrix(self, values: ArrayLike, kind: Kind | str | None = None, mapping: str | None = None) -> DapArray:
+        """Two-dimensional values as a parallel matrix. kind: taken from the numbers when not given."""
+        return self._load(values, 2, kind, mapping)
+
+    def vector(self, values: ArrayLike, kind: Kind | str | None = None) -> DapArray:
+        """One-dimensional values as a parallel (long) vector."""
+        return self._load(values, 1, kind, None)
+
+    def _load(self, values: ArrayLike, rank: int, kind: Kind | str | None, mapping: str | None) -> DapArray:
+        from .arrays import DapArray
+        array = np.asarray(values)
+        if array.ndim != rank or 0 in array.shape:
+            raise ValueError(f'values: expected a {"matrix" if rank == 2 else "vector"} with at least one element, '
+                             f'got shape {array.shape}')
+        plain = not isinstance(values, np.ndarray)
+        target = kind_of(array, plain) if kind is None else parse_kind(kind)
+        converted = target.convert(array)
+        loaded = DapArray(self, target, np.array(converted) if converted is array else converted,
+                          mapping=mapping or self.mapping)
+        self.charge('host', target, loaded.shape, loaded.mapping)
+        return loaded
+
+    def __repr__(self) -> str:
+        return (f'Dap({self.spec.name}: {self.es} x {self.es} PEs, {self.memory_bytes / 2**20:g} MB, '
+                f'{self.store.used} of {self.store.planes} planes used; {self.cycles} cycles = {self.seconds:.6g} s, '
+                'computed)')
+
+    def _repr_html_(self) -> str:
+        return f'<p><b>{self!r}</b></p>{self.stats()._repr_html_()}'

@@ -1,0 +1,85 @@
+"""How an array of any shape lies on the ES x ES processing elements.
+
+An array larger than the array of PEs is cut into blocks of ES x ES elements, one element to a PE in each. Sheet
+mapping cuts it into adjoining sheets; crinkled mapping gives every PE a small tile of neighbouring elements; combined
+mapping is crinkled down the rows and sheets along the columns (thesis 3.5.1, after Reddaway). Vectors are long
+vectors: ES * ES consecutive elements to a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+MAPPINGS = ('sheet', 'crinkled', 'combined')
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the elements of one array lie.
+
+    shape : parallel extents, () one scalar, (n,) vector, (rows, columns) matrix; es : PEs along an edge
+    mapping : one of MAPPINGS (a vector has only one)
+    """
+
+    shape: tuple[int, ...]
+    es: int
+    mapping: str = 'sheet'
+
+    def __post_init__(self) -> None:
+        if self.mapping not in MAPPINGS:
+            raise ValueError(f'mapping: expected one of {", ".join(MAPPINGS)}, got {self.mapping!r}')
+        if len(self.shape) > 2 or any(extent < 1 for extent in self.shape):
+            raise ValueError(f'shape: expected one or two parallel extents of at least 1, got {self.shape}')
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Blocks down and across; their product is the number of blocks."""
+        if len(self.shape) == 2:
+            return -(-self.shape[0] // self.es), -(-self.shape[1] // self.es)
+        return (-(-self.shape[0] // self.es**2) if self.shape else 1), 1
+
+    @property
+    def blocks(self) -> int:
+        """Every parallel operation is repeated this many times."""
+        down, across = self.grid
+        return down * across
+
+    def is_crinkled(self, axis: int) -> bool:
+        """Whether neighbours along this axis of a matrix mostly share a PE."""
+        return self.mapping == 'crinkled' or (self.mapping == 'combined' and axis == 0)
+
+    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(block, PE row, PE column) of every element, each int64 of the array's shape."""
+        es = self.es
+        if len(self.shape) != 2:
+            index = np.arange(self.shape[0] if self.shape else 1)
+            # Long vectors run down the columns of a block, as Fortran arrays do.
+            return index // es**2, index % es, index % es**2 // es
+        along: list[tuple[np.ndarray, np.ndarray]] = []
+        for axis, extent in enumerate(self.shape):
+            index = np.arange(extent)
+            tile = self.grid[axis]
+            along.append((index % tile, index // tile) if self.is_crinkled(axis) else (index // es, index % es))
+        (block_row, pe_row), (block_column, pe_column) = along
+        block = block_row[:, None] * self.grid[1] + block_column[None, :]
+        return (block, np.broadcast_to(pe_row[:, None], self.shape).copy(),
+                np.broadcast_to(pe_column[None, :], self.shape).copy())
+
+    def to_blocks(self, values: np.ndarray) -> np.ndarray:
+        """(blocks, ES, ES): the values as the PEs hold them, zero where no element lies."""
+        out = np.zeros((self.blocks, self.es, self.es), dtype=values.dtype)
+        out[self.places()] = values
+        return out
+
+    def from_blocks(self, blocks: np.ndarray) -> np.ndarray:
+        """The inverse of to_blocks."""
+        return np.ascontiguousarray(blocks[self.places()])
+
+
+@lru_cache(maxsize=4096)
+def layout(shape: tuple[int, ...], es: int, mapping: str = 'sheet') -> Layout:
+    """A cached Layout."""
+    return Layout(shape, es, mapping)

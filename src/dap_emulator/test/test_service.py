@@ -1,0 +1,103 @@
+"""emulator_node over real services: store, run, fetch, list; several clients; refusals; limits; images."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from dap_emulator.client import DapError
+
+ADD = """
+ENTRY SUBROUTINE ADD(A, B, C)
+  REAL A(,), B(,), C(,)
+  C = A + B
+END
+"""
+ENDLESS = """
+ENTRY SUBROUTINE ENDLESS(N)
+  INTEGER N
+10 N = N + 1
+  GOTO 10
+END
+"""
+
+
+def test_a_client_stores_arrays_and_a_program_and_fetches_the_result_and_the_cycles(start_emulator):
+    client = start_emulator().client()
+    rng = np.random.default_rng(1)
+    a, b = rng.random((2, 32, 32))
+    result = client.run(ADD, a=a, b=b)
+    assert np.array_equal(result['C'], (a.astype('f4') + b.astype('f4')).astype(float))
+    assert result.cycles == 731 and result.seconds == pytest.approx(73.1e-6)
+
+
+def test_four_clients_at_once_do_not_meet(start_emulator):
+    emulator = start_emulator()
+    clients = [emulator.client(f'client{index}') for index in range(4)]
+    wrong = []
+
+    def work(index):
+        rng = np.random.default_rng(index)
+        for turn in range(6):
+            size = 3 + index
+            a = rng.random((size, size)).astype('f4')
+            b = np.full((size, size), 10.0 * index + turn, dtype='f4')
+            result = clients[index].run(ADD, a=a, b=b)
+            if not np.array_equal(result['C'], (a + b).astype(float)):
+                wrong.append((index, turn))
+
+    threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=30)
+    assert not wrong and not any(thread.is_alive() for thread in threads)
+    assert emulator.node.spaces.runs == 24
+
+
+def test_malformed_requests_are_refused_with_a_reason_and_the_node_lives(start_emulator):
+    client = start_emulator(max_store_bytes=10_000, max_program_bytes=1000).client()
+    for values, reason in (
+            ({'program': 'C = A +'}, 'line 1, column 8'),
+            ({'library': 'nothing'}, 'library'),
+            ({'model': '710'}, '510'),
+            ({'run_request': 5}, 'no program'),
+            ({'run_request': -1}, 'at least 1'),
+            ({'a': np.zeros(2000)}, '10000'),
+            ({'program': 'X = 1\n' * 500}, '1000'),
+            ({'a': []}, 'an element')):
+        with pytest.raises(DapError, match=reason):
+            client.store(**values)
+    with pytest.raises(DapError, match='A: expected shape|A: expected 2'):
+        client.run(ADD, a=np.zeros(7), b=np.zeros((3, 3)))
+    client.store(b=np.zeros((3, 3)))
+    assert client.run(ADD, a=np.ones((3, 3)))['C'].sum() == 9
+
+
+def test_a_runaway_program_is_stopped_with_a_reason(start_emulator):
+    client = start_emulator(max_run_seconds=0.1).client()
+    with pytest.raises(DapError, match='run time limit of 0.1 s'):
+        client.run(ENDLESS)
+
+
+def test_a_running_request_can_be_cancelled_and_watched(start_emulator):
+    emulator = start_emulator(max_run_seconds=30.0)
+    client, other = emulator.client('one'), emulator.client('one')
+    client.store(program=ENDLESS, run_request=7)
+    waiting = threading.Thread(target=client.execute)
+    waiting.start()
+    while other.fetch('result.7.state') != ['running']:
+        pass
+    other.cancel(7)
+    waiting.join(timeout=10)
+    assert not waiting.is_alive()
+    assert client.fetch('result.7.state', 'result.7.message') == ['stopped', 'cancelled']
+
+
+def test_the_library_is_listed_and_runs(start_emulator):
+    client = start_emulator().client()
+    assert 'life' in client.programs()
+    cells = np.zeros((5, 5), dtype=bool)
+    cells[2, 1:4] = True
+    result = client.run(library='life', cells=cells, generations=1)
+    assert np.array_equal(result['CELLS'], cells.T)
