@@ -12,7 +12,6 @@ from std_srvs.srv import Trigger
 
 import csg_renderer
 from csg_renderer.node import RendererNode
-from dap_emulator.node import EmulatorNode
 from model_matcher import match
 from model_matcher.node import MatcherNode
 from msgs_py import FeatureSet, codecs
@@ -147,16 +146,3 @@ def test_renderer_node_alone_publishes_four_equal_stamps_and_the_truth_behind_th
     frame = csg_renderer.render(scene, rig.left)
     assert encoding == '32FC1' and np.array_equal(depth, frame.depth, equal_nan=True)
     assert len(codecs.cloud_to_features(features[0])) >= 15
-
-
-def test_emulator_service_round_trip(graph):
-    from dap_emulator.client import DapClient
-
-    graph.add(EmulatorNode)
-    client = DapClient(graph.tester, executor=graph.executor)
-    a, b = np.arange(1024).reshape(32, 32), np.arange(1024)[::-1].reshape(32, 32)
-    result = client.run(
-        'SUBROUTINE add(a, b, c)\n  INTEGER*4 a(,), b(,), c(,)\n  c = a + 2*b\n  RETURN\nEND\n',
-        entry='add', arrays={'a': a, 'b': b, 'c': np.zeros((32, 32), int)}, fetch=['c'])
-    assert np.array_equal(result.arrays['c'], a + 2 * b)
-    assert result.cycles > 0 and result.seconds == pytest.approx(result.cycles * 1e-7)

@@ -43,7 +43,7 @@ def imports(path: Path) -> set[str]:
 
 
 def may_use_ros(path: Path) -> bool:
-    return path.stem in ('node', 'runtime') or 'codecs' in path.parts
+    return path.stem in ('node', 'runtime', 'client') or 'codecs' in path.parts
 
 
 @pytest.mark.parametrize('package', PACKAGES)

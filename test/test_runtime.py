@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msgs_py.config import Config, parameter
-from msgs_py.runtime import STEREO_TOPICS, GraphNode
+from msgs_py.runtime import STEREO_TOPICS, GraphNode, spin_once
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,34 @@ def test_diagnostics_tell_rate_latency_and_last_error(graph):
     found = values(status)
     assert found['last_error'] == 'in: in.data: expected anything else'
     assert float(found['rate_hz']) > 0 and float(found['latency_p50_ms']) >= 0
+
+
+def test_a_slow_consumer_takes_the_newest_and_counts_what_it_missed(graph):
+    node = graph.add(EchoNode)
+    heard = graph.collect(String, 'out')
+    talk = graph.publisher(String, 'in')
+    graph.wait_matched(talk, node.out)
+    talk.publish(String(data='first'))
+    graph.spin_until(lambda: heard)
+    for number in range(20):  # nobody spins: the node is busy
+        talk.publish(String(data=str(number)))
+    graph.spin_until(lambda: heard[-1].data == '19', what='the newest')
+    assert [message.data for message in heard] == ['first', '18', '19'], 'queue of two, oldest dropped'
+    assert node.health.lost == 18
+    assert node.health.values(time.monotonic())['lost_inputs'] == 18
+
+
+def test_a_message_that_cannot_be_deserialised_is_counted_and_the_next_one_heard(graph):
+    node = graph.add(EchoNode)
+    talk = graph.publisher(String, 'in')
+    graph.wait_matched(talk)
+    whole = serialize_message(String(data='hello'))
+    for message in (String(data='one'), whole[:7], whole[:4] + b'\xff\xff\xff\x7f' + whole[8:], String(data='two')):
+        talk.publish(message)
+        for _ in range(3):
+            spin_once(node, graph.executor, 0.02)
+    graph.spin_until(lambda: node.health.processed == 2)
+    assert node.health.lost == 2
 
 
 def test_reset_clears_the_counters(graph):

@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 PACKAGE = 'stereo_recovery'
 # Data lives inside the Python package (importlib.resources finds it there) and is installed to
 # share/ as well, where ROS tools look. Every folder of the package that holds no Python is data.
-DATA = ['config']
+DATA = ['config', 'data/chessboard']
 
 
 def share(folder):

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csg_renderer import Frame, Scene
+from csg_renderer.solid import FACES
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseError
 
 # A found edge belongs to a true one when it is this close to parallel, and both its ends are this close to it.
@@ -133,6 +135,44 @@ def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSe
         direction = np.sign(data.directions[index] @ placed.directions[target])
         signs += int(found.sign[index] == direction)
     return AssignmentComparison(matched, right, signs, spurious)
+
+
+def surface_residual(scene: Scene, frame: Frame) -> float:
+    """The largest distance, metres, of a rendered point from the surface its ids name: ray caster against closed form.
+
+    To first order (the value of the surface's equation over the length of its gradient); 0 for an empty picture.
+    """
+    scene_T_camera = frame.camera_T_scene.inverse()
+    points = scene_T_camera.apply(frame.points)
+    worst = 0.0
+    for index, primitive in enumerate(scene.primitives):
+        seen = frame.primitive_id == index
+        if not seen.any():
+            continue
+        inverse = np.linalg.inv(primitive.matrix)
+        local = points[seen] @ inverse[:3, :3].T + inverse[:3, 3]
+        value, gradient = _surface_value(primitive.kind, frame.face_id[seen], local)
+        slope = np.linalg.norm(gradient @ inverse[:3, :3], axis=1)
+        worst = max(worst, float(np.max(np.abs(value) / np.maximum(slope, 1e-300))))
+    return worst
+
+
+def _surface_value(kind: str, face: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Value (n,) and gradient (n, 3) of each point's surface equation in the primitive's unit frame (Table 4.1)."""
+    value, gradient = np.zeros(len(p)), np.zeros((len(p), 3))
+    name = np.array(FACES[kind])[face]
+    for text in np.unique(name):
+        rows = name == text
+        q = p[rows]
+        if text == 'curved':
+            bend = np.array({'CYLINDER': [1.0, 1.0, 0.0], 'CONE': [1.0, 1.0, -1.0], 'SPHERE': [1.0, 1.0, 1.0]}[kind])
+            value[rows] = q**2 @ bend - (0.0 if kind == 'CONE' else 1.0)
+            gradient[rows] = 2.0 * q * bend
+        else:
+            axis = 'xyz'.index(text[0])
+            value[rows] = q[:, axis] - float(text[-1])
+            gradient[rows, axis] = 1.0
+    return value, gradient
 
 
 def _as_edges(features: FeatureSet) -> FeatureSet:
