@@ -17,12 +17,17 @@ REPEAT_LOG_S = 30.0
 
 
 class Health:
-    """Counters of one node. Times are seconds of a steady clock."""
+    """Counters of one node. Times are seconds of a steady clock.
+
+    dropped : inputs that arrived and were refused; lost : inputs that were published and never reached a callback,
+    because newer ones overtook them in the queue, or the network dropped or garbled them.
+    """
 
     def __init__(self, now: float) -> None:
         self.started = now
         self.processed = 0
         self.dropped = 0
+        self.lost = 0
         self.problems = 0
         self.last_error = ''
         self.last_error_time: float | None = None
@@ -73,6 +78,21 @@ class Health:
         age = '' if self.last_error_time is None else f'{now - self.last_error_time:.1f}'
         return {
             'rate_hz': f'{self.rate_hz(now):.2f}', 'processed': self.processed, 'dropped': self.dropped,
+            'lost_inputs': self.lost,
             'latency_p50_ms': f'{p50:.1f}', 'latency_p99_ms': f'{p99:.1f}', 'problems': self.problems,
             'last_error': self.last_error, 'last_error_age_s': age,
         }
+
+
+class SequenceGaps:
+    """Counts what one writer has published and a reader has not been given, from the writer's sequence numbers."""
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+
+    def missed(self, number: int | None) -> int:
+        """How many went missing just before this one. A number that goes back is a writer started anew."""
+        last, self._last = self._last, number
+        if number is None or last is None or number <= last:
+            return 0
+        return number - last - 1

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -28,7 +28,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from .config import Config, ParameterSpec
-from .health import Health
+from .health import Health, SequenceGaps
 from .stamp_sync import NANOSECONDS, StampSync
 
 # REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
@@ -189,13 +189,18 @@ class GraphNode(Node):
         """A subscription whose callback may raise: that is reported, and the node lives on."""
         self._received.setdefault(topic, 0)
         guarded = self._guard(topic, callback)
+        gaps = SequenceGaps()
 
-        def on_message(message: Any) -> None:
+        def on_message(message: Any, info: Any) -> None:
             self._received[topic] += 1
+            # Numbers of several writers cannot be told apart; then nothing is counted rather than something wrong.
+            if subscription.get_publisher_count() <= 1:
+                self.health.lost += gaps.missed(info.get('publication_sequence_number'))
             guarded(message)
 
-        return self.create_subscription(message_type, topic, on_message, INPUT_QOS,
-                                        qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        subscription = self.create_subscription(message_type, topic, on_message, INPUT_QOS,
+                                                qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        return subscription
 
     def listen_stereo(self, callback: Callable[[StereoMessages], None], queue_size: int = 5,
                       tolerance_s: float = 0.0) -> None:
@@ -294,6 +299,17 @@ class GraphNode(Node):
         return response
 
 
+def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) -> None:
+    """One turn of the executor. What fails inside rclpy, outside of our guards (a malformed request), is reported."""
+    try:
+        executor.spin_once(timeout_sec=timeout_s)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        raise
+    except Exception as error:
+        text = f'{type(error).__name__}: {error}'
+        node.problem(text) if isinstance(node, GraphNode) else node.get_logger().error(text)
+
+
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown. Returns the exit code."""
     try:
@@ -307,13 +323,7 @@ def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while rclpy.ok():
-            try:
-                executor.spin_once()
-            except (KeyboardInterrupt, ExternalShutdownException):
-                raise
-            except Exception as error:  # a malformed request fails inside rclpy, outside of our guards
-                text = f'{type(error).__name__}: {error}'
-                node.problem(text) if isinstance(node, GraphNode) else node.get_logger().error(text)
+            spin_once(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs_py.config import Config, parameter
-from msgs_py.health import REMEMBERED_PROBLEMS, Health
+from msgs_py.health import REMEMBERED_PROBLEMS, Health, SequenceGaps
 from msgs_py.stamp_sync import NANOSECONDS, StampSync
 
 
@@ -130,3 +130,10 @@ class TestHealth:
         for i in range(1000):
             health.problem(0.0, f'problem {i}')
         assert len(health._seen) == REMEMBERED_PROBLEMS
+
+
+@pytest.mark.parametrize('numbers, missed', [
+    ((1, 2, 3), 0), ((5, 6, 9), 2), ((1, 4, 5, 11), 7), ((10, 1, 2), 0), ((None, None), 0), ((3, None, 9, 10), 0)])
+def test_gaps_in_sequence_numbers_are_counted_and_a_restarted_writer_is_none(numbers, missed):
+    gaps = SequenceGaps()
+    assert sum(gaps.missed(number) for number in numbers) == missed
