@@ -10,6 +10,7 @@ import random
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -197,7 +198,7 @@ class GraphRun:
         if reply is None or not reply.success:
             raise ValueError(f'{self.case.scene}: {reply.message if reply else "no answer of the renderer"}')
         for topic, stage in (('right/image_rect', 'image'), ('features', 'features'), ('interpretations', 'pose')):
-            self._spin_until(lambda topic=topic: self.received[topic], stage)
+            self._spin_until(partial(self.received.__getitem__, topic), stage)
             progress(stage)
         self._spin_until(lambda: all(self.received.values()), 'ground truth and report')
         stamps = {messages[-1].header.stamp.sec * 10**9 + messages[-1].header.stamp.nanosec

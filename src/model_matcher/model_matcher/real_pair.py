@@ -46,7 +46,7 @@ def reference_pose(folder: Any, pair: str = PAIR) -> Pose:
 def run_chessboard(out: Path) -> str:
     """Recover and match pair 01; write pictures, features and result.json into out. Returns what to tell the user."""
     data = resources.files('stereo_recovery') / 'data' / 'chessboard'
-    left, right = (cv2.imread(str(data / f'{side}{PAIR}_rect.png'), cv2.IMREAD_GRAYSCALE) for side in ('left', 'right'))
+    left, right = (_read(data / f'{side}{PAIR}_rect.png') for side in ('left', 'right'))
     rig = load_rig(Path(str(data / 'calibration.yaml')), (left.shape[1], left.shape[0]))
     rig = StereoRig(rig.left, rig.right, rig.baseline * SQUARE_M)
     recovery = recover(left, right, rig)
@@ -63,7 +63,8 @@ def run_chessboard(out: Path) -> str:
     cv2.imwrite(str(out / 'recovered.png'), picture)
     document: dict[str, Any] = {
         'pair': PAIR, 'square_m': SQUARE_M, 'features': len(features), 'recovery': edges.summary(),
-        'accepted': bool(best and best.accepted), 'reason': None if best and best.accepted else _why(best, result.reason)}
+        'accepted': bool(best and best.accepted),
+        'reason': None if best and best.accepted else _why(best, result.reason)}
     if best is not None:
         error = best_pose_error(best, truth, board_symmetries(truth))
         document |= {'rotation_error_deg': error.rotation_deg, 'translation_error_m': error.translation,
@@ -71,7 +72,8 @@ def run_chessboard(out: Path) -> str:
         cv2.imwrite(str(out / 'matched.png'), draw_features(
             canvas(left, dim=0.6), model.transformed(best.pose), rig.left, thickness=1))
     (out / 'result.json').write_text(json.dumps(document, indent=2) + '\n')
-    head = f'real chessboard pair {PAIR}: {len(features)} features, {100 * edges.recall:.0f} % of the grid lines\' length'
+    head = (f'real chessboard pair {PAIR}: {len(features)} features, '
+            f'{100 * edges.recall:.0f} % of the grid lines\' length')
     if best is None or not best.accepted:
         return f'{head}; no pose: {document["reason"]}; pictures in {out}/'
     return (f'{head}; pose {document["rotation_error_deg"]:.2f} deg and {1e3 * document["translation_error_m"]:.1f} mm '
@@ -87,6 +89,13 @@ def board_symmetries(pose: Pose) -> list[Pose]:
     turn = Pose.from_rotation_vector([0.0, 0.0, np.pi])
     about_middle = Pose(turn.rotation, middle - turn.rotate(middle))
     return [pose.compose(about_middle)]
+
+
+def _read(path: Any) -> np.ndarray:
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise OSError(f'{path}: not a readable image')
+    return image
 
 
 def _why(best: Interpretation | None, reason: str | None) -> str:
