@@ -17,6 +17,7 @@ from .axes import axes
 from .candidates import candidates
 from .conics import is_ellipse
 from .pieces import Pieces, Runs, conic_pieces, creases, line_pieces
+from .skew import skew_creases
 from .solid import Solid
 from .surfaces import SurfaceTable, compile_surfaces
 
@@ -31,6 +32,7 @@ class Boundary:
     curve_normal : (k, 3) unit: out of the planar face that the curve bounds
     ellipse : (k,) bool: the curve is (an arc of) a circle or ellipse and so a matching feature
     axis_start, axis_end : (a, 3) float64
+    skew : creases in no plane, each (2 k + 1, 3) points along it, of which every second one ends a chord
     notices : what could not be given, in words
     """
 
@@ -45,6 +47,7 @@ class Boundary:
     ellipse: np.ndarray
     axis_start: np.ndarray
     axis_end: np.ndarray
+    skew: tuple[np.ndarray, ...]
     notices: tuple[str, ...]
 
     @property
@@ -69,11 +72,21 @@ def evaluate(solid: Solid) -> Boundary:
     to_metres = np.diag([table.size] * 3 + [1.0])
     to_metres[:3, 3] = table.centre
     ellipse = is_ellipse(found.conic)[curves.curve]
+    skew = tuple(table.metres(item.samples) for item in skew_creases(table, found.skew))
     return Boundary(
         table, table.metres(point + edges.low[:, None] * direction),
         table.metres(point + edges.high[:, None] * direction), to_metres @ found.conic, curves.curve, curves.low,
         curves.high, _normals(table, found.conic, curved, curves), ellipse, table.metres(axis_start),
-        table.metres(axis_end), ())
+        table.metres(axis_end), skew, _notices(ellipse, skew))
+
+
+def _notices(ellipse: np.ndarray, skew: tuple[np.ndarray, ...]) -> tuple[str, ...]:
+    out = []
+    if (~ellipse).any():
+        out.append(f'{(~ellipse).sum()} planar crease(s) are arcs of a parabola or hyperbola: no matching features')
+    if skew:
+        out.append(f'{len(skew)} crease(s) lie in no plane: no matching features')
+    return tuple(out)
 
 
 def arcs(conic: np.ndarray, low: np.ndarray, high: np.ndarray, normal: np.ndarray) -> FeatureSet:

@@ -13,9 +13,11 @@ import numpy as np
 
 from .conics import evaluate, quadric_angles
 
-# Parameters this close, as a fraction of a segment or in radians, are one; crossings just past an end still count.
+# Parameters this close, as a fraction of a segment or in radians, are one.
 SHORTEST = 1e-9
-SLACK = 1e-9
+# Crossings just past an end still count (a needless cut does no harm): a contour ends on the rim that it touches, and a
+# point of contact is known to half the digits only.
+SLACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +167,8 @@ def _plane_angles(conic: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """(c, n, 2): angles at which conics meet planes through the eye, or NaN."""
     linear = np.einsum('cij,ni->cnj', conic[:, :3], normal)
     size = np.hypot(linear[..., 0], linear[..., 1])
-    half = np.arccos(-linear[..., 2] / size)
+    cosine = -linear[..., 2] / size
+    half = np.arccos(np.where(np.abs(cosine) < 1.0 + SLACK, np.clip(cosine, -1.0, 1.0), np.nan))
     phase = np.arctan2(linear[..., 1], linear[..., 0])
     return np.stack([phase + half, phase - half], axis=-1)
 

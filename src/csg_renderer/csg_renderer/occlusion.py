@@ -12,7 +12,7 @@ THIN = 1e-6
 CHUNK = 6_000_000
 
 
-def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray) -> np.ndarray:
+def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray, thin: float = THIN) -> np.ndarray:
     """(n,) bool: solid material stands between eye (3,) or (n, 3) and targets (n, 3), model frame, metres."""
     n, m = len(targets), len(table.leaves)
     if not m or not n:
@@ -20,10 +20,10 @@ def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray) -> np.ndar
     origin = np.broadcast_to(table.normalised(eye), (n, 3))
     ray = table.normalised(targets) - origin
     step = max(1, CHUNK // (2 * m * m + 64))
-    return np.concatenate([_hidden(table, origin[i:i + step], ray[i:i + step]) for i in range(0, n, step)])
+    return np.concatenate([_hidden(table, origin[i:i + step], ray[i:i + step], thin) for i in range(0, n, step)])
 
 
-def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> np.ndarray:
+def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: float) -> np.ndarray:
     enter, leave = leaf_intervals(table, origin, ray)
     enter, leave = np.clip(enter, 0.0, 1.0), np.clip(leave, 0.0, 1.0)
     stops = np.sort(np.concatenate([enter, leave, np.zeros((len(ray), 1)), np.ones((len(ray), 1))], axis=1), axis=1)
@@ -31,7 +31,7 @@ def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> np.ndar
     inside = (enter[:, None, :] < middle[..., None]) & (middle[..., None] < leave[:, None, :])
     solid = table.combine(inside)
     thickness = np.diff(stops, axis=1) * np.linalg.norm(ray, axis=1)[:, None]
-    return (solid & (thickness > THIN)).any(axis=1)
+    return (solid & (thickness > thin)).any(axis=1)
 
 
 def leaf_intervals(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,10 +19,13 @@ from .conics import evaluate
 from .contours import contours
 from .image_cuts import SHORTEST, Wires, cut_conics, cut_segments, runs
 from .model_features import boundary
-from .occlusion import hidden
+from .occlusion import THIN, hidden
 from .solid import Solid
 
 Placed = tuple[Solid, Pose]
+
+# As occlusion.THIN, for points that are only near a curve in no plane: its samples are joined by parabolas.
+CURVED_THIN = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +36,13 @@ class VisibleFeatures:
         cone's apex, the apex) are seen at least in part
     model_index : (n,) int32: which feature of model_features(solid) each row is a fragment of
     contours : occluding contours of curved surfaces; they move with the eye and are no creases
+    others : creases that are no matching features (in no plane, parabolas, hyperbolas), each as points (k, 3)
     """
 
     features: FeatureSet
     model_index: np.ndarray
     contours: FeatureSet
+    others: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +88,7 @@ def visible_fragments(solid: Solid, pose: Pose, camera: PinholeCamera,
     """As :func:`visible_features`, with the model feature of each fragment, and the occluding contours."""
     scene = Scenery([(solid, pose), *others])
     features, index = fragments(solid, pose, scene.seen(0, camera))
-    return VisibleFeatures(features, index, scene.visible_contours(0, camera))
+    return VisibleFeatures(features, index, scene.visible_contours(0, camera), scene.visible_others(0, camera))
 
 
 def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[FeatureSet, np.ndarray]]:
@@ -125,7 +130,9 @@ class Scenery:
         self.creases = [wires_of(boundary(solid)).moved(pose.matrix) for solid, pose in self.placed]
         self.contours = [contours(boundary(solid).table, pose.inverse().translation).moved(pose.matrix)
                          for solid, pose in self.placed]
-        self.all = Wires.concatenate([*self.creases, *self.contours])
+        self.skew = [[pose.apply(points) for points in boundary(solid).skew] for solid, pose in self.placed]
+        chords = [Wires.of_segments(_chords(points)) for item in self.skew for points in item]
+        self.all = Wires.concatenate([*self.creases, *self.contours, *chords])
 
     def seen(self, index: int, camera: PinholeCamera) -> Seen:
         """What the camera sees of one of the solids."""
@@ -143,13 +150,13 @@ class Scenery:
         seen = ~self.hides(middle)
         return _joined(row, low, high, seen[:len(row)]), _joined(curve, first, last, seen[len(row):])
 
-    def hides(self, points: np.ndarray) -> np.ndarray:
+    def hides(self, points: np.ndarray, thin: float = THIN) -> np.ndarray:
         """(n,) bool: some solid stands between the eye and points (n, 3)."""
         out = np.zeros(len(points), bool)
         for solid, pose in self.placed:
             back = pose.inverse()
             open_ = np.nonzero(~out)[0]
-            out[open_] = hidden(boundary(solid).table, back.translation, back.apply(points[open_]))
+            out[open_] = hidden(boundary(solid).table, back.translation, back.apply(points[open_]), thin)
         return out
 
     def visible_contours(self, index: int, camera: PinholeCamera) -> FeatureSet:
@@ -163,6 +170,31 @@ class Scenery:
         return FeatureSet.concatenate([FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
                                        arcs(conic, curved.low, curved.high,
                                             np.where(away[:, None], -normal, normal))])
+
+    def visible_others(self, index: int, camera: PinholeCamera) -> tuple[np.ndarray, ...]:
+        """Visible creases of one solid that are no matching features, as points (k, 3) along each piece."""
+        solid, _ = self.placed[index]
+        wires, ellipse = self.creases[index], boundary(solid).ellipse
+        _, curved = self.spans(Wires(wires.segment[:0], wires.conic, wires.low, wires.high), camera)
+        out = [evaluate(np.repeat(wires.conic[k:k + 1], 65, axis=0), np.linspace(low, high, 65))
+               for k, low, high in zip(curved.row, curved.low, curved.high) if not ellipse[k]]
+        for points in self.skew[index]:
+            out += self._visible_chords(points, camera)
+        return tuple(out)
+
+    def _visible_chords(self, points: np.ndarray, camera: PinholeCamera) -> list[np.ndarray]:
+        """Visible pieces of a curve of points (2 k + 1, 3), every second of which ends a chord."""
+        row, low, high = cut_segments(_chords(points), self.all, frustum(camera))
+        # The curve bulges from its chords: ask at its own points, by the parabola through three of them.
+        t = 0.5 * (low + high)[:, None]
+        first, middle, last = points[2 * row], points[2 * row + 1], points[2 * row + 2]
+        at = first * (1 - t) * (1 - 2 * t) + middle * 4 * t * (1 - t) + last * t * (2 * t - 1)
+        seen = ~self.hides(at, CURVED_THIN)
+        begin, stop = runs(np.zeros(len(row), int), row + low, row + high, seen)
+        ends = _chords(points)
+        step = ends[:, 1] - ends[:, 0]
+        start, end = ends[row, 0] + low[:, None] * step[row], ends[row, 0] + high[:, None] * step[row]
+        return [np.concatenate([start[a:b + 1], end[b:b + 1]]) for a, b in zip(begin, stop)]
 
     def _axes(self, index: int, camera: PinholeCamera, seen_curves: np.ndarray) -> np.ndarray:
         """(a,) bool: axes of which both ends can be told from what is seen (thesis Table 6.2)."""
@@ -206,6 +238,11 @@ def frustum(camera: PinholeCamera) -> np.ndarray:
     left, right = (-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx
     top, bottom = (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy
     return np.array([[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]])
+
+
+def _chords(points: np.ndarray) -> np.ndarray:
+    """(k, 2, 3) from points (2 k + 1, 3), every second of which ends a chord."""
+    return np.stack([points[:-1:2], points[2::2]], axis=1)
 
 
 def _joined(row: np.ndarray, low: np.ndarray, high: np.ndarray, seen: np.ndarray) -> Spans:

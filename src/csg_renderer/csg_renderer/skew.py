@@ -1,0 +1,182 @@
+"""Creases that lie in no plane: where two quadrics meet in a space curve of degree four.
+
+Such a crease is no matching feature, and none is made up for it; but it is found, reported and drawn, and it hides what
+is behind it. The curve is followed along the rulings of a cone or cylinder through it (Levin, A parametric algorithm
+for drawing pictures of solid objects composed of quadric surfaces, 1976): a ruling meets the other quadric at most
+twice, so the curve has a closed form with one square root.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .conics import quadric_angles
+from .neighbourhood import classify, faces_through
+from .surfaces import SurfaceTable
+
+SAMPLES = 512  # of a whole curve; crossings with other surfaces are looked for between neighbours
+CUT_STEPS = 50  # halvings that place a crossing
+
+
+@dataclass(frozen=True, eq=False)
+class RuledCurve:
+    """One closed branch: rulings vertex s + base (cos t, sin t, 1), homogeneous, normalised frame.
+
+    other : (4, 4) the quadric they meet; middle, half : the range of t is middle -+ half, traversed there on one root
+    and back on the other; half = pi with a fixed sign is a branch that goes round once
+    """
+
+    vertex: np.ndarray
+    base: np.ndarray
+    other: np.ndarray
+    middle: float
+    half: float
+    sign: float
+
+    def points(self, turn: np.ndarray) -> np.ndarray:
+        """(n, 3) at parameters turn (n,) in 0..2 pi; NaN where the curve is at infinity."""
+        if self.sign:
+            t, sign = self.middle + turn, np.full(len(turn), self.sign)
+        else:
+            t, sign = self.middle - self.half * np.cos(turn), np.where(np.sin(turn) >= 0.0, 1.0, -1.0)
+        w = np.stack([np.cos(t), np.sin(t), np.ones_like(t)], axis=1) @ self.base.T
+        a = self.vertex @ self.other @ self.vertex
+        b = w @ self.other @ self.vertex
+        c = ((w @ self.other) * w).sum(axis=1)
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        # In homogeneous form neither root needs a division: (s : 1) = (-b + root : a) = (-c : b + root).
+        stable = np.where(b * sign <= 0.0, True, False)
+        s = np.where(stable, -b + sign * root, -c)
+        k = np.where(stable, a, b + sign * root)
+        x = s[:, None] * self.vertex + k[:, None] * w
+        with np.errstate(divide='ignore', invalid='ignore'):
+            point = x[:, :3] / x[:, 3:]
+        return np.where(np.isfinite(point).all(axis=1, keepdims=True) & (np.abs(point) < 1e3), point, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class SkewCrease:
+    """A crease in no plane: samples (2 k + 1, 3) along it, normalised frame, every second one a chord's end."""
+
+    samples: np.ndarray
+
+
+def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
+    """The branches in which two quadric groups meet."""
+    kinds = [table.leaves[table.quadric_leaf[k]].kind for k in (one, two)]
+    if kinds[0] == 'SPHERE' and kinds[1] != 'SPHERE':
+        one, two, kinds = two, one, kinds[::-1]
+    frame = table.frames[table.quadric_leaf[one]]
+    if kinds[0] == 'CYLINDER':
+        vertex, base = frame[:, 2], frame @ np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
+    elif kinds[0] == 'CONE':
+        vertex, base = frame[:, 3], frame @ np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]])
+    else:
+        found = _cone_through(frame, table.quadrics[one], table.quadrics[two])
+        if found is None:
+            return []
+        vertex, base = found
+    other = table.quadrics[two]
+    b = base.T @ other @ vertex
+    form = np.outer(b, b) - (vertex @ other @ vertex) * (base.T @ other @ base)
+    scale = np.linalg.norm(form)
+    ends = quadric_angles(form, np.array(scale)) if scale > 0.0 else np.zeros(0)
+    ends = np.sort(ends[np.isfinite(ends)] % (2.0 * np.pi))
+    ends = ends[np.append(np.diff(ends) > 1e-7, True)[:len(ends)]]
+    if not len(ends):
+        real = np.array([1.0, 0.0, 1.0]) @ form @ np.array([1.0, 0.0, 1.0]) > 0.0
+        return [RuledCurve(vertex, base, other, 0.0, np.pi, sign) for sign in (1.0, -1.0)] if real else []
+    curves = []
+    for low, high in zip(ends, np.append(ends[1:], ends[0] + 2.0 * np.pi)):
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        u = np.array([np.cos(middle), np.sin(middle), 1.0])
+        if u @ form @ u > 0.0:
+            curves.append(RuledCurve(vertex, base, other, middle, half, 0.0))
+    return curves
+
+
+def skew_creases(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> list[SkewCrease]:
+    """The creases in the intersections of these pairs of quadric groups."""
+    out = []
+    for one, two in pairs:
+        for curve in ruled_curves(table, one, two):
+            out += _creases_on(table, curve, one, two)
+    return out
+
+
+def _creases_on(table: SurfaceTable, curve: RuledCurve, one: int, two: int) -> list[SkewCrease]:
+    turn = np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
+    cuts = _cuts(table, curve, turn, {len(table.planes) + one, len(table.planes) + two})
+    low = np.concatenate([[0.0], cuts])
+    high = np.append(low[1:], 2.0 * np.pi)
+    keep = high - low > 1e-6
+    low, high = low[keep], high[keep]
+    middle = curve.points(0.5 * (low + high))
+    q = table.quadrics
+    tangent = np.cross(*(middle @ q[k, :3, :3] + q[k, :3, 3] for k in (one, two)))
+    length = np.linalg.norm(tangent, axis=1)
+    good = np.isfinite(middle).all(axis=1) & (length > 1e-12)
+    rows = np.nonzero(good)[0]
+    rows = rows[faces_through(table, middle[rows]).sum(axis=1) >= 2]
+    branches = classify(table, middle[rows], tangent[rows] / length[rows, None])
+    crease = np.zeros(len(low), bool)
+    crease[rows] = branches.crease
+    # Joined over cuts that changed nothing, and over the start of the parameter.
+    if crease.all() and len(crease):
+        return [_sampled(curve, low[0], high[-1])]
+    starts = [k for k in range(len(low)) if crease[k] and not crease[k - 1]]
+    out = []
+    for k in starts:
+        end = k
+        while crease[(end + 1) % len(low)]:
+            end += 1
+        last = high[end % len(low)] + (2.0 * np.pi if end >= len(low) else 0.0)
+        out.append(_sampled(curve, low[k], last))
+    return out
+
+
+def _sampled(curve: RuledCurve, low: float, high: float) -> SkewCrease:
+    count = max(4, int(np.ceil(0.5 * SAMPLES * (high - low) / (2.0 * np.pi))))
+    return SkewCrease(curve.points(np.linspace(low, high, 2 * count + 1) % (2.0 * np.pi)))
+
+
+def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int]) -> np.ndarray:
+    """Increasing parameters at which the curve crosses any other surface."""
+    others = [k for k in range(table.groups) if k not in own]
+    points = curve.points(turn)
+    values = table.values(np.nan_to_num(points))[:, others]
+    values[~np.isfinite(points).all(axis=1)] = np.nan
+    row, column = np.nonzero(values[:-1] * values[1:] < 0.0)
+    low, high = turn[row], turn[row + 1]
+    sign = np.sign(values[row, column])
+    group = np.array(others, int)[column]
+    for _ in range(CUT_STEPS):
+        middle = 0.5 * (low + high)
+        at = table.values(np.nan_to_num(curve.points(middle)))[np.arange(len(row)), group]
+        before = np.sign(at) == sign
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return np.unique(0.5 * (low + high))
+
+
+def _cone_through(frame: np.ndarray, one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Vertex (4,) and base (4, 3) of a real cone through the meet of two ellipsoids; None where they do not meet."""
+    a, b = frame.T @ one @ frame, frame.T @ two @ frame
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    best = None
+    for x in np.linalg.eigvals(np.linalg.solve(a, b)):
+        if abs(x.imag) > 1e-9 * (1.0 + abs(x)):
+            continue
+        value, vector = np.linalg.eigh(b - x.real * a)
+        order = np.argsort(np.abs(value))
+        value, vector = value[order], vector[:, order]
+        signs = np.sign(value[1:])
+        if abs(signs.sum()) != 1.0:
+            continue
+        lone = 1 + int(np.argmax(signs == -signs.sum()))
+        pair = [k for k in (1, 2, 3) if k != lone]
+        if best is None or abs(value[1]) > best[0]:
+            columns = [vector[:, k] / np.sqrt(abs(value[k])) for k in (*pair, lone)]
+            best = (abs(value[1]), frame @ vector[:, 0], frame @ np.stack(columns, axis=1))
+    return None if best is None else (best[1], best[2])
