@@ -17,7 +17,10 @@ LOOSE_END = 1.5
 
 @njit(cache=True)
 def meet(table, widest):
-    """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope; widest gap, pixels."""
+    """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope.
+
+    widest : gap, pixels.
+    """
     n = len(table)
     place = table[:, 4:6].copy()
     other = np.full((n, 2), -1, np.int32)

@@ -172,7 +172,12 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     i, j = matches.left, matches.right
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
-    x = right.centre[j][:, None] + right_met.place[j][..., None] * right.direction[j][:, None]
+    # Contrast may change its sign between the views, and with it the right piece's direction.
+    flip = (tl * right.direction[j]).sum(axis=1) < 0.0
+    turned = np.where(flip[:, None], [1, 0], [0, 1])
+    right_place, right_sigma, right_other = (np.take_along_axis(a[j], turned, axis=1)
+                                             for a in (right_met.place, right_met.sigma, right_met.other))
+    x = right.centre[j][:, None] + right_place[..., None] * right.direction[j][:, None]
     by_row = np.abs(right.direction[j][:, 1:2]) > 0.3
     tv = np.where(np.abs(tl[:, 1:2]) < 1e-3, 1e-3, tl[:, 1:2])
     run = tl[:, :1] - coefficient[:, 1:2]
@@ -184,7 +189,7 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     same = fixed & (np.abs(seen - mine) < 1.5)
     reach = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
-    sigma = np.where(cut, np.where(right_met.other[j] >= 0, right_met.sigma[j], 1.5), sigma)
+    sigma = np.where(cut, np.where(right_other >= 0, right_sigma, 1.5), sigma)
     return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed & ~cut)
 
 

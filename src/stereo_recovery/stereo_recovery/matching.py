@@ -16,9 +16,6 @@ import numpy as np
 from . import matching_kernels
 from .segmentation import Pieces
 
-# Grey levels by which one side of an edge may differ between the images before its likeness falls to 1 / e.
-LOOSE_CONTRAST = 100.0
-
 
 @dataclass(frozen=True, eq=False)
 class Matches:
@@ -67,20 +64,11 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
         return nothing
     table, right_table = _table(left_grey, left), _table(right_grey, right)
     near = matching_kernels.neighbours(table, radius, 24)
-    contrast = LOOSE_CONTRAST
-    for _ in range(2):
-        node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine, contrast)
-        if len(node) == 0:
-            return nothing
-        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds)
-        chosen = _unique(node, value, strength, np.flatnonzero(belief >= least_belief))
-        # How alike the two views really are decides how much a side may change: a surface that only one eye sees has
-        # other grey levels than the one beside it.
-        differ = np.abs(table[node[chosen, 0], 6:8] - right_table[node[chosen, 1], 6:8]).max(axis=1, initial=0.0)
-        tight = float(np.clip(3.0 + 3.0 * np.median(differ), 6.0, LOOSE_CONTRAST)) if len(chosen) else contrast
-        if tight > 0.8 * contrast:
-            break
-        contrast = tight
+    node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine)
+    if len(node) == 0:
+        return nothing
+    strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds)
+    chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief))
     return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
 
 

@@ -10,15 +10,28 @@ GRADIENT_LIMIT = 0.5
 GRADIENT_END = 1.0
 # Disparity error, pixels, that measuring alone makes.
 SLACK = 0.8
+# How far, pixels, the two images' ends of an edge may differ in height, and what a differing end costs.
+END_SLACK = 4.0
+LOOSE_END = 0.65
+# Grey levels by which one side of an edge, a background, may differ before likeness falls to 1 / e.
+BACKGROUND_CONTRAST = 60.0
+# An eye that sees past an object's side sees one edge more there, outside the one both eyes see. Of two candidates a
+# few pixels apart the nearer is therefore the true one, and the farther counts less.
+BESIDE = 20.0
+FARTHER = 0.5
+# A change of the contrast's sign is rare, and only believed when one side stays equal to within this.
+FLIP_CONTRAST = 8.0
+FLIPPED = 0.5
+# Candidates less alike than this are not looked at.
+LEAST_LIKENESS = 0.04
 
 
 @njit(cache=True)
-def candidates(left, right, lowest, highest, flat_sine, contrast):
+def candidates(left, right, lowest, highest, flat_sine):
     """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
     left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
-    side; gradient magnitude. contrast : grey levels by which one side may change (a background).
-    Pieces are directed with the bright side on one hand, so direction carries the sign.
+    side; gradient magnitude. Pieces are directed with the bright side on one hand, so direction carries the sign.
     Returns node (k, 2) int32 pieces; value (k, 6): disparity at the left piece's start, middle, end; first and last
     common row; likeness 0..1.
     """
@@ -39,27 +52,30 @@ def candidates(left, right, lowest, highest, flat_sine, contrast):
             j = order[q]
             if tops[q] > bottom + 3.0:
                 break
-            if left[i, 4] * right[j, 4] + left[i, 5] * right[j, 5] < 0.0:
-                continue
+            flip = left[i, 4] * right[j, 4] + left[i, 5] * right[j, 5] < 0.0
+            tu, tv = right[j, 4], right[j, 5]
             x0, y0, x1, y1 = right[j, 0], right[j, 1], right[j, 2], right[j, 3]
-            flat_right = abs(right[j, 5]) < flat_sine
+            if flip:
+                tu, tv = -tu, -tv
+                x0, y0, x1, y1 = x1, y1, x0, y0
+            flat_right = abs(tv) < flat_sine
             a, b = max(top, min(y0, y1)), min(bottom, max(y0, y1))
             if flat_left or flat_right:
                 # Rows say little: the ends must be at the same height, and give the disparity.
-                if abs(v0 - y0) > 2.0 or abs(v1 - y1) > 2.0 or left[i, 4] * right[j, 4] < 0.0:
+                if abs(v0 - y0) > 2.0 or abs(v1 - y1) > 2.0 or left[i, 4] * tu < 0.0:
                     continue
-                if abs(left[i, 5] - right[j, 5]) > 0.2:
+                if abs(left[i, 5] - tv) > 0.2:
                     continue
                 d0, d1 = u0 - x0, u1 - x1
                 dm = 0.5 * (d0 + d1)
                 a, b = top, bottom
             else:
-                if left[i, 5] * right[j, 5] <= 0.0:
+                if left[i, 5] * tv <= 0.0:
                     continue
                 shorter = min(bottom - top, abs(y1 - y0))
                 if b - a < min(2.0, 0.5 * shorter):
                     continue
-                cl, cr = left[i, 4] / left[i, 5], right[j, 4] / right[j, 5]
+                cl, cr = left[i, 4] / left[i, 5], tu / tv
                 # The piece's own disparity gradient, in cyclopean coordinates.
                 if abs(cl - cr) > GRADIENT_END * np.sqrt(1.0 + 0.25 * (cl + cr) ** 2):
                     continue
@@ -68,14 +84,26 @@ def candidates(left, right, lowest, highest, flat_sine, contrast):
                 dm = 0.5 * (d0 + d1)
             if dm < lowest or dm > highest:
                 continue
-            dark, bright = abs(left[i, 6] - right[j, 6]), abs(left[i, 7] - right[j, 7])
+            # A nearer surface hides one background from the left eye and another from the right: its edge may change
+            # the sign of its contrast, but its own side stays as it is.
+            if flip:
+                dark, bright = abs(left[i, 6] - right[j, 7]), abs(left[i, 7] - right[j, 6])
+                if min(dark, bright) > FLIP_CONTRAST:
+                    continue
+            else:
+                dark, bright = abs(left[i, 6] - right[j, 6]), abs(left[i, 7] - right[j, 7])
             ratio = left[i, 8] / right[j, 8]
             if ratio > 1.0:
                 ratio = 1.0 / ratio
-            if ratio < 0.25:
+            if ratio < 0.1 or (ratio < 0.25 and min(dark, bright) > FLIP_CONTRAST):
                 continue
-            likeness = np.exp(-min(dark, bright) / 12.0 - max(dark, bright) / contrast) * np.sqrt(ratio)
-            if likeness < 0.05:
+            alike = -min(dark, bright) / 12.0 - max(dark, bright) / BACKGROUND_CONTRAST
+            likeness = (FLIPPED if flip else 1.0) * np.exp(alike) * np.sqrt(ratio)
+            # Ends at the same height: both images show the whole edge.
+            for e in range(2):
+                if abs(left[i, 1 + 2 * e] - (y0 if e == 0 else y1)) > END_SLACK:
+                    likeness *= LOOSE_END
+            if likeness < LEAST_LIKENESS:
                 continue
             if count == len(node):
                 grown, grown_value = np.empty((2 * count, 2), np.int32), np.empty((2 * count, 6))
@@ -145,6 +173,12 @@ def neighbours(left, radius, most):
 
 
 @njit(cache=True)
+def _rival(strength, nearer):
+    """Strength of a competitor that is nearer by this disparity."""
+    return strength * FARTHER if -BESIDE < nearer < -1.5 else strength
+
+
+@njit(cache=True)
 def relax(node, value, first, other, gap, place, weight, length, right_of, right_first, rounds):
     """Relaxation: a candidate is as strong as its own evidence and the support of its neighbours' candidates.
 
@@ -188,11 +222,11 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
             i, j = node[a, 0], node[a, 1]
             for b in range(first[i], first[i + 1]):
                 if min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3]) > 0.3 * (value[a, 4] - value[a, 3]):
-                    top = max(top, strength[b])
+                    top = max(top, _rival(strength[b], value[b, 1] - value[a, 1]))
             for q in range(right_first[j], right_first[j + 1]):
                 b = right_of[q]
                 if min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3]) > 0.3 * (value[a, 4] - value[a, 3]):
-                    top = max(top, strength[b])
+                    top = max(top, _rival(strength[b], value[b, 1] - value[a, 1]))
             ratio = strength[a] / top if top > 0.0 else 0.0
             belief[a] = ratio * ratio
     return strength, belief

@@ -10,11 +10,14 @@ import numpy as np
 from msgs_py import FeatureSet, StereoRig
 
 from . import edgels as edgel_module
+from .axes import axis_features, contours, find_axes
+from .conics import Ellipse
+from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .lines3d import edges, to_space
 from .matching import match
 from .params import RecoveryParams
-from .segmentation import Pieces, corners, roughness, straight_pieces, whole_pieces
+from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link
 
 
@@ -43,6 +46,7 @@ class _View:
     grey: np.ndarray
     edgels: Edgels
     pieces: Pieces
+    ellipses: list[Ellipse]
 
 
 def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
@@ -52,12 +56,12 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     found = edgel_module.detect(grey, params.detector, params.sigma, low, noise)
     strings = link(found, grey.shape, high)
     tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
-    ordered, pieces = straight_pieces(strings, tolerance, params.sigma)
-    return _View(grey, ordered, pieces)
+    ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
+    return _View(grey, ordered, pieces, ellipses)
 
 
 def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: RecoveryParams | None = None) -> Recovery:
-    """Straight edges in space.
+    """Straight edges, planar curves and axes of rotation in space.
 
     left, right : (h, w) or (h, w, 3) images of a rectified pair, of the rig's size; rig : StereoRig
     Raises ValueError, naming the argument, for arrays that are no images or not of the rig's size. Pictures in which
@@ -86,7 +90,8 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     for name, view in zip(('left', 'right'), views):
         if len(view.pieces) == 0:
             return Recovery(FeatureSet.empty(), found, f'no texture: no edges in the {name} image', stages, counts)
-    pieces = [view.pieces.select(whole_pieces(view.pieces)) for view in views]
+    pieces = (views[0].pieces.select(whole_pieces(views[0].pieces)),
+              views[1].pieces.select(whole_pieces(views[1].pieces)))
     offset = rig.left.cx - rig.right.cx
     lowest = params.min_disparity + offset
     highest = (0.9 * rig.left.width if params.max_disparity is None else params.max_disparity) + offset
@@ -99,11 +104,19 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
                         counts)
     met, right_met = corners(pieces[0]), corners(pieces[1])
     lines = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma)
+    lap('lines')
+    curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig,
+                            params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE)
+    lap('curves')
     segments = to_space(lines, pieces[0], rig)
     keep = (np.isfinite(segments.ends).all(axis=(1, 2)) & (lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length)
-            & np.isfinite(segments.err_par) & np.isfinite(segments.err_per))
+            & np.isfinite(segments.err_par) & np.isfinite(segments.err_per) & (pieces[0].arc[lines.left] < 0)
+            & (pieces[1].arc[lines.right] < 0) & ~on_curves(lines, pieces, curves)
+            & ~contours(lines, pieces, curves, rig))
     ends = segments.ends[keep]
-    features = FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep])
-    lap('lines')
+    features = FeatureSet.concatenate([
+        FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep]),
+        curve_features(curves), axis_features(find_axes(curves, pieces, rig))])
+    lap('features')
     reason = '' if len(features) else 'no matched edge is long enough'
     return Recovery(features, found, reason, stages, counts)

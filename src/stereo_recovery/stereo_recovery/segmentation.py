@@ -1,12 +1,13 @@
-"""Splitting strings into straight pieces, and where the pieces meet (thesis 3.10.1, 3.10.3)."""
+"""Splitting strings into straight pieces and arcs, and where the pieces meet (thesis 3.10.1, 3.10.3)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from . import corner_kernels, segment_kernels
+from .conics import Ellipse, find_arcs
 from .edgels import Edgels
 from .strings import Strings
 
@@ -31,6 +32,7 @@ class Pieces:
     count : (n,) float64, edgels used in the fit
     sigma : (n, 2) float64: of the offset at the centre, pixels, and of the slope, radians
     magnitude : (n,) float64, mean gradient, grey levels per pixel
+    arc : (n,) int32, the ellipse it is a piece of, or -1: straight
     """
 
     bounds: np.ndarray
@@ -43,6 +45,7 @@ class Pieces:
     count: np.ndarray
     sigma: np.ndarray
     magnitude: np.ndarray
+    arc: np.ndarray
 
     def __len__(self) -> int:
         return len(self.bounds)
@@ -84,25 +87,30 @@ def roughness(strings: Strings) -> float:
     return max(0.01, float(np.median(off)) / (0.6745 * np.sqrt(1.5)))
 
 
-def straight_pieces(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) -> tuple[Edgels, Pieces]:
-    """Recursive fit and segment, then collinear neighbours joined across gaps.
+def split(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) -> tuple[Edgels, Pieces, list[Ellipse]]:
+    """Recursive fit and segment, arcs told from edges, collinear edges joined across gaps.
 
     tolerance : pixels an edgel may stand off, more where its own sigma is large; sigma : smoothing of the detector,
-    pixels. Returns the edgels in the order of the pieces, and the pieces.
+    pixels. Returns the edgels in the order of the pieces, the pieces, and the ellipses of the arcs.
     """
     e = strings.edgels
     x, y = np.ascontiguousarray(e.position[:, 0]), np.ascontiguousarray(e.position[:, 1])
     limit = np.maximum(tolerance, STANDING_OFF * e.sigma_position)
     bounds, string = segment_kernels.split(x, y, limit, strings.offsets, minimum)
     pieces = fit_pieces(e, bounds, string, sigma)
+    arc, ellipses = find_arcs(e.position, bounds, string, strings.closed, pieces.bow, pieces.direction, tolerance)
+    pieces = replace(pieces, arc=arc)
     for _ in range(2):
         e, pieces = _joined(e, pieces, sigma)
-    return e, pieces
+    return e, pieces, ellipses
 
 
 def _joined(e: Edgels, pieces: Pieces, sigma: float) -> tuple[Edgels, Pieces]:
-    """Pieces that continue each other on one line become one."""
-    successor = segment_kernels.continuations(line_table(pieces), WIDEST_GAP, np.radians(6.0))
+    """Straight pieces that continue each other on one line become one."""
+    straight = np.flatnonzero(pieces.arc < 0)
+    successor = np.full(len(pieces), -1)
+    found = segment_kernels.continuations(line_table(pieces.select(straight)), WIDEST_GAP, np.radians(6.0))
+    successor[straight[found >= 0]] = straight[found[found >= 0]]
     if (successor < 0).all():
         return e, pieces
     heads = np.setdiff1d(np.arange(len(pieces)), successor)
@@ -116,7 +124,7 @@ def _joined(e: Edgels, pieces: Pieces, sigma: float) -> tuple[Edgels, Pieces]:
     last = np.cumsum([len(run) for run in runs])
     bounds = np.stack([np.concatenate([[0], last[:-1]]), last], axis=1)
     e = e.select(np.concatenate(runs))
-    return e, fit_pieces(e, bounds, pieces.string[heads], sigma)
+    return e, replace(fit_pieces(e, bounds, pieces.string[heads], sigma), arc=pieces.arc[heads])
 
 
 def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) -> Pieces:
@@ -132,7 +140,7 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
     return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], rows[:, 7], rows[:, 8],
-                  fit_sigma, magnitude)
+                  fit_sigma, magnitude, np.full(len(bounds), -1, np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +160,7 @@ class Corners:
 
 def whole_pieces(pieces: Pieces) -> np.ndarray:
     """(n,) bool: pieces long enough to mean something, without the scraps at the ends of longer ones."""
-    return (pieces.length >= 3.0) & ~corner_kernels.scraps(line_table(pieces), 16.0, 16.0, 2.5)
+    return (pieces.length >= 3.0) & ((pieces.arc >= 0) | ~corner_kernels.scraps(line_table(pieces), 16.0, 16.0, 2.5))
 
 
 def corners(pieces: Pieces, gap: float = 18.0) -> Corners:

@@ -1,0 +1,176 @@
+"""Ellipses in the image: which runs of pieces are arcs, and the ellipse through them (thesis 3.10.3).
+
+A split string turns a little at every break when it follows a curve. Runs that turn one way are tried as ellipses, the
+longest first; a run that one ellipse explains as well as lines would is an arc, and none of its pieces is an edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# An arc turns by at least this much in all, and by at most this much from piece to piece; radians.
+LEAST_TURN = np.radians(20.0)
+SHARPEST_BREAK = np.radians(65.0)
+# Smallest semi-axis, pixels, and shortest arc, edgels.
+LEAST_RADIUS = 1.5
+LEAST_EDGELS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipse:
+    """conic : (3, 3) float64 symmetric, x^T C x = 0 for pixels (u, v, 1), negative inside; rms : pixels."""
+
+    conic: np.ndarray
+    rms: float
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(2,) float64, pixels."""
+        return -np.linalg.solve(self.conic[:2, :2], self.conic[:2, 2])
+
+    @property
+    def radii(self) -> np.ndarray:
+        """(2,) float64, pixels, major first."""
+        value = -np.linalg.det(self.conic) / np.linalg.det(self.conic[:2, :2])
+        return np.sqrt(value / np.linalg.eigvalsh(self.conic[:2, :2]))
+
+
+def sampson(conic: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) float64, pixels: signed distance of points (n, 2) from a conic, first order (Sampson), positive outside."""
+    h = points @ conic[:2] + conic[2]
+    value = (h[:, :2] * points).sum(axis=1) + h[:, 2]
+    return 0.5 * value / np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
+
+
+def fit_ellipse(points: np.ndarray, weights: np.ndarray | None = None, rounds: int = 4) -> Ellipse | None:
+    """Ellipse through points (n, 2), pixels, n >= 6; None when they do not determine one.
+
+    Fitzgibbon's constrained fit in Halir and Flusser's form, repeated with each equation divided by its gradient, which
+    removes the bias towards small ellipses (Sampson 1982; thesis 3.10.1 uses a bias-corrected filter for that).
+    """
+    if len(points) < 6:
+        return None
+    shift = points.mean(axis=0)
+    scale = np.abs(points - shift).mean() + 1e-9
+    x, y = ((points - shift) / scale).T
+    quadratic = np.stack([x * x, x * y, y * y], axis=1)
+    linear = np.stack([x, y, np.ones_like(x)], axis=1)
+    w = np.ones(len(x)) if weights is None else weights
+    given = w
+    try:
+        for _ in range(rounds):
+            s1 = quadratic.T @ (w[:, None] * quadratic)
+            s2 = quadratic.T @ (w[:, None] * linear)
+            t = -np.linalg.solve(linear.T @ (w[:, None] * linear), s2.T)
+            m = s1 + s2 @ t
+            values, vectors = np.linalg.eig(np.stack([m[2] / 2.0, -m[1], m[0] / 2.0]))
+            vectors = np.real(vectors)
+            good = 4.0 * vectors[0] * vectors[2] - vectors[1] ** 2
+            k = int(np.argmax(good))
+            if not good[k] > 0.0:
+                return None
+            a = vectors[:, k]
+            full = np.concatenate([a, t @ a])
+            gu = 2.0 * full[0] * x + full[1] * y + full[3]
+            gv = full[1] * x + 2.0 * full[2] * y + full[4]
+            squared = gu * gu + gv * gv
+            w = given / np.maximum(squared, 1e-3 * squared.mean())
+    except np.linalg.LinAlgError:
+        return None
+    a0, b0, c0, d0, e0, f0 = full
+    conic = np.array([[a0, b0 / 2, d0 / 2], [b0 / 2, c0, e0 / 2], [d0 / 2, e0 / 2, f0]])
+    to_unit = np.array([[1 / scale, 0, -shift[0] / scale], [0, 1 / scale, -shift[1] / scale], [0, 0, 1.0]])
+    conic = to_unit.T @ conic @ to_unit
+    if np.trace(conic[:2, :2]) < 0.0:
+        conic = -conic
+    determinant = np.linalg.det(conic[:2, :2])
+    if not np.isfinite(conic).all() or determinant <= 0.0 or np.linalg.det(conic) >= 0.0:
+        return None
+    return Ellipse(conic, float(np.sqrt(np.mean(sampson(conic, points) ** 2))))
+
+
+def find_arcs(position: np.ndarray, bounds: np.ndarray, string: np.ndarray, closed: np.ndarray, bow: np.ndarray,
+              direction: np.ndarray, tolerance: float) -> tuple[np.ndarray, list[Ellipse]]:
+    """Which pieces are parts of arcs.
+
+    position : (n, 2) edgels in string order; bounds, string : the pieces, in order; closed : (strings,) bool;
+    bow, direction : of the pieces' lines; tolerance : pixels an edgel may stand off.
+    Returns arc (k,) int32, the arc of each piece or -1, and the arcs' ellipses.
+    """
+    arc = np.full(len(bounds), -1, np.int32)
+    ellipses: list[Ellipse] = []
+    if len(bounds) < 3:
+        return arc, ellipses
+    angle = np.arctan2(direction[:, 1], direction[:, 0])
+    turn = (np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi
+    same = string[1:] == string[:-1]
+    starts = np.flatnonzero(np.concatenate([[True], ~same]))
+    for first, last in zip(starts, np.append(starts[1:], len(bounds))):
+        if last - first < 2:
+            continue
+        pieces = np.arange(first, last)
+        turns = turn[first:last - 1]
+        if closed[string[first]] and last - first >= 3:
+            pieces = np.concatenate([pieces, pieces])
+            join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
+            turns = np.concatenate([turns, [join], turns])
+        for run in _runs(turns):
+            _claim(pieces[run[0]:run[1] + 1], turns[run[0]:run[1]], position, bounds, bow, tolerance, arc, ellipses)
+    return arc, ellipses
+
+
+def _runs(turns: np.ndarray) -> list[tuple[int, int]]:
+    """Stretches [first, last] of pieces between which the turn keeps its sign and is no sharp corner."""
+    sign = np.where(np.abs(turns) < SHARPEST_BREAK, np.sign(turns), 0)
+    runs = []
+    k = 0
+    while k < len(sign):
+        if sign[k] == 0:
+            k += 1
+            continue
+        end = k
+        while end + 1 < len(sign) and sign[end + 1] == sign[k]:
+            end += 1
+        runs.append((k, end + 1))
+        k = end + 1
+    return runs
+
+
+def _claim(pieces: np.ndarray, turns: np.ndarray, position: np.ndarray, bounds: np.ndarray, bow: np.ndarray,
+           tolerance: float, arc: np.ndarray, ellipses: list[Ellipse]) -> None:
+    """Find the longest stretches of a run that are arcs and write them down."""
+    first = 0
+    while first + 1 < len(pieces):
+        found = False
+        # A whole circuit of a closed string would come twice.
+        for last in range(len(pieces) - 1, first, -1):
+            chosen = pieces[first:last + 1]
+            if len(np.unique(chosen)) < len(chosen) or (arc[chosen] >= 0).any():
+                continue
+            if abs(turns[first:last].sum()) < LEAST_TURN or last - first > 40:
+                continue
+            # Two straight pieces make a corner unless both bend the same way.
+            if last - first < 3 and not (np.sign(bow[chosen]) == np.sign(bow[chosen[0]])).all():
+                continue
+            points = np.concatenate([position[bounds[k, 0]:bounds[k, 1]] for k in chosen])
+            if len(points) < LEAST_EDGELS:
+                break
+            thin = points if len(points) <= 120 else points[::len(points) // 100]
+            ellipse = fit_ellipse(thin, rounds=2)
+            if ellipse is None or ellipse.rms > 0.6 * tolerance:
+                continue
+            ellipse = fit_ellipse(points)
+            if ellipse is None or ellipse.rms > 0.45 * tolerance or min(ellipse.radii) < LEAST_RADIUS:
+                continue
+            off = np.abs(sampson(ellipse.conic, points))
+            extent = np.ptp(points, axis=0).max()
+            if np.quantile(off, 0.95) > tolerance or max(ellipse.radii) > 4.0 * extent:
+                continue
+            arc[chosen] = len(ellipses)
+            ellipses.append(ellipse)
+            first, found = last, True
+            break
+        if not found:
+            first += 1

@@ -1,0 +1,117 @@
+"""Compiled least-squares equations of one curve on the edgels of two images, for :mod:`.curves3d`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def _conic(centre, major, minor, camera, eye):
+    """The picture of a curve: (6,) of u^2, uv, v^2, u, v, 1 halves, as a00, a01, a11, a02, a12, a22; inside < 0."""
+    m = np.empty((3, 3))
+    for c in range(3):
+        x = major[0] if c == 0 else (minor[0] if c == 1 else centre[0] - eye)
+        y = major[1] if c == 0 else (minor[1] if c == 1 else centre[1])
+        z = major[2] if c == 0 else (minor[2] if c == 1 else centre[2])
+        m[0, c] = camera[0] * x + camera[2] * z
+        m[1, c] = camera[1] * y + camera[3] * z
+        m[2, c] = z
+    # Adjugate: the inverse up to a factor that cancels.
+    a = np.empty((3, 3))
+    a[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
+    a[0, 1] = m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]
+    a[0, 2] = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    a[1, 0] = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
+    a[1, 1] = m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]
+    a[1, 2] = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
+    a[2, 0] = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
+    a[2, 1] = m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]
+    a[2, 2] = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    q = np.empty(6)
+    for j in range(3):
+        for i in range(j + 1):
+            q[i + j * (j + 1) // 2] = a[0, i] * a[0, j] + a[1, i] * a[1, j] - a[2, i] * a[2, j]
+    norm = abs(q[5]) + 1e-300
+    if q[0] + q[2] < 0.0:
+        norm = -norm
+    return q / norm
+
+
+@njit(cache=True)
+def residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend):
+    """Distances of edgels from the curve's pictures, pixels, positive outside, into out (n,); bend (n,): what
+    smoothing of variance ``blur`` moves an edgel towards the centre of curvature (already taken off ``out``)."""
+    second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
+                       normal[0] * first[1] - normal[1] * first[0]])
+    major, minor = radii[0] * first, radii[1] * second
+    for side in range(2):
+        q = _conic(centre, major, minor, camera_left if side == 0 else camera_right, 0.0 if side == 0 else baseline)
+        for i in range(0 if side == 0 else count, count if side == 0 else len(points)):
+            u, v = points[i, 0], points[i, 1]
+            gu = q[0] * u + q[1] * v + q[3]
+            gv = q[1] * u + q[2] * v + q[4]
+            value = gu * u + gv * v + q[3] * u + q[4] * v + q[5]
+            g2 = gu * gu + gv * gv + 1e-300
+            g = np.sqrt(g2)
+            curvature = (q[0] * gv * gv - 2.0 * q[1] * gu * gv + q[2] * gu * gu) / (g2 * g)
+            bend[i] = min(0.5 * blur * abs(curvature), 1.0)
+            out[i] = 0.5 * value / g + bend[i]
+
+
+@njit(cache=True)
+def moved(centre, normal, first, radii, step, circle):
+    """A curve changed by a step: centre (3), tilts (2), log radii (1 or 2), turn in the plane (0 or 1)."""
+    second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
+                       normal[0] * first[1] - normal[1] * first[0]])
+    n = normal + step[3] * second - step[4] * first
+    n = n / np.sqrt((n * n).sum())
+    f = first.copy()
+    if not circle:
+        f = f + step[7] * second
+    f = f - n * (f * n).sum()
+    f = f / np.sqrt((f * f).sum())
+    r = radii.copy()
+    r[0] *= np.exp(step[5])
+    r[1] *= np.exp(step[5] if circle else step[6])
+    return centre + step[:3], n, f, r
+
+
+@njit(cache=True)
+def equations(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
+              out, bend):
+    """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,); residuals go to out."""
+    size = 6 if circle else 8
+    n = len(points)
+    residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend)
+    weights = np.empty(n)
+    ratio = np.abs(out) / sigma
+    spread = max(1.4826 * np.median(ratio), 1.0)
+    cost = 0.0
+    for i in range(n):
+        # Half of the correction for curvature is doubted.
+        variance = sigma[i] * sigma[i] + 0.25 * bend[i] * bend[i]
+        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (2.5 * spread)) ** 2))
+        cost += weights[i] * out[i] * out[i]
+    jacobian = np.empty((n, size))
+    shifted, unused = np.empty(n), np.empty(n)
+    for k in range(size):
+        step = np.zeros(8)
+        h = 1e-5 * radii[0] if k < 3 else 1e-5
+        step[k] = h
+        c, m, f, r = moved(centre, normal, first, radii, step, circle)
+        residuals(c, m, f, r, points, count, camera_left, camera_right, baseline, blur, shifted, unused)
+        for i in range(n):
+            jacobian[i, k] = (shifted[i] - out[i]) / h
+    matrix = np.zeros((size, size))
+    gradient = np.zeros(size)
+    for i in range(n):
+        for a in range(size):
+            wa = weights[i] * jacobian[i, a]
+            gradient[a] += wa * out[i]
+            for b in range(a + 1):
+                matrix[a, b] += wa * jacobian[i, b]
+    for a in range(size):
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    return matrix, gradient, cost, weights
