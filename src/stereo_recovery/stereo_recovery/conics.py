@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import conic_kernels
+
 # An arc turns by at least this much in all, and by at most this much from piece to piece; radians.
 LEAST_TURN = np.radians(20.0)
 SHARPEST_BREAK = np.radians(65.0)
@@ -44,51 +46,22 @@ def sampson(conic: np.ndarray, points: np.ndarray) -> np.ndarray:
     return 0.5 * value / np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
 
 
-def fit_ellipse(points: np.ndarray, weights: np.ndarray | None = None, rounds: int = 4) -> Ellipse | None:
+def fit_ellipse(points: np.ndarray, rounds: int = 4) -> Ellipse | None:
     """Ellipse through points (n, 2), pixels, n >= 6; None when they do not determine one.
 
-    Fitzgibbon's constrained fit in Halir and Flusser's form, repeated with each equation divided by its gradient, which
-    removes the bias towards small ellipses (Sampson 1982; thesis 3.10.1 uses a bias-corrected filter for that).
+    Least squares of the conic's equation, repeated with each equation divided by its gradient, which removes the bias
+    towards small ellipses (Sampson 1982; thesis 3.10.1 uses a bias-corrected filter for that).
     """
     if len(points) < 6:
         return None
-    shift = points.mean(axis=0)
-    scale = np.abs(points - shift).mean() + 1e-9
-    x, y = ((points - shift) / scale).T
-    quadratic = np.stack([x * x, x * y, y * y], axis=1)
-    linear = np.stack([x, y, np.ones_like(x)], axis=1)
-    w = np.ones(len(x)) if weights is None else weights
-    given = w
-    try:
-        for _ in range(rounds):
-            s1 = quadratic.T @ (w[:, None] * quadratic)
-            s2 = quadratic.T @ (w[:, None] * linear)
-            t = -np.linalg.solve(linear.T @ (w[:, None] * linear), s2.T)
-            m = s1 + s2 @ t
-            values, vectors = np.linalg.eig(np.stack([m[2] / 2.0, -m[1], m[0] / 2.0]))
-            vectors = np.real(vectors)
-            good = 4.0 * vectors[0] * vectors[2] - vectors[1] ** 2
-            k = int(np.argmax(good))
-            if not good[k] > 0.0:
-                return None
-            a = vectors[:, k]
-            full = np.concatenate([a, t @ a])
-            gu = 2.0 * full[0] * x + full[1] * y + full[3]
-            gv = full[1] * x + 2.0 * full[2] * y + full[4]
-            squared = gu * gu + gv * gv
-            w = given / np.maximum(squared, 1e-3 * squared.mean())
-    except np.linalg.LinAlgError:
+    (a, b, c, d, e, f), rms = conic_kernels.fit(np.ascontiguousarray(points, dtype=np.float64), rounds)
+    if not np.isfinite(rms):
         return None
-    a0, b0, c0, d0, e0, f0 = full
-    conic = np.array([[a0, b0 / 2, d0 / 2], [b0 / 2, c0, e0 / 2], [d0 / 2, e0 / 2, f0]])
-    to_unit = np.array([[1 / scale, 0, -shift[0] / scale], [0, 1 / scale, -shift[1] / scale], [0, 0, 1.0]])
-    conic = to_unit.T @ conic @ to_unit
-    if np.trace(conic[:2, :2]) < 0.0:
-        conic = -conic
-    determinant = np.linalg.det(conic[:2, :2])
-    if not np.isfinite(conic).all() or determinant <= 0.0 or np.linalg.det(conic) >= 0.0:
+    conic = np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
+    # A real ellipse has its centre inside.
+    if not np.isfinite(conic).all() or np.linalg.det(conic) >= 0.0:
         return None
-    return Ellipse(conic, float(np.sqrt(np.mean(sampson(conic, points) ** 2))))
+    return Ellipse(conic, float(rms))
 
 
 def find_arcs(position: np.ndarray, bounds: np.ndarray, string: np.ndarray, closed: np.ndarray, bow: np.ndarray,
@@ -157,8 +130,7 @@ def _claim(pieces: np.ndarray, turns: np.ndarray, position: np.ndarray, bounds: 
             points = np.concatenate([position[bounds[k, 0]:bounds[k, 1]] for k in chosen])
             if len(points) < LEAST_EDGELS:
                 break
-            thin = points if len(points) <= 120 else points[::len(points) // 100]
-            ellipse = fit_ellipse(thin, rounds=2)
+            ellipse = fit_ellipse(points, rounds=2)
             if ellipse is None or ellipse.rms > 0.6 * tolerance:
                 continue
             ellipse = fit_ellipse(points)

@@ -1,0 +1,91 @@
+"""Compiled least squares of a conic through points, for :mod:`.conics`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def _solve5(a, b):
+    """Solve a 5 x 5 system in place by elimination with pivots; False when it is singular."""
+    for c in range(5):
+        pivot = c
+        for r in range(c + 1, 5):
+            if abs(a[r, c]) > abs(a[pivot, c]):
+                pivot = r
+        if abs(a[pivot, c]) < 1e-13:
+            return False
+        if pivot != c:
+            for k in range(5):
+                a[c, k], a[pivot, k] = a[pivot, k], a[c, k]
+            b[c], b[pivot] = b[pivot], b[c]
+        for r in range(c + 1, 5):
+            f = a[r, c] / a[c, c]
+            for k in range(c, 5):
+                a[r, k] -= f * a[c, k]
+            b[r] -= f * b[c]
+    for c in range(4, -1, -1):
+        for k in range(c + 1, 5):
+            b[c] -= a[c, k] * b[k]
+        b[c] /= a[c, c]
+    return True
+
+
+@njit(cache=True)
+def fit(points, rounds):
+    """Conic through points (n, 2): (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f with a + c = 1 in
+    scaled coordinates, negative inside; rms of the Sampson distance, pixels (infinite when there is no ellipse).
+
+    Least squares of the equation, each divided by its gradient of the round before: Sampson's distance.
+    """
+    n = len(points)
+    none = np.zeros(6)
+    mx = my = 0.0
+    for i in range(n):
+        mx += points[i, 0] / n
+        my += points[i, 1] / n
+    scale = 1e-9
+    for i in range(n):
+        scale += (abs(points[i, 0] - mx) + abs(points[i, 1] - my)) / n
+    q = np.zeros(6)
+    w = np.ones(n)
+    rms = 0.0
+    for turn in range(rounds + 1):
+        if turn < rounds:
+            a = np.zeros((5, 5))
+            b = np.zeros(5)
+            row = np.empty(5)
+            for i in range(n):
+                x, y = (points[i, 0] - mx) / scale, (points[i, 1] - my) / scale
+                # c = 1 - a: unknown a, b, d, e, f; right side -y^2.
+                row[0], row[1], row[2], row[3], row[4] = x * x - y * y, x * y, x, y, 1.0
+                for j in range(5):
+                    wr = w[i] * row[j]
+                    b[j] -= wr * y * y
+                    for k in range(5):
+                        a[j, k] += wr * row[k]
+            if not _solve5(a, b):
+                return none, np.inf
+            q[0], q[1], q[2], q[3], q[4], q[5] = b[0], b[1], 1.0 - b[0], b[2], b[3], b[4]
+            if 4.0 * q[0] * q[2] - q[1] * q[1] <= 1e-9:
+                return none, np.inf
+        mean = 0.0
+        total = 0.0
+        for i in range(n):
+            x, y = (points[i, 0] - mx) / scale, (points[i, 1] - my) / scale
+            gx, gy = 2.0 * q[0] * x + q[1] * y + q[3], q[1] * x + 2.0 * q[2] * y + q[4]
+            g2 = gx * gx + gy * gy
+            w[i] = g2
+            mean += g2 / n
+            f = q[0] * x * x + q[1] * x * y + q[2] * y * y + q[3] * x + q[4] * y + q[5]
+            total += f * f / (g2 + 1e-12)
+        for i in range(n):
+            w[i] = 1.0 / max(w[i], 1e-3 * mean)
+        rms = scale * np.sqrt(total / n)
+    # Back to pixels.
+    s2 = scale * scale
+    a0, b0, c0, d0, e0 = q[0] / s2, q[1] / s2, q[2] / s2, q[3] / scale, q[4] / scale
+    out = np.array([a0, b0, c0, d0 - 2.0 * a0 * mx - b0 * my, e0 - 2.0 * c0 * my - b0 * mx,
+                    q[5] - d0 * mx - e0 * my + a0 * mx * mx + b0 * mx * my + c0 * my * my])
+    return out, rms
