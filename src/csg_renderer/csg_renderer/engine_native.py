@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import Lock
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,7 +19,7 @@ from .frame import Frame, RenderOptions, RenderStats
 from .kernels import CUTTER_PARTS, CUTTERS, STRIDE
 from .kernels_image import Plan, Target, product_spans, render_tiles, smooth_rows
 from .kernels_shade import Look, Workspace
-from .kernels_tree import Eye, Trees
+from .kernels_tree import DOUBT, Eye, Trees
 from .products import products_of
 from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program, View, program_of, view_of
 from .reference import PARALLEL
@@ -63,19 +65,25 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     if options.adaptive:
         _each_thread(threads, lambda k: smooth_rows(
             k, threads, ready.trees, eye, ready.look, plan, target, works[k], CROW_WEIGHTS, np.array(CROW_OFFSETS)))
-    counts = sum(work.counts for work in works)
+    counts = np.sum([work.counts for work in works], axis=0)
     frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]), active if options.tiling else 1)
     return frame
 
 
 def prepare(program: Program) -> Prepared:
     """Flatten a program for the kernels."""
-    starts, positive, factors = [0], [], []
+    starts: list[int] = [0]
+    positive: list[int] = []
+    factors: list[int] = []
     child_products = np.zeros((len(program.children), 2), dtype=np.int64)
-    codes, jumps, code_starts = [], [], [0]
+    codes: list[int] = []
+    jumps: list[int] = []
+    code_starts: list[int] = [0]
     simple = np.full(len(program.children), -1, dtype=np.int64)
     box = np.empty((6, len(program.children)))
     cutters = [0]
+    doubt: list[float] = []
+    child_of = np.zeros(len(program.kind), dtype=np.int64)
     bounds = _leaf_boxes(program)
     for child, code in enumerate(program.children):
         child_products[child] = len(positive)
@@ -85,19 +93,25 @@ def prepare(program: Program) -> Prepared:
             positive.append(len(inside))
             cutters.append(len(outside))
         child_products[child, 1] = len(positive)
+        several = len(positive) - child_products[child, 0] > 1
+        doubt += [DOUBT if several else 0.0] * (len(positive) - len(doubt))
+        child_of[code[code >= 0]] = child
         jumps += [jump + len(codes) if jump else 0 for jump in _jumps(code)]
         codes += code.tolist()
         code_starts.append(len(codes))
         if len(code) == 1:
             simple[child] = code[0]
         box[:, child] = _child_box(code, bounds)
-    whole = {'dtype': np.int64}
-    trees = Trees(np.array(starts, **whole), np.array(positive, **whole), np.array(factors, **whole),
-                  np.array(code_starts, **whole), np.array(codes, **whole), np.array(jumps, **whole), simple, box,
-                  program.kind, np.ascontiguousarray(program.inverse[:, :3]), HALFSPACES[program.kind])
+    trees = Trees(_whole(starts), _whole(positive), np.array(doubt), _whole(factors), _whole(code_starts),
+                  _whole(codes), _whole(jumps), simple, child_of, box, program.kind,
+                  np.ascontiguousarray(program.inverse[:, :3]), HALFSPACES[program.kind])
     look = Look(program.colours, program.material, _flat_normals(program), program.lights, program.light_colours,
                 program.ambient_light, program.background)
     return Prepared(program, trees, look, child_products, max(cutters))
+
+
+def _whole(numbers: list[int]) -> np.ndarray:
+    return np.array(numbers, dtype=np.int64)
 
 
 def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: RenderOptions) -> tuple[Eye, Plan]:
@@ -109,7 +123,8 @@ def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: Re
                       local[:, :, 3])
     limit = PARALLEL * np.abs(local[:, :, :3]).sum(axis=2)
 
-    listed, chosen = [], []
+    listed: list[int] = []
+    chosen: list[int] = []
     inside = _contains_origin(program, origin)
     for child, (first, last) in enumerate(ready.child_products):
         # From inside a solid its far wall is seen, which lists know about and products do not.
@@ -138,7 +153,8 @@ def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: Re
         product_spans(chosen_array, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size,
                       span, band, near)
         chosen_array = chosen_array[np.argsort(near[chosen_array], kind='stable')]
-    eye = Eye(local, np.ascontiguousarray(origin), limit, leaf_span, near, np.array(listed, dtype=np.int64), chosen_array)
+    eye = Eye(local, np.ascontiguousarray(origin), limit, leaf_span, near, np.array(listed, dtype=np.int64),
+              chosen_array)
     plan = Plan((np.arange(w) - camera.cx) / camera.fx, (np.arange(h) - camera.cy) / camera.fy, 1.0 / camera.fx,
                 1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, view.departure, span,
                 band, size, whole, options.levels, options.box, options.shadows)
@@ -231,10 +247,10 @@ def _workspace(ready: Prepared, levels: int) -> Workspace:
 
 
 def _new_frame(camera: PinholeCamera, camera_T_scene: Pose) -> tuple[Frame, Target]:
-    """A frame of unwritten arrays. They share one piece of memory: the system hands out large pieces faster."""
+    """A frame of unwritten arrays, all in one piece of memory."""
     h, w = camera.height, camera.width
     n = h * w
-    memory = np.empty(31 * n + 3, dtype=np.uint8)
+    memory = _memory(31 * n + 3)
     words = memory[:28 * n].view(np.int32)
     ids = [words[k * n:(k + 1) * n].reshape(h, w) for k in range(3)]
     depth = words[3 * n:4 * n].view(np.float32).reshape(h, w)
@@ -242,6 +258,33 @@ def _new_frame(camera: PinholeCamera, camera_T_scene: Pose) -> tuple[Frame, Targ
     image = memory[28 * n:31 * n].reshape(h, w, 3)
     frame = Frame(image, depth, ids[0], ids[1], ids[2], normal, camera, camera_T_scene)
     return frame, Target(image, depth, ids[0], ids[1], ids[2], normal)
+
+
+# Memory of frames that may be handed out again. Fresh pages cost more than rendering into them does.
+_memories: list[np.ndarray] = []
+MOST_MEMORIES = 6
+_memories_lock = Lock()
+
+
+def _references(memories: list[np.ndarray]) -> list[int]:
+    return [sys.getrefcount(memory) for memory in memories]
+
+
+# How many references are counted for memory that only the list holds; it depends on the Python version.
+_IDLE = _references([np.empty(0, dtype=np.uint8)])[0]
+
+
+def _memory(size: int) -> np.ndarray:
+    """(size,) uint8, not initialised: memory of a frame nobody has any array of any more, else new memory."""
+    with _memories_lock:
+        for index, references in enumerate(_references(_memories)):
+            # Every view of an array holds a reference to it.
+            if references == _IDLE and _memories[index].size == size:
+                return _memories[index]
+        memory = np.empty(size, dtype=np.uint8)
+        _memories.append(memory)
+        del _memories[:-MOST_MEMORIES]
+        return memory
 
 
 def _cores() -> int:

@@ -26,7 +26,8 @@ STRIDE = 256
 # Unsigned: for signed indices numba adds the handling of negative ones, and the loops would not vectorise.
 X, NEAR, FAR_, FACE_IN, FACE_OUT, ENTRY, END, CODE, DEPTH, HIT = (np.uint64(STRIDE * k) for k in range(10))
 # Of the visible points: unit viewing ray, place, unit normal on the viewer's side, colour, two rows for the highlight.
-VX, VY, VZ, PX, PY, PZ, NX, NY, NZ, RED, GREEN, BLUE, BASE, GLINT, SHADE = (np.uint64(STRIDE * k) for k in range(10, 25))
+VX, VY, VZ, PX, PY, PZ, NX, NY, NZ, RED, GREEN, BLUE, BASE, GLINT, SHADE = (
+    np.uint64(STRIDE * k) for k in range(10, 25))
 CUTTERS = np.uint64(STRIDE * 25)
 CUTTER_PARTS = np.uint64(3 * STRIDE)
 
@@ -177,10 +178,10 @@ def leaf_span(kind, ox, oy, oz, dx, dy, dz):
 
 @njit(cache=True, error_model='numpy', nogil=True)
 def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
-    """Boundaries of a leaf for the rays (s[X + j], y, 1) of the camera, j0 <= j < j1, into NEAR, FAR_, FACE_IN, FACE_OUT.
+    """Boundaries of a leaf for the rays (s[X + j], y, 1) of the camera, j0 <= j < j1.
 
-    j0, j1 : uint64; matrices : (n, 3, 4) camera to unit frame; origins, limits : (n, 3) local origins, and below what
-    a direction component is zero
+    They go into NEAR, FAR_, FACE_IN and FACE_OUT. j0, j1 : uint64; matrices : (n, 3, 4) camera to unit frame;
+    origins, limits : (n, 3) local origins, and below what a direction component is zero
     """
     m, o, limit = matrices[leaf], origins[leaf], limits[leaf]
     ax, ay, az = m[0, 0], m[1, 0], m[2, 0]

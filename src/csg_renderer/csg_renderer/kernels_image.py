@@ -10,7 +10,7 @@ from numba import njit
 
 from .kernels import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, PX, PY, PZ, RED, STRIDE, VX, VY, VZ, X
 from .kernels_shade import light_run, normals_run, points_row, trace
-from .kernels_tree import LEAF_STEP, NOTHING, list_row, product_row
+from .kernels_tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
 
 INF = math.inf
 ZERO = np.uint64(0)
@@ -89,7 +89,7 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
     for j in range(ZERO, end):
         s[DEPTH + j] = INF
         s[HIT + j] = NOTHING
-    drawn = False
+    drawn, doubtful = False, False
     for k in range(count):
         q = products[k]
         low, high = 0, m
@@ -114,6 +114,9 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
                     first + high - 1 if offset >= 0 else last, row, y, plan.tolerance, trees, eye, plan.whole,
                     work.counts)
         drawn = True
+        doubtful |= trees.doubt[q] > 0.0
+    if doubtful:
+        settle_row(s, m, y, plan.tolerance, trees, eye, work.times, work.hits, work.starts, work.counts)
     for k in range(eye.listed.shape[0]):
         list_row(s, ZERO, end, eye.listed[k], y, plan.tolerance, trees, eye, work.times, work.hits, work.starts,
                  work.counts)
@@ -302,12 +305,12 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, weights, 
                 hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
                         trees, eye, plan)
                 colour_row(work, 3 * count, y, trees, look, plan, True)
-                for k in range(count):
+                for pixel in range(count):
                     for u in range(3):
-                        j = np.uint64(3 * k + u)
-                        nine[0, k] += weights[v, u] * s[RED + j]
-                        nine[1, k] += weights[v, u] * s[GREEN + j]
-                        nine[2, k] += weights[v, u] * s[BLUE + j]
+                        j = np.uint64(3 * pixel + u)
+                        nine[0, pixel] += weights[v, u] * s[RED + j]
+                        nine[1, pixel] += weights[v, u] * s[GREEN + j]
+                        nine[2, pixel] += weights[v, u] * s[BLUE + j]
             for k in range(count):
                 for channel in range(3):
                     target.image[row, columns[k], channel] = byte(nine[channel, k])

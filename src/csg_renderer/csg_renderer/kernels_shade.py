@@ -11,12 +11,13 @@ from numba import njit
 from .kernels import BASE, BLUE, DEPTH, GLINT, GREEN, NX, NY, NZ, PX, PY, PZ, RED, SHADE, VX, VY, VZ, X
 from .kernels_tree import FACE_STEP, LEAF_STEP, NOTHING, child_list, local_span
 from .program import CONE, CYLINDER, SPHERE
+from .reference import APEX
 
 INF = math.inf
 
 
 class Look(NamedTuple):
-    """Surfaces and lights (see program.Program). flat : (n, 6, 3) float64, outward unit normals of flat faces, scene."""
+    """Surfaces and lights (see program.Program). flat : (n, 6, 3) float64, unit normals of flat faces, scene frame."""
 
     colours: np.ndarray
     material: np.ndarray
@@ -61,11 +62,9 @@ def surface_normal(trees, look, hit, px, py, pz, dx, dy, dz):
         nx = m[0, 0] * gx + m[1, 0] * gy + m[2, 0] * gz
         ny = m[0, 1] * gx + m[1, 1] * gy + m[2, 1] * gz
         nz = m[0, 2] * gx + m[1, 2] * gy + m[2, 2] * gz
-        length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if length == 0.0:
+        if gx * gx + gy * gy + gz * gz < APEX:
             nx, ny, nz = -dx, -dy, -dz
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        scale = 1.0 / length
+        scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx * scale, ny * scale, nz * scale
     else:
         nx, ny, nz = look.flat[leaf, face, 0], look.flat[leaf, face, 1], look.flat[leaf, face, 2]
@@ -108,11 +107,10 @@ def normals_run(s, j0, j1, leaf, face, kind, inverse, flat):
             nx = m00 * gx + m10 * gy + m20 * gz
             ny = m01 * gx + m11 * gy + m21 * gz
             nz = m02 * gx + m12 * gy + m22 * gz
-            square = nx * nx + ny * ny + nz * nz
-            # The gradient vanishes at a cone's apex, which faces everybody.
-            apex = square == 0.0
-            scale = 1.0 / math.sqrt(1.0 if apex else square)
-            nx, ny, nz = (-vx if apex else nx * scale), (-vy if apex else ny * scale), (-vz if apex else nz * scale)
+            apex = gx * gx + gy * gy + gz * gz < APEX
+            nx, ny, nz = (-vx if apex else nx), (-vy if apex else ny), (-vz if apex else nz)
+            scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
             scale = -1.0 if nx * vx + ny * vy + nz * vz > 0.0 else 1.0
             s[NX + j], s[NY + j], s[NZ + j] = scale * nx, scale * ny, scale * nz
     else:

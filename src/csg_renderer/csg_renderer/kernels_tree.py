@@ -28,11 +28,13 @@ from .kernels import (
     leaf_span,
 )
 from .program import INTERSECT, UNION
-from .reference import PARALLEL, TINY
+from .reference import FAR, PARALLEL, TINY
 
 INF = math.inf
 # Hits are written leaf * LEAF_STEP + face * FACE_STEP + (1 when the ray leaves the solid there).
 LEAF_STEP, FACE_STEP = 16.0, 2.0
+# Added to hits of which products cannot say for certain whose face it is (see settle_row), a few times at most.
+DOUBT = 1.0 / 1024.0
 NOTHING = -1.0
 
 
@@ -40,20 +42,23 @@ class Trees(NamedTuple):
     """The children of a program, flattened. c children, q products.
 
     product_start : (q + 1,) into factors, the leaves of each product, its ``positive`` (q,) positives first
+    doubt : (q,) float64, DOUBT for one of several products of a child, 0 for a child's only one
     code_start : (c + 1,) into code and jump: postfix programs; after code[i], an empty list on the stack lets the
         program go on at jump[i], if that is not 0 (early out, Roth 1982)
-    simple : (c,) the leaf of a child that is a single leaf, else -1
+    simple : (c,) the leaf of a child that is a single leaf, else -1; child_of : (n,) the child of each leaf
     box : (6, c) bounds of each child in the scene frame: low x y z, high x y z, metres
     kind : (n,) of the leaves; inverse : (n, 3, 4) unit frame from scene; halfspaces : (n,)
     """
 
     product_start: np.ndarray
     positive: np.ndarray
+    doubt: np.ndarray
     factors: np.ndarray
     code_start: np.ndarray
     code: np.ndarray
     jump: np.ndarray
     simple: np.ndarray
+    child_of: np.ndarray
     box: np.ndarray
     kind: np.ndarray
     inverse: np.ndarray
@@ -88,6 +93,7 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole,
     """
     begin, end = trees.product_start[q], trees.product_start[q + 1]
     split = begin + trees.positive[q]
+    mark = trees.doubt[q]
     n = np.int64(j1 - j0)
     for j in range(j0, j1):
         s[ENTRY + j] = -INF
@@ -103,13 +109,14 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole,
             # A touch is no hit: a span thinner than the tolerance is none.
             far = s[FAR_ + j]
             far = far if far - near > tolerance else -INF
+            before = s[CODE + j]
             later = near > entry + tolerance
-            tied = (near >= entry - tolerance) & (here < s[CODE + j])
-            take = later | tied
+            tied = (near >= entry - tolerance) & (not later)
+            take = later | (tied & (here < before))
             s[ENTRY + j] = near if take else entry
-            s[CODE + j] = here if take else s[CODE + j]
-            last = s[END + j]
-            s[END + j] = far if far < last else last
+            s[CODE + j] = (here if take else before) + (mark if tied else 0.0)
+            so_far = s[END + j]
+            s[END + j] = far if far < so_far else so_far
     alive = 0
     for j in range(j0, j1):
         entry = s[ENTRY + j]
@@ -149,19 +156,20 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole,
                 entry, code = s[ENTRY + j], s[CODE + j]
                 near, far, here = s[base + j], s[base + X_FAR + j], s[base + X_CODE + j]
                 covers = (near <= entry + tolerance) & (far > entry + tolerance)
-                tied = (near < entry - tolerance) & (far >= entry - tolerance) & (here < code) & (not covers)
+                tied = (near < entry - tolerance) & (far >= entry - tolerance) & (not covers) & (code != here)
                 s[ENTRY + j] = far if covers else entry
-                s[CODE + j] = here if covers | tied else code
+                s[CODE + j] = here if covers | (tied & (here < code)) else code + (mark if tied else 0.0)
                 moved += 1 if covers else 0
         if slots < 2:
             break
     for j in range(j0, j1):
         entry, code, depth, hit = s[ENTRY + j], s[CODE + j], s[DEPTH + j], s[HIT + j]
         seen = (entry < s[END + j] - tolerance) & (code >= 0.0)
-        better = (entry < depth - tolerance) | ((entry <= depth + tolerance) & (code < hit))
-        take = seen & better
+        nearer = entry < depth - tolerance
+        tied = (entry <= depth + tolerance) & (not nearer)
+        take = seen & (nearer | (tied & (code < hit)))
         s[DEPTH + j] = entry if take else depth
-        s[HIT + j] = code if take else hit
+        s[HIT + j] = (code if take else hit) + (mark if seen & tied & (code != hit) else 0.0)
 
 
 X_FAR, X_CODE = NEAR, FAR_  # offsets of a cutter's second and third part: one and two strides
@@ -272,8 +280,31 @@ def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, co
         count = child_list(trees, eye.local, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts,
                            counts)
         for k in range(count):
-            if times[k] > tolerance:
+            if tolerance < times[k] < 0.5 * FAR:
                 entry, code, depth = times[k], hits[k] + (k % 2), s[DEPTH + j]
                 if entry < depth - tolerance or (entry <= depth + tolerance and code < s[HIT + j]):
                     s[DEPTH + j], s[HIT + j] = entry, code
+                break
+
+
+@njit(cache=True, error_model='numpy', nogil=True)
+def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
+    """Ask the trees where products were in doubt.
+
+    Where several faces coincide, the products of a tree may disagree with it on whose face bounds the solid: what
+    bounds one product may be inside the next. The place is certain, and a list of boundaries names the face.
+    """
+    for k in range(m):
+        j = np.uint64(k)
+        hit = s[HIT + j]
+        if hit < 0.0 or hit == np.floor(hit):
+            continue
+        s[HIT + j] = np.floor(hit)
+        child = trees.child_of[int(hit / LEAF_STEP)]
+        count = child_list(trees, eye.local, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts,
+                           counts)
+        for i in range(0, count, 2):
+            if times[i] > tolerance:
+                if abs(times[i] - s[DEPTH + j]) <= 2.0 * tolerance:
+                    s[DEPTH + j], s[HIT + j] = times[i], hits[i]
                 break

@@ -23,6 +23,8 @@ FAR = 1e30
 # A local origin this close to a whole number is on it: the unit frames have their faces there.
 PARALLEL = 1e-13
 TINY = 1e-300
+# Square of the radius, in the unit frame, within which a cone is all apex.
+APEX = 1e-18
 
 
 @dataclass
@@ -229,8 +231,8 @@ def _regular(spans: Spans, tolerance: float) -> Spans:
 
 
 def first_hits(spans: Spans, nearest: float, entries_only: bool) -> Hits:
-    """The first boundary beyond ``nearest`` on every ray."""
-    usable = spans.t > nearest
+    """The first boundary beyond ``nearest`` on every ray. The end of what never ends is none."""
+    usable = (spans.t > nearest) & (spans.t < 0.5 * FAR)
     if entries_only:
         usable[:, 1::2] = False
     t = np.where(usable, spans.t, np.inf)
@@ -298,7 +300,9 @@ def normals(program: Program, hit: np.ndarray, points: np.ndarray, direction: np
     gradient = np.where(((kind == CYLINDER) & (face == 2))[:, None], local * [1.0, 1.0, 0.0], gradient)
     gradient = np.where(((kind == CONE) & (face == 1))[:, None], local * [1.0, 1.0, -1.0], gradient)
     normal = np.einsum('nji,nj->ni', inverse[:, :3, :3], gradient)
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.where(length > 0.0, normal / np.where(length > 0.0, length, 1.0), -direction)
+    # At a cone's apex the gradient vanishes and its direction is rounding; the apex faces everybody.
+    apex = (np.einsum('ni,ni->n', gradient, gradient) < APEX)[:, None]
+    normal = np.where(apex, -direction, normal)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     facing = np.einsum('ni,ni->n', normal, direction) < 0.0
     return np.where((facing == entering)[:, None], normal, -normal)

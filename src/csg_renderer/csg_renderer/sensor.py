@@ -39,9 +39,9 @@ class SensorModel:
 
         Blur comes first, then noise, independent in every pixel and channel; then rounding and clipping.
         """
-        values = np.asarray(image, dtype=np.float32)
+        values: np.ndarray = np.asarray(image, dtype=np.float32)
         if self.psf_sigma > 0.0:
-            values = cv2.GaussianBlur(values, (0, 0), self.psf_sigma, borderType=cv2.BORDER_REPLICATE)
+            values = np.asarray(cv2.GaussianBlur(values, (0, 0), self.psf_sigma, borderType=cv2.BORDER_REPLICATE))
         if self.noise_sigma > 0.0:
             noise = np.random.default_rng(self.seed).standard_normal(values.shape, dtype=np.float32)
             values = values + np.float32(self.noise_sigma) * noise
