@@ -32,6 +32,7 @@ setup(
     entry_points={
         'console_scripts': [
             'recovery_node = stereo_recovery.node:main',
+            'recover = stereo_recovery.recover_cli:main',
         ],
     },
 )

@@ -1,57 +1,117 @@
-"""Calibration files to a StereoRig: OpenCV's YAML with the projection matrices P1 and P2 of a rectified pair."""
+"""Calibration files of a stereo camera: OpenCV's YAML (K1, D1, R1, P1, K2, ...) and ROS camera_info YAML."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import yaml
 
 from msgs_py import StereoRig
 
+# Names under which OpenCV programs write the same matrices; {} is 1 or 2.
+OPENCV_NAMES = {'k': ('K{}', 'M{}', 'cameraMatrix{}', 'camera_matrix_{}'), 'd': ('D{}', 'distCoeffs{}'),
+                'r': ('R{}',), 'p': ('P{}',)}
+
 
 @dataclass(frozen=True)
-class _Projection:
-    """What StereoRig.from_camera_info wants of a camera."""
+class CameraFile:
+    """One camera, with the field names of sensor_msgs/CameraInfo (row-major lists)."""
 
     width: int
     height: int
-    p: np.ndarray
+    distortion_model: str
+    d: list[float] = field(default_factory=list)
+    k: list[float] = field(default_factory=list)
+    r: list[float] = field(default_factory=list)
+    p: list[float] = field(default_factory=list)
 
 
-def load_rig(path: str | Path, image_size: tuple[int, int] | None = None) -> StereoRig:
-    """The rectified rig of an OpenCV calibration file (cv2.stereoRectify's P1, P2 and the image size).
+def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
+    """Left and right camera of a calibration file.
 
-    image_size : (width, height), pixels, when the file has neither image_size nor image_width and image_height
-    The baseline is in the file's unit of length.
-    Raises FileNotFoundError, and ValueError that names the file and what it lacks.
+    size : (width, height) of the images, pixels, for files that do not say. A ROS camera_info file describes one
+    camera; give the left one, and the right one is looked for beside it ('left' in the name becomes 'right'), or give
+    one file with both (two documents, or the keys left and right).
+    Raises ValueError, naming the file and what it lacks; OSError when there is none.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f'{path}: no such calibration file')
+    text = path.read_text(encoding='utf-8', errors='replace')
+    if text.lstrip().startswith('%YAML:') or '!!opencv-matrix' in text:
+        return _opencv(path, size)
+    documents = _documents(path, text)
+    if len(documents) == 1 and {'left', 'right'} <= set(documents[0]):
+        documents = [documents[0]['left'], documents[0]['right']]
+    if len(documents) == 1:
+        other = path.with_name(path.name.replace('left', 'right'))
+        if other == path or not other.exists():
+            raise ValueError(f'{path}: describes one camera; expected both (two YAML documents, or keys left and '
+                             f'right), or a file named ...left... with ...right... beside it')
+        documents += _documents(other, other.read_text(encoding='utf-8', errors='replace'))
+    return _ros(path, 'left', documents[0], size), _ros(path, 'right', documents[1], size)
+
+
+def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
+    """The rectified pair of a calibration file; arguments and errors as for :func:`load_cameras`."""
+    cameras = load_cameras(path, size)
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        projections = [storage.getNode(name).mat() for name in ('P1', 'P2')]
-        width, height = image_size or _image_size(storage)
-    except cv2.error as error:
-        raise ValueError(f'{path}: not an OpenCV calibration file: {error}') from None
-    for name, matrix in zip(('P1', 'P2'), projections):
-        if matrix is None or matrix.shape != (3, 4):
-            raise ValueError(f'{path}: {name} is missing, expected a 3 x 4 projection matrix of the rectified pair')
-    if width < 1 or height < 1:
-        raise ValueError(f'{path}: the image size is missing, expected image_size or image_width and image_height')
-    try:
-        return StereoRig.from_camera_info(*(_Projection(width, height, matrix) for matrix in projections))
+        return StereoRig.from_camera_info(*cameras)
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from None
 
 
-def _image_size(storage: cv2.FileStorage) -> tuple[int, int]:
-    node = storage.getNode('image_size')
-    if not node.empty():
-        if node.isSeq():
-            return int(node.at(0).real()), int(node.at(1).real())
-        values = node.mat()
-        return (0, 0) if values is None else (int(values.ravel()[0]), int(values.ravel()[1]))
-    return int(storage.getNode('image_width').real()), int(storage.getNode('image_height').real())
+def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    except cv2.error as error:
+        raise ValueError(f'{path}: not readable as OpenCV YAML: {error.err}') from None
+    cameras = []
+    for number in (1, 2):
+        matrices: dict[str, list[float]] = {}
+        for name, spellings in OPENCV_NAMES.items():
+            nodes = [storage.getNode(spelling.format(number)) for spelling in spellings]
+            found = [node.mat() for node in nodes if not node.empty() and node.isMap()]
+            if found and found[0] is not None:
+                matrices[name] = [float(x) for x in np.asarray(found[0]).ravel()]
+        if 'p' not in matrices:
+            raise ValueError(f'{path}: no matrix P{number}; expected the projection matrices of stereoRectify')
+        p = np.reshape(matrices['p'], (3, 4)) if len(matrices['p']) == 12 else np.zeros((3, 4))
+        matrices.setdefault('k', p[:, :3].ravel().tolist())
+        matrices.setdefault('r', np.eye(3).ravel().tolist())
+        cameras.append(CameraFile(size[0], size[1], 'plumb_bob', matrices.get('d', []), matrices['k'], matrices['r'],
+                                  matrices['p']))
+    storage.release()
+    return cameras[0], cameras[1]
+
+
+def _documents(path: Path, text: str) -> list[dict[str, Any]]:
+    try:
+        documents = [d for d in yaml.safe_load_all(text) if d is not None]
+    except yaml.YAMLError as error:
+        raise ValueError(f'{path}: not YAML: {error}') from None
+    if not documents or not all(isinstance(d, dict) for d in documents):
+        raise ValueError(f'{path}: expected a calibration, OpenCV YAML or ROS camera_info YAML')
+    return documents
+
+
+def _ros(path: Path, side: str, document: Any, size: tuple[int, int]) -> CameraFile:
+    def numbers(name: str, default: list[float] | None = None) -> list[float]:
+        entry = document.get(name) if isinstance(document, dict) else None
+        if entry is None and default is not None:
+            return default
+        values = entry.get('data') if isinstance(entry, dict) else entry
+        try:
+            if values is None:
+                raise ValueError
+            return [float(x) for x in values]
+        except (TypeError, ValueError):
+            raise ValueError(f'{path}: {side} camera: {name} is missing or holds no numbers') from None
+
+    projection = numbers('projection_matrix')
+    return CameraFile(int(document.get('image_width', size[0])), int(document.get('image_height', size[1])),
+                      str(document.get('distortion_model', 'plumb_bob')), numbers('distortion_coefficients', []),
+                      numbers('camera_matrix'), numbers('rectification_matrix', np.eye(3).ravel().tolist()),
+                      projection)

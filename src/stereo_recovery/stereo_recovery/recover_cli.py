@@ -1,0 +1,107 @@
+"""``recover left.png right.png calibration.yaml -o out/``: features, picture and table of a stereo pair of files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from msgs_py import FeatureKind, FeatureSet
+
+from .calibration import load_cameras, load_rig
+from .drawing import draw_features
+from .edgels import DETECTORS
+from .params import RecoveryParams
+from .pipeline import recover
+from .rectification import Rectifier
+
+COLUMNS = ('kind', 'start x', 'start y', 'start z', 'end x', 'end y', 'end z', 'radius', 'minor', 'err along',
+           'err across')
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    default = RecoveryParams()
+    result = argparse.ArgumentParser(
+        prog='recover', description='Recover 3D edges, curves and axes from a stereo pair of image files.')
+    result.add_argument('left', type=Path, help='left image')
+    result.add_argument('right', type=Path, help='right image')
+    result.add_argument('calibration', type=Path, help='OpenCV YAML, or ROS camera_info YAML of the left camera with '
+                        'the right one beside it')
+    result.add_argument('-o', '--out', type=Path, default=Path('out'), help='folder for the results (default: out)')
+    result.add_argument('--raw', action='store_true', help='the images are raw: undistort and rectify them first')
+    result.add_argument('--baseline', type=float, help='baseline in metres, for a calibration in other units')
+    result.add_argument('--detector', choices=DETECTORS, default=default.detector)
+    result.add_argument('--sigma', type=float, default=default.sigma, help='smoothing, pixels')
+    result.add_argument('--min-length', type=float, default=default.min_length, help='shortest edge, pixels')
+    return result
+
+
+def table(features: FeatureSet) -> list[list[str]]:
+    """Rows of text, millimetres; for a curve, start is its centre and end its unit normal (no millimetres)."""
+    rows = []
+    for i, kind in enumerate(features.kind):
+        curve = kind == FeatureKind.CURVE
+        end = features.directions[i] if curve else 1e3 * features.end[i]
+        numbers = [*(1e3 * features.start[i]), *end]
+        text = [f'{x:.3f}' for x in numbers]
+        text += [f'{1e3 * r:.3f}' if np.isfinite(r) else '' for r in features.radii[i]]
+        rows.append([FeatureKind(kind).name, *text, f'{1e3 * features.err_par[i]:.3f}',
+                     f'{1e3 * features.err_per[i]:.3f}'])
+    return rows
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do it; 0 when features were found, 1 when not. Raises ValueError and OSError for unusable files."""
+    images = []
+    for path in (arguments.left, arguments.right):
+        if not path.exists():
+            raise FileNotFoundError(f'{path}: no such file')
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if image is None:
+            raise ValueError(f'{path}: not a readable image')
+        images.append(image)
+    left, right = images
+    size = (left.shape[1], left.shape[0])
+    if arguments.raw:
+        rectifier = Rectifier(*load_cameras(arguments.calibration, size))
+        left, right = rectifier.apply(left, right)
+        rig = rectifier.rig
+    else:
+        rig = load_rig(arguments.calibration, size)
+    if arguments.baseline is not None:
+        rig = type(rig)(rig.left, rig.right, arguments.baseline)
+    params = RecoveryParams(detector=arguments.detector, sigma=arguments.sigma, min_length=arguments.min_length)
+    result = recover(left, right, rig, params)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    result.features.save(arguments.out / 'features.npz')
+    picture = draw_features(left, result.features, rig.left)
+    cv2.imwrite(str(arguments.out / 'features.png'), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    rows = table(result.features)
+    with open(arguments.out / 'features.csv', 'w', encoding='utf-8') as file:
+        file.writelines(','.join(row) + '\n' for row in [list(COLUMNS), *rows])
+    for row in [list(COLUMNS), *rows]:
+        print(' '.join(f'{cell:>10}' for cell in row))
+    print(f'{result.features!r} in {sum(result.milliseconds.values()):.0f} ms; lengths in mm; written to '
+          f'{arguments.out}')
+    if result.reason:
+        print(f'nothing found: {result.reason}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def main(args: list[str] | None = None) -> int:
+    """Console script. Exit code 2 for unusable arguments or files."""
+    arguments = parser().parse_args(args)
+    try:
+        return run(arguments)
+    except (ValueError, OSError) as error:
+        print(f'recover: {error}', file=sys.stderr)
+        return 2
+
+
+if __name__ == '__main__':
+    sys.exit(main())
