@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import itertools
 import os
+import shutil
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -109,3 +113,32 @@ def graph() -> Iterator[Graph]:
     graph = Graph()
     yield graph
     graph.close()
+
+
+def executable(name: str) -> str:
+    """Where pip has put the console script, beside this interpreter."""
+    found = shutil.which(name, path=f'{Path(sys.executable).parent}{os.pathsep}{os.environ.get("PATH", "")}')
+    if found is None:
+        pytest.skip(f'{name} is not installed as an executable')
+    return found
+
+
+@pytest.fixture
+def processes(graph) -> Iterator[Callable[..., subprocess.Popen]]:
+    """Starts an executable in the graph's domain: (name, remaps, parameters); what is left is killed at the end."""
+    started: list[subprocess.Popen] = []
+
+    def start(name: str, remaps: Sequence[str] = (), **parameters: str) -> subprocess.Popen:
+        arguments = [item for key, value in parameters.items() for item in ('-p', f'{key}:={value}')]
+        arguments += [item for remap in remaps for item in ('-r', remap)]
+        environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)}
+        process = subprocess.Popen([executable(name), '--ros-args', *arguments], env=environment,
+                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()

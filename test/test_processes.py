@@ -2,46 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
-import pytest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 
 SCENE = 'l_shape_v1'
-
-
-def executable(name: str) -> str:
-    """Where pip has put the console script, beside this interpreter."""
-    found = shutil.which(name, path=f'{Path(sys.executable).parent}{os.pathsep}{os.environ.get("PATH", "")}')
-    if found is None:
-        pytest.skip(f'{name} is not installed as an executable')
-    return found
-
-
-@pytest.fixture
-def processes(graph):
-    started: list[subprocess.Popen] = []
-
-    def start(name: str, **parameters: str) -> subprocess.Popen:
-        arguments = [item for key, value in parameters.items() for item in ('-p', f'{key}:={value}')]
-        environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)}
-        process = subprocess.Popen([executable(name), '--ros-args', *arguments], env=environment,
-                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
 
 
 def test_four_processes_yield_a_pose_for_each_pair_and_stop_cleanly(graph, processes):

@@ -198,7 +198,7 @@ class GraphNode(Node):
                 self.health.lost += gaps.missed(info.get('publication_sequence_number'))
             guarded(message)
 
-        subscription = self.create_subscription(message_type, topic, on_message, INPUT_QOS,
+        subscription = self.create_subscription(message_type, topic, on_message, INPUT_QOS,  # type: ignore[arg-type]
                                                 qos_overriding_options=QoSOverridingOptions.with_default_policies())
         return subscription
 

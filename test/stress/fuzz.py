@@ -1,0 +1,353 @@
+"""Thousands of malformed messages, parameters and requests against live nodes; the answer is a table and an exit code.
+
+    python test/stress/fuzz.py --messages 10000
+
+Each malformed input must be explained (refused with a reason, or counted), take less than two seconds, and the next
+good input must be processed. All nodes run in this process and talk over real topics.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import os
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import damage
+
+import csg_renderer
+from csg_renderer.node import RendererNode
+from dap_emulator.node import EmulatorNode
+from model_matcher.node import MatcherNode
+from msgs_py import PinholeCamera, StereoRig, codecs
+from msgs_py.runtime import GraphNode, spin_once
+from stereo_recovery.node import RecoveryNode
+
+HANG_S = 2.0
+GOOD_EVERY = 10
+RIG = StereoRig.symmetric(PinholeCamera.centred(96, 80, 130.0), 0.05)
+
+
+class Failed(AssertionError):
+    """The node did not do what it must."""
+
+
+class Harness:
+    """One node under test and the fuzzer's own, in a context of their own."""
+
+    def __init__(self, node_class: type[GraphNode], parameters: dict[str, Any], domain: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.node = node_class(context=self.context, parameter_overrides=overrides)
+        self.node.get_logger().set_level(rclpy.logging.LoggingSeverity.FATAL)
+        self.tester = Node('fuzzer', context=self.context)
+        for node in (self.node, self.tester):
+            self.executor.add_node(node)
+
+    def spin(self, done, timeout_s: float) -> float | None:
+        """Spin until done() and return the seconds it took, or None."""
+        start = time.monotonic()
+        while not done():
+            if time.monotonic() - start > timeout_s:
+                return None
+            spin_once(self.node, self.executor, 0.02)
+        return time.monotonic() - start
+
+    def publishers(self, types: dict[str, type]) -> dict[str, Any]:
+        made = {topic: self.tester.create_publisher(kind, topic, 10) for topic, kind in types.items()}
+        if self.spin(lambda: all(p.get_subscription_count() for p in made.values()), 20.0) is None:
+            raise Failed('publishers found no subscriber')
+        return made
+
+    def call(self, client: Any, request: Any) -> Any:
+        future = client.call_async(request)
+        if self.spin(future.done, HANG_S + 3.0) is None:
+            raise Failed(f'{client.srv_name} did not answer {str(request)[:300]}')
+        return future.result()
+
+    def close(self) -> None:
+        for node in (self.node, self.tester):
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown(context=self.context)
+
+
+class TopicFuzzer:
+    """Damaged messages on a node's inputs, and a good one between them every now and then."""
+
+    def __init__(self, harness: Harness, types: dict[str, type], good, rng: np.random.Generator) -> None:
+        self.harness, self.node, self.good, self.rng = harness, harness.node, good, rng
+        self.outputs = harness.publishers(types)
+        self.sent = dict.fromkeys(types, 0)
+        self.moment = 1000
+        self.outcomes: Counter[str] = Counter()
+        self.slowest = (0.0, '')
+        self.damaged = 0
+
+    def run(self, count: int) -> None:
+        while self.damaged < count:
+            for _ in range(GOOD_EVERY):
+                self.damage_one()
+            self.send_good()
+
+    def send(self, messages: dict[str, Any], raw: frozenset[str] = frozenset()) -> None:
+        for topic, message in messages.items():
+            self.outputs[topic].publish(damage.garbled(self.rng, message) if topic in raw else message)
+            self.sent[topic] += 1
+
+    def heard(self) -> int:
+        return sum(self.node._received.values())
+
+    def damage_one(self) -> None:
+        self.moment += 1
+        messages = self.good(self.moment)
+        choices = damage.CLOUD if 'features' in messages else damage.STEREO
+        raw: frozenset[str] = frozenset()
+        names = []
+        if self.rng.random() < 0.12:
+            raw, names = frozenset([damage.one_of(self.rng, list(messages))]), ['garbled']
+        else:
+            for _ in range(1 + int(self.rng.random() < 0.2)):
+                damager = damage.one_of(self.rng, choices)
+                try:
+                    damager(self.rng, messages['features'] if 'features' in messages else messages)
+                except (KeyError, IndexError, ValueError):
+                    continue  # the first damage has taken away what the second wanted
+                names.append(damager.__name__)
+        self.damaged += 1
+        before, problems = self.counts(), self.node.health.problems
+        heard, start = self.heard(), time.monotonic()
+        self.send(messages, raw)
+        # What is garbled never arrives and is counted when the next message does.
+        expected = heard + len(messages) - len(raw)
+        if self.harness.spin(lambda: self.heard() >= expected, HANG_S) is None:
+            raise Failed(f'{names}: not heard within {HANG_S} s: {self.node._received}, sent {self.sent}')
+        took = time.monotonic() - start
+        if raw:  # some garbled bytes are a message after all
+            self.harness.spin(lambda: False, 0.02)
+        self.slowest = max(self.slowest, (took, '+'.join(names)))
+        if took > HANG_S:
+            raise Failed(f'{names}: took {took:.2f} s')
+        self.outcomes[self.explain(before, problems, names)] += 1
+
+    def counts(self) -> dict[str, int]:
+        health, sync = self.node.health, self.node._sync
+        counts = {'processed': health.processed, 'refused with a reason': health.dropped}
+        if sync is not None:
+            counts |= {'late': sync.counters.late, 'unmatched': sync.counters.unmatched}
+        return counts
+
+    def explain(self, before: dict[str, int], problems: int, names: list[str]) -> str:
+        """What became of it. A refusal comes with words."""
+        after = self.counts()
+        if after['refused with a reason'] > before['refused with a reason']:
+            if self.node.health.problems == problems or ': ' not in self.node.health.last_error:
+                raise Failed(f'{names}: dropped without a reason')
+            if 'Error: ' in self.node.health.last_error:
+                raise Failed(f'{names}: not foreseen: {self.node.health.last_error}')
+            return 'refused with a reason'
+        changed = [what for what in after if after[what] > before[what]]
+        if changed:
+            return changed[0]
+        return 'garbled, counted as lost' if 'garbled' in names else 'waiting for its other half'
+
+    def send_good(self) -> None:
+        self.moment += 1
+        before, heard = self.node.health.processed, self.heard()
+        messages = self.good(self.moment)
+        self.send(messages)
+        if self.harness.spin(lambda: self.node.health.processed > before and self.heard() >= heard + len(messages),
+                             HANG_S) is None:
+            raise Failed(f'a good input was not processed; last error: {self.node.health.last_error}')
+
+    def check_books(self) -> None:
+        """Nothing vanishes: every message was heard or is counted as lost, and every stereo message has its fate."""
+        self.send_good()
+        heard, lost = self.heard(), self.node.health.lost
+        if sum(self.sent.values()) != heard + lost:
+            raise Failed(f'sent {sum(self.sent.values())}, heard {heard}, counted as lost {lost}')
+        sync = self.node._sync
+        if sync is not None:
+            c = sync.counters
+            waiting = sum(len(messages) for _, messages in sync._pending)
+            fates = 4 * c.sets + c.unmatched + c.late + waiting
+            if heard != fates:
+                raise Failed(f'heard {heard}, but matched, unmatched, late and waiting are {fates}')
+
+
+def stereo_source(rng: np.random.Generator):
+    """moment -> good messages of a pair of a bright box before a dark ground."""
+    image = np.full((80, 96), 60, np.uint8)
+    image[20:60, 30:70] = 180
+    left = image + rng.integers(0, 3, image.shape, dtype=np.uint8)
+    right = np.roll(image, -8, axis=1) + rng.integers(0, 3, image.shape, dtype=np.uint8)
+
+    def good(moment: int) -> dict[str, Any]:
+        header = Header(frame_id='cam_left_optical_frame')
+        header.stamp.sec = moment
+        infos = codecs.camera_infos_from_rig(RIG, header)
+        messages = {'left/image_rect': codecs.array_to_image(left, 'mono8', header), 'left/camera_info': infos[0],
+                    'right/image_rect': codecs.array_to_image(right, 'mono8', header), 'right/camera_info': infos[1]}
+        for message in messages.values():  # damaged one by one
+            message.header = copy.deepcopy(header)
+        return messages
+    return good
+
+
+def cloud_source():
+    solid = csg_renderer.load_models(csg_renderer.scene_path('l_shape'))['l_shape']
+    features = csg_renderer.model_features(solid)
+
+    def good(moment: int) -> dict[str, Any]:
+        header = Header(frame_id='cam_left_optical_frame')
+        header.stamp.sec = moment
+        return {'features': codecs.features_to_cloud(features, header)}
+    return good
+
+
+def fuzz_parameters(harness: Harness, rng: np.random.Generator, count: int) -> Counter[str]:
+    """Values of every type for every parameter: applied, or refused with a reason that names it."""
+    node, outcomes = harness.node, Counter()
+    names = [spec.name for spec in type(node.config).parameters()]
+    initial = node.config.as_parameters()
+    for _ in range(count):
+        name = damage.one_of(rng, [*names, 'use_sim_time', 'no_such_parameter'])
+        value = damage.parameter_value(rng)
+        start = time.monotonic()
+        try:
+            parameter = Parameter(name, value=value)
+        except (AttributeError, TypeError, ValueError):
+            continue  # rclpy itself has no message for it
+        result = node.set_parameters_atomically([parameter])
+        if time.monotonic() - start > HANG_S:
+            raise Failed(f'parameter {name} := {value!r} took {time.monotonic() - start:.1f} s')
+        if not result.successful and not result.reason:
+            raise Failed(f'parameter {name} := {value!r} refused without a reason')
+        outcomes['applied' if result.successful else 'refused with a reason'] += 1
+        if result.successful and name in initial:
+            back = list(initial[name]) if isinstance(initial[name], tuple) else initial[name]
+            kind = (Parameter.Type.STRING_ARRAY,) if isinstance(initial[name], tuple) else ()
+            restored = node.set_parameters_atomically([Parameter(name, *kind, value=back)])
+            if not restored.successful:
+                raise Failed(f'parameter {name}: {back!r} no longer accepted: {restored.reason}')
+        elif result.successful and name == 'use_sim_time':
+            node.set_parameters_atomically([Parameter(name, value=False)])
+    return outcomes
+
+
+def fuzz_emulator(harness: Harness, rng: np.random.Generator, count: int) -> Counter[str]:
+    """Requests of any names and types to ~/store, ~/run and ~/fetch."""
+    tester, outcomes = harness.tester, Counter()
+    store = tester.create_client(SetParametersAtomically, '/emulator_node/store')
+    fetch = tester.create_client(GetParameters, '/emulator_node/fetch')
+    run = tester.create_client(Trigger, '/emulator_node/run')
+    if harness.spin(lambda: all(client.service_is_ready() for client in (store, fetch, run)), 20.0) is None:
+        raise Failed('no services')
+    names = ('', '.', '/', 'a', 'a.program', 'a.entry', 'a.run', 'b.program', 'a.x', 'a.model', 'x' * 3000, 'a..b',
+             '\0', '../../etc', 'a.cycles')
+    texts = ('', '      SUBROUTINE MAIN', 'entry main\nend', 'program', '/etc/passwd', '(' * 2000, '\0\n', 'x' * 20000)
+    for _ in range(count):
+        parameters = []
+        for _ in range(int(rng.integers(0, 4))):
+            value = ParameterValue(type=int(rng.integers(0, 12)))
+            value.string_value = damage.one_of(rng, texts)
+            value.integer_array_value = rng.integers(-2**60, 2**60, int(rng.integers(0, 50))).tolist()
+            value.double_array_value = [damage.one_of(rng, damage.ODD_FLOATS) for _ in range(3)]
+            value.integer_value = int(rng.integers(-2**62, 2**62))
+            value.double_value = damage.one_of(rng, damage.ODD_FLOATS)
+            parameters.append(ParameterMessage(name=damage.one_of(rng, names), value=value))
+        result = harness.call(store, SetParametersAtomically.Request(parameters=parameters)).result
+        if not result.successful and not result.reason:
+            raise Failed('store refused without a reason')
+        outcomes['stored' if result.successful else 'refused with a reason'] += 1
+        if rng.random() < 0.2:
+            answer = harness.call(run, Trigger.Request())
+            if not answer.success and not answer.message:
+                raise Failed('run failed without a reason')
+            outcomes['ran' if answer.success else 'run failed with a reason'] += 1
+        if rng.random() < 0.2:
+            wanted = [damage.one_of(rng, names) for _ in range(3)]
+            if len(harness.call(fetch, GetParameters.Request(names=wanted)).values) != 3:
+                raise Failed('fetch answered another number of values')
+            outcomes['fetched'] += 1
+    return outcomes
+
+
+def run(messages: int, seed: int, domain: int) -> dict[str, dict[str, object]]:
+    """Everything, in a fixed order. Raises Failed."""
+    rng = np.random.default_rng(seed)
+    report: dict[str, dict[str, object]] = {}
+    image_types = {topic: CameraInfo if topic.endswith('info') else Image for topic in damage.TOPICS}
+    targets = (
+        ('recovery_node', RecoveryNode, {}, image_types, stereo_source(rng), 0.5),
+        ('recovery_node, raw images', RecoveryNode, {'rectify': True}, image_types, stereo_source(rng), 0.1),
+        ('matcher_node', MatcherNode, {'models': ['l_shape']}, {'features': PointCloud2}, cloud_source(), 0.4))
+    for name, node_class, parameters, types, good, share in targets:
+        harness = Harness(node_class, parameters, domain)
+        try:
+            fuzzer = TopicFuzzer(harness, types, good, rng)
+            fuzzer.send_good()
+            fuzzer.run(round(share * messages))
+            fuzzer.check_books()
+            report[f'{name}: messages'] = {'damaged': fuzzer.damaged, **fuzzer.outcomes, 'slowest_s': round(
+                fuzzer.slowest[0], 3), 'slowest_damage': fuzzer.slowest[1]}
+            report[f'{name}: parameters'] = dict(fuzz_parameters(harness, rng, messages // 20))
+            fuzzer.send_good()
+        finally:
+            harness.close()
+    for name, node_class, parameters in (('renderer_node', RendererNode, {'rate': 0.0}),
+                                         ('emulator_node', EmulatorNode, {})):
+        harness = Harness(node_class, parameters, domain)
+        try:
+            report[f'{name}: parameters'] = dict(fuzz_parameters(harness, rng, messages // 20))
+            if name == 'emulator_node':
+                report[f'{name}: requests'] = dict(fuzz_emulator(harness, rng, messages // 20))
+        finally:
+            harness.close()
+    return report
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--messages', type=int, default=10000, help='malformed messages on topics (default 10000)')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--domain', type=int, default=98, help='DDS domain')
+    arguments = parser.parse_args()
+    start = time.monotonic()
+    try:
+        report = run(arguments.messages, arguments.seed, arguments.domain)
+    except Failed as error:
+        print(f'FAILED: {error}')
+        return 1
+    for name, values in report.items():
+        print(f'{name}: {json.dumps(values)}')
+    print(f'every input explained, no hang over {HANG_S:g} s; {time.monotonic() - start:.0f} s')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,26 @@
+"""Short runs of the stress commands; the bars are met by the long ones (see their help)."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+STRESS = Path(__file__).resolve().parent / 'stress'
+
+
+def run(graph, script: str, *arguments: str) -> str:
+    command = [sys.executable, str(STRESS / script), *arguments, '--domain', str(graph.domain_id)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=55, check=False)
+    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
+    return result.stdout
+
+
+def test_a_few_hundred_malformed_messages_are_all_explained(graph):
+    answer = run(graph, 'fuzz.py', '--messages', '400', '--seed', '7')
+    assert 'every input explained' in answer
+
+
+def test_some_pairs_all_come_back_and_memory_stays(graph):
+    answer = run(graph, 'soak.py', '--pairs', '60', '--drift', '10')  # too few for a percentile that means something
+    assert '60 pairs: 60 recognised, 0 unanswered' in answer
