@@ -48,13 +48,34 @@ class Lines3D:
         return len(self.left)
 
 
-def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners) -> tuple[float, float]:
+    """How far the right image's rows lie below the left's, and how much that varies, pixels.
+
+    From corners that both images show: they should be at one height. Too few of them say nothing: (0, 0).
+    """
+    heights = []
+    for side, index, corner in ((left, matches.left, met), (right, matches.right, right_met)):
+        v = side.centre[index][:, 1:] + corner.place[index] * side.direction[index][:, 1:]
+        sharp = (corner.other[index] >= 0) & ~corner.through[index] & (corner.sigma[index] < 0.5)
+        heights.append(np.where(sharp, v, np.nan))
+    difference = (heights[1] - heights[0])
+    same_way = (left.direction[matches.left] * right.direction[matches.right]).sum(axis=1) > 0.0
+    difference = difference[same_way].ravel()
+    difference = difference[np.abs(difference) < 2.0]
+    if len(difference) < 12:
+        return 0.0, 0.0
+    middle = float(np.median(difference))
+    return middle, 1.4826 * float(np.median(np.abs(difference - middle)))
+
+
+def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: float,
+            offset_v: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """What the two fitted lines say: information (n, 2, 2) and information vector (n, 2) of a, b.
 
-    rectification_sigma : pixels by which the two images' rows may disagree.
+    rectification_sigma : pixels by which the two images' rows may disagree; offset_v : by which they do on the whole.
     """
     i, j = matches.left, matches.right
-    cl, tl, cr, tr = left.centre[i], left.direction[i], right.centre[j], right.direction[j]
+    cl, tl, cr, tr = left.centre[i], left.direction[i], right.centre[j] - [0.0, offset_v], right.direction[j]
     middle = 0.5 * (left.reach[i, 0] + left.reach[i, 1])
     # Signed distance of the left line's points, taken at their own column, from the right line is tr_v d(s).
     offset = tr[:, 1] * (cl[:, 0] - cr[:, 0]) - tr[:, 0] * (cl[:, 1] - cr[:, 1])
@@ -167,7 +188,12 @@ def _solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, n: i
 def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
           rectification_sigma: float) -> Lines3D:
     """All straight edges of a pair of segmented images."""
-    information, vector = measure(matches, left, right, rectification_sigma)
+    offset_v, spread_v = row_error(matches, left, right, met, right_met)
+    # A corner's height is known to a few hundredths of a pixel; only what exceeds that is the rig's.
+    spread_v = max(rectification_sigma, spread_v - 0.05)
+    if abs(offset_v) < spread_v:
+        offset_v = 0.0
+    information, vector = measure(matches, left, right, spread_v, offset_v)
     coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met))
     i, j = matches.left, matches.right
     cl, tl = left.centre[i], left.direction[i]

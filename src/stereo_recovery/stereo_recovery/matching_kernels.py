@@ -13,6 +13,7 @@ SLACK = 0.8
 # How far, pixels, the two images' ends of an edge may differ in height, and what a differing end costs.
 END_SLACK = 4.0
 LOOSE_END = 0.65
+FLAT_SLACK = 2.0
 # Grey levels by which one side of an edge, a background, may differ before likeness falls to 1 / e.
 BACKGROUND_CONTRAST = 60.0
 # An eye that sees past an object's side sees one edge more there, outside the one both eyes see. Of two candidates a
@@ -60,13 +61,19 @@ def candidates(left, right, lowest, highest, flat_sine):
                 x0, y0, x1, y1 = x1, y1, x0, y0
             flat_right = abs(tv) < flat_sine
             a, b = max(top, min(y0, y1)), min(bottom, max(y0, y1))
+            partial = False
             if flat_left or flat_right:
-                # Rows say little: the ends must be at the same height, and give the disparity.
-                if abs(v0 - y0) > 2.0 or abs(v1 - y1) > 2.0 or left[i, 4] * tu < 0.0:
+                # Rows say little: the ends must be at the same height, and give the disparity. When only one end is,
+                # the other is hidden or was not found.
+                if left[i, 4] * tu < 0.0 or abs(left[i, 5] - tv) > 0.2:
                     continue
-                if abs(left[i, 5] - tv) > 0.2:
+                first, last = abs(v0 - y0) < FLAT_SLACK, abs(v1 - y1) < FLAT_SLACK
+                if not (first or last):
                     continue
                 d0, d1 = u0 - x0, u1 - x1
+                partial = not (first and last) or abs(d0 - d1) > 0.5 * abs(u1 - u0)
+                if partial:
+                    d0 = d1 = d0 if first else d1
                 dm = 0.5 * (d0 + d1)
                 a, b = top, bottom
             else:
@@ -98,7 +105,7 @@ def candidates(left, right, lowest, highest, flat_sine):
             if ratio < 0.1 or (ratio < 0.25 and min(dark, bright) > FLIP_CONTRAST):
                 continue
             alike = -min(dark, bright) / 12.0 - max(dark, bright) / BACKGROUND_CONTRAST
-            likeness = (FLIPPED if flip else 1.0) * np.exp(alike) * np.sqrt(ratio)
+            likeness = (FLIPPED if flip or partial else 1.0) * np.exp(alike) * np.sqrt(ratio)
             # Ends at the same height: both images show the whole edge.
             for e in range(2):
                 if abs(left[i, 1 + 2 * e] - (y0 if e == 0 else y1)) > END_SLACK:

@@ -20,6 +20,11 @@ from .params import RecoveryParams
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link
 
+# Edgels a pixel above which the thresholds rise.
+DENSEST = 0.03
+# An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
+LEAST_DETERMINED = 0.25
+
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
@@ -54,6 +59,11 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     gradient_noise = noise / (np.sqrt(8.0 * np.pi) * params.sigma ** 2)
     low, high = max(params.low, 5.0 * gradient_noise), max(params.high, 7.0 * gradient_noise)
     found = edgel_module.detect(grey, params.detector, params.sigma, low, noise)
+    # A picture full of texture would drown its edges: keep the strongest.
+    most = int(DENSEST * grey.size)
+    if len(found) > most:
+        high = max(high, float(np.partition(found.magnitude, len(found) - most)[len(found) - most]))
+        found = found.select(found.magnitude > max(low, 0.5 * high))
     strings = link(found, grey.shape, high)
     tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
     ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
@@ -112,6 +122,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     keep = (np.isfinite(segments.ends).all(axis=(1, 2)) & (lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length)
             & np.isfinite(segments.err_par) & np.isfinite(segments.err_per) & (pieces[0].arc[lines.left] < 0)
             & (pieces[1].arc[lines.right] < 0) & ~on_curves(lines, pieces, curves)
+            & (segments.err_per < LEAST_DETERMINED * np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1))
             & ~contours(lines, pieces, curves, rig))
     ends = segments.ends[keep]
     features = FeatureSet.concatenate([
