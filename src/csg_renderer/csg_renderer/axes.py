@@ -61,7 +61,7 @@ def _spans(table: SurfaceTable, curved: Pieces, closed: np.ndarray, group: int, 
     mine = np.unique(found.branches.point[found.branches.group == group])
     row = found.curve[mine]
     low, high = found.low[mine] / length[row], found.high[mine] / length[row]
-    label = _connected(angle[row] % (2.0 * np.pi), row, low, high)
+    label = connected(angle, row, low, high)
 
     spans = []
     for part in range(label.max(initial=-1) + 1):
@@ -92,13 +92,17 @@ def _own_ends(table: SurfaceTable, group: int, inverse: np.ndarray) -> np.ndarra
     return points @ inverse[2, :3] + inverse[2, 3]
 
 
-def _connected(angle: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Label (n,) of each ruling interval: intervals of neighbouring rulings that overlap, or that touch on one."""
-    order = np.unique(row)[np.argsort([angle[row == r][0] for r in np.unique(row)], kind='stable')]
-    after = dict(zip(order, np.roll(order, -1)))
-    links = [(i, j) for i in range(len(row)) for j in np.nonzero((row == after[row[i]]) | (row == row[i]))[0]
-             if i != j and low[i] < high[j] + (1e-7 if row[i] == row[j] else -1e-7)
-             and low[j] < high[i] + (1e-7 if row[i] == row[j] else -1e-7)]
-    pairs = np.array(links, int).reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(row), len(row)))
-    return connected_components(graph, directed=False)[1]
+def connected(angle: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Label (n,) of the connected part that each interval belongs to, on lines round a surface.
+
+    angle : (lines,) of all lines; row : (n,) int, each interval's line. Intervals of neighbouring lines are linked
+    where they overlap, those of one line where they touch.
+    """
+    order = np.argsort(angle % (2.0 * np.pi), kind='stable')
+    after = np.empty(len(angle), int)
+    after[order] = np.roll(order, -1)
+    same = row[:, None] == row[None, :]
+    slack = np.where(same, 1e-7, -1e-7)
+    linked = ((same | (row[None, :] == after[row][:, None]))
+              & (low[:, None] < high[None, :] + slack) & (low[None, :] < high[:, None] + slack))
+    return connected_components(coo_matrix(linked), directed=False)[1]

@@ -8,6 +8,7 @@ is what thesis 4.12 and 7.4 leave as future work.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from msgs_py import FeatureSet
 from .axes import axes
 from .candidates import candidates
 from .conics import is_ellipse
+from .details import Anatomy, Details, details
 from .pieces import Pieces, Runs, conic_pieces, creases, line_pieces
-from .skew import skew_creases
+from .skew import skew_pieces
 from .solid import Solid
 from .surfaces import SurfaceTable, compile_surfaces
 
@@ -36,7 +38,7 @@ class Boundary:
     notices : what could not be given, in words
     """
 
-    table: SurfaceTable
+    anatomy: Anatomy
     edge_start: np.ndarray
     edge_end: np.ndarray
     conic: np.ndarray
@@ -51,6 +53,15 @@ class Boundary:
     notices: tuple[str, ...]
 
     @property
+    def table(self) -> SurfaceTable:
+        return self.anatomy.table
+
+    @cached_property
+    def details(self) -> Details:
+        """Faces, vertices, dihedral angles, bounding box, area and volume; worked out when first asked for."""
+        return details(self.anatomy)
+
+    @cached_property
     def features(self) -> FeatureSet:
         """The matching features: edges, then circles and ellipses, then axes."""
         k = self.ellipse
@@ -72,21 +83,43 @@ def evaluate(solid: Solid) -> Boundary:
     to_metres = np.diag([table.size] * 3 + [1.0])
     to_metres[:3, 3] = table.centre
     ellipse = is_ellipse(found.conic)[curves.curve]
-    skew = tuple(table.metres(item.samples) for item in skew_creases(table, found.skew))
+    skew_found = skew_pieces(table, found.skew)
+    skew = tuple(table.metres(samples) for samples in skew_found.creases)
+    anatomy = Anatomy(table, found.point, found.direction, found.conic, straight, curved, skew_found, edges, curves)
     return Boundary(
-        table, table.metres(point + edges.low[:, None] * direction),
+        anatomy, table.metres(point + edges.low[:, None] * direction),
         table.metres(point + edges.high[:, None] * direction), to_metres @ found.conic, curves.curve, curves.low,
         curves.high, _normals(table, found.conic, curved, curves), ellipse, table.metres(axis_start),
-        table.metres(axis_end), skew, _notices(ellipse, skew))
+        table.metres(axis_end), skew, _notices(anatomy, ellipse))
 
 
-def _notices(ellipse: np.ndarray, skew: tuple[np.ndarray, ...]) -> tuple[str, ...]:
+def _notices(anatomy: Anatomy, ellipse: np.ndarray) -> tuple[str, ...]:
     out = []
+    table = anatomy.table
+    if not table.leaves:
+        out.append('the solid is empty: NULL')
+    elif not any(len(pieces.branches.point) for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces)):
+        out.append('no surfaces meet on the boundary: the solid has no creases, or nothing is left of it')
+    shared = sum(int((np.bincount(pieces.branches.point, minlength=1) > 2).sum())
+                 for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces))
+    if shared:
+        out.append(f'more than two faces meet along {shared} piece(s) of crease: parts of the solid only touch there')
     if (~ellipse).any():
         out.append(f'{(~ellipse).sum()} planar crease(s) are arcs of a parabola or hyperbola: no matching features')
-    if skew:
-        out.append(f'{len(skew)} crease(s) lie in no plane: no matching features')
+    if anatomy.skew.creases:
+        out.append(f'{len(anatomy.skew.creases)} crease(s) lie in no plane: no matching features')
+    if not table.bounded and _unbounded(anatomy):
+        out.append('the solid is not bounded: creases that run to infinity are left out')
     return tuple(out)
+
+
+def _unbounded(anatomy: Anatomy) -> bool:
+    """Is there material far away? Asked of points all round the solid, far outside of everything it is made of."""
+    table = anatomy.table
+    rng = np.random.default_rng(0)
+    far = rng.normal(size=(500, 3))
+    far *= 1e4 / np.linalg.norm(far, axis=1, keepdims=True)
+    return bool(table.contains(far).any())
 
 
 def arcs(conic: np.ndarray, low: np.ndarray, high: np.ndarray, normal: np.ndarray) -> FeatureSet:

@@ -14,6 +14,7 @@ import numpy as np
 
 from .conics import quadric_angles
 from .neighbourhood import classify, faces_through
+from .pieces import SHORTEST_ARC, Pieces, creases
 from .surfaces import SurfaceTable
 
 SAMPLES = 512  # of a whole curve; crossings with other surfaces are looked for between neighbours
@@ -57,10 +58,24 @@ class RuledCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class SkewCrease:
-    """A crease in no plane: samples (2 k + 1, 3) along it, normalised frame, every second one a chord's end."""
+class SkewPieces:
+    """The pieces of ruled curves that lie on a boundary, and their creases.
 
-    samples: np.ndarray
+    pieces : ``curve`` indexes ``curves``; creases : (2 k + 1, 3) samples along each, every second one a chord's end
+    """
+
+    curves: tuple[RuledCurve, ...]
+    pieces: Pieces
+    creases: tuple[np.ndarray, ...]
+
+    def points(self, curve: int, turn: np.ndarray) -> np.ndarray:
+        return self.curves[curve].points(turn)
+
+    def steps(self, curve: int, turn: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3) and the curve's differentials (n, 3) for quadrature weights (n,)."""
+        step = 1e-5
+        ahead, behind = self.points(curve, turn + step), self.points(curve, turn - step)
+        return self.points(curve, turn), weight[:, None] * (ahead - behind) / (2.0 * step)
 
 
 def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
@@ -97,49 +112,49 @@ def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
     return curves
 
 
-def skew_creases(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> list[SkewCrease]:
-    """The creases in the intersections of these pairs of quadric groups."""
-    out = []
-    for one, two in pairs:
-        for curve in ruled_curves(table, one, two):
-            out += _creases_on(table, curve, one, two)
-    return out
-
-
-def _creases_on(table: SurfaceTable, curve: RuledCurve, one: int, two: int) -> list[SkewCrease]:
+def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> SkewPieces:
+    """Pieces and creases in the intersections of these pairs of quadric groups."""
+    curves: list[RuledCurve] = []
+    owners, rows, lows, highs = [], [np.zeros(0, int)], [np.zeros(0)], [np.zeros(0)]
     turn = np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
-    cuts = _cuts(table, curve, turn, {len(table.planes) + one, len(table.planes) + two})
-    low = np.concatenate([[0.0], cuts])
-    high = np.append(low[1:], 2.0 * np.pi)
-    keep = high - low > 1e-6
-    low, high = low[keep], high[keep]
-    middle = curve.points(0.5 * (low + high))
+    for pair in pairs:
+        for curve in ruled_curves(table, *pair):
+            cuts = _cuts(table, curve, turn, {len(table.planes) + k for k in pair})
+            low = cuts if len(cuts) else np.zeros(1)
+            high = np.append(low[1:], low[0] + 2.0 * np.pi)
+            keep = high - low > SHORTEST_ARC
+            rows.append(np.full(keep.sum(), len(curves)))
+            lows.append(low[keep])
+            highs.append(high[keep])
+            curves.append(curve)
+            owners.append(pair)
+    row, low, high = np.concatenate(rows), np.concatenate(lows), np.concatenate(highs)
+    middle, tangent = np.full((len(row), 3), np.nan), np.full((len(row), 3), np.nan)
     q = table.quadrics
-    tangent = np.cross(*(middle @ q[k, :3, :3] + q[k, :3, 3] for k in (one, two)))
-    length = np.linalg.norm(tangent, axis=1)
-    good = np.isfinite(middle).all(axis=1) & (length > 1e-12)
-    rows = np.nonzero(good)[0]
-    rows = rows[faces_through(table, middle[rows]).sum(axis=1) >= 2]
-    branches = classify(table, middle[rows], tangent[rows] / length[rows, None])
-    crease = np.zeros(len(low), bool)
-    crease[rows] = branches.crease
-    # Joined over cuts that changed nothing, and over the start of the parameter.
-    if crease.all() and len(crease):
-        return [_sampled(curve, low[0], high[-1])]
-    starts = [k for k in range(len(low)) if crease[k] and not crease[k - 1]]
-    out = []
-    for k in starts:
-        end = k
-        while crease[(end + 1) % len(low)]:
-            end += 1
-        last = high[end % len(low)] + (2.0 * np.pi if end >= len(low) else 0.0)
-        out.append(_sampled(curve, low[k], last))
-    return out
+    for k, pair in enumerate(owners):
+        mine = row == k
+        at = middle[mine] = curves[k].points(0.5 * (low[mine] + high[mine]))
+        tangent[mine] = np.cross(*(at @ q[j, :3, :3] + q[j, :3, 3] for j in pair))
+    length = np.linalg.norm(tangent, axis=1, keepdims=True)
+    good = np.isfinite(middle).all(axis=1) & (length[:, 0] > 1e-12)
+    tangent = tangent / np.where(length > 0.0, length, 1.0)
+    # Along the curve, not against it: the same side of a surface is to have the same name all the way.
+    for k in range(len(curves)):
+        mine = np.nonzero((row == k) & good)[0]
+        at = 0.5 * (low[mine] + high[mine])
+        ahead = curves[k].points(at + 1e-5) - curves[k].points(at - 1e-5)
+        tangent[mine] *= np.where(np.einsum('ni,ni->n', ahead, tangent[mine]) < 0.0, -1.0, 1.0)[:, None]
+    good[good] = faces_through(table, middle[good]).sum(axis=1) >= 2
+    pieces = Pieces(row[good], low[good], high[good], middle[good], tangent[good], SHORTEST_ARC,
+                    classify(table, middle[good], tangent[good]))
+    runs = creases(pieces, 2.0 * np.pi)
+    return SkewPieces(tuple(curves), pieces, tuple(
+        _sampled(curves[k], a, b) for k, a, b in zip(runs.curve, runs.low, runs.high)))
 
 
-def _sampled(curve: RuledCurve, low: float, high: float) -> SkewCrease:
+def _sampled(curve: RuledCurve, low: float, high: float) -> np.ndarray:
     count = max(4, int(np.ceil(0.5 * SAMPLES * (high - low) / (2.0 * np.pi))))
-    return SkewCrease(curve.points(np.linspace(low, high, 2 * count + 1) % (2.0 * np.pi)))
+    return curve.points(np.linspace(low, high, 2 * count + 1))
 
 
 def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int]) -> np.ndarray:

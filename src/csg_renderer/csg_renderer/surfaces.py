@@ -121,6 +121,10 @@ class SurfaceTable:
         """(n, m, 6): group values (n, groups + 1) as each leaf sees them, negative inside."""
         return values[..., self.slots] * self.slot_sign
 
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """(n,) bool: normalised points (n, 3) inside the solid; points on its boundary may go either way."""
+        return self.combine(np.asarray((self.leaf_values(self.values(points)) < 0.0).all(axis=-1)))
+
     def combine(self, inside: np.ndarray) -> np.ndarray:
         """(...,) bool: the tree's answer from the leaves' (..., m) bool."""
         stack: list[np.ndarray] = []

@@ -1,0 +1,150 @@
+"""Faces of a solid from the pieces of curve that bound them: planar faces, with exact areas.
+
+Every piece of boundary curve says on which side of it which surface goes on as a face, and which way that face looks.
+Oriented so that the face lies to the left, the pieces of one plane chain into loops; a loop that turns left bounds a
+face and one that turns right a hole in it. Areas follow from Green's theorem, exactly for lines and ellipses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .neighbourhood import Branches
+from .surfaces import SurfaceTable, cluster
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+# Points of a boundary closer than this, normalised, are one vertex.
+VERTEX = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """One piece of boundary curve, sampled for integration; normalised frame.
+
+    start, end : (3,); nodes, steps : (n, 3) points of a quadrature and the curve's differentials there (weights times
+    derivative); branches : rows of ``Branches`` that leave the piece; middle, tangent : (3,)
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    nodes: np.ndarray
+    steps: np.ndarray
+    middle: np.ndarray
+    tangent: np.ndarray
+    branches: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FacePart:
+    """A face: its surface group, whether it looks along the group's gradient, area and flux x.n dA (normalised)."""
+
+    group: int
+    along: bool
+    area: float
+    flux: float
+
+
+def quadrature(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on a range; the range is halved until short, for curves of several turns."""
+    pieces = max(1, int(np.ceil((high - low) / 0.8)))
+    borders = np.linspace(low, high, pieces + 1)
+    half = 0.5 * np.diff(borders)[:, None]
+    return ((0.5 * (borders[1:] + borders[:-1])[:, None] + half * NODES).ravel(),
+            np.broadcast_to(half * WEIGHTS, (pieces, len(NODES))).ravel())
+
+
+def planar_faces(table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
+                 ) -> tuple[list[FacePart], dict[int, int]]:
+    """All planar faces, and which of them each row of branches belongs to."""
+    borders: dict[tuple[int, bool], list[tuple[int, int, bool]]] = {}
+    for k, outline in enumerate(outlines):
+        rows = outline.branches[branches.group[outline.branches] < len(table.planes)]
+        for row in rows:
+            group = int(branches.group[row])
+            normal = table.planes[group, :3]
+            along = bool(branches.outward[row] @ normal > 0.0)
+            same = rows[(branches.group[rows] == group) & ((branches.outward[rows] @ normal > 0.0) == along)]
+            if len(same) > 1:
+                continue  # the face goes on across the piece
+            looks = normal if along else -normal
+            left = bool(np.cross(looks, outline.tangent) @ branches.direction[row] > 0.0)
+            borders.setdefault((group, along), []).append((k, int(row), left))
+    faces: list[FacePart] = []
+    owner: dict[int, int] = {}
+    for (group, along), items in sorted(borders.items()):
+        normal = table.planes[group, :3] * (1.0 if along else -1.0)
+        offset = table.planes[group, 3] * (1.0 if along else -1.0)
+        loops = _loops([outlines[k] for k, _, _ in items], [left for _, _, left in items], normal)
+        outer = [loop for loop in loops if loop.area > 0.0]
+        areas = [loop.area for loop in outer]
+        index = {id(loop): len(faces) + k for k, loop in enumerate(outer)}
+        for loop in loops:
+            if loop.area <= 0.0:
+                around = [k for k, other in enumerate(outer) if _contains(other.polygon, loop.polygon[0])]
+                if not around:
+                    continue
+                k = min(around, key=lambda k: outer[k].area)
+                areas[k] += loop.area
+                index[id(loop)] = len(faces) + k
+        for loop in loops:
+            for member in loop.members:
+                if id(loop) in index:
+                    owner[items[member][1]] = index[id(loop)]
+        faces += [FacePart(group, along, area, -offset * area) for area in areas]
+    return faces, owner
+
+
+@dataclass(eq=False)
+class _Loop:
+    members: list[int]
+    area: float
+    polygon: np.ndarray
+
+
+def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> list[_Loop]:
+    """Chain oriented pieces of one plane; where several leave a vertex, each face keeps to its own corner."""
+    first = np.cross(np.eye(3)[np.abs(normal).argmin()], normal)
+    first /= np.linalg.norm(first)
+    frame = np.stack([first, np.cross(normal, first)], axis=1)
+    start = np.array([o.start if forward else o.end for o, forward in zip(outlines, left)])
+    end = np.array([o.end if forward else o.start for o, forward in zip(outlines, left)])
+    vertex = cluster(np.concatenate([start, end]), VERTEX)[0]
+    begins, stops = vertex[:len(start)], vertex[len(start):]
+    points = [(o.nodes if forward else o.nodes[::-1]) @ frame for o, forward in zip(outlines, left)]
+    flat_start, flat_end = start @ frame, end @ frame
+    leaving = [p[0] - s for p, s in zip(points, flat_start)]
+    arriving = [e - p[-1] for p, e in zip(points, flat_end)]
+    successor = []
+    for k in range(len(outlines)):
+        choices = np.nonzero(begins == stops[k])[0]
+        back = np.arctan2(-arriving[k][1], -arriving[k][0])
+        # The face is on the left, so its corner opens clockwise from the way back.
+        turn = [(back - np.arctan2(leaving[j][1], leaving[j][0])) % (2.0 * np.pi) for j in choices]
+        turn = [2.0 * np.pi if t < 1e-9 else t for t in turn]
+        successor.append(int(choices[int(np.argmin(turn))]) if len(choices) else -1)
+    loops, used = [], [False] * len(outlines)
+    for k in range(len(outlines)):
+        members: list[int] = []
+        while k >= 0 and not used[k]:
+            used[k] = True
+            members.append(k)
+            k = successor[k]
+        if members:
+            area = sum((1.0 if left[j] else -1.0) * 0.5 * float(
+                (np.cross(outlines[j].nodes - outlines[members[0]].start, outlines[j].steps) @ normal).sum())
+                for j in members)
+            loops.append(_Loop(members, area, np.concatenate([np.vstack([flat_start[j], points[j]]) for j in members])))
+    return loops
+
+
+def _contains(polygon: np.ndarray, point: np.ndarray) -> bool:
+    """Even-odd rule in the plane."""
+    x, y = (polygon - point).T
+    x2, y2 = np.roll(x, -1), np.roll(y, -1)
+    crosses = (y > 0.0) != (y2 > 0.0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        at = x - y * (x2 - x) / (y2 - y)
+    return bool((crosses & (at > 0.0)).sum() % 2)
