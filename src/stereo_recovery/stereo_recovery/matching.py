@@ -16,6 +16,9 @@ import numpy as np
 from . import matching_kernels
 from .segmentation import Pieces
 
+# How many neighbours a piece listens to: enough to hear of the end of a repetitive pattern in a few rounds.
+NEIGHBOURS = 48
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:
@@ -53,7 +56,7 @@ def _table(grey: np.ndarray, pieces: Pieces) -> np.ndarray:
 
 
 def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pieces, lowest: float, highest: float,
-          radius: float, flat_sine: float = 0.1, rounds: int = 6, least_belief: float = 0.6) -> Matches:
+          radius: float, flat_sine: float = 0.1, rounds: int = 15, least_belief: float = 0.6) -> Matches:
     """Pairs of pieces.
 
     lowest, highest : allowed disparity, pixels; radius : neighbourhood of support, pixels;
@@ -63,12 +66,17 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
     if len(left) == 0 or len(right) == 0:
         return nothing
     table, right_table = _table(left_grey, left), _table(right_grey, right)
-    near = matching_kernels.neighbours(table, radius, 24)
+    near = matching_kernels.neighbours(table, radius, NEIGHBOURS)
     node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine)
     if len(node) == 0:
         return nothing
-    strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds)
-    chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief))
+    for turn in range(2):
+        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn == 0 else 4)
+        chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief))
+        if turn == 0:
+            # What lost against a candidate that is now out of the game gets a second hearing.
+            kept = matching_kernels.compatible(node, value, chosen)
+            node, value = node[kept], value[kept]
     return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
 
 
@@ -88,17 +96,5 @@ def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, n
 
 def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray) -> np.ndarray:
     """Strongest first; a row of a piece is matched once."""
-    taken_left: dict[int, list[tuple[float, float]]] = {}
-    taken_right: dict[int, list[tuple[float, float]]] = {}
-    chosen = []
-    for a in among[np.argsort(-strength[among], kind='stable')]:
-        i, j = int(node[a, 0]), int(node[a, 1])
-        low, high = value[a, 3], value[a, 4]
-        room = 0.3 * (high - low)
-        used = taken_left.get(i, []) + taken_right.get(j, [])
-        if any(min(high, b) - max(low, a0) > room or high - low < 1e-9 for a0, b in used):
-            continue
-        taken_left.setdefault(i, []).append((low, high))
-        taken_right.setdefault(j, []).append((low, high))
-        chosen.append(a)
-    return np.array(chosen, dtype=np.int64)
+    order = among[np.argsort(-strength[among], kind='stable')]
+    return matching_kernels.greedy(node, value, order)

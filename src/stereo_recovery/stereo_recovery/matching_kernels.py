@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# How much a candidate may disagree with a neighbour: the disparity gradient limit of PMF, and where support ends.
-GRADIENT_LIMIT = 0.5
+# How much a candidate may disagree with a neighbour: support is half at this disparity gradient (PMF's limit is 0.5, up
+# to which it counts in full; surfaces steeper than that are rare, and grading tells a period's neighbours apart), and
+# ends at that one.
+GRADIENT_HALF = 0.25
 GRADIENT_END = 1.0
 # Disparity error, pixels, that measuring alone makes.
 SLACK = 0.8
@@ -210,12 +212,11 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
                         continue
                     apart = abs(da - value[b, place[i, m, 1]]) - SLACK
                     g = apart / (gap[i, m] + 1.0)
-                    if g < GRADIENT_LIMIT:
-                        c = 1.0
-                    elif g < GRADIENT_END:
-                        c = (GRADIENT_END - g) / (GRADIENT_END - GRADIENT_LIMIT)
-                    else:
+                    if g >= GRADIENT_END:
                         continue
+                    c = 1.0
+                    if g > 0.0:
+                        c = 1.0 / (1.0 + (g / GRADIENT_HALF) ** 2)
                     if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
                         continue
                     c *= belief[b] * value[b, 5]
@@ -237,3 +238,68 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
             ratio = strength[a] / top if top > 0.0 else 0.0
             belief[a] = ratio * ratio
     return strength, belief
+
+
+@njit(cache=True)
+def _rivals(node, value, a, b):
+    """Whether candidates a and b claim the same rows of the same piece."""
+    if node[a, 0] != node[b, 0] and node[a, 1] != node[b, 1]:
+        return False
+    common = min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3])
+    shorter = min(value[a, 4] - value[a, 3], value[b, 4] - value[b, 3])
+    return common > 0.3 * shorter or shorter < 1e-9
+
+
+@njit(cache=True)
+def greedy(node, value, order):
+    """Candidates in the given order, without those that claim what an earlier one has; (m,) int64."""
+    chosen = np.empty(len(order), np.int64)
+    count = 0
+    # Chains of the chosen, by left and by right piece.
+    most = 1
+    for a in range(len(node)):
+        most = max(most, node[a, 0] + 1, node[a, 1] + 1)
+    last = np.full((2, most), -1, np.int64)
+    before = np.full((2, len(order)), -1, np.int64)
+    for a in order:
+        free = True
+        for side in range(2):
+            k = last[side, node[a, side]]
+            while k >= 0 and free:
+                if _rivals(node, value, a, chosen[k]):
+                    free = False
+                k = before[side, k]
+        if free:
+            chosen[count] = a
+            for side in range(2):
+                before[side, count] = last[side, node[a, side]]
+                last[side, node[a, side]] = count
+            count += 1
+    return chosen[:count].copy()
+
+
+@njit(cache=True)
+def compatible(node, value, chosen):
+    """(k,) bool: the chosen candidates and those that claim nothing the chosen have."""
+    kept = np.ones(len(node), np.bool_)
+    is_chosen = np.zeros(len(node), np.bool_)
+    most = 1
+    for a in range(len(node)):
+        most = max(most, node[a, 0] + 1, node[a, 1] + 1)
+    last = np.full((2, most), -1, np.int64)
+    before = np.full((2, len(chosen)), -1, np.int64)
+    for k in range(len(chosen)):
+        is_chosen[chosen[k]] = True
+        for side in range(2):
+            before[side, k] = last[side, node[chosen[k], side]]
+            last[side, node[chosen[k], side]] = k
+    for a in range(len(node)):
+        if is_chosen[a]:
+            continue
+        for side in range(2):
+            k = last[side, node[a, side]]
+            while k >= 0 and kept[a]:
+                if _rivals(node, value, a, chosen[k]):
+                    kept[a] = False
+                k = before[side, k]
+    return kept
