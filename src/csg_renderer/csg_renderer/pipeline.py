@@ -48,14 +48,18 @@ def default_rig(scene: Scene, camera: PinholeCamera | None = None, baseline: flo
 def scene_rig(scene: Scene, width: int = 0, height: int = 0, focal: float = 0.0, baseline: float = 0.0) -> StereoRig:
     """The rig of a scene with some things changed; 0 leaves one as the scene says (or as the defaults are).
 
-    width, height, focal : pixels; baseline : metres. A changed camera is centred; its focal length follows the width.
+    width, height, focal : pixels; baseline : metres. The focal length follows the width; the principal point keeps its
+    place in the image.
     Raises ValueError, naming the argument.
     """
     camera = scene.camera or default_camera()
     if width or height or focal:
         columns = width or (camera.width if not height else round(camera.width * height / camera.height))
         rows = height or round(camera.height * columns / camera.width)
-        camera = PinholeCamera.centred(columns, rows, focal or camera.fx * columns / camera.width)
+        across, down = columns / camera.width, rows / camera.height
+        fx = focal or camera.fx * across
+        camera = PinholeCamera(columns, rows, fx, fx * camera.fy / camera.fx,
+                               (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5)
     return default_rig(scene, camera, baseline or None)
 
 
