@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ class EchoConfig(Config):
     high: int = parameter(5, 'Upper limit', name='limits.high', minimum=0, maximum=100)
     mode: str = parameter('loud', 'How', choices=('loud', 'soft'))
     names: tuple[str, ...] = parameter((), 'Names')
+    fixed: tuple[str, ...] = parameter((), 'Names that stay', read_only=True)
 
     def validate(self) -> None:
         if self.low > self.high:
@@ -111,6 +113,21 @@ def test_parameters_change_together_or_not_at_all(graph):
     refused = set_atomically(graph, node, limits__low=50, gain=2.0)
     assert not refused.successful and 'limits.low: 50 is above limits.high 30' in refused.reason
     assert node.config.gain == 1.0
+
+
+@pytest.mark.parametrize('given', [{}, {'fixed': ['a']}])
+def test_a_read_only_list_keeps_what_it_was_started_with(graph, given):
+    node = graph.add(EchoNode, parameters=given)
+    assert node.config.fixed == tuple(given.get('fixed', ()))
+    refused = set_atomically(graph, node, fixed=['b'])
+    assert not refused.successful and 'read' in refused.reason and node.config.fixed == tuple(given.get('fixed', ()))
+
+
+def test_a_check_that_fails_for_reasons_of_its_own_refuses_the_change(graph):
+    node = graph.add(EchoNode)
+    node.check_config = lambda new: os.stat('x' * 5000)
+    refused = set_atomically(graph, node, prefix='long')
+    assert not refused.successful and 'File name too long' in refused.reason and len(refused.reason) < 1000
 
 
 def test_parameters_describe_themselves(graph):

@@ -85,9 +85,9 @@ def one_stamp(rng, messages: Messages) -> None:
 
 
 def clock_jump(rng, messages: Messages) -> None:
-    stamp = messages[TOPICS[0]].header.stamp
+    now = messages[TOPICS[0]].header.stamp.sec
     for message in messages.values():
-        message.header.stamp.sec = int(one_of(rng, (0, -1, -2**31, stamp.sec - 5, stamp.sec + 5)))
+        message.header.stamp.sec = max(-2**31, int(one_of(rng, (0, -1, -2**31, now - 5, now + 5))))
 
 
 def frame(rng, messages: Messages) -> None:

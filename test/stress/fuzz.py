@@ -134,7 +134,7 @@ class TopicFuzzer:
             for _ in range(1 + int(self.rng.random() < 0.2)):
                 damager = damage.one_of(self.rng, choices)
                 try:
-                    damager(self.rng, messages['features'] if 'features' in messages else messages)
+                    damager(self.rng, messages.get('features', messages))
                 except (KeyError, IndexError, ValueError):
                     continue  # the first damage has taken away what the second wanted
                 names.append(damager.__name__)

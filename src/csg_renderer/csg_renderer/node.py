@@ -14,10 +14,12 @@ from std_srvs.srv import Trigger
 from msgs_py import Pose
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
 from msgs_py.config import Config, parameter
+from msgs_py.confinement import TrustedFolders
 from msgs_py.runtime import GraphNode, run_node
 
 from .frame import Frame
 from .language import SceneError, SceneFile, read_scene
+from .language.loader import models_folder
 from .pipeline import ENGINES, render_stereo, scene_rig
 from .sensor import SensorModel, grey
 
@@ -50,6 +52,9 @@ class RendererConfig(Config):
     turntable: float = parameter(0.0, 'Turn of the scene about the vertical through its first object, each frame',
                                  unit='deg', minimum=-180.0, maximum=180.0)
     frame_id: str = parameter('camera_left_optical_frame', 'Frame of all messages')
+    scene_folders: tuple[str, ...] = parameter(
+        (), 'Folders that scenes may be read from when the scene is changed at run time, besides that of the scene '
+        'given at the start and that of this package', read_only=True)
     watch: bool = parameter(True, 'Read the scene again when one of its files changes')
 
 
@@ -68,6 +73,8 @@ class RendererNode(GraphNode):
         self._read_at: dict[str, int] = {}
         self._pair_index = 0
         self._timer = None
+        self._trusted = TrustedFolders([*self.config.scene_folders, models_folder()],
+                                       [self.config.scene], 'scene_folders')
         self._load(self.config.scene)
         self._start_timer()
 
@@ -75,6 +82,10 @@ class RendererNode(GraphNode):
 
     def check_config(self, new: RendererConfig) -> None:
         if new.scene != self.config.scene:
+            try:
+                self._trusted.check(new.scene)
+            except ValueError as error:
+                raise ValueError(f'parameter scene: {error}') from None
             _read(new.scene)
 
     def on_config(self, old: RendererConfig, new: RendererConfig) -> None:

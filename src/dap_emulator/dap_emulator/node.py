@@ -18,6 +18,7 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from msgs_py.codecs import array_to_image, gray_from_image
+from msgs_py.confinement import TrustedFolders
 from msgs_py.runtime import GraphNode, run_node
 
 from .client import DapError
@@ -146,6 +147,8 @@ class EmulatorNode(GraphNode):
         self.spaces = Workspaces()
         self.images: ImageProgram | None = None
         super().__init__('emulator_node', EmulatorConfig, **kwargs)
+        started_with = [self.config.image_program] if self.config.image_program else []
+        self._trusted = TrustedFolders(self.config.program_folders, started_with, 'program_folders')
         self.on_config(self.config, self.config)
         # Runs happen in a thread of their own, so that a store can cancel one and a fetch can watch it.
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix='dap')
@@ -159,6 +162,11 @@ class EmulatorNode(GraphNode):
 
     def check_config(self, new: EmulatorConfig) -> None:
         if new.image_program:
+            if new.image_program != self.config.image_program:
+                try:
+                    self._trusted.check(new.image_program)
+                except ValueError as error:
+                    raise ValueError(f'parameter image_program: {error}') from None
             ImageProgram(new.image_program, new.image_entry, new.image_model)
 
     def on_config(self, old: EmulatorConfig, new: EmulatorConfig) -> None:

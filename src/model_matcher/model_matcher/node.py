@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from csg_renderer.language.loader import models_folder
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import (
     cloud_to_features,
@@ -19,6 +20,7 @@ from msgs_py.codecs import (
     report_from_interpretations,
 )
 from msgs_py.config import Config, parameter
+from msgs_py.confinement import TrustedFolders
 from msgs_py.runtime import GraphNode, run_node
 
 from .library import Library, load_library
@@ -36,6 +38,9 @@ class MatcherConfig(Config):
 
     models: tuple[str, ...] = parameter(
         (), 'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer')
+    model_folders: tuple[str, ...] = parameter(
+        (), 'Folders that models may be read from when they are changed at run time, besides those of the models given '
+        'at the start and those of csg_renderer', read_only=True)
     watch: bool = parameter(True, 'Read the models again when a file changes')
     search: str = parameter(_DEFAULT.search, 'Search method', choices=SEARCHES)
     engine: str = parameter(_DEFAULT.engine, 'Where the tree search runs', choices=ENGINES)
@@ -94,11 +99,20 @@ class MatcherNode(GraphNode):
         self._looked_at = time.monotonic()
         self._library = Library((), (), {})
         self._params = self.config.match_params()
+        self._trusted = TrustedFolders([*self.config.model_folders, models_folder()],
+                                       self.config.models, 'model_folders')
         warm_up()
         self._load()
         self.listen(PointCloud2, 'features', self._on_features)
 
     # -- configuration -----------------------------------------------------------------------------------------
+
+    def check_config(self, new: MatcherConfig) -> None:
+        for given in set(new.models) - set(self.config.models):
+            try:
+                self._trusted.check(given)
+            except ValueError as error:
+                raise ValueError(f'parameter models: {error}') from None
 
     def on_config(self, old: MatcherConfig, new: MatcherConfig) -> None:
         self._params = new.match_params()

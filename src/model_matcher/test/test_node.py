@@ -1,6 +1,7 @@
 """matcher_node over real topics: features in, poses, report and markers out; bad input reported, node alive."""
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,15 +124,17 @@ def test_a_damaged_message_is_reported_and_the_node_lives(bench):
     assert len(arrays[-1].poses) == 1
 
 
-def test_parameters_are_checked_and_models_can_be_exchanged(bench, tmp_path):
+def test_parameters_are_checked_and_models_can_be_exchanged(bench):
     refused = bench.node.set_parameters([Parameter('fracdev', value=-1.0)])[0]
     assert not refused.successful and 'fracdev' in refused.reason
     before = bench.node.config.models
-    l_shape().save(tmp_path / 'other.npz')
-    assert bench.node.set_parameters([Parameter('models', value=[str(tmp_path / 'other.npz')])])[0].successful
+    other = Path(before[0]) / 'other.npz'
+    l_shape().save(other)
+    assert bench.node.set_parameters([Parameter('models', value=[str(other)])])[0].successful
     assert bench.node.report_values()['models'] == 'other'
     bench.send(stamped(make_scene(l_shape(), 1).data, 45))
     reports = bench.heard['interpretations/report']
     bench.wait(lambda: reports and reports[-1].header.stamp.sec == 45)
     assert interpretations_from_report(reports[-1])[0].model == 'other'
+    other.unlink()
     assert np.all(bench.node.set_parameters([Parameter('models', value=list(before))])[0].successful)

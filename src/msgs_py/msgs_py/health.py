@@ -14,6 +14,8 @@ LATENCY_SAMPLES = 200
 # A flood of different faults (a fuzzer, a broken driver) must not grow the memory of which were reported.
 REMEMBERED_PROBLEMS = 64
 REPEAT_LOG_S = 30.0
+# What is wrong with a message may be its length.
+LONGEST_TEXT = 1000
 
 
 class Health:
@@ -50,6 +52,7 @@ class Health:
 
     def problem(self, now: float, text: str) -> str | None:
         """Note a problem; return what to log, or None when this was logged a moment ago."""
+        text = shortened(text)
         self.problems += 1
         self.last_error, self.last_error_time = text, now
         if text not in self._seen:
@@ -82,6 +85,13 @@ class Health:
             'latency_p50_ms': f'{p50:.1f}', 'latency_p99_ms': f'{p99:.1f}', 'problems': self.problems,
             'last_error': self.last_error, 'last_error_age_s': age,
         }
+
+
+def shortened(text: str) -> str:
+    """The text with its middle left out when it is too long for a log."""
+    if len(text) <= LONGEST_TEXT:
+        return text
+    return f'{text[:LONGEST_TEXT // 2]} [...] {text[-LONGEST_TEXT // 4:]}'
 
 
 class SequenceGaps:

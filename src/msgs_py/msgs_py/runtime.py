@@ -5,6 +5,7 @@ With codecs this is the only part of the package that needs ROS, and the only on
 
 from __future__ import annotations
 
+import copy
 import sys
 import time
 import traceback
@@ -28,7 +29,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from .config import Config, ParameterSpec
-from .health import Health, SequenceGaps
+from .health import Health, SequenceGaps, shortened
 from .stamp_sync import NANOSECONDS, StampSync
 
 # REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
@@ -132,12 +133,17 @@ class GraphNode(Node):
         if spec.kind is not tuple:
             self.declare_parameter(spec.name, spec.default, descriptor, ignore_override=ignore_override)
             return
-        # An empty list has no type of its own, so the type is declared and the value set.
+        # An empty list has no type of its own, so the type is declared and the value set, and only then locked.
         array_type = _ARRAY_TYPES[spec.element]
+        descriptor.read_only = False
         self.declare_parameter(spec.name, array_type, descriptor, ignore_override=ignore_override)
         if self.get_parameter_or(spec.name, Parameter(spec.name)).value is None:
             assert isinstance(spec.default, tuple)
             self.set_parameters([Parameter(spec.name, array_type, list(spec.default))])
+        if spec.read_only:
+            locked = copy.deepcopy(descriptor)  # the node has kept the other one
+            locked.read_only, locked.type = True, array_type.value
+            self.set_descriptor(spec.name, locked)
 
     def _declared_value(self, spec: ParameterSpec) -> Any:
         value = self.get_parameter(spec.name).value
@@ -163,9 +169,10 @@ class GraphNode(Node):
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             self._candidate(parameters)
-        except ValueError as error:
-            self.problem(str(error))
-            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # what a name makes of a file system, a parser or a grammar is no reason to die
+            text = str(error) if isinstance(error, ValueError) else f'{parameters[0].name}: {error}'
+            self.problem(text)
+            return SetParametersResult(successful=False, reason=shortened(text))
         return SetParametersResult(successful=True)
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
