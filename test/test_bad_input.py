@@ -6,6 +6,7 @@ import array
 
 import numpy as np
 import pytest
+import rclpy
 from geometry_msgs.msg import PoseArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -159,3 +160,60 @@ def test_a_parameter_that_cannot_be_is_refused_with_the_reason(graph, node_class
     assert not reply.results[0].successful
     assert all(word in reply.results[0].reason for word in words), reply.results[0].reason
     assert node.config == before
+
+
+def test_a_model_that_vanishes_is_reported_and_used_again_when_it_returns(graph, tmp_path):
+    path = tmp_path / 'l_shape.csg'
+    text = csg_renderer.scene_path('l_shape').read_text()
+    path.write_text(text)
+    node = graph.add(MatcherNode, parameters={'models': [str(path)]})
+    arrays = graph.collect(PoseArray, 'interpretations')
+    talk = graph.publisher(PointCloud2, 'features')
+    graph.wait_matched(talk)
+    graph.wait_heard('/interpretations')
+    model = csg_renderer.model_features(csg_renderer.load_models(path)['l_shape'])
+
+    def answer(sec: int) -> PoseArray:
+        node._looked_at -= 60.0  # as if the files had not been looked at for a minute
+        talk.publish(codecs.features_to_cloud(model, header(sec)))
+        return graph.spin_until(lambda: [a for a in arrays if a.header.stamp.sec == sec], what=f'answer {sec}')[0]
+
+    assert answer(1).poses
+    path.unlink()
+    assert not answer(2).poses and 'l_shape.csg' in node.health.last_error
+    path.write_text(text[:len(text) // 2])
+    assert not answer(3).poses and 'l_shape.csg:' in node.health.last_error, 'half written: file, line and column'
+    problems = node.health.problems
+    assert not answer(4).poses and node.health.problems == problems, 'reported once'
+    path.write_text(text)
+    assert answer(5).poses
+
+
+def test_a_model_put_into_the_folder_is_found(graph, tmp_path):
+    node = graph.add(MatcherNode, parameters={'models': [str(tmp_path)]})
+    assert node.report_values()['models'] == ''
+    (tmp_path / 'l_shape.csg').write_text(csg_renderer.scene_path('l_shape').read_text())
+    assert node._library.changed()
+
+
+def test_broadcasting_without_tf2_is_refused_by_name(graph):
+    if codecs.transform_message_type() is not None:
+        pytest.skip('tf2_msgs is installed')
+    node = graph.add(MatcherNode, parameters={'models': ['l_shape']})
+    refused = node.set_parameters_atomically([rclpy.Parameter('tf', value=True)])
+    assert not refused.successful and 'tf2_msgs' in refused.reason
+    started = graph.add(MatcherNode, parameters={'models': ['l_shape'], 'tf': True}, namespace='other')
+    assert 'tf2_msgs' in started.health.last_error
+
+
+def test_poses_are_broadcast_when_asked_for(graph):
+    messages = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs does not come with the wheels')
+    graph.add(MatcherNode, parameters={'models': ['l_shape'], 'tf': True, 'tf_prefix': 'found/'})
+    heard = graph.collect(messages.TFMessage, '/tf')
+    talk = graph.publisher(PointCloud2, 'features')
+    graph.wait_matched(talk)
+    graph.wait_heard('/tf')
+    model = csg_renderer.model_features(csg_renderer.load_models(csg_renderer.scene_path('l_shape'))['l_shape'])
+    talk.publish(codecs.features_to_cloud(model, header(1)))
+    graph.spin_until(lambda: heard, what='a transform')
+    assert heard[0].transforms[0].child_frame_id == 'found/l_shape' and heard[0].transforms[0].header == header(1)

@@ -27,7 +27,7 @@ class Library:
 
     models : one index a model, names unique
     problems : one line for each path that could not be used, beginning with its name
-    files : every file that was read, with its time of change (nanoseconds)
+    files : every file and folder that was looked at, with its time of change (nanoseconds)
     """
 
     models: tuple[ModelIndex, ...]
@@ -46,7 +46,7 @@ def changed_at(path: Path) -> int:
     """Time of change in nanoseconds, -1 when there is no such file."""
     try:
         return os.stat(path).st_mtime_ns
-    except OSError:
+    except (OSError, ValueError):
         return -1
 
 
@@ -63,9 +63,12 @@ def load_library(paths: Iterable[str]) -> Library:
     for given in paths:
         try:
             found = _files(given)
-        except (FileNotFoundError, ValueError) as error:
+        except (OSError, ValueError) as error:
             problems.append(f'{given}: {error}')
+            files[Path(given).expanduser()] = changed_at(Path(given).expanduser())  # it may come yet
             continue
+        if Path(given).expanduser().is_dir():
+            files[Path(given).expanduser()] = changed_at(Path(given).expanduser())  # files may come and go
         for path in found:
             files[path] = changed_at(path)
             try:

@@ -17,7 +17,9 @@ from msgs_py.codecs import (
     features_to_markers,
     pose_to_stamped,
     poses_to_array,
+    poses_to_transforms,
     report_from_interpretations,
+    transform_message_type,
 )
 from msgs_py.config import Config, parameter
 from msgs_py.confinement import TrustedFolders
@@ -29,6 +31,7 @@ from .pipeline import survey, warm_up
 
 TOPIC = 'interpretations'
 WATCH_PERIOD_S = 1.0
+NO_TF = 'parameter tf: tf2_msgs is not installed (ros-jazzy-tf2-msgs), so nothing can be broadcast'
 _DEFAULT = MatchParams()
 
 
@@ -68,6 +71,8 @@ class MatcherConfig(Config):
     prove: bool = parameter(False, 'Certify that no larger interpretation exists')
     time_limit: float = parameter(2.0, 'Time for one message and model; the best so far is taken then', unit='s',
                                   minimum=0.001, maximum=3600.0)
+    tf: bool = parameter(False, 'Broadcast the best pose of each model on /tf (needs tf2_msgs)')
+    tf_prefix: str = parameter('', 'Put before the model\'s name to make its frame')
     seed: int = parameter(0, 'Seed of the search', minimum=0, maximum=2**31 - 1)
 
     def match_params(self) -> MatchParams:
@@ -95,6 +100,7 @@ class MatcherNode(GraphNode):
         self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
         self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
         self._pose_out: dict[str, object] = {}
+        self._transforms_out = None
         self._reason = ''
         self._looked_at = time.monotonic()
         self._library = Library((), (), {})
@@ -103,11 +109,14 @@ class MatcherNode(GraphNode):
                                        self.config.models, 'model_folders')
         warm_up()
         self._load()
+        self._start_transforms()
         self.listen(PointCloud2, 'features', self._on_features)
 
     # -- configuration -----------------------------------------------------------------------------------------
 
     def check_config(self, new: MatcherConfig) -> None:
+        if new.tf and not self.config.tf and transform_message_type() is None:
+            raise ValueError(NO_TF)
         for given in set(new.models) - set(self.config.models):
             try:
                 self._trusted.check(given)
@@ -116,6 +125,8 @@ class MatcherNode(GraphNode):
 
     def on_config(self, old: MatcherConfig, new: MatcherConfig) -> None:
         self._params = new.match_params()
+        if new.tf != old.tf:
+            self._start_transforms()
         if new.models != old.models:
             self._load()
 
@@ -135,6 +146,19 @@ class MatcherNode(GraphNode):
             self.destroy_publisher(self._pose_out.pop(name))
         for name in sorted(names - set(self._pose_out)):
             self._pose_out[name] = self.create_output(PoseStamped, f'{TOPIC}/{_topic_name(name)}')
+
+    def _start_transforms(self) -> None:
+        """Begin or end broadcasting, as the parameter says."""
+        if self._transforms_out is not None:
+            self.destroy_publisher(self._transforms_out)
+            self._transforms_out = None
+        if not self.config.tf:
+            return
+        message_type = transform_message_type()
+        if message_type is None:
+            self.problem(NO_TF)
+            return
+        self._transforms_out = self.create_publisher(message_type, '/tf', 100)
 
     def _look_for_changes(self) -> None:
         now = time.monotonic()
@@ -159,6 +183,9 @@ class MatcherNode(GraphNode):
             best.setdefault(one.model, one)
         for name, one in best.items():
             self._pose_out[name].publish(pose_to_stamped(one.pose, header))
+        if self._transforms_out is not None and best:
+            frames = {self.config.tf_prefix + name: one.pose for name, one in best.items()}
+            self._transforms_out.publish(transform_message_type()(transforms=poses_to_transforms(frames, header)))
         self._report_out.publish(report_from_interpretations([*result.interpretations, *result.rejected], header))
         if self.wanted(self._markers_out):
             self._markers_out.publish(self._markers(result, header))

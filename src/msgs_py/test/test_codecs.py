@@ -241,3 +241,12 @@ class TestMarkersAndReports:
 def test_message_memory_is_an_array_of_bytes():
     message = codecs.array_to_image(np.zeros((4, 4), np.uint8), 'mono8')
     assert isinstance(message, Image) and isinstance(message.data, array.array)
+
+
+def test_poses_become_transforms_of_the_header_s_frame():
+    pose = Pose.from_rotation_vector([0.1, -0.2, 0.3], [1.0, 2.0, 3.0])
+    transforms = codecs.poses_to_transforms({'part': pose, 'other': pose.inverse()}, HEADER)
+    assert [(t.header, t.child_frame_id) for t in transforms] == [(HEADER, 'part'), (HEADER, 'other')]
+    v, q = transforms[0].transform.translation, transforms[0].transform.rotation
+    back = Pose.from_quaternion((q.x, q.y, q.z, q.w), (v.x, v.y, v.z))
+    assert back.error_to(pose).rotation < 1e-12 and back.error_to(pose).translation < 1e-12
