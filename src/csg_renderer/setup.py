@@ -32,6 +32,7 @@ setup(
     entry_points={
         'console_scripts': [
             'renderer_node = csg_renderer.node:main',
+            'render = csg_renderer.render_cli:main',
         ],
     },
 )

@@ -1,0 +1,80 @@
+"""Rendered frames to files: pictures, exact arrays, cameras."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from .frame import Frame
+
+
+def save_image(path: Path, image: np.ndarray) -> Path:
+    """Write an (h, w) or (h, w, 3) RGB uint8 picture; the suffix says the format. Raises OSError, naming the file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = image if image.ndim == 2 else image[..., ::-1]
+    try:
+        written = cv2.imwrite(str(path), np.ascontiguousarray(pixels))
+    except cv2.error as error:
+        raise OSError(f'{path}: no such picture format ({error.err})') from None
+    if not written:
+        raise OSError(f'{path}: cannot be written')
+    return path
+
+
+def depth_picture(frame: Frame) -> np.ndarray:
+    """(h, w) uint8: the nearest point white, the farthest dark grey, background black."""
+    depth = frame.depth
+    out = np.zeros(depth.shape, dtype=np.uint8)
+    seen = np.isfinite(depth)
+    if seen.any():
+        low, high = float(depth[seen].min()), float(depth[seen].max())
+        out[seen] = np.rint(255.0 - 200.0 * (depth[seen] - low) / max(high - low, 1e-12)).astype(np.uint8)
+    return out
+
+
+def normal_picture(frame: Frame) -> np.ndarray:
+    """(h, w, 3) uint8: camera-frame normals as colours, x, y, z in -1..1 to red, green, blue; background black."""
+    normals = np.nan_to_num(frame.camera_normal, nan=-1.0)
+    return np.rint((normals + 1.0) * 127.5).astype(np.uint8)
+
+
+def id_picture(ids: np.ndarray) -> np.ndarray:
+    """(h, w, 3) uint8: a colour for each id, the same one every time; background (-1) black."""
+    # Steps of the golden ratio around the colour circle keep neighbouring ids apart.
+    n = int(ids.max(initial=-1)) + 1
+    hues = (np.arange(n) * 0.61803398875 % 1.0 * 180.0).astype(np.uint8)
+    values = np.where(np.arange(n) % 2, 255, 190).astype(np.uint8)
+    hsv = np.stack([hues, np.full(n, 170, dtype=np.uint8), values], axis=-1)[None]
+    colours = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0] if n else np.zeros((0, 3), dtype=np.uint8)
+    return np.concatenate([colours, np.zeros((1, 3), dtype=np.uint8)]).astype(np.uint8)[ids]
+
+
+def save_arrays(path: Path, frame: Frame) -> Path:
+    """Write everything a frame knows as a compressed .npz: image, depth (metres), ids, normals, K and [R|t]."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(path, image=frame.image, depth=frame.depth, primitive_id=frame.primitive_id,
+                        face_id=frame.face_id, object_id=frame.object_id, normal=frame.normal, K=frame.camera.matrix,
+                        camera_T_scene=frame.camera_T_scene.matrix)
+    return path
+
+
+def camera_record(frame: Frame, baseline: float | None = None) -> dict[str, object]:
+    """The view as plain numbers: K and camera_T_scene as [R|t] (metres, optical frame: x right, y down, z forward)."""
+    camera = frame.camera
+    record: dict[str, object] = {
+        'width': camera.width, 'height': camera.height, 'K': camera.matrix.tolist(),
+        'camera_T_scene': frame.camera_T_scene.matrix[:3].tolist(),
+        'convention': 'p_camera = R p_scene + t, metres; x right, y down, z forward; integer pixel = pixel centre',
+    }
+    if baseline is not None:
+        record['baseline'] = baseline
+    return record
+
+
+def save_camera(path: Path, record: dict[str, object]) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
+    return path

@@ -1,0 +1,250 @@
+"""``ros2 run csg_renderer render``: a scene file to pictures, arrays and cameras."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from msgs_py import Pose
+
+from .frame import Frame
+from .language import SceneError, SceneFile, find_scene, read_scene, scene_names
+from .mesh_export import ExportError, export_mesh
+from .outputs import (
+    camera_record,
+    depth_picture,
+    id_picture,
+    normal_picture,
+    save_arrays,
+    save_camera,
+    save_image,
+)
+from .pipeline import ENGINES, render, scene_rig
+from .scene import Scene
+from .sensor import SensorModel
+
+# How often --watch looks at the files, seconds.
+LOOK_EVERY = 0.25
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Exit status: 0 when everything was written, 1 for a wrong scene or file, 2 for wrong arguments."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.list:
+        print('\n'.join(scene_names()))
+        return 0
+    if options.scene is None:
+        parser.error('name a scene file, or a scene of the package (--list shows them)')
+    if options.turntable is not None and options.turntable < 2:
+        parser.error(f'--turntable: expected at least 2 pictures, got {options.turntable}')
+    try:
+        if options.watch:
+            return watch(options)
+        run(options)
+    except SceneError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except (OSError, ValueError, ExportError) as error:
+        print(f'render: {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def run(options: argparse.Namespace) -> SceneFile:
+    """Read the scene and write everything asked for. Raises SceneError, OSError, ValueError, ExportError."""
+    found = read_scene(options.scene)
+    for warning in found.warnings:
+        print(f'warning: {warning}', file=sys.stderr)
+    if options.export:
+        triangles = export_mesh(found.scene, options.export, options.segments)
+        _say(options, f'{options.export}: {triangles} triangles')
+    if options.output or not options.export:
+        render_files(found.scene, options)
+    return found
+
+
+def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
+    """Render every view and write its files; returns them."""
+    output = options.output or Path(Path(options.scene).stem + '.png')
+    width, height = options.size or (0, 0)
+    sensor = SensorModel(options.psf, options.noise, options.seed)
+    settings = {'engine': options.engine, 'tiling': not options.no_tiling, 'levels': options.levels,
+                'antialias': options.antialias, 'shadows': options.shadows}
+    # A single picture needs no baseline, and a scene with nothing in front of the camera suggests none.
+    baseline = options.baseline / 1000.0 if options.baseline else 0.0 if options.stereo else 1.0
+    rig = scene_rig(scene, width, height, options.focal, baseline)
+    jobs: list[tuple[Path, Pose, bool]] = []
+    for path, pose in views(scene, output, options.turntable):
+        jobs.append((_marked(path, 'left') if options.stereo else path, pose, False))
+        if options.stereo:
+            other = Pose(pose.rotation, pose.translation + rig.right_T_left, pose.scale)
+            jobs.append((_marked(path, 'right'), other, True))
+    written: list[Path] = []
+    for path, pose, right in tqdm(jobs, desc='rendering', unit='picture', disable=options.quiet or None, leave=False):
+        frame = render(scene, rig.right if right else rig.left, pose, **settings)
+        frame.image = sensor.apply(frame.image)
+        written += write_frame(path, frame, options, rig.baseline if options.stereo else None)
+        stats = frame.stats
+        _say(options, f'{path}: {stats.seconds * 1e3:.1f} ms, {stats.tiles} tiles, {stats.intersections} intersections'
+             + (f', {stats.dap_cycles} machine cycles' if stats.dap_cycles else ''))
+    return written
+
+
+def write_frame(path: Path, frame: Frame, options: argparse.Namespace, baseline: float | None = None) -> list[Path]:
+    """Write one frame: the picture (or only the arrays, for a path that ends in .npz) and the companions asked for."""
+    stem = path.with_suffix('')
+    written = [save_arrays(path, frame)] if path.suffix == '.npz' else [save_image(path, frame.image)]
+    if options.depth:
+        written.append(save_image(_marked(stem.with_suffix('.png'), 'depth'), depth_picture(frame)))
+    if options.ids:
+        written.append(save_image(_marked(stem.with_suffix('.png'), 'ids'), id_picture(frame.primitive_id)))
+    if options.normals:
+        written.append(save_image(_marked(stem.with_suffix('.png'), 'normals'), normal_picture(frame)))
+    if options.npz and path.suffix != '.npz':
+        written.append(save_arrays(stem.with_suffix('.npz'), frame))
+    if options.camera:
+        written.append(save_camera(stem.with_suffix('.json'), camera_record(frame, baseline)))
+    return written
+
+
+def views(scene: Scene, output: Path, count: int | None) -> Iterable[tuple[Path, Pose]]:
+    """The files and camera_T_scene of one view, or of a full turn of ``count`` views about the scene's middle."""
+    if count is None:
+        return [(output, scene.camera_T_scene)]
+    digits = max(3, len(str(count - 1)))
+    return [(_marked(output, f'{k:0{digits}d}'), turned(scene, 2.0 * np.pi * k / count)) for k in range(count)]
+
+
+def turned(scene: Scene, angle: float) -> Pose:
+    """camera_T_scene with the scene turned (radians) about the picture's vertical through the middle of its objects."""
+    corners = np.array([leaf.matrix[:3, 3] + 0.5 * leaf.matrix[:3, :3] @ _MIDDLE[leaf.kind] for leaf in scene.primitives
+                        if leaf.kind in _MIDDLE]).reshape(-1, 3)
+    if not len(corners):
+        return scene.camera_T_scene
+    centre = scene.camera_T_scene.apply(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
+    turn = Pose.from_rotation_vector([0.0, angle, 0.0])
+    return Pose(turn.rotation, centre - turn.rotation @ centre).compose(scene.camera_T_scene)
+
+
+# Twice the middle of each bounded primitive in its unit frame.
+_MIDDLE = {'BLOCK': np.ones(3), 'CYLINDER': np.array([0.0, 0.0, 1.0]), 'CONE': np.array([0.0, 0.0, 1.0]),
+           'SPHERE': np.zeros(3)}
+
+
+def watch(options: argparse.Namespace, wait: Callable[[float], None] = time.sleep,
+          rounds: int | None = None) -> int:
+    """Render, and again whenever a file of the scene changes; a wrong scene is reported and the watch goes on.
+
+    rounds : stop after looking this often (None: until interrupted).
+    """
+    path = find_scene(options.scene)
+    files: tuple[Path, ...] = (path,)
+    seen: list[int] | None = None
+    try:
+        while rounds is None or rounds > 0:
+            now = [_changed_at(file) for file in files]
+            if now != seen:
+                seen = now
+                try:
+                    files = run(options).files
+                except SceneError as error:
+                    print(error, file=sys.stderr)
+                    # Includes named in the broken text are unknown; the ones known so far are still looked at.
+                except (OSError, ValueError, ExportError) as error:
+                    print(f'render: {error}', file=sys.stderr)
+                seen = [_changed_at(file) for file in files] if len(files) != len(now) else now
+                _say(options, f'watching {len(files)} file{"s" * (len(files) > 1)}; Ctrl-C ends')
+            wait(LOOK_EVERY)
+            rounds = None if rounds is None else rounds - 1
+    except KeyboardInterrupt:
+        pass
+    return 0
+
+
+def _changed_at(path: Path) -> int:
+    """Modification time, nanoseconds; 0 while there is no such file (editors replace files when they save)."""
+    try:
+        return os.stat(path).st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _marked(path: Path, mark: str) -> Path:
+    """out.png and left: out_left.png"""
+    return path.with_name(f'{path.stem}_{mark}{path.suffix}')
+
+
+def _say(options: argparse.Namespace, text: str) -> None:
+    if not options.quiet:
+        tqdm.write(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition('x')
+    try:
+        size = int(width), int(height if cross else width)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected WIDTHxHEIGHT in pixels, got {text!r}') from None
+    if not (1 <= size[0] <= 16384 and 1 <= size[1] <= 16384):
+        raise argparse.ArgumentTypeError(f'expected 1..16384 pixels a side, got {text!r}')
+    return size
+
+
+def _antialias(text: str) -> bool | int:
+    if text in ('edges', 'on', 'true'):
+        return True
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected 'edges' or a number of samples a side, got {text!r}") from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='render', description='Render a scene of the modelling language, with its ground truth.')
+    parser.add_argument('scene', nargs='?', help='a scene file, or the name of a scene of the package')
+    parser.add_argument('--list', action='store_true', help='list the scenes of the package')
+    parser.add_argument('-o', '--output', type=Path, metavar='FILE',
+                        help='picture to write (.png, .jpg, ...) or arrays (.npz); default: the name of the scene .png')
+    what = parser.add_argument_group('what to write')
+    what.add_argument('--stereo', action='store_true', help='a pair: FILE_left and FILE_right')
+    what.add_argument('--depth', action='store_true', help='also FILE_depth.png, near is bright')
+    what.add_argument('--ids', action='store_true', help='also FILE_ids.png, a colour for each primitive')
+    what.add_argument('--normals', action='store_true', help='also FILE_normals.png, camera frame')
+    what.add_argument('--npz', action='store_true', help='also FILE.npz: exact depth, normals, ids, camera')
+    what.add_argument('--camera', action='store_true', help='also FILE.json: K, [R|t], baseline')
+    what.add_argument('--turntable', type=int, metavar='N', help='N pictures of a full turn, FILE_000 ...')
+    what.add_argument('--export', type=Path, metavar='MESH',
+                      help='write a mesh (.stl .glb .gltf .obj .ply); needs manifold3d and trimesh')
+    what.add_argument('--segments', type=int, default=64, metavar='N', help='facets around a circle of the mesh (64)')
+    view = parser.add_argument_group('camera')
+    view.add_argument('--size', type=_size, metavar='WxH', help='pixels; default: what the scene says, or 512x512')
+    view.add_argument('--focal', type=float, default=0.0, metavar='PX', help='focal length in pixels')
+    view.add_argument('--baseline', type=float, metavar='MM', help='distance of the eyes, mm')
+    how = parser.add_argument_group('how')
+    how.add_argument('--engine', choices=sorted(ENGINES), default='native', help='who renders (native)')
+    how.add_argument('--levels', type=int, default=1, metavar='N', help='surfaces a ray may meet; 1 is ray casting (1)')
+    how.add_argument('--shadows', action='store_true', help='shadow feelers to every light')
+    how.add_argument('--antialias', type=_antialias, nargs='?', const=True, default=False, metavar='N',
+                     help='9 samples where faces meet, or N x N samples in every pixel')
+    how.add_argument('--no-tiling', action='store_true', help='test every primitive on every ray, to compare')
+    how.add_argument('--psf', type=float, default=0.0, metavar='PX', help='blur of the lens, standard deviation')
+    how.add_argument('--noise', type=float, default=0.0, metavar='GREY', help='noise, standard deviation of 255')
+    how.add_argument('--seed', type=int, default=0, help='of the noise (0)')
+    parser.add_argument('--watch', action='store_true', help='render again whenever a file of the scene changes')
+    parser.add_argument('-q', '--quiet', action='store_true', help='no progress, no figures')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())
