@@ -90,7 +90,9 @@ def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: 
     covariance[:, 0, 0] = (sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2
                            + (tr[:, 0] * rectification_sigma) ** 2)
     covariance[:, 0, 1] = covariance[:, 1, 0] = p * q * sr[:, 1] ** 2
-    covariance[:, 1, 1] = sl[:, 1] ** 2 + (q * sr[:, 1]) ** 2
+    # Rows that disagree by different amounts at the two ends turn the line.
+    turn = np.sqrt(2.0) * tr[:, 0] * rectification_sigma / np.maximum(left.length[i], 1.0)
+    covariance[:, 1, 1] = sl[:, 1] ** 2 + (q * sr[:, 1]) ** 2 + turn ** 2
     inverse = np.linalg.inv(covariance)
     information = inverse * (tr[:, 1] ** 2)[:, None, None]
     vector = np.einsum('nij,nj->ni', inverse, np.stack([offset, slope], axis=1)) * tr[:, 1:2]

@@ -119,11 +119,12 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
                             params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE)
     lap('curves')
     segments = to_space(lines, pieces[0], rig)
-    keep = (np.isfinite(segments.ends).all(axis=(1, 2)) & (lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length)
-            & np.isfinite(segments.err_par) & np.isfinite(segments.err_per) & (pieces[0].arc[lines.left] < 0)
-            & (pieces[1].arc[lines.right] < 0) & ~on_curves(lines, pieces, curves)
-            & (segments.err_per < LEAST_DETERMINED * np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1))
-            & ~contours(lines, pieces, curves, rig))
+    span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
+    keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
+    keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
+    # A piece of an arc in both images is none, whether its curve was recovered or not.
+    keep &= (pieces[0].arc[lines.left] < 0) | (pieces[1].arc[lines.right] < 0)
+    keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, curves, rig)
     ends = segments.ends[keep]
     features = FeatureSet.concatenate([
         FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep]),
