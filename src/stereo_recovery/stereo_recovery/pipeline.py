@@ -74,9 +74,11 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     """Straight edges, planar curves and axes of rotation in space.
 
     left, right : (h, w) or (h, w, 3) images of a rectified pair, of the rig's size; rig : StereoRig
-    Raises ValueError, naming the argument, for arrays that are no images or not of the rig's size. Pictures in which
+    Raises ValueError or TypeError, naming the argument, for arrays that are no images or not of the rig's size. Pictures in which
     nothing is found give an empty FeatureSet and a reason.
     """
+    if not isinstance(rig, StereoRig):
+        raise TypeError(f'rig: expected a StereoRig, got {type(rig).__name__}')
     params = params or RecoveryParams()
     clock = [time.perf_counter()]
     stages: dict[str, float] = {}
@@ -110,8 +112,13 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     counts['matches'] = len(matches)
     lap('match')
     if len(matches) == 0:
-        return Recovery(FeatureSet.empty(), found, 'no edge of the left image has a match in the right one', stages,
-                        counts)
+        # Ordinary mistakes deserve their name.
+        reason = 'no edge of the left image has a match in the right one'
+        if np.array_equal(greys[0], greys[1]):
+            reason = 'left and right are the same picture, so nothing has a disparity'
+        elif len(match(greys[1], greys[0], pieces[1], pieces[0], lowest, highest, params.support_radius)) >= 3:
+            reason = 'edges match only with left and right exchanged: are the images swapped?'
+        return Recovery(FeatureSet.empty(), found, reason, stages, counts)
     met, right_met = corners(pieces[0]), corners(pieces[1])
     lines = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma)
     lap('lines')
