@@ -88,7 +88,8 @@ class Writer:
         surface = leaf.surface
         flat = 'finish { ambient 1 diffuse 0 }'
         if self.purpose == 'ids':
-            texture = f'pigment {{ rgb {_numbers([((number + 1) % 256) / 255, ((number + 1) // 256) / 255, 1])} }} {flat}'
+            code = _numbers([(number + 1) % 256 / 255, (number + 1) // 256 / 255, 1])
+            texture = f'pigment {{ rgb {code} }} {flat}'
         elif self.purpose == 'depth':
             texture = f'pigment {{ gradient z color_map {{ [0 rgb 0] [1 rgb 1] }} scale {self.scale:.17g} }} {flat}'
         elif self.purpose.startswith('normal'):

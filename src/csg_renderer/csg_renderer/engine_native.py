@@ -17,6 +17,7 @@ from msgs_py import PinholeCamera, Pose
 from .engine_reference import CROW_OFFSETS, CROW_WEIGHTS
 from .frame import Frame, RenderOptions, RenderStats
 from .kernels import CUTTER_PARTS, CUTTERS, STRIDE
+from .kernels_deep import BATCH_PARTS, RAY_PARTS, Deep
 from .kernels_image import Plan, Target, product_spans, render_tiles, smooth_rows
 from .kernels_shade import Look, Workspace
 from .kernels_tree import DOUBT, Eye, Trees
@@ -58,13 +59,15 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     frame, target = _new_frame(camera, camera_T_scene)
     eye, plan = look_through(ready, view, camera, options)
     threads = min(options.threads or _cores(), max(1, camera.height // 8))
-    works = [_workspace(ready, options.levels) for _ in range(threads)]
+    works = [_workspace(ready) for _ in range(threads)]
+    deeps = [_deep(view, options) for _ in range(threads)]
     object_of = program.object_of
     active = sum(_each_thread(threads, lambda k: render_tiles(
-        k, threads, ready.trees, eye, ready.look, plan, target, works[k], object_of)))
+        k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k], object_of)))
     if options.adaptive:
         _each_thread(threads, lambda k: smooth_rows(
-            k, threads, ready.trees, eye, ready.look, plan, target, works[k], CROW_WEIGHTS, np.array(CROW_OFFSETS)))
+            k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k], CROW_WEIGHTS,
+            np.array(CROW_OFFSETS)))
     counts = np.sum([work.counts for work in works], axis=0)
     frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]), active if options.tiling else 1)
     return frame
@@ -156,8 +159,8 @@ def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: Re
     eye = Eye(local, np.ascontiguousarray(origin), limit, leaf_span, near, np.array(listed, dtype=np.int64),
               chosen_array)
     plan = Plan((np.arange(w) - camera.cx) / camera.fx, (np.arange(h) - camera.cy) / camera.fy, 1.0 / camera.fx,
-                1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, view.departure, span,
-                band, size, whole, options.levels, options.box, options.shadows)
+                1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, span, band, size, whole,
+                options.box)
     return eye, plan
 
 
@@ -237,13 +240,21 @@ def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
     return answers
 
 
-def _workspace(ready: Prepared, levels: int) -> Workspace:
+def _workspace(ready: Prepared) -> Workspace:
     longest = max((len(code) for code in ready.program.children), default=1)
     room = np.empty(4 * longest + 4)
     return Workspace(np.empty(int(CUTTERS) + max(1, ready.cutters_most) * int(CUTTER_PARTS)), room, np.empty_like(room),
-                     np.empty(longest + 2, dtype=np.int64), np.empty((2 * levels + 2, 9)),
-                     np.empty(len(ready.program.children) + 1, dtype=np.int64), np.zeros((3, STRIDE)),
-                     np.zeros(3, dtype=np.int64))
+                     np.empty(longest + 2, dtype=np.int64), np.empty(len(ready.trees.positive) + 1, dtype=np.int64),
+                     np.zeros((3, STRIDE)), np.zeros(3, dtype=np.int64))
+
+
+def _deep(view: View, options: RenderOptions) -> Deep | None:
+    """Memory of ray tracing, or None when ray casting will do."""
+    if options.levels == 1 and not options.shadows:
+        return None
+    # A batch leaves at most two rays for each of its own, and only so many batches are ever unfinished.
+    stack = np.empty(((2 * options.levels + 2) * STRIDE, RAY_PARTS))
+    return Deep(np.empty(BATCH_PARTS * STRIDE), stack, options.levels, options.shadows, view.departure, view.tolerance)
 
 
 def _new_frame(camera: PinholeCamera, camera_T_scene: Pose) -> tuple[Frame, Target]:

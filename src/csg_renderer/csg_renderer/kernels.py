@@ -20,6 +20,12 @@ from .reference import FAR, TINY
 
 INF = math.inf
 
+# _nrt=False: no reference counting. These functions allocate nothing, and are called a million times an image with
+# tuples of arrays, whose counts would otherwise be raised and lowered at every call: four times the whole run time.
+kernel = njit(cache=True, error_model='numpy', nogil=True, _nrt=False)  # type: ignore[call-overload]
+# Written into its callers, so that their loops vectorise.
+part = njit(inline='always')
+
 # Longest row, pixels, and the parts of the scratch array: ray x; near and far boundary of the leaf at hand with their
 # faces; entry, end and code of the product at hand; depth and code of the nearest hit so far.
 STRIDE = 256
@@ -32,7 +38,7 @@ CUTTERS = np.uint64(STRIDE * 25)
 CUTTER_PARTS = np.uint64(3 * STRIDE)
 
 
-@njit(inline='always')
+@part
 def block_span(ox, oy, oz, dx, dy, dz):
     """near, far, face_in, face_out of a ray with the unit cube."""
     i = 1.0 / dx
@@ -65,7 +71,7 @@ def block_span(ox, oy, oz, dx, dy, dz):
     return near, far, face_in, face_out
 
 
-@njit(inline='always')
+@part
 def between(a, b, c):
     """Where a t^2 + 2 b t + c <= 0, a >= 0; always or never when a is 0."""
     along = a < TINY
@@ -86,7 +92,7 @@ def between(a, b, c):
     return near, far
 
 
-@njit(inline='always')
+@part
 def sphere_span(ox, oy, oz, dx, dy, dz):
     """near, far of a ray with the unit sphere."""
     a = dx * dx + dy * dy + dz * dz
@@ -95,7 +101,7 @@ def sphere_span(ox, oy, oz, dx, dy, dz):
     return between(a, b, c)
 
 
-@njit(inline='always')
+@part
 def cylinder_span(ox, oy, oz, dx, dy, dz):
     """near, far, face_in, face_out of a ray with the unit cylinder."""
     i = 1.0 / dz
@@ -114,7 +120,7 @@ def cylinder_span(ox, oy, oz, dx, dy, dz):
     return near, far, face_in, face_out
 
 
-@njit(inline='always')
+@part
 def cone_span(ox, oy, oz, dx, dy, dz):
     """near, far, face_in, face_out of a ray with the unit cone (reference._cone explains the cases)."""
     a = dx * dx + dy * dy - dz * dz
@@ -152,7 +158,7 @@ def cone_span(ox, oy, oz, dx, dy, dz):
     return near, far, face_in, face_out
 
 
-@njit(inline='always')
+@part
 def plane_span(oz, dz):
     """near, far of a ray with the half-space z <= 0."""
     t = -oz / dz
@@ -160,7 +166,7 @@ def plane_span(oz, dz):
     return (t if falling else -FAR), (FAR if falling else t)
 
 
-@njit(cache=True, error_model='numpy')
+@kernel
 def leaf_span(kind, ox, oy, oz, dx, dy, dz):
     """near, far, face_in, face_out of one ray with one primitive in its unit frame."""
     if kind == BLOCK:
@@ -176,7 +182,7 @@ def leaf_span(kind, ox, oy, oz, dx, dy, dz):
     return near, far, 0.0, 0.0
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
     """Boundaries of a leaf for the rays (s[X + j], y, 1) of the camera, j0 <= j < j1.
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .kernels import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, PX, PY, PZ, RED, STRIDE, VX, VY, VZ, X
-from .kernels_shade import light_run, normals_run, points_row, trace
+from .kernels import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
+from .kernels_deep import deep_row
+from .kernels_shade import light_run, normals_run, points_row
 from .kernels_tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
 
 INF = math.inf
@@ -20,10 +21,10 @@ class Plan(NamedTuple):
     """What to render and how.
 
     xs, ys : (w,), (h,) ray components of pixel centres; dx, dy : ray component of one pixel
-    rotation : (3, 4) scene_T_camera; tolerance, departure : see program.View
+    rotation : (3, 4) scene_T_camera; tolerance : see program.View
     span : (q, h, 2) pixels of each product in each row; band : (q, bands, 2) the same for bands of tile_size rows
     listed_span : (k, 2) first and last row of each child to be evaluated by lists (rows only)
-    size : pixels a side of a tile; whole : no tiling; levels, box : see RenderOptions; shadows : bool
+    size : pixels a side of a tile; whole : no tiling; box : see RenderOptions
     """
 
     xs: np.ndarray
@@ -32,14 +33,11 @@ class Plan(NamedTuple):
     dy: float
     rotation: np.ndarray
     tolerance: float
-    departure: float
     span: np.ndarray
     band: np.ndarray
     size: int
     whole: bool
-    levels: int
     box: int
-    shadows: bool
 
 
 class Target(NamedTuple):
@@ -53,7 +51,7 @@ class Target(NamedTuple):
     normal: np.ndarray
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_depth, size, span, band, near):
     """Spans, bands and least depths of products from those of their leaves: an intersection lies in all its parts."""
     height = leaf_span.shape[1]
@@ -77,7 +75,7 @@ def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_dept
                 band[q, b, 1] = max(band[q, b, 1], high)
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, plan):
     """Nearest hits of the rays (s[X + j], y, 1), j < m, into DEPTH and HIT.
 
@@ -122,41 +120,51 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
                  work.counts)
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
-def colour_row(work, m, y, trees, look, plan, coloured):
-    """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row."""
+@kernel
+def colour_row(work, m, y, trees, look, plan, deep, coloured):
+    """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row.
+
+    deep : a Deep for shadows and more levels, or None, which compiles without all that
+    """
     s = work.row
-    simple = plan.levels == 1 and not plan.shadows
-    points_row(s, ZERO, np.uint64(m), y, plan.rotation)
-    j = 0
-    while j < m:
+    # Nothing is worked out for the background at both ends.
+    j, stop = 0, m
+    while stop > 0 and s[HIT + np.uint64(stop - 1)] < 0.0:
+        stop -= 1
+    while j < stop and s[HIT + np.uint64(j)] < 0.0:
+        j += 1
+    for k in range(ZERO, np.uint64(m)):
+        s[RED + k], s[GREEN + k], s[BLUE + k] = look.background[0], look.background[1], look.background[2]
+    begin = np.uint64(j)
+    points_row(s, begin, np.uint64(stop), y, plan.rotation)
+    while j < stop:
         # A run of pixels that show one face has one normal formula and one set of constants.
         first, hit = j, s[HIT + np.uint64(j)]
-        while j < m and s[HIT + np.uint64(j)] == hit:
+        while j < stop and s[HIT + np.uint64(j)] == hit:
             j += 1
         j0, j1 = np.uint64(first), np.uint64(j)
         if hit < 0.0:
-            for k in range(j0, j1):
-                s[RED + k], s[GREEN + k], s[BLUE + k] = look.background[0], look.background[1], look.background[2]
             continue
         leaf = int(hit / LEAF_STEP)
         face = int(hit - leaf * LEAF_STEP) // 2
         normals_run(s, j0, j1, leaf, face, trees.kind[leaf], trees.inverse, look.flat)
-        if coloured and simple:
+        if coloured and deep is None:
             light_run(s, j0, j1, leaf, face, look.colours, look.material, look.lights, look.light_colours,
                       look.ambient_light)
-        elif coloured:
+        else:
             for k in range(j0, j1):
-                s[RED + k], s[GREEN + k], s[BLUE + k] = trace(
-                    trees, look, work, hit, s[PX + k], s[PY + k], s[PZ + k], s[NX + k], s[NY + k], s[NZ + k], s[VX + k],
-                    s[VY + k], s[VZ + k], plan.levels, plan.shadows, plan.departure, plan.tolerance)
+                s[RED + k], s[GREEN + k], s[BLUE + k] = 0.0, 0.0, 0.0
+    # Two conditions: the first is settled when compiling, and with None the rest is left out.
+    if deep is not None:  # noqa: SIM102
+        if coloured:
+            deep_row(s, begin, np.uint64(stop), trees, look, work, deep)
     for k in range(ZERO, np.uint64(m)):
         s[RED + k] = min(max(s[RED + k], 0.0), 1.0)
         s[GREEN + k] = min(max(s[GREEN + k], 0.0), 1.0)
         s[BLUE + k] = min(max(s[BLUE + k], 0.0), 1.0)
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def write_truth(s, m, row, left, target, object_of):
     """Depth, ids and normals of a row of hits into the target."""
     for j in range(m):
@@ -184,7 +192,7 @@ def write_truth(s, m, row, left, target, object_of):
         target.normal[row, column, 2] = sign * s[NZ + k]
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def fill_background(target, top, bottom, left, right, red, green, blue):
     """An empty tile."""
     for row in range(top, bottom):
@@ -201,20 +209,20 @@ def fill_background(target, top, bottom, left, right, red, green, blue):
             target.normal[row, column, 2] = np.nan
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def byte(value):
     """Linear 0..1 to 0..255, rounded."""
     return np.uint8(min(max(value, 0.0), 1.0) * 255.0 + 0.5)
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
-def render_tiles(thread, threads, trees, eye, look, plan, target, work, object_of):
+@kernel
+def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, object_of):
     """Every threads-th tile, starting with number ``thread``. Returns how many tiles were not empty."""
     s = work.row
     height, width = target.depth.shape
     across = (width + plan.size - 1) // plan.size
     down = (height + plan.size - 1) // plan.size
-    products = np.empty(eye.chosen.shape[0], np.int64)
+    products = work.products
     red, green, blue = byte(look.background[0]), byte(look.background[1]), byte(look.background[2])
     active = 0
     for tile in range(thread, across * down, threads):
@@ -222,8 +230,8 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, object_o
         left, top = (tile % across) * plan.size, b * plan.size
         right, bottom = min(left + plan.size, width), min(top + plan.size, height)
         count = 0
-        for k in range(eye.chosen.shape[0]):
-            q = eye.chosen[k]
+        for i in range(eye.chosen.shape[0]):
+            q = eye.chosen[i]
             if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
                 products[count] = q
                 count += 1
@@ -237,7 +245,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, object_o
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
             hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan)
-            colour_row(work, m, y, trees, look, plan, plan.box == 0)
+            colour_row(work, m, y, trees, look, plan, deep, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
                 n = plan.box
@@ -247,7 +255,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, object_o
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
                     hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan)
-                    colour_row(work, m, y, trees, look, plan, True)
+                    colour_row(work, m, y, trees, look, plan, deep, True)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
                         work.colours[1, j] += s[GREEN + j]
@@ -264,7 +272,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, object_o
     return active
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def on_boundary(target, row, column):
     """Does one of the eight neighbours show another face?"""
     height, width = target.depth.shape
@@ -277,7 +285,7 @@ def on_boundary(target, row, column):
 
 
 @njit(cache=True, error_model='numpy', nogil=True)
-def smooth_rows(thread, threads, trees, eye, look, plan, target, work, weights, offsets):
+def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, weights, offsets):
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row
     height, width = target.depth.shape
@@ -299,18 +307,18 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, weights, 
             nine[:, :count] = 0.0
             for v in range(3):
                 y = plan.ys[row] + offsets[v] * plan.dy
-                for k in range(count):
-                    for u in range(3):
-                        s[X + np.uint64(3 * k + u)] = plan.xs[columns[k]] + offsets[u] * plan.dx
-                hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
-                        trees, eye, plan)
-                colour_row(work, 3 * count, y, trees, look, plan, True)
                 for pixel in range(count):
                     for u in range(3):
-                        j = np.uint64(3 * pixel + u)
-                        nine[0, pixel] += weights[v, u] * s[RED + j]
-                        nine[1, pixel] += weights[v, u] * s[GREEN + j]
-                        nine[2, pixel] += weights[v, u] * s[BLUE + j]
-            for k in range(count):
+                        s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
+                hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
+                        trees, eye, plan)
+                colour_row(work, 3 * count, y, trees, look, plan, deep, True)
+                for pixel in range(count):
+                    for u in range(3):
+                        ray = np.uint64(3 * pixel + u)
+                        nine[0, pixel] += weights[v, u] * s[RED + ray]
+                        nine[1, pixel] += weights[v, u] * s[GREEN + ray]
+                        nine[2, pixel] += weights[v, u] * s[BLUE + ray]
+            for pixel in range(count):
                 for channel in range(3):
-                    target.image[row, columns[k], channel] = byte(nine[channel, k])
+                    target.image[row, columns[pixel], channel] = byte(nine[channel, pixel])

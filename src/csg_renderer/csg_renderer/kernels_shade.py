@@ -1,4 +1,4 @@
-"""Compiled shading: normals, Phong's light, shadow feelers, mirrors and glass. The formulas are those of shading.py."""
+"""Compiled shading of rows of pixels: normals and Phong's light, by the formulas of shading.py."""
 
 from __future__ import annotations
 
@@ -6,14 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from .kernels import BASE, BLUE, DEPTH, GLINT, GREEN, NX, NY, NZ, PX, PY, PZ, RED, SHADE, VX, VY, VZ, X
-from .kernels_tree import FACE_STEP, LEAF_STEP, NOTHING, child_list, local_span
+from .kernels import BASE, BLUE, DEPTH, GLINT, GREEN, NX, NY, NZ, PX, PY, PZ, RED, SHADE, VX, VY, VZ, X, kernel
 from .program import CONE, CYLINDER, SPHERE
 from .reference import APEX
-
-INF = math.inf
 
 
 class Look(NamedTuple):
@@ -29,52 +25,20 @@ class Look(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch memory of one thread. row : the row of kernels.py; times, hits, starts : of child_list;
-    rays : (m, 9) pending rays: origin, direction, weight, level; met : (c,) children a ray may meet; colours : (3, w)
+    """Scratch memory of one thread. row : the row of kernels.py; times, hits, starts : of child_list; products : (q,)
+    int64, of one tile; colours : (3, w); counts : (3,) int64, intersections, nodes, combines
     """
 
     row: np.ndarray
     times: np.ndarray
     hits: np.ndarray
     starts: np.ndarray
-    rays: np.ndarray
-    met: np.ndarray
+    products: np.ndarray
     colours: np.ndarray
     counts: np.ndarray
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
-def surface_normal(trees, look, hit, px, py, pz, dx, dy, dz):
-    """Outward unit normal of the solid at a hit; (px, py, pz) the point and (dx, dy, dz) the ray, scene frame."""
-    leaf = int(hit / LEAF_STEP)
-    rest = int(hit - leaf * LEAF_STEP)
-    face = rest // 2
-    kind = trees.kind[leaf]
-    if (kind == CYLINDER and face == 2) or (kind == CONE and face == 1) or kind == SPHERE:
-        m = trees.inverse[leaf]
-        gx = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
-        gy = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
-        gz = 0.0
-        if kind != CYLINDER:
-            gz = m[2, 0] * px + m[2, 1] * py + m[2, 2] * pz + m[2, 3]
-            if kind == CONE:
-                gz = -gz
-        nx = m[0, 0] * gx + m[1, 0] * gy + m[2, 0] * gz
-        ny = m[0, 1] * gx + m[1, 1] * gy + m[2, 1] * gz
-        nz = m[0, 2] * gx + m[1, 2] * gy + m[2, 2] * gz
-        if gx * gx + gy * gy + gz * gz < APEX:
-            nx, ny, nz = -dx, -dy, -dz
-        scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx * scale, ny * scale, nz * scale
-    else:
-        nx, ny, nz = look.flat[leaf, face, 0], look.flat[leaf, face, 1], look.flat[leaf, face, 2]
-    # Where the ray enters, the outward normal faces it; where it leaves (an odd code), it does not.
-    if (nx * dx + ny * dy + nz * dz < 0.0) == (rest % 2 == 1):
-        nx, ny, nz = -nx, -ny, -nz
-    return nx, ny, nz
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def points_row(s, j0, j1, y, rotation):
     """Viewing rays and places of the hits of a row, scene frame, into VX..PZ."""
     ax, ay, az = rotation[0, 0], rotation[1, 0], rotation[2, 0]
@@ -89,7 +53,7 @@ def points_row(s, j0, j1, y, rotation):
         s[VX + j], s[VY + j], s[VZ + j] = dx * scale, dy * scale, dz * scale
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def normals_run(s, j0, j1, leaf, face, kind, inverse, flat):
     """Unit normals, turned to the viewer, of a run of pixels that show one face, into NX, NY, NZ."""
     if (kind == CYLINDER and face == 2) or (kind == CONE and face == 1) or kind == SPHERE:
@@ -120,7 +84,7 @@ def normals_run(s, j0, j1, leaf, face, kind, inverse, flat):
             s[NX + j], s[NY + j], s[NZ + j] = scale * fx, scale * fy, scale * fz
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def light_run(s, j0, j1, leaf, face, colours, material, lights, light_colours, ambient_light):
     """Colours, not clipped, of a run of pixels that show one face, into RED, GREEN, BLUE: no shadows, no mirrors."""
     red, green, blue = colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2]
@@ -166,7 +130,7 @@ def light_run(s, j0, j1, leaf, face, colours, material, lights, light_colours, a
             s[BLUE + j] += (shade * blue + glint) * lb
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def power(base, exponent):
     """base ** exponent for base > 0; whole exponents by repeated squaring, which is ten times as fast."""
     whole = int(exponent) if exponent < 4096.0 else 0
@@ -179,160 +143,3 @@ def power(base, exponent):
         base *= base
         whole >>= 1
     return result
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
-def meet_children(trees, work, ox, oy, oz, dx, dy, dz, near, far):
-    """Children whose bounding box a ray passes between near and far; how many, listed in work.met."""
-    ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
-    box, met = trees.box, work.met
-    found = 0
-    for child in range(box.shape[1]):
-        a, b = (box[0, child] - ox) * ix, (box[3, child] - ox) * ix
-        low, high = min(a, b), max(a, b)
-        a, b = (box[1, child] - oy) * iy, (box[4, child] - oy) * iy
-        low, high = max(low, min(a, b)), min(high, max(a, b))
-        a, b = (box[2, child] - oz) * iz, (box[5, child] - oz) * iz
-        low, high = max(low, min(a, b)), min(high, max(a, b))
-        # Written so that a NaN, of a ray in a side plane of a box, keeps the child.
-        if not (low > high or low > far or high < near):
-            met[found] = child
-            found += 1
-    return found
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
-def nearest_entry(trees, work, ox, oy, oz, dx, dy, dz, departure, tolerance):
-    """t and code of the first entry beyond ``departure`` along a ray of the scene frame; code NOTHING on a miss."""
-    best, best_hit = INF, NOTHING
-    for k in range(meet_children(trees, work, ox, oy, oz, dx, dy, dz, departure, INF)):
-        child = work.met[k]
-        leaf = trees.simple[child]
-        entry, code = INF, NOTHING
-        if leaf >= 0:
-            near, far, face_in, face_out = local_span(trees.kind[leaf], trees.inverse[leaf], ox, oy, oz, dx, dy, dz)
-            work.counts[0] += trees.halfspaces[leaf]
-            work.counts[1] += 1
-            if far - near > tolerance and near > departure:
-                entry, code = near, leaf * LEAF_STEP + FACE_STEP * face_in
-        else:
-            count = child_list(trees, trees.inverse, child, ox, oy, oz, dx, dy, dz, tolerance, work.times, work.hits,
-                               work.starts, work.counts)
-            for i in range(0, count, 2):
-                if work.times[i] > departure:
-                    entry, code = work.times[i], work.hits[i]
-                    break
-        if code >= 0.0 and (entry < best - tolerance or (entry <= best + tolerance and code < best_hit)):
-            best, best_hit = entry, code
-    return best, best_hit
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
-def transmission(trees, look, work, ox, oy, oz, dx, dy, dz, distance, departure, tolerance):
-    """How much light comes along a ray of unit direction and this length: the product of transparencies in the way."""
-    light = 1.0
-    for k in range(meet_children(trees, work, ox, oy, oz, dx, dy, dz, departure, distance - departure)):
-        child = work.met[k]
-        leaf = trees.simple[child]
-        if leaf >= 0:
-            near, far, face_in, face_out = local_span(trees.kind[leaf], trees.inverse[leaf], ox, oy, oz, dx, dy, dz)
-            work.counts[0] += trees.halfspaces[leaf]
-            work.counts[1] += 1
-            if far - near > tolerance and near < distance - departure and far > departure:
-                light *= look.material[leaf, 5]
-        else:
-            count = child_list(trees, trees.inverse, child, ox, oy, oz, dx, dy, dz, tolerance, work.times, work.hits,
-                               work.starts, work.counts)
-            for i in range(0, count, 2):
-                if work.times[i] < distance - departure and work.times[i + 1] > departure:
-                    light *= look.material[int(work.hits[i] / LEAF_STEP), 5]
-        if light == 0.0:
-            break
-    return light
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
-def illuminate(trees, look, work, hit, px, py, pz, nx, ny, nz, vx, vy, vz, shadows, departure, tolerance):
-    """Linear red, green, blue, not clipped; v : unit viewing ray, n : unit normal on the viewer's side."""
-    leaf = int(hit / LEAF_STEP)
-    face = int(hit - leaf * LEAF_STEP) // 2
-    cr, cg, cb = look.colours[leaf, face, 0], look.colours[leaf, face, 1], look.colours[leaf, face, 2]
-    ambient, diffuse = look.material[leaf, 0], look.material[leaf, 1]
-    specular, shininess = look.material[leaf, 2], look.material[leaf, 3]
-    red = ambient * cr * look.ambient_light[0]
-    green = ambient * cg * look.ambient_light[1]
-    blue = ambient * cb * look.ambient_light[2]
-    slope = 2.0 * (vx * nx + vy * ny + vz * nz)
-    mx, my, mz = vx - slope * nx, vy - slope * ny, vz - slope * nz
-    for light in range(look.lights.shape[0]):
-        lx, ly, lz = look.lights[light, 0] - px, look.lights[light, 1] - py, look.lights[light, 2] - pz
-        facing = nx * lx + ny * ly + nz * lz
-        if facing <= 0.0:
-            continue
-        distance = math.sqrt(lx * lx + ly * ly + lz * lz)
-        scale = 1.0 / distance
-        lx, ly, lz = lx * scale, ly * scale, lz * scale
-        arriving = 1.0
-        if shadows:
-            arriving = transmission(trees, look, work, px, py, pz, lx, ly, lz, distance, departure, tolerance)
-            if arriving == 0.0:
-                continue
-        shade = arriving * diffuse * facing * scale
-        glint = 0.0
-        if specular > 0.0:
-            towards = mx * lx + my * ly + mz * lz
-            if towards > 0.0:
-                glint = arriving * specular * power(towards, shininess)
-        red += (shade * cr + glint) * look.light_colours[light, 0]
-        green += (shade * cg + glint) * look.light_colours[light, 1]
-        blue += (shade * cb + glint) * look.light_colours[light, 2]
-    return red, green, blue
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
-def trace(trees, look, work, hit, px, py, pz, nx, ny, nz, vx, vy, vz, levels, shadows, departure, tolerance):
-    """Colour of a visible point with what is mirrored in it and seen through it (thesis 4.2, 4.5).
-
-    The stack of pending rays holds each ray's weight in the pixel, so nothing has to be unwound.
-    """
-    rays = work.rays
-    pending = 0
-    red, green, blue = 0.0, 0.0, 0.0
-    weight, level = 1.0, 1
-    while True:
-        if hit >= 0.0:
-            leaf = int(hit / LEAF_STEP)
-            mirror, clear = look.material[leaf, 4], look.material[leaf, 5]
-            if level >= levels:
-                mirror, clear = 0.0, 0.0
-            share = weight * (1.0 - clear)
-            if share > 0.0:
-                r, g, b = illuminate(trees, look, work, hit, px, py, pz, nx, ny, nz, vx, vy, vz, shadows, departure,
-                                     tolerance)
-                red, green, blue = red + share * r, green + share * g, blue + share * b
-                if mirror > 0.0:
-                    slope = 2.0 * (vx * nx + vy * ny + vz * nz)
-                    ray = rays[pending]
-                    ray[0], ray[1], ray[2] = px, py, pz
-                    ray[3], ray[4], ray[5] = vx - slope * nx, vy - slope * ny, vz - slope * nz
-                    ray[6], ray[7] = share * mirror, level + 1
-                    pending += 1
-            if clear > 0.0:
-                ray = rays[pending]
-                ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = px, py, pz, vx, vy, vz
-                ray[6], ray[7] = weight * clear, level + 1
-                pending += 1
-        else:
-            red += weight * look.background[0]
-            green += weight * look.background[1]
-            blue += weight * look.background[2]
-        if pending == 0:
-            return red, green, blue
-        pending -= 1
-        ray = rays[pending]
-        ox, oy, oz, vx, vy, vz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
-        weight, level = ray[6], int(ray[7])
-        t, hit = nearest_entry(trees, work, ox, oy, oz, vx, vy, vz, departure, tolerance)
-        if hit >= 0.0:
-            px, py, pz = ox + t * vx, oy + t * vy, oz + t * vz
-            nx, ny, nz = surface_normal(trees, look, hit, px, py, pz, vx, vy, vz)

@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from .kernels import (
     CODE,
@@ -24,6 +23,7 @@ from .kernels import (
     HIT,
     NEAR,
     X,
+    kernel,
     leaf_row,
     leaf_span,
 )
@@ -84,7 +84,7 @@ class Eye(NamedTuple):
     chosen: np.ndarray
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole, counts):
     """Merge the first entries of product q, on rays (s[X + j], y, 1) for j0 <= j < j1, into DEPTH and HIT.
 
@@ -175,7 +175,7 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole,
 X_FAR, X_CODE = NEAR, FAR_  # offsets of a cutter's second and third part: one and two strides
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def local_span(kind, m, ox, oy, oz, dx, dy, dz):
     """near, far, face_in, face_out of one ray, given in the frame that m (3, 4) takes to the leaf's unit frame."""
     lx = m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz)
@@ -194,7 +194,7 @@ def local_span(kind, m, ox, oy, oz, dx, dy, dz):
     return leaf_span(kind, px, py, pz, lx, ly, lz)
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def combine(op, times, hits, start, middle, end, tolerance):
     """Merge the lists [start, middle) and [middle, end) into one at start; its end is returned.
 
@@ -240,7 +240,7 @@ def combine(op, times, hits, start, middle, end, tolerance):
     return start + count
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def child_list(trees, matrices, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
     """All boundaries of a child along a ray, into times and hits; how many is returned.
 
@@ -273,7 +273,7 @@ def child_list(trees, matrices, child, ox, oy, oz, dx, dy, dz, tolerance, times,
     return end
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, counts):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
     for j in range(j0, j1):
@@ -287,7 +287,7 @@ def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, co
                 break
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@kernel
 def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
     """Ask the trees where products were in doubt.
 
