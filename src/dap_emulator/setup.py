@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 PACKAGE = 'dap_emulator'
 # Data lives inside the Python package (importlib.resources finds it there) and is installed to
 # share/ as well, where ROS tools look. Every folder of the package that holds no Python is data.
-DATA = ['programs']
+DATA = ['config', 'programs']
 
 
 def share(folder):

@@ -105,7 +105,8 @@ class Stats:
             _accumulate(self.operations, operation, count, spent)
             _accumulate(self.lines, line, count, spent)
         self.operations = dict(sorted(self.operations.items(), key=lambda item: -item[1][1]))
-        self.lines = dict(sorted(self.lines.items()))
+        # Line 0 is what belongs to no source line; free work there (a host transfer without a price) is not shown.
+        self.lines = {line: entry for line, entry in sorted(self.lines.items()) if line or entry[1]}
 
     def __str__(self) -> str:
         rows = [f'{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated); '

@@ -45,11 +45,13 @@ class _Body:
                     self._scalar_integer(dimension.extent, f'an extent of {symbol.name}')
         labels = [node.label for node in self.item.body if node.label is not None]
         known = set(labels)
-        repeated = {label for label in known if labels.count(label) > 1}
+        seen: set[int] = set()
         for node in self.item.body:
             self.node = node
-            if node.label in repeated:
+            if node.label in seen:
                 raise self.fail(0, f'label {node.label} is used twice')
+            if node.label is not None:
+                seen.add(node.label)
             self._statement(node, known)
         for symbol in self.item.symbols.values():
             if symbol.initial is not None and (symbol.type.rank or symbol.argument is not None or symbol.common):

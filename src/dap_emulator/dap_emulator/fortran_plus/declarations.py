@@ -106,6 +106,7 @@ class Declarations:
                 self._untyped(name, 0)
                 self.declared.append(name)
         for name in self.declared:
+            self._untyped(name, 0)
             self._symbol(name)
         self.item.implicit = not self.implicit_none
 
@@ -169,12 +170,10 @@ class Declarations:
     def _dimension(self, node: Node) -> None:
         for entity in node.entities:
             self._note(entity)
-            self._untyped(entity.name, entity.at)
 
     def _common(self, node: Node) -> None:
         for entity in node.entities:
             self._note(entity)
-            self._untyped(entity.name, entity.at)
             position = self.sizes.get(node.block, 0)
             self.commons[entity.name] = (node.block, position)
             self.sizes[node.block] = position + 1

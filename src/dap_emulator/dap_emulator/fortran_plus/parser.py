@@ -18,7 +18,7 @@ from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Step, 
 _READABLE = {
     'NAME': 'a name', 'INT': 'a whole number', 'REAL': 'a number', 'TEXT': 'a text', 'LPAR': "'('", 'RPAR': "')'",
     'COMMA': "','", 'EQUAL': "'='", 'STAR': "'*'", 'SLASH': "'/'", '$END': 'the end of the statement', 'PLUS': "'+'",
-    'MINUS': "'-'", 'TIMES': "'*' or '/'", 'POWER': "'**'", 'RELATION': 'a relation such as .EQ.', 'NOT': '.NOT.',
+    'MINUS': "'-'", 'POWER': "'**'", 'RELATION': 'a relation such as .EQ.', 'NOT': '.NOT.',
     'AND': '.AND.', 'OR': '.OR.', 'EQUIV': '.EQV.', 'TRUE': '.TRUE.', 'FALSE': '.FALSE.'}
 
 
@@ -105,16 +105,19 @@ class _Builder(Transformer):
     def dimension(self, word: Token, *entities: Entity) -> Node:
         return Node('dimension', {'entities': list(entities)}, _at(word))
 
-    def entity(self, name: Token, length: Token | None, dimensions: list[Dimension] | None) -> Entity:
-        return Entity(name.upper(), None if length is None else int(length), dimensions, _at(name))
+    def length(self, _: Token, number: Token) -> int:
+        return int(number)
+
+    def entity(self, name: Token, length: int | None, dimensions: list[Dimension] | None) -> Entity:
+        return Entity(name.upper(), length, dimensions, _at(name))
 
     def dims(self, *dimensions: Dimension) -> list[Dimension]:
         return list(dimensions)
 
-    def dim_assumed(self) -> Dimension:
+    def dim_assumed(self, *_: Token) -> Dimension:
         return Dimension(True, None)
 
-    def dim_parallel(self, extent: Any) -> Dimension:
+    def dim_parallel(self, _: Token, extent: Any) -> Dimension:
         return Dimension(True, extent)
 
     def dim_serial(self, extent: Any) -> Dimension:
@@ -124,18 +127,24 @@ class _Builder(Transformer):
         constants = [(name.upper(), value, _at(name)) for name, value in zip(pairs[::2], pairs[1::2])]
         return Node('parameter', {'constants': constants}, _at(word))
 
-    def common(self, word: Token, block: Token | None, *entities: Entity) -> Node:
-        return Node('common', {'block': '' if block is None else block.upper(), 'entities': list(entities)}, _at(word))
+    def block(self, _: Token, name: Token, __: Token) -> str:
+        return name.upper()
+
+    def common(self, word: Token, block: str | None, *entities: Entity) -> Node:
+        return Node('common', {'block': block or '', 'entities': list(entities)}, _at(word))
 
     def data(self, word: Token, *sets: Any) -> Node:
         return Node('data', {'sets': list(sets)}, _at(word))
 
-    def data_set(self, name: Token, *values: list[Any]) -> tuple[str, int, list[Any]]:
-        return name.upper(), _at(name), [value for part in values for value in part]
+    def data_set(self, name: Token, _: Token, *values: Any) -> tuple[str, int, list[Any]]:
+        return name.upper(), _at(name), [value for part in values[:-1] for value in part]
 
-    def data_value(self, repeat: Token | None, minus: Token | None, constant: Constant) -> list[Any]:
+    def repeat(self, number: Token, _: Token) -> int:
+        return int(number)
+
+    def data_value(self, repeat: int | None, minus: Token | None, constant: Constant) -> list[Any]:
         value = -constant.value if minus is not None else constant.value
-        return [value] * (1 if repeat is None else int(repeat))
+        return [value] * (1 if repeat is None else repeat)
 
     def geometry(self, word: Token, first: Token, second: Token | None) -> Node:
         return Node('geometry', {'names': [first.upper(), (second or first).upper()]}, _at(word))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -15,12 +14,9 @@ from .checker import check
 from .declarations import CheckedUnit, Symbol
 from .interpreter import compile_units
 from .parser import parse
-from .running import MAX_DEPTH, Limits, Run
+from .running import Limits, Run, deep_recursion
 from .storage import ArrayVariable
 from .syntax import Constant
-
-# Python frames that one call of a Fortran unit may take: a closure for every level of its expressions.
-_FRAMES_PER_CALL = 8
 
 
 class Result(Mapping[str, Any]):
@@ -110,11 +106,9 @@ class Program:
         run = Run(dap, self._compiled, limits or Limits())
         try:
             values = _bind(dap, unit, given)
-            needed = _FRAMES_PER_CALL * MAX_DEPTH + 1000
-            if sys.getrecursionlimit() < needed:
-                sys.setrecursionlimit(needed)
             run.started, run.first_cycle = time.monotonic(), dap.cycles
-            frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
+            with deep_recursion():
+                frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
             results = {symbol.name: _host_value(frame[symbol.slot]) for symbol in unit.arguments}
             cycles = dap.cycles - before[0]
             stats = Stats(dap._counts, cycles, cycles * dap.clock_s, dap.store)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +23,27 @@ Evaluate = Callable[[Frame], Any]
 
 MAX_DEPTH = 2000
 MAX_DISPLAYS = 500
+# Python frames that one call of a Fortran unit may take: a closure for every level of its expressions.
+_FRAMES_PER_CALL = 8
+
+_deep = threading.Lock()
+_deep_runs: list[int] = []
+
+
+@contextmanager
+def deep_recursion() -> Iterator[None]:
+    """Python's recursion limit raised to what MAX_DEPTH needs, for as long as any run goes on."""
+    with _deep:
+        _deep_runs.append(sys.getrecursionlimit())
+        sys.setrecursionlimit(max(_FRAMES_PER_CALL * MAX_DEPTH + 1000, _deep_runs[0]))
+    try:
+        yield
+    finally:
+        with _deep:
+            before = _deep_runs[0]
+            _deep_runs.pop()
+            if not _deep_runs:
+                sys.setrecursionlimit(before)
 
 
 @dataclass

@@ -1,0 +1,34 @@
+! Sorts of the match list: Holder and Buxton's, and the Combined sort (thesis 5.7.1, appendix C)
+ENTRY SUBROUTINE HOLDER_BUXTON(MATCHSUM, ORDER, N)
+  IMPLICIT NONE
+  INTEGER MATCHSUM(), N, ORDER(N), I, POSITION
+  DO 100 I = 1, N
+    POSITION = ELN(MINP(MATCHSUM))
+    ORDER(I) = POSITION
+    MATCHSUM(POSITION) = 2000000000
+100 CONTINUE
+END
+
+! DATUM2: the second data item of each pair, from 2 to ITEMS; pairs with one second item are a group
+ENTRY SUBROUTINE COMBINED(MATCHSUM, DATUM2, ITEMS, ORDER, N)
+  IMPLICIT NONE
+  INTEGER MATCHSUM(), DATUM2(), ITEMS, N, ORDER(N)
+  INTEGER FIRST, POSITION, K, I
+  LOGICAL GROUP(*SIZE(MATCHSUM, 1))
+  FIRST = ELN(MINP(MATCHSUM))
+  ORDER(1) = FIRST
+  K = 2
+  DO 200 I = 2, ITEMS
+    GROUP = DATUM2 .EQ. I
+    GROUP(FIRST) = .FALSE.
+    IF (.NOT. ANY(GROUP)) GOTO 200
+! the pair with fewest matches leads its group, the others follow in order
+    POSITION = ELN(MINP(MERGE(MATCHSUM, 2000000000, GROUP)))
+210 CONTINUE
+    ORDER(K) = POSITION
+    K = K + 1
+    GROUP(POSITION) = .FALSE.
+    POSITION = ELN(GROUP)
+    IF (POSITION .NE. 0) GOTO 210
+200 CONTINUE
+END

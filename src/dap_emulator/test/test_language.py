@@ -1,0 +1,395 @@
+"""Fortran-Plus: source forms, statements, indexing, subprograms, errors and limits."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dap_emulator import Dap, OutOfStore
+from dap_emulator.fortran_plus import FortranError, Limits, Stopped, compile
+
+FEW = settings(max_examples=25, deadline=None)
+
+
+def run(source, entry=None, dap=None, **arguments):
+    return compile(source).run(dap or Dap.model('510'), entry, **arguments)
+
+
+def scalars(body, declarations='', **arguments):
+    """Run statements over the scalars I, J, K (INTEGER) and X, Y (REAL)."""
+    head = 'ENTRY SUBROUTINE T(I, J, K, X, Y)\nINTEGER I, J, K\nREAL X, Y'
+    return run(f'{head}\n{declarations}\n{body}\nEND', **arguments)
+
+
+# Source forms.
+
+FREE = """
+! a comment
+ENTRY SUBROUTINE T(A, B)   ! another
+  REAL A(,), B(,)
+  B = A + &
+      1.0
+10 B = B * 2.0
+END
+"""
+FIXED = """
+C     A COMMENT
+      ENTRY SUBROUTINE T(A, B)
+      REAL A(,), B(,)
+* another
+      B = A +
+     1    1.0
+ 10   B = B * 2.0                                                       ignored
+      END
+"""
+
+
+@pytest.mark.parametrize('source', [FREE, FIXED, FREE.lower().replace('real', 'Real')])
+def test_free_and_fixed_form_mean_the_same(source):
+    assert (run(source, a=np.ones((2, 3)))['b'] == 4).all()
+
+
+def test_statements_alone_make_a_program_of_their_variables():
+    result = run('REAL A(,), B(,), C(,)\nC = A + B', a=np.ones((5, 5)), b=np.ones((5, 5)))
+    assert (result['C'] == 2).all() and result.cycles == 731
+
+
+def test_the_thesis_names_its_arrays_entry_exit_in_and_out():
+    source = 'ENTRY SUBROUTINE T(IN, OUT)\nREAL IN(,), OUT(,), ENTRY(,,2,3), EXIT(,)\nENTRY(,,1,2) = IN\n' \
+             'EXIT = ENTRY(,,1,2)\nOUT = EXIT\nEND'
+    assert (run(source, **{'in': np.full((32, 32), 7.0)})['OUT'] == 7).all()
+
+
+# Scalars and control.
+
+@given(st.integers(-50, 50), st.integers(-9, 9), st.integers(0, 5))
+@FEW
+def test_scalar_arithmetic(i, j, k):
+    j = j or 1
+    result = scalars('X = (I + 2*J - K)/2\nY = 1.5*I - J**2\nK = MOD(I, J)\nI = I/J\nJ = -2**2', i=i, j=j, k=k)
+    assert result['X'] == int((i + 2 * j - k) / 2) and result['Y'] == 1.5 * i - j**2
+    assert result['K'] == int(np.fmod(i, j)) and result['I'] == int(i / j) and result['J'] == -4
+
+
+def test_scalar_words_wrap_and_round():
+    result = scalars('I = 2147483647\nI = I + 1\nX = 16777216.0 + 1.0\nJ = FIX(-2.7)\nK = 7/(-2)')
+    assert (result['I'], result['X'], result['J'], result['K']) == (-2**31, 16777216.0, -2, -3)
+
+
+def test_logic_relations_and_precedence():
+    body = 'L = .NOT. I .GT. 1 .AND. J == 2 .OR. K /= 3\nM = L .EQV. .TRUE.\nI = 0\nIF (M .NEQV. .FALSE.) I = 1'
+    assert scalars(body, 'LOGICAL L, M', i=5, j=2, k=3)['I'] == 0
+    assert scalars(body, 'LOGICAL L, M', i=1, j=2, k=3)['I'] == 1
+
+
+@given(st.integers(-6, 6), st.integers(-6, 6), st.integers(-3, 3))
+@FEW
+def test_do_runs_as_often_as_fortran_says(first, last, step):
+    step = step or 2
+    result = scalars('K = 0\nDO I = I, J, K1\nK = K + 1\nEND DO'.replace('K1', str(step)), i=first, j=last)
+    trips = max(0, (last - first + step) // step)
+    assert result['K'] == trips and result['I'] == first + trips * step
+
+
+def test_two_loops_may_end_on_one_label_and_be_left_by_goto():
+    body = 'K = 0\nDO 10 I = 1, 4\nDO 10 J = 1, 4\nIF (J .GT. I) GOTO 10\nK = K + 1\nIF (K .EQ. 8) GOTO 20\n' \
+           '10 CONTINUE\n20 X = K'
+    result = scalars(body)
+    assert (result['I'], result['J'], result['X']) == (4, 2, 8)
+
+
+def test_if_blocks_while_stop_and_return():
+    body = 'DO WHILE (I .LT. 5)\nI = I + 1\nEND DO\nIF (I .EQ. 4) THEN\nK = 1\nELSE IF (I .EQ. 5) THEN\n' \
+           'IF (J .EQ. 0) THEN\nK = 2\nENDIF\nELSE\nK = 3\nEND IF\nSTOP\nK = 9'
+    assert scalars(body)['K'] == 2
+    assert scalars('K = 1\nRETURN\nK = 2')['K'] == 1
+
+
+def test_data_parameter_and_dimension():
+    source = 'ENTRY SUBROUTINE T(S)\nPARAMETER (N = 2 + 1, R = 0.5)\nDIMENSION W(N)\nINTEGER S\nLOGICAL L(2)\n' \
+             'DATA W /1.0, 2*-2.5/, L /.TRUE., .FALSE./\nS = FIX(R*(W(1) + W(2) + W(N)))\nIF (L(2)) S = 99\nEND'
+    assert run(source)['S'] == -2
+
+
+def test_characters():
+    source = "ENTRY SUBROUTINE T(OPS, N, K)\nCHARACTER OPS(N), C\nINTEGER N, K\nK = 0\nDO I = 1, N\nC = OPS(I)\n" \
+             "IF (C .EQ. 'U') K = K + I\nIF (C .NE. '''') K = K + 10\nEND DO\nEND"
+    assert run(source, ops="0U'U", n=4)['K'] == 36
+
+
+# Parallel arrays.
+
+MATRIX = np.arange(35 * 40, dtype=float).reshape(35, 40)
+
+
+def with_matrix(body, declarations='', **arguments):
+    return run(f'ENTRY SUBROUTINE T(M, V, W, S, K)\nREAL M(,), V(), W(), S\nINTEGER K\n{declarations}\n{body}\nEND',
+               m=MATRIX, v=np.zeros(40), w=np.zeros(35), **arguments)
+
+
+def test_indexing_forms_read():
+    result = with_matrix('V = M(3,)\nW = M(,5)\nS = M(2,7)')
+    assert np.array_equal(result['V'], MATRIX[2]) and np.array_equal(result['W'], MATRIX[:, 4])
+    assert result['S'] == MATRIX[1, 6]
+    # One index counts down the columns.
+    assert with_matrix('S = M(36)')['S'] == MATRIX[0, 1]
+    assert with_matrix('S = M(M .GT. 50.0)')['S'] == MATRIX[2, 0]
+    assert np.array_equal(with_matrix('V = M(W .LT. 0.0 .OR. ELS(4, 35, 35),)')['V'], MATRIX[3])
+
+
+def test_indexing_forms_write():
+    result = with_matrix('M(3,) = V\nM(,5) = -1.0\nM(2,7) = -2.0\nM(M .GT. 1000.0) = 0.0\nM(36) = -3.0\n'
+                         'M(ELS(9, 10, 35),) = -4.0\nM(,ELS(39, 40, 40)) = -5.0')
+    expected = MATRIX.copy()
+    expected[2] = 0
+    expected[:, 4] = -1
+    expected[1, 6] = -2
+    expected[expected > 1000] = 0
+    expected[0, 1] = -3
+    expected[8:10] = -4
+    expected[:, 38:] = -5
+    assert np.array_equal(result['M'], expected)
+
+
+def test_a_vector_goes_into_every_selected_row():
+    result = with_matrix('V = FLOAT(INDEX(40))\nM(ELS(2, 3, 35),) = V')
+    assert np.array_equal(result['M'][1:3], [np.arange(1, 41)] * 2) and np.array_equal(result['M'][3:], MATRIX[3:])
+
+
+@pytest.mark.parametrize('geometry', ['PLANE', 'CYCLIC'])
+def test_neighbours(geometry):
+    result = with_matrix('M = M(+,-)', f'GEOMETRY({geometry}, PLANE)')
+    expected = np.roll(MATRIX, (-1, 1), (0, 1))
+    expected[:, 0] = 0
+    if geometry == 'PLANE':
+        expected[-1] = 0
+    assert np.array_equal(result['M'], expected)
+
+
+def test_a_mask_does_not_stop_the_right_side():
+    """The whole expression is computed everywhere; division by zero in idle PEs does no harm."""
+    result = with_matrix('M(M .GT. 0.0) = 1.0/M')
+    assert result['M'][0, 0] == 0 and np.allclose(result['M'].flat[1:], 1 / MATRIX.flat[1:])
+
+
+def test_planes_of_serial_arrays():
+    source = """
+ENTRY SUBROUTINE T(A, L, N, S)
+  INTEGER N
+  REAL A(,,N), S(N)
+  LOGICAL L(,,N)
+  DO I = 1, N
+    A(,,I) = A(,,I)*2.0
+    L(,,I) = A(,,I) .GT. 9.0
+    L(1,1,I) = .TRUE.
+    S(I) = SUM(A(,,I))
+    CALL FIRST(A(,,I))
+  END DO
+END
+SUBROUTINE FIRST(X)
+  REAL X(,)
+  X(2,) = -1.0
+END
+"""
+    a = np.arange(24, dtype=float).reshape(3, 4, 2)
+    result = run(source, a=a, n=2)
+    doubled = a * 2
+    flags = doubled > 9
+    flags[0, 0] = True
+    assert np.array_equal(result['S'], doubled.sum((0, 1))) and np.array_equal(result['L'], flags)
+    doubled[1] = -1
+    assert np.array_equal(result['A'], doubled)
+
+
+def test_whole_serial_arrays_take_a_scalar():
+    source = 'ENTRY SUBROUTINE T(A, B)\nREAL A(,,3)\nINTEGER B(4)\nA = 2.5\nB = 7\nEND'
+    result = run(source)
+    assert (result['A'] == 2.5).all() and result['A'].shape == (32, 32, 3) and (result['B'] == 7).all()
+
+
+# Subprograms.
+
+def test_functions_recursion_and_copy_back():
+    source = """
+ENTRY SUBROUTINE T(N, F, A)
+  INTEGER N, F, A(3)
+  F = FACT(N)
+  CALL BUMP(A(2))
+  CALL BUMP(N)
+END
+INTEGER FUNCTION FACT(N)
+  INTEGER N
+  FACT = 1
+  IF (N .GT. 1) FACT = N*FACT(N - 1)
+END
+SUBROUTINE BUMP(K)
+  INTEGER K
+  K = K + 10
+END
+"""
+    result = run(source, n=6)
+    assert result['F'] == 720 and result['A'].tolist() == [0, 10, 0] and result['N'] == 16
+
+
+def test_parallel_functions_and_arguments_of_any_size():
+    source = """
+ENTRY SUBROUTINE T(A, B)
+  REAL A(,), B(,)
+  LOGICAL L(*SIZE(A, 1), *SIZE(A, 2))
+  L = EDGE(A .GT. 3.0)
+  B = MERGE(1.0, 0.0, L)
+END
+LOGICAL MATRIX FUNCTION EDGE(L)
+  LOGICAL L(,), EDGE(*SIZE(L, 1), *SIZE(L, 2))
+  EDGE = L .AND. .NOT. (L(+,) .AND. L(-,) .AND. L(,+) .AND. L(,-))
+END
+"""
+    a = np.zeros((70, 3))
+    a[10:20] = 5
+    expected = np.zeros((70, 3))
+    expected[10:20] = 1
+    expected[11:19, 1] = 0
+    assert np.array_equal(run(source, a=a)['B'], expected)
+
+
+def test_common_is_shared_by_position():
+    source = """
+ENTRY SUBROUTINE T(S)
+  COMMON /BOX/ K, M(,)
+  INTEGER S
+  K = 5
+  M = 1
+  CALL MORE
+  S = SUM(M) + K
+END
+SUBROUTINE MORE
+  COMMON /BOX/ COUNT, P(,)
+  INTEGER COUNT, P
+  P = P + COUNT
+  COUNT = 0
+END
+"""
+    assert run(source)['S'] == 6 * 1024
+
+
+def test_deep_recursion_runs_and_bottomless_recursion_is_an_error():
+    source = 'ENTRY SUBROUTINE T(N)\nINTEGER N\nCALL DOWN(N)\nEND\nSUBROUTINE DOWN(N)\nINTEGER N\n' \
+             'IF (N .EQ. 0) RETURN\nCALL DOWN(N - 1)\nEND'
+    run(source, n=1500)
+    with pytest.raises(FortranError, match='nested deeper'):
+        run(source, n=-1)
+
+
+# Costs and listing.
+
+def test_the_listing_shows_cycles_by_line():
+    result = run('ENTRY SUBROUTINE T(A)\nREAL A(,)\nA = A*A\nA = A + 1.0\nEND', a=np.ones((32, 32)))
+    listing = result.listing().splitlines()
+    assert '1280' in listing[3] and '731' in listing[4] and 'computed, not simulated' in listing[-1]
+    assert result.stats.lines == {3: (1, 1280), 4: (1, 731)}
+
+
+def test_runs_add_up_on_the_machine_and_give_their_store_back():
+    dap = Dap.model('510')
+    program = compile('REAL A(,)\nA = A + A')
+    for turn in range(1, 4):
+        assert program.run(dap, a=np.ones((32, 32))).cycles == 731
+        assert dap.cycles == 731 * turn and dap.store.used == 0
+
+
+# Errors.
+
+@pytest.mark.parametrize('source, line, column, text', [
+    ('REAL A(,)\nA = A +* 2.0', 2, 8, r"'\*'"),
+    ('REAL A(,)\nA = (A + 2.0', 2, 13, 'too early'),
+    ('REAL A(,), B()\nA = A + B', 2, 7, 'matrix meets a vector'),
+    ('REAL A(,)\nLOGICAL L(,)\nA = L', 3, 5, 'cannot assign LOGICAL'),
+    ('REAL A(,)\nA(1,2,3) = 1.0', 2, 1, 'takes 2 indices, 3'),
+    ('REAL A(,)\nIF (A .GT. 1.0) A = 0.0', 2, 7, 'ANY or ALL'),
+    ('REAL A(,)\nA = SQRTT(A)', 2, 5, 'neither an array nor a function'),
+    ('REAL A(,)\nA = SUM(A, A)', 2, 5, 'mask'),
+    ('REAL A(,)\nCALL NOWHERE(A)', 2, 6, 'no subroutine NOWHERE'),
+    ('IMPLICIT NONE\nREAL A(,)\nA = QQ', 3, 5, 'QQ is not declared'),
+    ('REAL*9 A(,)', 1, 8, '3 to 8'),
+    ('REAL A(,,,)', 1, 6, 'at most two parallel'),
+    ('I = 1\nGOTO 77', 2, 1, 'no such label'),
+    ('DO I = 1, 3\nJ = I', 1, 1, 'END DO is missing'),
+    ('J = 1\nEND IF', 2, 1, 'without an IF'),
+    ('IF (1 .EQ. 1) THEN\nJ = 1', 1, 1, 'END IF is missing'),
+    ('REAL A(,)\nA(+,) = 1.0', 2, 3, 'neighbour cannot be assigned'),
+    ('10 I = 1\n10 J = 2', 2, 1, 'label 10 is used twice'),
+    ('I = 1\nREAL A(,)', 2, 1, 'before the first executable'),
+    ('SUBROUTINE X(A)\nREAL A(,)', 1, 12, 'no END'),
+    ('X = 5 $ 3', 1, 7, r"'\$'"),
+    ('REAL A(,)\nA = A &\n  + \xe9', 3, 5, 'character'),
+    ('', 0, 0, 'empty'),
+])
+def test_errors_say_where_and_show_the_line(source, line, column, text):
+    with pytest.raises(FortranError, match=text) as found:
+        compile(source)
+    assert (found.value.line, found.value.column) == (line, column)
+    if line:
+        assert source.splitlines()[line - 1].strip() in str(found.value)
+
+
+@pytest.mark.parametrize('body, text', [
+    ('I = 5/J', 'division of an INTEGER by zero'), ('W(9) = 1.0', 'outside 1 to 4'), ('V(33) = 1.0', 'outside 1 to 32'),
+    ('V = U', 'shape'), ('DO I = 1, 5, J\nEND DO', 'step of a DO is zero')])
+def test_run_time_errors_name_the_line(body, text):
+    source = f'ENTRY SUBROUTINE T\nREAL V(), U(*40), W(4)\nJ = 0\n{body}\nEND'
+    with pytest.raises(FortranError, match=text) as found:
+        run(source)
+    assert found.value.line == 4
+
+
+def test_out_of_store_says_how_many_planes_were_asked_for():
+    source = 'ENTRY SUBROUTINE T(N)\nINTEGER N\nLOGICAL L(*33, *33, N)\nL(,,1) = .TRUE.\nEND'
+    with pytest.raises(OutOfStore, match='523264 bit-planes'):
+        run(source, n=130_816)
+
+
+def test_arguments_from_the_host_are_checked_by_name():
+    program = compile('ENTRY SUBROUTINE T(A, N)\nREAL A(,)\nINTEGER N\nA = A + N\nEND')
+    for arguments, text in (({'b': 1}, 'B: no such argument'), ({'a': np.ones(3)}, 'A: expected 2'),
+                            ({'n': 1.5}, 'N: expected INTEGER'), ({'n': 2**40}, 'N: .* does not fit'),
+                            ({'a': np.ones((2, 2), bool)}, 'A: expected REAL'), ({'a': 'text'}, 'A')):
+        with pytest.raises(ValueError, match=text):
+            program.run(Dap.model('510'), **arguments)
+    with pytest.raises(ValueError, match='ENTRY'):
+        program.run(Dap.model('510'), 'NOTHING')
+
+
+def test_a_runaway_program_is_stopped_by_time_cycles_or_from_outside():
+    program = compile('ENTRY SUBROUTINE T(N)\nINTEGER N\n10 N = N + 1\nGOTO 10\nEND')
+    with pytest.raises(Stopped, match='run time'):
+        program.run(Dap.model('510'), limits=Limits(seconds=0.05))
+    with pytest.raises(Stopped, match='cycle limit'):
+        program.run(Dap.model('510'), limits=Limits(cycles=10_000))
+    cancelled = threading.Event()
+    threading.Timer(0.05, cancelled.set).start()
+    with pytest.raises(Stopped, match='cancelled'):
+        program.run(Dap.model('510'), limits=Limits(cancelled=cancelled))
+
+
+def test_a_thousand_lines_compile_within_a_second():
+    lines = [f'A(B .GT. C(+,)) = (A + B*{k}.5)/C(1,J) - SQRT(B**2 + 1)' for k in range(1000)]
+    source = 'ENTRY SUBROUTINE T(A, B, C)\nREAL A(,), B(,), C(,)\nINTEGER J\nJ = 1\n' + '\n'.join(lines) + '\nEND'
+    compile('REAL A(,)\nA = A + 1.0')
+    best = float('inf')
+    for _ in range(3):
+        started = time.perf_counter()
+        compile(source)
+        best = min(best, time.perf_counter() - started)
+    assert best <= 1.0
+
+
+@given(st.text(alphabet='ABMI(),+-*/=.<>1290 \n&\'!LTEQ', max_size=60))
+@settings(max_examples=150, deadline=None)
+def test_any_text_compiles_or_gives_a_fortran_error(text):
+    try:
+        compile(text)
+    except FortranError as error:
+        assert error.reason
