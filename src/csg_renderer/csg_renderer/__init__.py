@@ -3,6 +3,8 @@
 from .frame import Frame, RenderOptions, RenderStats
 from .ideal_data import IdealData, Wear, ideal_data
 from .language import SceneError, SceneWarning, load_models, load_scene, parse_scene, scene_names, scene_path
+from .library import load_model_features
+from .mesh_features import features_from_mesh
 from .model_features import boundary, model_features
 from .pipeline import default_camera, default_rig, render, render_stereo
 from .scene import Light, Placement, Scene
@@ -10,6 +12,7 @@ from .solid import Solid, Surface
 from .visibility import visible_features, visible_fragments
 
 __all__ = ['Frame', 'IdealData', 'Light', 'Placement', 'RenderOptions', 'RenderStats', 'Scene', 'SceneError',
-           'SceneWarning', 'Solid', 'Surface', 'Wear', 'boundary', 'default_camera', 'default_rig', 'ideal_data',
-           'load_models', 'load_scene', 'model_features', 'parse_scene', 'render', 'render_stereo', 'scene_names',
-           'scene_path', 'visible_features', 'visible_fragments']
+           'SceneWarning', 'Solid', 'Surface', 'Wear', 'boundary', 'default_camera', 'default_rig',
+           'features_from_mesh', 'ideal_data', 'load_model_features', 'load_models', 'load_scene', 'model_features',
+           'parse_scene', 'render', 'render_stereo', 'scene_names', 'scene_path', 'visible_features',
+           'visible_fragments']
