@@ -16,8 +16,12 @@ SLACK = 0.8
 END_SLACK = 4.0
 LOOSE_END = 0.65
 FLAT_SLACK = 2.0
-# Grey levels by which one side of an edge, a background, may differ before likeness falls to 1 / e.
-BACKGROUND_CONTRAST = 60.0
+# Grey levels by which a side of an edge may differ before its likeness falls to 1 / e; what is left of likeness when
+# only one side agrees; how much that counts when it is the picture's backdrop, an even area within this many levels.
+SIDE_CONTRAST = 12.0
+ONE_SIDE = 0.6
+BACKDROP_WEIGHT = 0.25
+BACKDROP_WIDTH = 6.0
 # An eye that sees past an object's side sees one edge more there, outside the one both eyes see. Of two candidates a
 # few pixels apart the nearer is therefore the true one, and the farther counts less.
 BESIDE = 20.0
@@ -30,11 +34,12 @@ LEAST_LIKENESS = 0.04
 
 
 @njit(cache=True)
-def candidates(left, right, lowest, highest, flat_sine):
+def candidates(left, right, lowest, highest, flat_sine, backdrop):
     """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
     left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
-    side; gradient magnitude. Pieces are directed with the bright side on one hand, so direction carries the sign.
+    side; gradient magnitude. backdrop : grey level of an even background (-1000: none).
+    Pieces are directed with the bright side on one hand, so direction carries the sign.
     Returns node (k, 2) int32 pieces; value (k, 6): disparity at the left piece's start, middle, end; first and last
     common row; likeness 0..1.
     """
@@ -106,8 +111,13 @@ def candidates(left, right, lowest, highest, flat_sine):
                 ratio = 1.0 / ratio
             if ratio < 0.1 or (ratio < 0.25 and min(dark, bright) > FLIP_CONTRAST):
                 continue
-            alike = -min(dark, bright) / 12.0 - max(dark, bright) / BACKGROUND_CONTRAST
-            likeness = (FLIPPED if flip or partial else 1.0) * np.exp(alike) * np.sqrt(ratio)
+            # A background on one side in both images says little; the surface that the edge belongs to says it.
+            one, two = np.exp(-dark / SIDE_CONTRAST), np.exp(-bright / SIDE_CONTRAST)
+            evidence = max(one * (BACKDROP_WEIGHT if abs(left[i, 6] - backdrop) < BACKDROP_WIDTH else 1.0),
+                           two * (BACKDROP_WEIGHT if abs(left[i, 7] - backdrop) < BACKDROP_WIDTH else 1.0))
+            likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.25
+            if flip or partial:
+                likeness *= FLIPPED
             # Ends at the same height: both images show the whole edge.
             for e in range(2):
                 if abs(left[i, 1 + 2 * e] - (y0 if e == 0 else y1)) > END_SLACK:

@@ -74,8 +74,8 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     """Straight edges, planar curves and axes of rotation in space.
 
     left, right : (h, w) or (h, w, 3) images of a rectified pair, of the rig's size; rig : StereoRig
-    Raises ValueError or TypeError, naming the argument, for arrays that are no images or not of the rig's size. Pictures in which
-    nothing is found give an empty FeatureSet and a reason.
+    Raises ValueError or TypeError, naming the argument, for arrays that are no images or not of the rig's size.
+    Pictures in which nothing is found give an empty FeatureSet and a reason.
     """
     if not isinstance(rig, StereoRig):
         raise TypeError(f'rig: expected a StereoRig, got {type(rig).__name__}')
