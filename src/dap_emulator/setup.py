@@ -32,6 +32,7 @@ setup(
     entry_points={
         'console_scripts': [
             'emulator_node = dap_emulator.node:main',
+            'dap = dap_emulator.dap_cli:main',
         ],
     },
 )

@@ -46,10 +46,7 @@ class LocalLink:
         return None
 
     def run(self) -> str:
-        waiting = self.spaces.take_waiting()
-        for request in waiting:
-            self.spaces.execute(request)
-        return json.dumps([request.summary() for request in waiting])
+        return json.dumps([request.summary() for request in self.spaces.execute_waiting()])
 
     def fetch(self, names: list[str]) -> list[Any]:
         return [self.spaces.fetch(name) for name in names]

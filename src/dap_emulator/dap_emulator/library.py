@@ -45,4 +45,4 @@ def load_program(name_or_path: str) -> Program:
 def summary(name: str) -> str:
     """The first comment line of a library program."""
     first = program_source(name).lstrip().splitlines()[0]
-    return first.lstrip('!C* ').strip()
+    return first.lstrip('! ').strip()

@@ -200,11 +200,9 @@ class EmulatorNode(GraphNode):
 
     async def _on_run(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Execute what waits, oldest first; done when everything that waited on arrival is done."""
-        waiting = self.spaces.take_waiting()
-        # Even with nothing to execute the caller's request may be in the worker, taken by another client's call.
-        future = self._worker.submit(lambda: [self.spaces.execute(item) for item in waiting])
+        future = self._worker.submit(self.spaces.execute_waiting)
         future.add_done_callback(lambda _: self._wake.trigger())
-        await _Finished(future)
+        waiting = await _Finished(future)
         response.success = all(item.state == 'done' for item in waiting)
         response.message = json.dumps([item.summary() for item in waiting])
         return response

@@ -107,6 +107,7 @@ class Workspaces:
     def __init__(self, limits: ServiceLimits | None = None) -> None:
         self.limits = limits or ServiceLimits()
         self._lock = threading.RLock()
+        self._executing = threading.Lock()
         self._clients: OrderedDict[str, Workspace] = OrderedDict()
         self._waiting: list[Request] = []
         self.runs = self.failures = self.cycles = 0
@@ -234,6 +235,14 @@ class Workspaces:
         with self._lock:
             taken, self._waiting = self._waiting, []
             return taken
+
+    def execute_waiting(self) -> list[Request]:
+        """Execute what waits, and what another thread has begun to execute: afterwards all of it is done."""
+        with self._executing:
+            waiting = self.take_waiting()
+            for request in waiting:
+                self.execute(request)
+            return waiting
 
     def execute(self, request: Request) -> None:
         """Run one request; its state says how it went. Raises nothing."""

@@ -101,3 +101,46 @@ def test_the_library_is_listed_and_runs(start_emulator):
     cells[2, 1:4] = True
     result = client.run(library='life', cells=cells, generations=1)
     assert np.array_equal(result['CELLS'], cells.T)
+
+
+def test_images_go_through_a_program_with_stamp_and_frame_kept(start_emulator):
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+    from sensor_msgs.msg import Image
+
+    from msgs_py.codecs import array_to_image, image_to_array
+
+    emulator = start_emulator(image_program='sobel')
+    node = Node('camera', context=emulator.context)
+    executor = SingleThreadedExecutor(context=emulator.context)
+    executor.add_node(node)
+    received = []
+    node.create_subscription(Image, 'image_out', received.append, 5)
+    out = node.create_publisher(Image, 'image_in', 5)
+    picture = np.zeros((40, 48), np.uint8)
+    picture[:, 20:] = 30
+    header = Image().header
+    header.stamp.sec, header.frame_id = 12, 'eye'
+    for _ in range(200):
+        out.publish(array_to_image(picture, 'mono8', header))
+        executor.spin_once(timeout_sec=0.05)
+        if received:
+            break
+    edges, encoding = image_to_array(received[0])
+    assert (received[0].header.stamp.sec, received[0].header.frame_id, encoding) == (12, 'eye', 'mono8')
+    assert edges[10, 20] == 120 and edges[10, 30] == 0
+    values = emulator.node.report_values()
+    assert values['image_cycles'] > 0 and values['image_program'] == 'sobel'
+    refused = emulator.node.set_parameters([rclpy.Parameter('image_program', value='life')])
+    assert not refused[0].successful and 'IMAGE' in refused[0].reason
+    executor.shutdown()
+    node.destroy_node()
+
+
+def test_reset_forgets_every_workspace(start_emulator):
+    emulator = start_emulator()
+    client = emulator.client()
+    client.store(a=3)
+    assert emulator.node.spaces.clients == 1 and client.fetch('data.a') == [3]
+    assert emulator.node.reset() == '1 workspace(s)' and client.fetch('data.a') == [None]

@@ -43,6 +43,9 @@ class Result(Mapping[str, Any]):
     def __iter__(self):
         return iter(self._values)
 
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and name.upper() in self._values
+
     def __len__(self) -> int:
         return len(self._values)
 

@@ -1,0 +1,177 @@
+"""``dap``: run a Fortran-Plus program, see where its cycles go, and watch its planes.
+
+    dap --list                                     the library
+    dap life -a cells=random:40x40:logical -a generations=12 --show life.gif
+    dap sobel -a image=picture.png --show edges.png --plane RESULT --listing
+    dap my.fpp -a a=a.npy -a n=3 --model 610C --save out.npz
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .fortran_plus import FortranError, Limits, Result, Stopped
+from .library import load_program, program_names, summary
+from .machine import MODELS, Dap, OutOfStore
+
+IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.pgm', '.tif', '.tiff')
+
+
+def value_of(text: str) -> Any:
+    """An argument's value.
+
+    A number, true or false, a list 1,2,3; a .npy file, or file.npz:name; an image file (grey, INTEGER*2);
+    random:ROWSxCOLUMNS[:logical|integer|real][:SEED], zeros:ROWSxCOLUMNS; otherwise text.
+    Raises ValueError or OSError.
+    """
+    low = text.lower()
+    if low in ('true', 'false'):
+        return low == 'true'
+    if low.startswith(('random:', 'zeros:')):
+        return _made(text)
+    file, _, key = text.partition(':')
+    if low.endswith('.npy'):
+        return np.load(text, allow_pickle=False)
+    if file.lower().endswith('.npz'):
+        with np.load(file, allow_pickle=False) as archive:
+            if key not in archive:
+                raise ValueError(f'{file}: holds {", ".join(archive)}; name one as {file}:NAME')
+            return archive[key]
+    if Path(text).suffix.lower() in IMAGE_SUFFIXES:
+        import cv2
+        image = cv2.imread(text, cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise ValueError(f'{text}: not an image that can be read')
+        return image.astype(np.int16)
+    parts = text.split(',')
+    try:
+        numbers = [int(part) if part.strip().lstrip('+-').isdigit() else float(part) for part in parts]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else np.array(numbers)
+
+
+def _made(text: str) -> np.ndarray:
+    what, extents, *rest = text.lower().split(':')
+    try:
+        shape = tuple(int(extent) for extent in extents.split('x'))
+        seed = int(rest[1]) if len(rest) > 1 else 0
+        kind = rest[0] if rest else 'real'
+    except ValueError:
+        raise ValueError(f'{text}: expected for example random:32x32:logical:1') from None
+    if min(shape) < 1 or kind not in ('logical', 'integer', 'real'):
+        raise ValueError(f'{text}: expected extents of at least 1, and logical, integer or real')
+    if what == 'zeros':
+        return np.zeros(shape, {'logical': bool, 'integer': np.int16, 'real': np.float32}[kind])
+    rng = np.random.default_rng(seed)
+    if kind == 'logical':
+        return rng.random(shape) < 0.5
+    return rng.integers(0, 256, shape).astype(np.int16) if kind == 'integer' else rng.random(shape).astype(np.float32)
+
+
+def parser() -> argparse.ArgumentParser:
+    result = argparse.ArgumentParser(prog='dap', description=__doc__.split('\n')[0], epilog='\n'.join(
+        __doc__.split('\n')[2:]), formatter_class=argparse.RawDescriptionHelpFormatter)
+    result.add_argument('program', nargs='?', help='a program file, or the name of a library program')
+    result.add_argument('-a', '--argument', action='append', default=[], metavar='NAME=VALUE',
+                        help=' '.join((value_of.__doc__ or '').split('\n\n')[1].split()))
+    result.add_argument('-e', '--entry', help='which ENTRY SUBROUTINE, when there are several')
+    result.add_argument('-m', '--model', default='510', type=str.upper, choices=list(MODELS))
+    result.add_argument('--memory', type=int, metavar='BITS', help='store of one PE in bits')
+    result.add_argument('--set', action='append', default=[], metavar='CONSTANT=VALUE',
+                        help='override a constant of the cost model')
+    result.add_argument('--seconds', type=float, help='stop the program after this time')
+    result.add_argument('--listing', action='store_true', help='print the source with the cycles of every line')
+    result.add_argument('--trace', type=int, default=0, metavar='N', help='print the last N operations')
+    result.add_argument('--show', metavar='FILE', help='draw planes to a PNG, or an animated GIF of every display')
+    result.add_argument('--plane', help='which argument to draw, instead of what the program displays')
+    result.add_argument('--save', metavar='FILE.npz', help="save the entry's arguments after the run")
+    result.add_argument('--list', action='store_true', help='list the library programs')
+    result.add_argument('--costs', action='store_true', help='print the cost model with its sources')
+    return result
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """0: ran; 1: the program failed; 2: what was asked for makes no sense."""
+    options = parser().parse_args(argv)
+    try:
+        if options.list:
+            for name in program_names():
+                print(f'{name:24} {summary(name)}')
+            return 0
+        dap = Dap.model(options.model, options.memory, costs=_pairs(options.set, float), tracing=options.trace > 0)
+        if options.costs:
+            print(dap.costs.table())
+            return 0
+        if not options.program:
+            print('dap: name a program, or ask for --list, --costs or --help', file=sys.stderr)
+            return 2
+        program = load_program(options.program)
+        result = program.run(dap, options.entry, limits=Limits(seconds=options.seconds),
+                             **_pairs(options.argument, value_of))
+        _report(options, dap, result)
+        if options.show:
+            _show(options, dap, result)
+        if options.save:
+            arrays: dict[str, Any] = {name: np.asarray(value) for name, value in result.items()}
+            np.savez(options.save, **arrays)
+    except (FortranError, Stopped, OutOfStore) as error:
+        print(f'{options.program}: {error}', file=sys.stderr)
+        return 1
+    except (ValueError, OSError) as error:
+        print(f'dap: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def _pairs(texts: Sequence[str], convert: Any) -> dict[str, Any]:
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals or not name:
+            raise ValueError(f'{text!r}: expected NAME=VALUE')
+        try:
+            found[name.strip()] = convert(value)
+        except ValueError as error:
+            raise ValueError(f'{name}: {error}') from None
+    return found
+
+
+def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
+    print(f'{options.program} on a DAP {dap.spec.name}')
+    for name, value in result.items():
+        if isinstance(value, np.ndarray):
+            extents = ' x '.join(str(extent) for extent in value.shape)
+            facts = f'{value.sum()} true' if value.dtype == bool else f'{value.min():g} to {value.max():g}'
+            print(f'  {name:16} {extents:16} {facts}')
+        else:
+            print(f'  {name:16} {value}')
+    print(result.stats)
+    if options.listing:
+        print(result.listing())
+    for entry in list(dap.trace)[-options.trace:] if options.trace else []:
+        print(f'  line {entry.line:>4}  {entry.operation:14} {entry.kind:12} {entry.shape!s:12} '
+              f'{entry.blocks:>4} block(s) {entry.cycles:>8} cycles')
+
+
+def _show(options: argparse.Namespace, dap: Dap, result: Result) -> None:
+    from .drawing import draw
+    if options.plane:
+        if options.plane not in result:
+            raise ValueError(f'--plane: {options.plane} is no argument, expected one of {", ".join(result)}')
+        frames = [(options.plane.upper(), np.asarray(result[options.plane]), '')]
+    else:
+        frames = result.displays or [(name, value, '') for name, value in result.items()
+                                     if isinstance(value, np.ndarray) and value.ndim <= 2]
+    draw(frames, options.show, dap.es)
+    print(f'wrote {options.show}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""The dap command, pictures of planes, notebook output, and image programs."""
+
+import numpy as np
+import pytest
+
+from dap_emulator import Dap
+from dap_emulator.dap_cli import main, value_of
+from dap_emulator.drawing import draw, grid_of
+from dap_emulator.imaging import ImageProgram
+
+
+def test_a_program_file_runs_and_its_cycles_are_printed(tmp_path, capsys):
+    file = tmp_path / 'double.fpp'
+    file.write_text('ENTRY SUBROUTINE DOUBLE(A, N)\nREAL A(,)\nINTEGER N\nA = A + A\nN = N + 1\nEND\n')
+    np.save(tmp_path / 'a.npy', np.full((40, 40), 1.5))
+    code = main([str(file), '-a', f'a={tmp_path}/a.npy', '-a', 'n=4', '--listing', '--trace', '2',
+                 '--save', str(tmp_path / 'out.npz')])
+    out = capsys.readouterr().out
+    assert code == 0 and 'add REAL*4' in out and '2924' in out and 'A = A + A' in out and 'computed' in out
+    saved = np.load(tmp_path / 'out.npz')
+    assert (saved['A'] == 3).all() and saved['N'] == 5
+
+
+def test_the_library_and_the_cost_model_are_printed(capsys):
+    assert main(['--list']) == 0 and 'mandelbrot' in capsys.readouterr().out
+    assert main(['--costs', '--set', 'copy=3']) == 0
+    out = capsys.readouterr().out
+    assert 'override' in out and 'thesis 3.2.1' in out and 'not simulated' in out
+
+
+@pytest.mark.parametrize('suffix', ['png', 'gif'])
+def test_planes_are_drawn(tmp_path, suffix):
+    target = tmp_path / f'life.{suffix}'
+    assert main(['life', '-a', 'cells=random:33x20:logical:3', '-a', 'generations=4', '--show', str(target)]) == 0
+    from PIL import Image
+    picture = Image.open(target)
+    assert min(picture.size) > 100 and getattr(picture, 'n_frames', 1) == (4 if suffix == 'gif' else 1)
+    assert len(set(np.asarray(picture.convert('L')).ravel().tolist())) > 3
+
+
+@pytest.mark.parametrize('arguments, code, text', [
+    ([], 2, 'name a program'), (['nothing'], 2, 'neither a file nor a library program'),
+    (['life', '-a', 'cells'], 2, 'NAME=VALUE'), (['life', '-a', 'cells=random:axb'], 2, 'random:32x32'),
+    (['life', '-a', 'colour=1'], 2, 'no such argument'), (['life', '--set', 'speed=1'], 2, 'unknown constant'),
+    (['life', '-a', 'cells=random:9x9:logical', '--memory', '3'], 1, 'out of store'),
+    (['sorts'], 2, '2 entries'), (['life', '--show', 'x.bmp'], 2, '.png'),
+    (['life', '--plane', 'ODD', '--show', 'x.png'], 2, 'ODD is no argument')])
+def test_what_makes_no_sense_is_one_clear_line(capsys, arguments, code, text):
+    assert main(arguments) == code
+    error = capsys.readouterr().err
+    assert text in error and 'Traceback' not in error
+
+
+def test_a_runaway_program_ends_the_command(tmp_path, capsys):
+    file = tmp_path / 'endless.fpp'
+    file.write_text('10 N = N + 1\nGOTO 10\n')
+    assert main([str(file), '--seconds', '0.05']) == 1
+    assert 'run time limit' in capsys.readouterr().err
+
+
+def test_values():
+    assert value_of('3') == 3 and value_of('-2.5') == -2.5 and value_of('true') is True and value_of('UID0') == 'UID0'
+    assert value_of('1,2,3').tolist() == [1, 2, 3] and value_of('zeros:2x3').shape == (2, 3)
+
+
+def test_a_long_vector_is_drawn_down_the_columns():
+    grid = grid_of(np.arange(70), 32)
+    assert grid.shape == (32, 3) and grid[0].tolist() == [0, 32, 64] and grid_of(np.arange(5), 32).shape == (5, 1)
+    with pytest.raises(ValueError, match='nothing to draw'):
+        draw([], 'x.png')
+
+
+def test_notebooks_get_pictures_and_tables():
+    dap = Dap.model('510')
+    assert 'data:image/png;base64' in dap.matrix(np.eye(40, dtype=bool))._repr_html_()
+    assert '<table>' in dap.stats()._repr_html_()
+
+
+@pytest.mark.parametrize('name', ['sobel', 'roberts', 'canny', 'laplacian_of_gaussian'])
+def test_image_programs_turn_pictures_into_pictures(name):
+    image = np.zeros((50, 60), np.uint8)
+    image[10:40, 15:45] = 200
+    program = ImageProgram(name)
+    edges = program.run(image)
+    assert edges.shape == image.shape and edges.dtype == np.uint8 and program.cycles > 0
+    assert edges[8:42, 13:47].any() and not edges[20:30, 25:35].any()
+
+
+def test_a_program_that_is_no_filter_is_refused():
+    with pytest.raises(ValueError, match='no matrix IMAGE'):
+        ImageProgram('life')
