@@ -23,6 +23,8 @@ from .segmentation import Corners, Pieces
 CORNER_SIGMA = 0.05
 # What the match itself says about disparity at a piece's ends, pixels: enough to keep flat edges finite.
 MATCH_SIGMA = 4.0
+# An edge whose disparity is known better than this at its ends, pixels, need not be told by others.
+WELL_MEASURED = 0.3
 # Corners whose edges disagree by more than this many sigma are occlusions, not corners.
 GATE = 3.5
 
@@ -130,35 +132,68 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray,
+          ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges together.
 
-    Joints at which the edges' own measurements already disagree are dropped, then the wire frame is solved, and what
-    it cannot explain is dropped once more.
+    joints : (k, 4), see :func:`meetings`; reach : (n, 2), pixels, the part of each edge that counts.
+    Edges that measure their own depth well are solved first, at corners where they agree. The others (those along the
+    rows) then take what the first know at shared corners, but tell them nothing: a corner that was none must not bend
+    a good edge.
     """
-    n = len(information)
     own_covariance = np.linalg.inv(information)
     own = np.einsum('nij,nj->ni', own_covariance, vector)
-    coefficient, covariance = own, own_covariance
-    for _ in range(2):
-        if len(joints) == 0:
-            break
-        e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
-        he = np.stack([np.ones(len(e)), joints[:, 1]], axis=1)
-        hf = np.stack([np.ones(len(f)), joints[:, 3]], axis=1)
-        miss = np.einsum('ni,ni->n', he, own[e]) - np.einsum('ni,ni->n', hf, own[f])
-        variance = (np.einsum('ni,nij,nj->n', he, own_covariance[e], he)
-                    + np.einsum('ni,nij,nj->n', hf, own_covariance[f], hf) + CORNER_SIGMA ** 2)
-        agree = miss ** 2 < GATE ** 2 * variance
-        if coefficient is not own:
-            left_over = np.einsum('ni,ni->n', he, coefficient[e]) - np.einsum('ni,ni->n', hf, coefficient[f])
-            agree &= np.abs(left_over) < 4.0 * CORNER_SIGMA
-        joints = joints[agree]
-        coefficient, covariance = _solve(information, vector, joints, n)
+    ends = np.stack([np.ones_like(reach), reach], axis=-1)
+    worst = np.sqrt(np.einsum('nei,nij,nej->ne', ends, own_covariance, ends)).max(axis=1)
+    good = worst < WELL_MEASURED
+    e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
+    both = joints[good[e] & good[f]]
+    both = both[_agree(both, own, own_covariance)]
+    coefficient, covariance = _solve(information, vector, both)
+    left_over = np.abs(_misses(both, coefficient))
+    if (left_over > 3.0 * CORNER_SIGMA).any():
+        coefficient, covariance = _solve(information, vector, both[left_over <= 3.0 * CORNER_SIGMA])
+    flat = ~good
+    if flat.any():
+        joints = joints[flat[e] | flat[f]]
+        mixed = joints[_agree(joints, coefficient, covariance)]
+        information, vector = information.copy(), vector.copy()
+        for a, s, b, r in mixed:
+            i, j = int(a), int(b)
+            if flat[i] and flat[j]:
+                continue
+            if flat[j]:
+                i, s, j, r = j, r, i, s
+            row, known = np.array([1.0, s]), np.array([1.0, r])
+            weight = 1.0 / (known @ covariance[j] @ known + CORNER_SIGMA ** 2)
+            information[i] += weight * np.outer(row, row)
+            vector[i] += weight * row * (known @ coefficient[j])
+        among = mixed[flat[mixed[:, 0].astype(int)] & flat[mixed[:, 2].astype(int)]]
+        solved, spread = _solve(information, vector, among)
+        coefficient[flat], covariance[flat] = solved[flat], spread[flat]
     return coefficient, covariance
 
 
-def _solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _misses(joints: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
+    """(k,) float64, pixels: by how much disparity two edges miss each other at their corners."""
+    e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
+    return (coefficient[e, 0] + coefficient[e, 1] * joints[:, 1]
+            - coefficient[f, 0] - coefficient[f, 1] * joints[:, 3])
+
+
+def _agree(joints: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(k,) bool: corners at which the edges' own measurements allow one disparity."""
+    e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
+    he = np.stack([np.ones(len(e)), joints[:, 1]], axis=1)
+    hf = np.stack([np.ones(len(f)), joints[:, 3]], axis=1)
+    variance = (np.einsum('ni,nij,nj->n', he, covariance[e], he) + np.einsum('ni,nij,nj->n', hf, covariance[f], hf)
+                + CORNER_SIGMA ** 2)
+    return _misses(joints, coefficient) ** 2 < GATE ** 2 * variance
+
+
+def _solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares with these corners, one connected wire frame at a time."""
+    n = len(information)
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
     _, label = connected_components(coo_matrix((np.ones(len(e)), (e, f)), shape=(n, n)), directed=False)
     coefficient, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
@@ -196,8 +231,8 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     if abs(offset_v) < spread_v:
         offset_v = 0.0
     information, vector = measure(matches, left, right, spread_v, offset_v)
-    coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met))
     i, j = matches.left, matches.right
+    coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met), left.reach[i])
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
     # Contrast may change its sign between the views, and with it the right piece's direction.
