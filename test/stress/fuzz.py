@@ -267,9 +267,11 @@ def fuzz_emulator(harness: Harness, rng: np.random.Generator, count: int) -> Cou
     run = tester.create_client(Trigger, '/emulator_node/run')
     if harness.spin(lambda: all(client.service_is_ready() for client in (store, fetch, run)), 20.0) is None:
         raise Failed('no services')
-    names = ('', '.', '/', 'a', 'a.program', 'a.entry', 'a.run', 'b.program', 'a.x', 'a.model', 'x' * 3000, 'a..b',
-             '\0', '../../etc', 'a.cycles')
-    texts = ('', '      SUBROUTINE MAIN', 'entry main\nend', 'program', '/etc/passwd', '(' * 2000, '\0\n', 'x' * 20000)
+    names = ('', '.', '/', 'a', 'a.program', 'a.entry', 'a.run_request', 'b.library', 'a.x', 'a.model', 'x' * 3000,
+             'a..b', 'a.data.X', 'a.shape.X', 'a.forget', 'a.cancel', 'a.result.1.data.X', 'b.run_request',
+             '\0', '../../etc', 'a.result.1.cycles')
+    texts = ('', '      SUBROUTINE MAIN', 'entry main\nend', 'program', 'canny', '/etc/passwd', '(' * 2000, '\0\n',
+             'x' * 20000)
     for _ in range(count):
         parameters = []
         for _ in range(int(rng.integers(0, 4))):

@@ -1,0 +1,50 @@
+"""recovery_node and matcher_node on your stereo camera.
+
+    ros2 launch model_matcher recognise.launch.py models:="['/robot/models/part.csg']" \\
+        left_image:=/stereo/left/image_rect left_info:=/stereo/left/camera_info \\
+        right_image:=/stereo/right/image_rect right_info:=/stereo/right/camera_info
+"""
+
+from typing import List  # noqa: UP035  (launch knows this List, not the built-in one)
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+ARGUMENTS = {
+    'namespace': ('', 'Namespace of both nodes'),
+    'models': ("['l_shape']", 'Model files, folders, or names of models of csg_renderer'),
+    'left_image': ('left/image_rect', 'Topic of the left image'),
+    'left_info': ('left/camera_info', 'Topic of its camera_info'),
+    'right_image': ('right/image_rect', 'Topic of the right image'),
+    'right_info': ('right/camera_info', 'Topic of its camera_info'),
+    'rectify': ('false', 'true when the images are raw'),
+    'tf': ('false', 'true to broadcast poses on /tf'),
+    'use_sim_time': ('false', 'true when a bag or a simulator publishes /clock'),
+    'rviz': ('false', 'true to open RViz'),
+}
+
+
+def generate_launch_description():
+    share = FindPackageShare('model_matcher')
+    value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
+    sim_time = {'use_sim_time': ParameterValue(value['use_sim_time'], value_type=bool)}
+    return LaunchDescription([
+        *[DeclareLaunchArgument(name, default_value=default, description=text)
+          for name, (default, text) in ARGUMENTS.items()],
+        Node(package='stereo_recovery', executable='recovery_node', namespace=value['namespace'], output='screen',
+             parameters=[PathJoinSubstitution([FindPackageShare('stereo_recovery'), 'config', 'recovery.yaml']),
+                         {'rectify': ParameterValue(value['rectify'], value_type=bool)}, sim_time],
+             remappings=[('left/image_rect', value['left_image']), ('left/camera_info', value['left_info']),
+                         ('right/image_rect', value['right_image']), ('right/camera_info', value['right_info'])]),
+        Node(package='model_matcher', executable='matcher_node', namespace=value['namespace'], output='screen',
+             parameters=[PathJoinSubstitution([share, 'config', 'matcher.yaml']),
+                         {'models': ParameterValue(value['models'], value_type=List[str]),  # noqa: UP006
+                          'tf': ParameterValue(value['tf'], value_type=bool)}, sim_time]),
+        Node(package='rviz2', executable='rviz2', condition=IfCondition(value['rviz']),
+             arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz'])]),
+    ])

@@ -1,0 +1,205 @@
+"""Writes what the documentation says of nodes from the nodes themselves: tables in the packages' pages, and YAML files.
+
+    python test/docs/generate.py            # write
+    python test/docs/generate.py --check    # exit code 1, naming the files, when they are not what the code says
+
+In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written; the rest is
+left alone. config/<node>.yaml is written whole.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import rclpy
+import yaml
+from rclpy.context import Context
+
+from csg_renderer.node import RendererNode
+from dap_emulator.node import EmulatorNode
+from model_matcher.node import MatcherNode
+from msgs_py.config import ParameterSpec
+from msgs_py.runtime import GraphNode
+from stereo_recovery.node import RecoveryNode
+
+ROOT = Path(__file__).resolve().parents[2]
+BEGIN, END = '<!-- node:begin (written by test/docs/generate.py) -->', '<!-- node:end -->'
+
+# What the code cannot say: the meaning of a topic or service. A missing or an idle entry is an error.
+MEANING = {
+    'left/image_rect': 'rectified left image', 'right/image_rect': 'rectified right image',
+    'left/camera_info': 'its calibration',
+    'right/camera_info': 'its calibration; `P[0,3]` is -fx · baseline',
+    'left/depth': 'camera z in metres, NaN where there is nothing; on demand',
+    'ground_truth/pose': 'true pose of the scene\'s first object in the left camera; on demand',
+    'ground_truth/features': 'what is truly visible of it; on demand',
+    'features': 'recovered edges, curves and axes, one point each',
+    'features/markers': 'the same for RViz; on demand',
+    'debug_image': 'left image with the features drawn in; on demand',
+    'interpretations': 'accepted poses, best first; empty when nothing is recognised',
+    'interpretations/l_shape': 'best accepted pose of a model; one topic for each model',
+    'interpretations/report': 'one status for each hypothesis: score, assignment, reason of rejection',
+    'interpretations/markers': 'wire frames of what was recognised; on demand',
+    'image_in': 'images for the program named by `image_program`', 'image_out': 'what the program made of them',
+    '/diagnostics': 'rate, latency, drops, last error; once a second',
+    '~/reset': 'forget earlier inputs and counters', '~/render': 'render one pair now',
+    '~/store': 'write program text and arrays', '~/run': 'execute what was stored',
+    '~/fetch': 'read arrays, counters and the trace', '~/list': 'programs that come with the package, as JSON',
+}
+EVERY_NODE_HAS = ('rosout', 'parameter_events', '/clock', 'clock', *(f'~/{name}' for name in (
+    'get_type_description', 'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
+    'set_parameters', 'set_parameters_atomically')))
+
+
+@dataclass(frozen=True)
+class Documented:
+    """A node, the package it is in, and its YAML file."""
+
+    package: str
+    node_class: type[GraphNode]
+    parameters: dict[str, object]
+    config: str
+
+    @property
+    def page(self) -> Path:
+        return ROOT / 'src' / self.package / 'README.md'
+
+    @property
+    def yaml(self) -> Path:
+        return ROOT / 'src' / self.package / self.package / 'config' / self.config
+
+
+NODES = (
+    Documented('csg_renderer', RendererNode, {'rate': 0.0}, 'renderer.yaml'),
+    Documented('stereo_recovery', RecoveryNode, {}, 'recovery.yaml'),
+    Documented('model_matcher', MatcherNode, {'models': ['l_shape']}, 'matcher.yaml'),
+    Documented('dap_emulator', EmulatorNode, {}, 'emulator.yaml'))
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What a node has: its name, its parameters, and (name, type) of its topics and services."""
+
+    name: str
+    parameters: tuple[ParameterSpec, ...]
+    published: tuple[tuple[str, str], ...]
+    subscribed: tuple[tuple[str, str], ...]
+    served: tuple[tuple[str, str], ...]
+
+
+def interface(documented: Documented) -> Interface:
+    """Make the node, look at it, and take it down."""
+    context = Context()
+    rclpy.init(context=context, domain_id=96)
+    overrides = [rclpy.Parameter(name, value=value) for name, value in documented.parameters.items()]
+    node = documented.node_class(context=context, parameter_overrides=overrides)
+    try:
+        private = node.get_fully_qualified_name() + '/'
+
+        def shown(name: str) -> str:
+            if name.startswith(private):
+                return '~/' + name[len(private):]
+            return name if name == '/diagnostics' else name.lstrip('/')
+
+        def listed(entities, attribute: str, kind: str) -> tuple[tuple[str, str], ...]:
+            rows = [(shown(node.resolve_service_name(getattr(e, attribute))), _type_name(getattr(e, kind)))
+                    for e in entities]
+            return tuple(sorted(dict(row for row in rows if row[0] not in EVERY_NODE_HAS).items()))
+
+        return Interface(node.get_name(), type(node.config).parameters(),
+                         listed(node.publishers, 'topic_name', 'msg_type'),
+                         listed(node.subscriptions, 'topic_name', 'msg_type'),
+                         listed(node.services, 'srv_name', 'srv_type'))
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def _type_name(message_type: type) -> str:
+    return '/'.join([message_type.__module__.split('.')[0], message_type.__module__.split('.')[1],
+                     message_type.__name__])
+
+
+def tables(found: Interface) -> str:
+    """Topics, services and parameters as Markdown."""
+    lines = [BEGIN, '', f'### `{found.name}`', '']
+    for title, rows in (('subscribes', found.subscribed), ('publishes', found.published), ('serves', found.served)):
+        if rows:
+            lines += [f'| {title} | type | |', '| --- | --- | --- |']
+            lines += [f'| `{_topic(name)}` | `{kind}` | {MEANING[name]} |' for name, kind in rows]
+            lines.append('')
+    lines += ['| parameter | default | range | |', '| --- | --- | --- | --- |']
+    for spec in found.parameters:
+        text = spec.description + (f' [{spec.unit}]' if spec.unit else '')
+        text += '. Fixed at the start' if spec.read_only else ''
+        lines.append(f'| `{spec.name}` | `{_plain(spec.default)}` | {spec.range_text} | {text} |')
+    return '\n'.join([*lines, '', END])
+
+
+def _topic(name: str) -> str:
+    return 'interpretations/<model>' if name == 'interpretations/l_shape' else name
+
+
+def _plain(value: object) -> str:
+    return yaml.safe_dump(list(value) if isinstance(value, tuple) else value, default_flow_style=True, width=1000,
+                          allow_unicode=True).removesuffix('...\n').strip()
+
+
+def config_file(found: Interface) -> str:
+    """A parameter file with every default, each with what it means. A list that is empty cannot stand in YAML (it has
+    no type), so it is shown as a comment."""
+    lines = [f'# Parameters of {found.name} and their defaults. Written by test/docs/generate.py.',
+             '# Use: ros2 run ... --ros-args --params-file <this file, or your copy of it>', '/**:',
+             '  ros__parameters:']
+    for spec in found.parameters:
+        about = spec.description + (f' [{spec.unit}]' if spec.unit else '')
+        about += f'; {spec.range_text}' if spec.range_text else ''
+        lines.append(f'    # {about}')
+        lines.append(f'    {"# " if spec.default == () else ""}{spec.name}: {_plain(spec.default)}')
+    return '\n'.join(lines) + '\n'
+
+
+def expected_files() -> dict[Path, str]:
+    """Every generated file and what it must hold. Raises ValueError for a page without its marks, a topic without a
+    meaning and a meaning without a topic."""
+    files: dict[Path, str] = {}
+    used: set[str] = set()
+    for documented in NODES:
+        found = interface(documented)
+        names = {name for rows in (found.published, found.subscribed, found.served) for name, _ in rows}
+        unknown = names - set(MEANING)
+        if unknown:
+            raise ValueError(f'{documented.package}: no meaning is given for {", ".join(sorted(unknown))}')
+        used |= names
+        page = documented.page.read_text(encoding='utf-8')
+        if BEGIN not in page or END not in page:
+            raise ValueError(f'{documented.page}: has no {BEGIN} ... {END}')
+        before, rest = page.split(BEGIN, 1)
+        files[documented.page] = before + tables(found) + rest.split(END, 1)[1]
+        files[documented.yaml] = config_file(found)
+    idle = set(MEANING) - used
+    if idle:
+        raise ValueError(f'meanings of topics that no node has: {", ".join(sorted(idle))}')
+    return files
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--check', action='store_true', help='write nothing; say what differs')
+    check = parser.parse_args().check
+    expected = expected_files()
+    differing = [path for path, text in expected.items()
+                 if not path.exists() or path.read_text(encoding='utf-8') != text]
+    for path in differing:
+        print(f'{"differs" if check else "written"}: {path.relative_to(ROOT)}')
+        if not check:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(expected[path], encoding='utf-8')
+    return int(check and bool(differing))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
