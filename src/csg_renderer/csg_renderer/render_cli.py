@@ -15,7 +15,7 @@ from tqdm import tqdm
 from msgs_py import Pose
 
 from .frame import Frame
-from .language import SceneError, SceneFile, find_scene, read_scene, scene_names
+from .language import SceneError, SceneFile, find_scene, format_scene, read_scene, scene_names
 from .mesh_export import ExportError, export_mesh
 from .outputs import (
     camera_record,
@@ -65,6 +65,9 @@ def run(options: argparse.Namespace) -> SceneFile:
     found = read_scene(options.scene)
     for warning in found.warnings:
         print(f'warning: {warning}', file=sys.stderr)
+    if options.print:
+        print(format_scene(found.scene), end='')
+        return found
     if options.export:
         triangles = export_mesh(found.scene, options.export, options.segments)
         _say(options, f'{options.export}: {triangles} triangles')
@@ -126,14 +129,19 @@ def views(scene: Scene, output: Path, count: int | None) -> Iterable[tuple[Path,
 
 
 def turned(scene: Scene, angle: float) -> Pose:
-    """camera_T_scene with the scene turned (radians) about the picture's vertical through the middle of its objects."""
+    """camera_T_scene with the scene turned (radians) about the vertical through the middle of its objects.
+
+    The vertical is the axis of the scene frame that is nearest to the vertical of the picture.
+    """
     corners = np.array([leaf.matrix[:3, 3] + 0.5 * leaf.matrix[:3, :3] @ _MIDDLE[leaf.kind] for leaf in scene.primitives
                         if leaf.kind in _MIDDLE]).reshape(-1, 3)
     if not len(corners):
         return scene.camera_T_scene
-    centre = scene.camera_T_scene.apply(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
-    turn = Pose.from_rotation_vector([0.0, angle, 0.0])
-    return Pose(turn.rotation, centre - turn.rotation @ centre).compose(scene.camera_T_scene)
+    centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    vertical = np.zeros(3)
+    vertical[np.argmax(np.abs(scene.camera_T_scene.rotation[1]))] = 1.0
+    turn = Pose.from_rotation_vector(angle * vertical)
+    return scene.camera_T_scene.compose(Pose(turn.rotation, centre - turn.rotation @ centre))
 
 
 # Twice the middle of each bounded primitive in its unit frame.
@@ -241,6 +249,8 @@ def _parser() -> argparse.ArgumentParser:
     how.add_argument('--psf', type=float, default=0.0, metavar='PX', help='blur of the lens, standard deviation')
     how.add_argument('--noise', type=float, default=0.0, metavar='GREY', help='noise, standard deviation of 255')
     how.add_argument('--seed', type=int, default=0, help='of the noise (0)')
+    parser.add_argument('--print', action='store_true',
+                        help='print the scene as one file, includes and names resolved, and render nothing')
     parser.add_argument('--watch', action='store_true', help='render again whenever a file of the scene changes')
     parser.add_argument('-q', '--quiet', action='store_true', help='no progress, no figures')
     return parser

@@ -16,7 +16,7 @@ TRANSFORMS = ('XROT', 'YROT', 'ZROT', 'SCALE', 'AT', 'MATRIX')
 PROPERTIES = ('COLOUR', 'AMBIENT', 'DIFFUSE', 'SPECULAR', 'SHININESS', 'REFLECT', 'TRANSPARENT', 'PAINT')
 STATEMENTS = ('DRAW', 'LIGHT', 'AMBIENT', 'BACKGROUND', 'CAMERA', 'STEREO', 'DISPARITY', 'UNITS', 'INCLUDE')
 KEYWORDS = frozenset((*TRANSFORMS, *PROPERTIES, *STATEMENTS, 'UNION', 'INTERSECT', 'DIFFERENCE', 'BLOCK', 'CYLINDER',
-                      'SPHERE', 'CONE', 'PLANE', 'NULL', 'FACES', 'COLOR'))
+                      'SPHERE', 'CONE', 'PLANE', 'NULL', 'FACES', 'COLOR', 'AS'))
 
 
 @dataclass(frozen=True)
@@ -102,6 +102,7 @@ class Definition:
 class Draw:
     place: Place
     value: Expression
+    name: Name | None = None
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ class Build(Transformer):
         return Definition(_at(c[0]), str(c[0]), c[1])
 
     def draw(self, c: list[Any]) -> Draw:
-        return Draw(c[0].place, c[0])
+        return Draw(c[0].place, c[0], self.name(c[1:]) if len(c) > 1 else None)
 
     def light(self, c: list[Any]) -> Setting:
         colour = c[2][1] if len(c) == 3 else None

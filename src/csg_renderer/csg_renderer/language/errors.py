@@ -18,7 +18,7 @@ class Place(NamedTuple):
 class SceneError(ValueError):
     """A scene file that cannot be read.
 
-    line, column : int, from 1 (0 when the file as a whole is meant); message : what is wrong; hint : what to do, or '';
+    line, column : int, from 1 (1, 1 when the file as a whole is meant); message : what is wrong; hint : what to do, or '';
     file : str, '' for text without a file; source : the line of the file; errors : all errors found in the same
     pass, this one first. ``str()`` shows them all.
     """

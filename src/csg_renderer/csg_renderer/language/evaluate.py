@@ -199,6 +199,10 @@ class Evaluator:
         bare = value.last if isinstance(value, ast.Combination) and not value.steps else value
         name = bare.text if isinstance(bare, ast.Name) else 'object'
         taken = {placement.name for placement in self.drawing.placements}
+        if node.name is not None:
+            name = node.name.text
+            if name in taken:
+                raise self._fail(node.name.place, f'another object is drawn as {name!r} already')
         unique, number = name, 2
         while unique in taken:
             unique, number = f'{name}_{number}', number + 1
@@ -448,7 +452,7 @@ class Evaluator:
         largest = np.abs(linear).max()
         if not np.abs(matrix).max() <= 1e12:
             raise ValueError('these transforms together are too large')
-        if abs(np.linalg.det(linear / largest)) < 1e-9 if largest > 0.0 else True:
+        if not largest > 0.0 or abs(np.linalg.det(linear / largest)) <= 1e-12:
             raise ValueError('these transforms together flatten the solid to nothing')
 
     def _spend(self, leaves: int, suffix: ast.Suffix) -> None:

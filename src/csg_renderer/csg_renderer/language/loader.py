@@ -96,7 +96,7 @@ def read_scene(path: str | os.PathLike[str]) -> SceneFile:
     try:
         source = read_source(found, str(path))
     except ValueError as error:
-        raise SceneError(0, 0, str(error), file=str(path)) from None
+        raise SceneError(1, 1, str(error), file=str(path)) from None
     return _read(source, Includes(found.parent, found), found)
 
 

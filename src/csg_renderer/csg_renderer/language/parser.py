@@ -15,8 +15,9 @@ from . import ast
 from .errors import Place, SceneError, did_you_mean
 
 # Limits that keep any text, also a hostile one, cheap to refuse.
-MAX_CHARACTERS = 2_000_000
-MAX_STATEMENT = 100_000
+MAX_CHARACTERS = 400_000
+MAX_STATEMENTS = 4_000
+MAX_STATEMENT = 60_000
 MAX_NESTING = 60
 MAX_ERRORS = 20
 
@@ -70,9 +71,12 @@ def parse_statements(source: Source) -> tuple[list[Statement | Broken], list[Sce
     errors: list[SceneError] = []
     statements: list[Statement | Broken] = []
     if len(source.text) > MAX_CHARACTERS:
-        return [], [SceneError(0, 0, f'the text has {len(source.text)} characters, at most {MAX_CHARACTERS} are read',
+        return [], [SceneError(1, 1, f'the text has {len(source.text)} characters, at most {MAX_CHARACTERS} are read',
                                file=source.file)]
     for text, start in _cut(source, errors):
+        if len(statements) == MAX_STATEMENTS:
+            errors.append(source.error(start, f'more than {MAX_STATEMENTS} statements'))
+            break
         try:
             statements.append(Statement(_parser().parse(text), start))  # type: ignore[arg-type]
         except UnexpectedInput as error:
@@ -88,18 +92,19 @@ def _cut(source: Source, errors: list[SceneError]) -> Iterator[tuple[str, Place]
     text = source.text
     kept: list[str] = []
     begin = depth = 0
-    line, line_begin = 1, 0
+    line, line_begin, counted = 1, 0, 0
     start = Place(1, 1)
 
     def whole(end: int) -> str:
         return ''.join([*kept, text[begin:end]])
 
     def place(position: int) -> Place:
-        nonlocal line, line_begin
-        newlines = text.count('\n', line_begin, position)
+        nonlocal line, line_begin, counted
+        newlines = text.count('\n', counted, position)
         if newlines:
             line += newlines
-            line_begin = text.rindex('\n', line_begin, position) + 1
+            line_begin = text.rindex('\n', counted, position) + 1
+        counted = position
         return Place(line, position - line_begin + 1)
 
     too_deep = False
@@ -120,9 +125,7 @@ def _cut(source: Source, errors: list[SceneError]) -> Iterator[tuple[str, Place]
             depth -= 1
         elif token == '/*':
             errors.append(source.error(place(piece.start())._replace(length=2), "this comment is never closed by '*/'"))
-            kept.append(text[begin:piece.start()])
-            begin = len(text)
-            break
+            return
         elif not token.startswith('"'):
             kept += [text[begin:piece.start()], re.sub(r'[^\n]', ' ', token)]
             begin = piece.end()
