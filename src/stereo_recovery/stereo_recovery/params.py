@@ -22,7 +22,7 @@ class RecoveryParams:
     """
 
     detector: str = 'canny'
-    sigma: float = 1.0
+    sigma: float = 0.8
     low: float = 1.0
     high: float = 1.6
     min_length: float = 7.0
