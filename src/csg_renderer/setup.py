@@ -33,6 +33,8 @@ setup(
         'console_scripts': [
             'renderer_node = csg_renderer.node:main',
             'render = csg_renderer.render_cli:main',
+            'features = csg_renderer.features_cli:main',
+            'model_table = csg_renderer.model_table:main',
         ],
     },
 )

@@ -17,8 +17,8 @@ from .neighbourhood import classify, faces_through
 from .pieces import SHORTEST_ARC, Pieces, creases
 from .surfaces import SurfaceTable
 
-SAMPLES = 512  # of a whole curve; crossings with other surfaces are looked for between neighbours
-CUT_STEPS = 50  # halvings that place a crossing
+SAMPLES = 256  # of a whole curve; crossings with other surfaces are looked for between neighbours
+CUT_STEPS = 12  # of false position (Illinois), which place a crossing to all digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,15 +164,21 @@ def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int
     values = table.values(np.nan_to_num(points))[:, others]
     values[~np.isfinite(points).all(axis=1)] = np.nan
     row, column = np.nonzero(values[:-1] * values[1:] < 0.0)
-    low, high = turn[row], turn[row + 1]
-    sign = np.sign(values[row, column])
+    if not len(row):
+        return np.zeros(0)
     group = np.array(others, int)[column]
+    low, high = turn[row], turn[row + 1]
+    below, above = (table.value_of(points[k], group) for k in (row, row + 1))
+    middle = low
     for _ in range(CUT_STEPS):
-        middle = 0.5 * (low + high)
-        at = table.values(np.nan_to_num(curve.points(middle)))[np.arange(len(row)), group]
-        before = np.sign(at) == sign
+        middle = (low * above - high * below) / (above - below)
+        value = table.value_of(curve.points(middle), group)
+        before = np.sign(value) == np.sign(below)
+        # The end that stays counts half, so that it cannot stay for ever.
         low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return np.unique(0.5 * (low + high))
+        below, above = np.where(before, value, 0.5 * below), np.where(before, 0.5 * above, value)
+        above = np.where(above == below, below - 1.0, above)
+    return np.unique(middle)
 
 
 def _cone_through(frame: np.ndarray, one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -102,6 +102,16 @@ class SurfaceTable:
         out[:, -1] = -1.0
         return out
 
+    def value_of(self, points: np.ndarray, groups: np.ndarray) -> np.ndarray:
+        """(n,): value of one group (n,) at each point (n, 3); as :meth:`values`, but a quadric's is not a distance."""
+        g = len(self.planes)
+        out = np.empty(len(points))
+        flat = groups < g
+        out[flat] = np.einsum('ni,ni->n', points[flat], self.planes[groups[flat], :3]) + self.planes[groups[flat], 3]
+        x = np.concatenate([points[~flat], np.ones(((~flat).sum(), 1))], axis=1)
+        out[~flat] = np.einsum('ni,nij,nj->n', x, self.quadrics[groups[~flat] - g], x)
+        return out
+
     def gradients(self, points: np.ndarray, groups: np.ndarray) -> np.ndarray:
         """(n, k, 3): unit gradient of groups (n, k) at points (n, 3); zeros for the dummy and at an apex."""
         out = np.zeros(groups.shape + (3,))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,14 +36,22 @@ class VisibleFeatures:
     features : a partly hidden feature gives one row a fragment; an axis is seen when the rims of both its ends (for a
         cone's apex, the apex) are seen at least in part
     model_index : (n,) int32: which feature of model_features(solid) each row is a fragment of
-    contours : occluding contours of curved surfaces; they move with the eye and are no creases
-    others : creases that are no matching features (in no plane, parabolas, hyperbolas), each as points (k, 3)
     """
 
     features: FeatureSet
     model_index: np.ndarray
-    contours: FeatureSet
-    others: tuple[np.ndarray, ...]
+    scene: Scenery
+    camera: PinholeCamera
+
+    @cached_property
+    def contours(self) -> FeatureSet:
+        """Occluding contours of curved surfaces, as edges and curves; they move with the eye and are no creases."""
+        return self.scene.visible_contours(0, self.camera)
+
+    @cached_property
+    def others(self) -> tuple[np.ndarray, ...]:
+        """Creases that are no matching features (in no plane, parabolas, hyperbolas), each as points (k, 3)."""
+        return self.scene.visible_others(0, self.camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +97,7 @@ def visible_fragments(solid: Solid, pose: Pose, camera: PinholeCamera,
     """As :func:`visible_features`, with the model feature of each fragment, and the occluding contours."""
     scene = Scenery([(solid, pose), *others])
     features, index = fragments(solid, pose, scene.seen(0, camera))
-    return VisibleFeatures(features, index, scene.visible_contours(0, camera), scene.visible_others(0, camera))
+    return VisibleFeatures(features, index, scene, camera)
 
 
 def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[FeatureSet, np.ndarray]]:
