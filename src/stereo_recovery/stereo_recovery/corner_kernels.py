@@ -7,12 +7,35 @@ from numba import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
+# Two pieces of one line differ in direction by less than this (sine).
+COLLINEAR = 0.03
 # How far from a square corner a string may end, pixels.
 NEAR_GAP = 4.0
 # A string may run around a corner by this much, pixels, before it ends.
 OVERRUN = 4.0
 # Without a corner, a string stops this uncertainly, pixels.
 LOOSE_END = 1.5
+
+
+@njit(cache=True)
+def _goes_on(table, box, k, i, x, y):
+    """Whether a piece other than i continues piece k on its line beyond the point x, y."""
+    own = (x - table[k, 0]) * table[k, 2] + (y - table[k, 1]) * table[k, 3]
+    # Which way piece k lies from the point.
+    ahead = 0.5 * (table[k, 4] + table[k, 5]) - own
+    for m in range(len(table)):
+        itself = (m == k) | (m == i)
+        if itself or x < box[m, 0] or y < box[m, 1] or x > box[m, 2] or y > box[m, 3]:
+            continue
+        if table[m, 5] - table[m, 4] < 5.0 or abs(table[k, 2] * table[m, 3] - table[k, 3] * table[m, 2]) > COLLINEAR:
+            continue
+        if abs((x - table[m, 0]) * table[m, 3] - (y - table[m, 1]) * table[m, 2]) > 1.5:
+            continue
+        middle = 0.5 * (table[m, 4] + table[m, 5])
+        mx, my = table[m, 0] + middle * table[m, 2] - x, table[m, 1] + middle * table[m, 3] - y
+        if (mx * table[k, 2] + my * table[k, 3]) * ahead < 0.0:
+            return True
+    return False
 
 
 @njit(cache=True)
@@ -67,6 +90,11 @@ def meet(table, widest):
                     its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
                     cosine2 = 1.0 - sine * sine
                     sigma[i, e] = np.sqrt((its + cosine2 * own) / (sine * sine) + 0.0025)
+            # A bar may be broken just where the stem meets it: then one of the two goes on in another piece.
+            k = other[i, e]
+            if k >= 0 and not through[i, e]:
+                jx, jy = table[i, 0] + place[i, e] * table[i, 2], table[i, 1] + place[i, e] * table[i, 3]
+                through[i, e] = _goes_on(table, box, k, i, jx, jy) != _goes_on(table, box, i, k, jx, jy)
     return place, other, through, sigma
 
 
