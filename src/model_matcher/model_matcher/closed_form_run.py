@@ -7,19 +7,23 @@ else on the machine hears them. Imports rclpy inside :class:`GraphRun`, so that 
 from __future__ import annotations
 
 import random
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from csg_renderer import Scene, load_models, load_scene, model_features, render_stereo, scene_path
-from csg_renderer.pipeline import default_camera, default_rig
-from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, PoseError, StereoRig
+from csg_renderer import load_scene, model_features, render_stereo
+from csg_renderer.language import find_scene
+from csg_renderer.pipeline import scene_rig
+from msgs_py import FeatureSet, Interpretation, Pose, PoseError, StereoRig
 
-from .closed_form import Case
+from .closed_form_case import Case
+from .closed_form_scene import case_scene
 from .comparison import (
     AssignmentComparison,
     EdgeComparison,
@@ -28,6 +32,7 @@ from .comparison import (
     compare_edges,
     surface_residual,
 )
+from .library import safe_name
 
 STAGES = ('scene', 'nodes', 'image', 'features', 'pose', 'emulator', 'comparison')
 TIMEOUT_S = 60.0
@@ -59,31 +64,32 @@ class CaseResult:
     milliseconds: dict[str, float] = field(default_factory=dict)
 
 
-def case_rig(case: Case, scene: Scene) -> StereoRig:
-    """The rig of a case: what the case names, else what the scene says, else the defaults."""
-    camera = scene.camera or default_camera()
-    if case.width or case.height or case.focal:
-        width = case.width or camera.width
-        height = case.height or camera.height
-        focal = case.focal or camera.fx * width / camera.width
-        camera = PinholeCamera.centred(width, height, focal)
-    return default_rig(scene, camera, case.baseline)
+def case_rig(case: Case) -> StereoRig:
+    """The rig of a case: what the case names, else what its scene says, else the defaults."""
+    return scene_rig(load_scene(find_scene(case.scene)), case.width or 0, case.height or 0, case.focal or 0.0,
+                     case.baseline or 0.0)
 
 
-def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None) -> CaseResult:
-    """Run one test. Raises ValueError or OSError for an unusable scene; not being recognised is a result."""
-    path = scene_path(case.scene)
+def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None,
+             folder: Path | None = None) -> CaseResult:
+    """Run one test. Raises ValueError or OSError for an unusable scene; not being recognised is a result.
+
+    folder : for the scene file of a case that sets pose or clutter; a temporary one when not given
+    """
+    if folder is None:
+        with tempfile.TemporaryDirectory() as temporary:
+            return run_case(case, progress, Path(temporary))
+    rig = case_rig(case)
+    path = case_scene(case, rig, folder)
     scene = load_scene(path)
     if not scene.placements:
         raise ValueError(f'{case.scene}: draws nothing')
-    rig = case_rig(case, scene)
     placement = scene.placements[0]
-    model_name = next(iter(load_models(path)))
     model = model_features(placement.model)
     true_pose = scene.camera_T_scene.compose(placement.pose)
     progress('scene')
 
-    with GraphRun(case, str(path), rig) as run:
+    with GraphRun(case, path, rig) as run:
         progress('nodes')
         for _ in range(WARM_PAIRS):
             run.one_pair()
@@ -95,19 +101,25 @@ def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None) -
     frames = render_stereo(scene, rig, antialias=case.antialias)
     data = messages.features
     result = CaseResult(
-        case, model_name, rig, true_pose, model, messages.true_features, data, messages.left, messages.right,
+        case, placement.name, rig, true_pose, model, messages.true_features, data, messages.left, messages.right,
         edges=compare_edges(messages.true_features, data),
         surface_residual_m=surface_residual(scene, frames[0]),
         image_difference=run.image_difference(frames, messages), emulator=emulator, milliseconds=milliseconds)
-    accepted = [item for item in messages.interpretations if item.accepted]
-    if accepted:
-        result.found = accepted[0]
-        result.pose_error = best_pose_error(accepted[0], true_pose)
-        result.assignment = compare_assignment(accepted[0], model, data)
-    else:
-        result.reason = messages.reason or 'no interpretation'
+    mine = [item for item in messages.interpretations if item.model == safe_name(placement.name)]
+    judge(result, mine, messages.reason)
     progress('comparison')
     return result
+
+
+def judge(result: CaseResult, interpretations: Sequence[Interpretation], reason: str | None) -> None:
+    """Compare the best accepted interpretation with the truth, or keep the reason why there is none."""
+    accepted = [item for item in interpretations if item.accepted]
+    if accepted:
+        result.found = accepted[0]
+        result.pose_error = best_pose_error(accepted[0], result.true_pose)
+        result.assignment = compare_assignment(accepted[0], result.model, result.data)
+    else:
+        result.reason = reason or 'no interpretation'
 
 
 @dataclass
@@ -125,8 +137,9 @@ class PairMessages:
 class GraphRun:
     """renderer_node, recovery_node, matcher_node and emulator_node in one process, and an observer."""
 
-    def __init__(self, case: Case, scene: str, rig: StereoRig) -> None:
-        self.case, self.scene, self.rig = case, scene, rig
+    def __init__(self, case: Case, scene: Path, rig: StereoRig) -> None:
+        self.case, self.rig = case, rig
+        self.scene, self.own_scene = str(scene), str(find_scene(case.scene))
 
     def __enter__(self) -> GraphRun:
         import rclpy
@@ -151,12 +164,15 @@ class GraphRun:
         namespace = f'/closed_form_{random.SystemRandom().randrange(10**9)}'
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
-        camera = self.rig.left
+        case = self.case
+        # A scene written for the case names its camera itself.
+        size = dict(width=case.width or 0, height=case.height or 0, focal=float(case.focal or 0.0))
         parameters: dict[type, dict[str, Any]] = {
-            RendererNode: dict(scene=self.scene, rate=0.0, width=camera.width, height=camera.height, focal=camera.fx,
-                               baseline=self.rig.baseline, antialias=self.case.antialias, psf=self.case.psf,
-                               noise=self.case.noise, seed=self.case.seed),
-            RecoveryNode: {}, MatcherNode: dict(models=[self.scene]), EmulatorNode: {},
+            RendererNode: dict(scene=self.scene, rate=0.0, baseline=self.rig.baseline, antialias=case.antialias,
+                               psf=case.psf, noise=case.noise, seed=case.seed,
+                               **(size if self.scene == self.own_scene else {})),
+            RecoveryNode: {}, MatcherNode: dict(models=[self.own_scene], time_limit=case.time_limit_s),
+            EmulatorNode: {},
         }
         self.nodes: dict[str, Any] = {}
         for node_class, values in parameters.items():

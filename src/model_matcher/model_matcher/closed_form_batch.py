@@ -1,0 +1,154 @@
+"""Many cases: in this process, in several, or on a dask cluster; what they found as CSV, JSON and a page."""
+
+from __future__ import annotations
+
+import csv
+import html
+import json
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .closed_form_case import Case, Limits, result_document
+from .closed_form_report import STYLE, write_report
+
+COLUMNS = ('case', 'passed', 'rotation_error_deg', 'translation_error_mm', 'true_edges', 'recovered_edges',
+           'matched_edges', 'signs_right', 'render_ms', 'recover_ms', 'match_ms', 'verdict')
+FAILING = 'failing'
+
+
+def run_batch(cases: Sequence[Case], limits: Limits, out: Path, workers: int = 1, dask: str | None = None,
+              nodes: bool = False, quiet: bool = False, reports: bool = False) -> list[dict[str, Any]]:
+    """Run the cases and write summary.csv, summary.json and index.html into out; failing ones into out/failing/.
+
+    workers : processes on this machine; dask : address of a scheduler instead ('local' starts one here)
+    nodes : through the real nodes (slower); reports : a page for every case, not only for failing ones
+    Returns one document a case, in the order of the cases. Raises ValueError when dask is asked for and not installed.
+    """
+    from tqdm import tqdm
+
+    out.mkdir(parents=True, exist_ok=True)
+    documents: list[dict[str, Any] | None] = [None] * len(cases)
+    with tqdm(total=len(cases), desc='cases', unit='', disable=quiet, file=sys.stdout) as bar:
+        with _runner(workers, dask) as run:
+            for index, document in run([(k, case, limits, str(out.resolve()), nodes, reports)
+                                        for k, case in enumerate(cases)]):
+                documents[index] = document
+                bar.update()
+                bar.set_postfix_str(f'{sum(bool(d and d["passed"]) for d in documents)} passed')
+    done = [document for document in documents if document is not None]
+    write_summary(out, done, limits)
+    return done
+
+
+def run_one(job: tuple[int, Case, Limits, str, bool, bool]) -> tuple[int, dict[str, Any]]:
+    """One case, in whatever process; an unusable case is a document with its error as the verdict."""
+    from .closed_form_library import run_library_case
+    from .closed_form_run import run_case
+    from .closed_form_saved import save_case
+
+    index, case, limits, out, nodes, reports = job
+    folder = Path(out) / 'cases' / case.name
+    try:
+        result = run_case(case, folder=folder) if nodes else run_library_case(case, folder)
+    except (OSError, ValueError) as error:
+        return index, {'case': case.name, 'scene': case.scene, 'passed': False, 'verdict': f'error: {error}'}
+    document = {'case': case.name, **result_document(result, limits)}
+    failing = Path(out) / FAILING / case.name
+    shutil.rmtree(failing, ignore_errors=True)  # of an earlier run
+    if not document['passed']:
+        save_case(failing, result, document, limits)
+        write_report(failing, result, document)
+        document['saved'] = str(failing.relative_to(out))
+    if reports:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_report(folder, result, document)
+        document['report'] = f'cases/{case.name}/report.html'
+    return index, document
+
+
+@contextmanager
+def _runner(workers: int, dask: str | None) -> Iterator[Any]:
+    """A function that maps run_one over jobs and yields results as they come."""
+    if dask is not None:
+        try:
+            from distributed import Client, LocalCluster, as_completed
+        except ImportError:
+            raise ValueError('dask: dask.distributed is not installed (pip install distributed)') from None
+        if dask == 'local':
+            with LocalCluster(n_workers=max(workers, 1), threads_per_worker=1, dashboard_address=None) as cluster:
+                with Client(cluster) as client:
+                    yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
+            return
+        with Client(dask) as client:
+            yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
+    elif workers > 1:
+        import multiprocessing
+        from concurrent.futures import ProcessPoolExecutor
+        from concurrent.futures import as_completed as completed
+
+        # Fresh processes: a forked one would inherit threads of numba and of the middleware.
+        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context('spawn')) as pool:
+            yield lambda jobs: (future.result() for future in completed([pool.submit(run_one, job) for job in jobs]))
+    else:
+        yield lambda jobs: map(run_one, jobs)
+
+
+def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) -> None:
+    """summary.csv, summary.json and index.html."""
+    rows = [_row(document) for document in documents]
+    with open(out / 'summary.csv', 'w', newline='', encoding='utf-8') as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+    totals = summary(documents)
+    (out / 'summary.json').write_text(json.dumps({'summary': totals, 'cases': documents}, indent=1) + '\n')
+    head = ''.join(f'<th>{name}</th>' for name in COLUMNS)
+    body = []
+    for document, row in zip(documents, rows):
+        page = document.get('report') or (f'{document["saved"]}/report.html' if 'saved' in document else None)
+        cells = [_text(row[name]) for name in COLUMNS]
+        if page:
+            cells[0] = f'<a href="{_text(page)}">{cells[0]}</a>'
+        state = 'good' if document['passed'] else 'bad'
+        body.append(f'<tr class="{state}">' + ''.join(f'<td>{cell}</td>' for cell in cells) + '</tr>')
+    lines = ''.join(f'<tr><td>{_text(name)}</td><td>{_text(_short(value))}</td></tr>' for name, value in totals.items())
+    (out / 'index.html').write_text(
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Closed-form sweep</title><style>{STYLE}</style>'
+        f'<h1>Closed-form sweep: {totals["passed"]} of {totals["cases"]} passed</h1>'
+        f'<p>A pass is a pose within {limits.rotation_deg:g} deg and {1e3 * limits.translation_m:g} mm of the truth '
+        f'with every pairing and sign right. Failing cases are kept under {FAILING}/ and run again with --replay.</p>'
+        f'<table>{lines}</table><table><tr>{head}</tr>{"".join(body)}</table></html>\n', encoding='utf-8')
+
+
+def summary(documents: list[dict[str, Any]]) -> dict[str, Any]:
+    """Counts and medians over the cases."""
+    rotation = [d['rotation_error_deg'] for d in documents if d.get('rotation_error_deg') is not None]
+    shift = [1e3 * d['translation_error_m'] for d in documents if d.get('translation_error_m') is not None]
+    out: dict[str, Any] = {'cases': len(documents), 'passed': sum(d['passed'] for d in documents),
+                           'recognised': len(rotation)}
+    for name, values in (('rotation_error_deg', rotation), ('translation_error_mm', shift)):
+        for quantile in (50, 90):
+            out[f'{name}_p{quantile}'] = float(np.percentile(values, quantile)) if values else None
+    return out
+
+
+def _row(document: dict[str, Any]) -> dict[str, Any]:
+    shift = document.get('translation_error_m')
+    times = document.get('milliseconds', {})
+    values = {**document, 'translation_error_mm': None if shift is None else 1e3 * shift,
+              **{f'{stage}_ms': times.get(stage) for stage in ('render', 'recover', 'match')}}
+    return {name: _short(values.get(name)) for name in COLUMNS}
+
+
+def _short(value: Any) -> Any:
+    return '' if value is None else f'{value:.4g}' if isinstance(value, float) else value
+
+
+def _text(value: Any) -> str:
+    return html.escape(str(value))

@@ -1,0 +1,128 @@
+"""The scene of a closed-form case as a file of its own: the case's model at the case's pose, among clutter.
+
+A case that changes neither pose nor surroundings uses the user's file. Any other gets a folder with a new scene file
+and copies of what it includes, so that the folder alone is enough to run the case again, on another machine too.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from csg_renderer import Scene, load_scene, model_features
+from csg_renderer.language import find_scene, read_scene
+from msgs_py import Pose, StereoRig
+
+from .closed_form_case import Case
+
+SCENE_FILE = 'scene.csg'
+# Clutter: sizes relative to the object, distances relative to its distance.
+CLUTTER_SIZE = (0.2, 0.6)
+CLUTTER_DEPTH = (0.9, 1.5)
+
+
+def case_scene(case: Case, rig: StereoRig, folder: Path) -> Path:
+    """The scene file of a case; written into ``folder`` when the user's own does not do.
+
+    rig : the case's, written to the file. Raises ValueError when the drawn object has no name to draw it by again.
+    """
+    path = find_scene(case.scene)
+    if case.pose is None and not case.clutter:
+        return path
+    scene = load_scene(path)
+    placement = scene.placements[0]
+    if placement.name not in scene.definitions:
+        raise ValueError(f'{case.scene}: what it draws first has no name; write "name = ...;" and "DRAW name ...;"')
+    pose = case_pose(case, scene)
+    included = copy_scene(path, folder)
+    target = folder / SCENE_FILE
+    target.write_text(_text(case, scene, placement.name, pose, rig, included), encoding='utf-8')
+    return target
+
+
+def case_pose(case: Case, scene: Scene) -> Pose:
+    """left_T_model of a case."""
+    if case.pose is not None:
+        return Pose.from_matrix(np.reshape(case.pose, (4, 4)))
+    return scene.camera_T_scene.compose(scene.placements[0].pose)
+
+
+def model_centre(scene: Scene) -> tuple[np.ndarray, float]:
+    """Middle (3,) of the first object's model and the radius about it, metres, model frame."""
+    features = model_features(scene.placements[0].model)
+    points = np.concatenate([features.polyline(k, 16) for k in range(len(features))])
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle, float(np.linalg.norm(points - middle, axis=1).max())
+
+
+def copy_scene(path: Path, folder: Path) -> str:
+    """Copy a scene and its includes into folder, flat; the name of the scene's copy."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f'original_{path.name}'
+    for file in read_scene(str(path)).files:
+        file = Path(file)
+        shutil.copyfile(file, folder / (name if file.resolve() == path.resolve() else file.name))
+    return name
+
+
+def _text(case: Case, scene: Scene, name: str, pose: Pose, rig: StereoRig, included: str) -> str:
+    camera = rig.left
+    view = scene.camera_T_scene
+    lines = [
+        f'// Closed-form case: {name} of {included}, pose and surroundings set by the harness. Metres, camera frame.',
+        f'INCLUDE "{included}";', 'UNITS M;',
+        f'CAMERA SIZE ({camera.width}, {camera.height}) FOCAL ({_numbers([camera.fx, camera.fy])}) '
+        f'CENTRE ({_numbers([camera.cx, camera.cy])});',
+        f'STEREO ({_numbers([rig.baseline])});', f'AMBIENT ({_numbers(scene.ambient_light)});',
+        f'BACKGROUND ({_numbers(scene.background)});']
+    lines += [f'LIGHT ({_numbers(view.apply(np.asarray(light.position)))}) COLOUR ({_numbers(light.colour)});'
+              for light in scene.lights]
+    lines.append(f'DRAW {name} {_matrix(pose)};')
+    lines += [f'DRAW {solid} COLOUR (1, 0.97, 0.9) PAINT FACES {_matrix(place)};'
+              for solid, place in clutter_of(case, scene, pose, rig)]
+    return '\n'.join(lines) + '\n'
+
+
+def clutter_of(case: Case, scene: Scene, pose: Pose, rig: StereoRig) -> list[tuple[str, Pose]]:
+    """Seeded blocks, notched blocks and cylinders about the object: beside or behind it in the left image."""
+    rng = np.random.default_rng([case.seed, 71])
+    middle, radius = model_centre(scene)
+    centre = pose.apply(middle)
+    camera = rig.left
+    outline = camera.fx * radius / centre[2]
+    found: list[tuple[str, Pose]] = []
+    while len(found) < case.clutter:
+        depth = centre[2] * rng.uniform(*CLUTTER_DEPTH)
+        pixel = rng.uniform((0.0, 0.0), (camera.width, camera.height))
+        size = 2.0 * radius * rng.uniform(*CLUTTER_SIZE, 3)
+        reach = camera.fx * float(np.linalg.norm(size)) / 2.0 / depth
+        beside = np.linalg.norm(pixel - camera.project(centre)) > outline + reach
+        if not beside and depth < centre[2] + radius + float(np.linalg.norm(size)):
+            # Neither beside nor behind: it would hide the object, or stick in it. Far behind always is free.
+            depth = centre[2] + radius + float(np.linalg.norm(size)) * rng.uniform(1.0, 2.0)
+        place = Pose(Rotation.random(random_state=rng).as_matrix(), camera.rays(pixel) * depth)
+        found.append((_solid(rng, size), place))
+    return found
+
+
+def _solid(rng: np.random.Generator, size: np.ndarray) -> str:
+    x, y, z = size
+    kind = rng.integers(3)
+    if kind == 0:
+        return f'(BLOCK ({_numbers(size)}))'
+    if kind == 1:
+        notch = _numbers([0.5 * x, 0.4 * y, 0.6 * z])
+        return f'(BLOCK ({_numbers(size)}) DIFFERENCE (BLOCK ({_numbers(size)}) AT ({notch})))'
+    return f'(CYLINDER ({_numbers([0.4 * x, 0.0, y, 0.0])}))'
+
+
+def _matrix(pose: Pose) -> str:
+    """Row form, as the language has it: the transpose of a column-form rotation."""
+    return f'MATRIX ({_numbers([*pose.rotation.T.ravel(), *pose.translation])})'
+
+
+def _numbers(values: object) -> str:
+    return ', '.join(f'{value:.17g}' for value in np.asarray(values, dtype=float).ravel())

@@ -1,0 +1,165 @@
+"""What an experiment is, what it hands back, and the few things that many of them need."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from csg_renderer import Scene, default_rig, load_scene, model_features, render_stereo, scene_names, scene_path
+from csg_renderer.sensor import SensorModel, grey
+from msgs_py import FeatureSet, Pose, StereoRig
+
+Cell = float | int | str | None
+# The sensor of every rendered experiment that does not vary it: 4 x 4 samples a pixel, pixels of blur, grey levels.
+ANTIALIAS, PSF, NOISE = 4, 0.5, 2.0
+
+
+class NotAvailable(Exception):
+    """A part of the system that this experiment needs does not exist (yet); the message says which."""
+
+
+@dataclass
+class Table:
+    """Rows of cells. A column's title says whose figure it is: '... thesis' or '... ours'."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[Cell]] = field(default_factory=list)
+
+
+@dataclass
+class Line:
+    """One series of a plot; style is '-' (line), 'o' (marks), 'o-', '--' (a bound or a reference) or 'bar'."""
+
+    label: str
+    x: list
+    y: list
+    style: str = 'o-'
+
+
+@dataclass
+class Plot:
+    """Drawn by page.py from the saved result."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: list[Line]
+    log_x: bool = False
+    log_y: bool = False
+
+
+@dataclass
+class Outcome:
+    """What an experiment found. sentence : one on agreement with the thesis, or the lesson; notes : what to know."""
+
+    sentence: str
+    tables: list[Table] = field(default_factory=list)
+    plots: list[Plot] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """tiny : the smallest run that exercises all plumbing; advance : called with what is done next"""
+
+    tiny: bool = False
+    advance: Callable[[str], None] = lambda what: None
+
+    def pick(self, full: Any, tiny: Any) -> Any:
+        return tiny if self.tiny else full
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """name : for --only; reference : of the thesis, or '' for what goes beyond it; run : does it"""
+
+    name: str
+    title: str
+    reference: str
+    run: Callable[[Setting], Outcome]
+
+    @property
+    def command(self) -> str:
+        return f'python test/experiments/run.py --only {self.name} --force'
+
+
+# -- scenes ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A scene of csg_renderer with its first object. pose : left_T_model; features : of the model, model frame."""
+
+    name: str
+    scene: Scene
+    rig: StereoRig
+    model: str
+    features: FeatureSet
+    pose: Pose
+
+
+@cache
+def view(name: str) -> View:
+    """Raises NotAvailable when csg_renderer has no such scene."""
+    if name not in scene_names():
+        raise NotAvailable(f'csg_renderer has no scene {name!r}')
+    scene = load_scene(scene_path(name))
+    placed = scene.placements[0]
+    return View(name, scene, default_rig(scene), placed.name, model_features(placed.model),
+                scene.camera_T_scene.compose(placed.pose))
+
+
+def stereo_images(scene: Scene, rig: StereoRig, seed: int = 0, antialias: int = ANTIALIAS, psf: float = PSF,
+                  noise: float = NOISE, left_T_scene: Pose | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(h, w) uint8 left and right, as a camera would give them."""
+    frames = render_stereo(scene, rig, left_T_scene, antialias=antialias)
+    left, right = (SensorModel(psf, noise, (seed, 0, eye)).apply(grey(frame.image))
+                   for eye, frame in enumerate(frames))
+    return left, right
+
+
+@cache
+def recovered(name: str, seed: int = 0) -> FeatureSet:
+    """What stereo_recovery finds in the rendered pair of a scene: the 'non-ideal data' of the thesis."""
+    from stereo_recovery import recover
+
+    this = view(name)
+    return recover(*stereo_images(this.scene, this.rig, seed), this.rig).features
+
+
+def stating(features: FeatureSet, err_par: float, err_per: float) -> FeatureSet:
+    """The same features with other stated errors, metres."""
+    n = len(features)
+    return FeatureSet(features.kind, features.start, features.end, features.radii, np.full(n, err_par),
+                      np.full(n, err_per), features.major_axis, features.arc)
+
+
+def timed(function: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
+    """Last result and the least of several times, seconds."""
+    best = np.inf
+    result = None
+    for _ in range(max(repeats, 1)):
+        started = time.perf_counter()
+        result = function()
+        best = min(best, time.perf_counter() - started)
+        if best > 1.0:
+            break
+    return result, best
+
+
+def ratio(a: float | None, b: float | None) -> float | None:
+    return None if a is None or not b else a / b
+
+
+def mean(values: Sequence[float | None]) -> float | None:
+    good = [value for value in values if value is not None and np.isfinite(value)]
+    return float(np.mean(good)) if good else None

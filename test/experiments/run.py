@@ -1,0 +1,123 @@
+"""Every experiment: ``make experiments`` or ``python test/experiments/run.py [--only NAME ...] [--force]``.
+
+Each writes out/experiments/NAME.json; one that is there is not run again unless --force. The page index.html and, with
+a complete set of results, RESULTS.md beside this file are written from those files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+sys.path.insert(0, str(HERE))
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+from lab import Experiment, NotAvailable, Setting  # noqa: E402
+from page import write_page, write_results  # noqa: E402
+from tqdm import tqdm  # noqa: E402
+
+# The order of the page.
+GROUPS = ('exp_tiling', 'exp_scenes', 'exp_constraints', 'exp_search', 'exp_poses', 'exp_plug', 'exp_beyond',
+          'exp_images')
+
+
+def experiments() -> list[Experiment]:
+    return [item for group in GROUPS for item in importlib.import_module(group).EXPERIMENTS]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    known = {item.name: item for item in experiments()}
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help='run these; --list names them')
+    parser.add_argument('--force', action='store_true', help='run again what has a result')
+    parser.add_argument('--tiny', action='store_true', help='the smallest run of each, to test the plumbing')
+    parser.add_argument('--out', type=Path, default=ROOT / 'out' / 'experiments', help='folder of the results')
+    parser.add_argument('--list', action='store_true', help='name the experiments and stop')
+    options = parser.parse_args(arguments)
+    if options.list:
+        print('\n'.join(f'{item.name:<18} {item.title} ({item.reference or "beyond the thesis"})'
+                        for item in known.values()))
+        return 0
+    unknown = [name for name in options.only if name not in known]
+    if unknown:
+        parser.error(f'--only: no experiment {unknown[0]!r}; there are {", ".join(known)}')
+    options.out.mkdir(parents=True, exist_ok=True)
+    chosen = [known[name] for name in options.only] or list(known.values())
+    started = time.perf_counter()
+    failed = []
+    with tqdm(chosen, desc='experiments', unit='', file=sys.stdout) as bar:
+        for item in bar:
+            path = options.out / f'{item.name}.json'
+            if path.exists() and not options.force and is_done(path, options.tiny):
+                continue
+            bar.set_postfix_str(item.name)
+            document = conduct(item, options.tiny)
+            path.write_text(json.dumps(document, indent=1, default=plain) + '\n')
+            if document['status'] == 'failed':
+                failed.append(item.name)
+                tqdm.write(document['why'], file=sys.stderr)
+    documents = [json.loads(path.read_text()) for item in known.values()
+                 if (path := options.out / f'{item.name}.json').exists()]
+    write_page(options.out, documents)
+    if len(documents) == len(known) and not any(document['tiny'] for document in documents):
+        write_results(HERE / 'RESULTS.md', documents)
+    states = [document['status'] for document in documents]
+    print(f'{states.count("done")} done, {states.count("not available yet")} not available yet, '
+          f'{states.count("failed")} failed; {time.perf_counter() - started:.0f} s; open {options.out}/index.html')
+    return 1 if failed else 0
+
+
+def conduct(item: Experiment, tiny: bool) -> dict[str, Any]:
+    """Run one; a missing capability and a failure are results too."""
+    document: dict[str, Any] = {'name': item.name, 'title': item.title, 'reference': item.reference, 'tiny': tiny,
+                                'command': item.command, 'commit': commit(), 'status': 'done', 'why': ''}
+    started = time.perf_counter()
+    with tqdm(desc=f'  {item.name:<18}', unit='step', leave=False, file=sys.stdout) as bar:
+        def advance(what: str) -> None:
+            bar.set_postfix_str(what)
+            bar.update()
+
+        try:
+            document.update(item.run(Setting(tiny, advance)).as_dict())
+        except NotAvailable as missing:
+            document.update(status='not available yet', why=str(missing))
+        except Exception:  # one broken experiment must not cost the others
+            document.update(status='failed', why=traceback.format_exc())
+    document['seconds'] = round(time.perf_counter() - started, 1)
+    return document
+
+
+def is_done(path: Path, tiny: bool) -> bool:
+    """A result that stands: complete, and no smaller than what is asked for."""
+    try:
+        document = json.loads(path.read_text())
+    except ValueError:
+        return False
+    return document['status'] == 'done' and (tiny or not document['tiny'])
+
+
+def plain(value: Any) -> Any:
+    """numpy values in JSON."""
+    if hasattr(value, 'tolist'):
+        return value.tolist()
+    raise TypeError(f'cannot write {type(value).__name__} as JSON')
+
+
+def commit() -> str:
+    done = subprocess.run(['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT,
+                          check=False)
+    return done.stdout.strip() or 'unknown'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
