@@ -1,5 +1,7 @@
 """The modelling language: what a text means."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -263,3 +265,10 @@ def test_windows_line_ends_and_a_byte_order_mark_are_no_matter(tmp_path):
     with pytest.raises(SceneError) as caught:
         load_models(file)
     assert (caught.value.line, caught.value.column, caught.value.source) == (2, 6, 'DRAW b;')
+
+
+def test_the_example_of_the_documentation_is_a_scene(tmp_path):
+    page = Path(__file__).parent.parent / 'docs' / 'language.md'
+    (tmp_path / 'parts.csg').write_text('part = SPHERE (1);')
+    scene = parse_scene(page.read_text(encoding='utf-8').split('```')[1], folder=tmp_path)
+    assert spelled(scene.solids[0]) == '((B|C)-S)'

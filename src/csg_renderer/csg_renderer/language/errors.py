@@ -18,9 +18,9 @@ class Place(NamedTuple):
 class SceneError(ValueError):
     """A scene file that cannot be read.
 
-    line, column : int, from 1 (1, 1 when the file as a whole is meant); message : what is wrong; hint : what to do, or '';
-    file : str, '' for text without a file; source : the line of the file; errors : all errors found in the same
-    pass, this one first. ``str()`` shows them all.
+    line, column : int, from 1 (1, 1 when the file as a whole is meant); message : what is wrong; hint : what to do,
+    or ''; file : str, '' for text without a file; source : the line of the file; errors : all errors found in the
+    same pass, this one first. ``str()`` shows them all.
     """
 
     def __init__(self, line: int, column: int, message: str, hint: str = '', *, file: str = '', source: str = '',

@@ -78,7 +78,7 @@ class Includes:
                     outside = True
                 elif path.is_file():
                     return path
-            except OSError:
+            except (OSError, RuntimeError):  # a name too long, a loop of links
                 continue
         if outside:
             raise ValueError(f'{written!r} lies outside the folder of the scene')
