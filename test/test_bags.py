@@ -1,0 +1,82 @@
+"""Recorded data: a bag of the chessboard, played into recovery_node and matcher_node."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseArray
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+pytest.importorskip('rosbags', reason='rosbags (pip) is not installed')
+
+from model_matcher.node import MatcherNode
+from model_matcher.real_pair import chessboard_model, reference_pose
+from msgs_py import Pose, codecs
+from stereo_recovery.node import RecoveryNode
+
+TOPICS = ('/left/image_rect', '/left/camera_info', '/right/image_rect', '/right/camera_info')
+
+
+def bag_tools():
+    path = Path(__file__).resolve().parent / 'bags' / 'make_bag.py'
+    spec = importlib.util.spec_from_file_location('make_bag', path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def play(graph, tools, bag: Path, outputs: list) -> list[int]:
+    """Publish the recorded bytes pair by pair, each when the one before has come out; return the recorded times."""
+    players = {topic: graph.publisher(CameraInfo if topic.endswith('info') else Image, topic) for topic in TOPICS}
+    graph.wait_matched(*players.values())
+    stamps: list[int] = []
+    for topic, time_ns, data in tools.read_bag(bag):
+        if not stamps or stamps[-1] != time_ns:
+            graph.spin_until(lambda: len(outputs) == len(stamps), what='the answer to the pair before')
+            stamps.append(time_ns)
+        players[topic].publish(data)
+    graph.spin_until(lambda: len(outputs) == len(stamps), what='the last answer')
+    return stamps
+
+
+def nanoseconds(stamp) -> int:
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+@pytest.mark.parametrize('raw', [False, True], ids=['rectified', 'raw'])
+def test_a_replayed_bag_gives_features_with_the_recorded_stamps(graph, tmp_path, raw):
+    tools = bag_tools()
+    tools.write_bag(tmp_path / 'bag', pairs=3, raw=raw)
+    node = graph.add(RecoveryNode, parameters={'rectify': raw})
+    clouds = graph.collect(PointCloud2, 'features')
+    graph.wait_heard('/features')
+    stamps = play(graph, tools, tmp_path / 'bag', clouds)
+    assert [nanoseconds(cloud.header.stamp) for cloud in clouds] == stamps and len(stamps) == 3
+    assert {cloud.header.frame_id for cloud in clouds} == {tools.FRAME}
+    assert node.health.lost == node.health.dropped == 0
+    assert min(len(codecs.cloud_to_features(cloud)) for cloud in clouds) >= 15
+
+
+def test_a_replayed_board_is_found_where_its_corners_say(graph, tmp_path):
+    tools = bag_tools()
+    tools.write_bag(tmp_path / 'bag', pairs=1)
+    board = chessboard_model()
+    board.save(tmp_path / 'board.npz')
+    graph.add(RecoveryNode)
+    graph.add(MatcherNode, parameters={'models': [str(tmp_path / 'board.npz')]})
+    poses = graph.collect(PoseArray, 'interpretations')
+    graph.wait_heard('/features', '/interpretations')
+    stamps = play(graph, tools, tmp_path / 'bag', poses)
+    assert [nanoseconds(array.header.stamp) for array in poses] == stamps
+    found = codecs.pose_from_message(poses[0].poses[0])
+    truth = reference_pose(Path(str(tools.resources.files('stereo_recovery') / 'data' / 'chessboard')))
+    # Lines have no colour: a grid lies on itself after half a turn about each of its axes.
+    middle = board.midpoints.mean(axis=0)
+    errors = []
+    for axis in ([0, 0, 0], [np.pi, 0, 0], [0, np.pi, 0], [0, 0, np.pi]):
+        turn = Pose.from_rotation_vector(axis)
+        errors.append(truth.compose(Pose(turn.rotation, middle - turn.rotate(middle))).error_to(found))
+    assert min(error.rotation_deg for error in errors) < 1.0
