@@ -9,10 +9,11 @@ from .model_features import boundary, model_features
 from .pipeline import default_camera, default_rig, render, render_stereo
 from .scene import Light, Placement, Scene
 from .solid import Solid, Surface
+from .terrain import Terrain
 from .visibility import visible_features, visible_fragments
 
 __all__ = ['Frame', 'IdealData', 'Light', 'Placement', 'RenderOptions', 'RenderStats', 'Scene', 'SceneError',
-           'SceneWarning', 'Solid', 'Surface', 'Wear', 'boundary', 'default_camera', 'default_rig',
+           'SceneWarning', 'Solid', 'Surface', 'Terrain', 'Wear', 'boundary', 'default_camera', 'default_rig',
            'features_from_mesh', 'ideal_data', 'load_model_features', 'load_models', 'load_scene', 'model_features',
            'parse_scene', 'render', 'render_stereo', 'scene_names', 'scene_path', 'visible_features',
            'visible_fragments']

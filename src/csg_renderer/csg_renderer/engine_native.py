@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
+from typing import cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,11 +21,13 @@ from .kernels import CUTTER_PARTS, CUTTERS, STRIDE
 from .kernels_deep import BATCH_PARTS, RAY_PARTS, Deep
 from .kernels_image import Plan, Target, product_spans, render_tiles, smooth_rows
 from .kernels_shade import Look, Workspace
+from .kernels_terrain import Ground
 from .kernels_tree import DOUBT, Eye, Trees
 from .products import products_of
 from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program, View, program_of, view_of
 from .reference import PARALLEL
 from .scene import Scene
+from .terrain import Terrain
 from .tiling import leaf_spans
 
 # Far outside any scene, and finite, so that a bounding box test makes no NaN of it.
@@ -42,6 +45,7 @@ class Prepared:
     program: Program
     trees: Trees
     look: Look
+    ground: Ground | None
     child_products: np.ndarray
     cutters_most: int
 
@@ -63,11 +67,12 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     deeps = [_deep(view, options) for _ in range(threads)]
     object_of = program.object_of
     active = sum(_each_thread(threads, lambda k: render_tiles(
-        k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k], object_of)))
+        k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k],
+        ready.ground, object_of)))
     if options.adaptive:
         _each_thread(threads, lambda k: smooth_rows(
-            k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k], CROW_WEIGHTS,
-            np.array(CROW_OFFSETS)))
+            k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k], ready.ground,
+            CROW_WEIGHTS, np.array(CROW_OFFSETS)))
     counts = np.sum([work.counts for work in works], axis=0)
     frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]), active if options.tiling else 1)
     return frame
@@ -110,7 +115,18 @@ def prepare(program: Program) -> Prepared:
                   np.ascontiguousarray(program.inverse[:, :3]), HALFSPACES[program.kind])
     look = Look(program.colours, program.material, _flat_normals(program), program.lights, program.light_colours,
                 program.ambient_light, program.background)
-    return Prepared(program, trees, look, child_products, max(cutters))
+    return Prepared(program, trees, look, _ground(program), child_products, max(cutters))
+
+
+def _ground(program: Program) -> Ground | None:
+    if not program.terrains:
+        return None
+    grids = [cast(Terrain, program.leaves[leaf]) for leaf in program.terrains]
+    sizes = [grid.heights.size for grid in grids]
+    return Ground(np.array(program.terrains), np.concatenate([grid.heights.ravel() for grid in grids]),
+                  np.cumsum([0, *sizes[:-1]]), np.array([grid.heights.shape[0] for grid in grids]),
+                  np.array([grid.heights.shape[1] for grid in grids]), np.array([grid.bilinear for grid in grids]),
+                  np.array([grid.heights.min() for grid in grids]), np.array([grid.heights.max() for grid in grids]))
 
 
 def _whole(numbers: list[int]) -> np.ndarray:
@@ -224,7 +240,7 @@ def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
     slab = (z >= 0.0) & (z <= 1.0)
     round_ = x * x + y * y
     per_kind = np.stack([(x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & slab, (round_ <= 1.0) & slab,
-                         (round_ <= z * z) & slab, round_ + z * z <= 1.0, z <= 0.0])
+                         (round_ <= z * z) & slab, round_ + z * z <= 1.0, z <= 0.0, z < z])
     inside = per_kind[program.kind, np.arange(len(program.kind))]
     answers = []
     for code in program.children:

@@ -33,7 +33,7 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     normal = np.full((h, w, 3), np.nan)
     tiles = _tiles(view, camera, options.tile_size) if options.tiling else [(0, 0, w, h, list(program.children))]
     for left, top, right, bottom, children in tiles:
-        if not children:
+        if not children and not program.terrains:
             continue
         tracer.stats.tiles += 1
         v, u = (grid.ravel() for grid in np.mgrid[top:bottom, left:right])

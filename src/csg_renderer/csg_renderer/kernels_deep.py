@@ -32,8 +32,9 @@ from .kernels import (
     sphere_span,
 )
 from .kernels_shade import normals_run, power
+from .kernels_terrain import ground_normals, ground_ray
 from .kernels_tree import FACE_STEP, LEAF_STEP, NOTHING, child_list
-from .program import BLOCK, CONE, CYLINDER, SPHERE
+from .program import BLOCK, CONE, CYLINDER, SPHERE, TERRAIN
 from .reference import PARALLEL, TINY
 
 INF = math.inf
@@ -150,7 +151,7 @@ def meet_box(s, n, box, child, near):
 
 
 @kernel
-def cast_rays(s, n, trees, work, deep):
+def cast_rays(s, n, trees, work, deep, ground):
     """The first entries of rays OX, DX beyond the departure: places into BEST, codes into MET (NOTHING on a miss)."""
     tolerance, departure = deep.tolerance, deep.departure
     invert_rays(s, n)
@@ -188,6 +189,15 @@ def cast_rays(s, n, trees, work, deep):
                     if entry < s[BEST + j] - tolerance or (entry <= s[BEST + j] + tolerance and here < s[MET + j]):
                         s[BEST + j], s[MET + j], s[REACH + j] = entry, here, entry + tolerance
                     break
+    if ground is not None:
+        for g in range(ground.leaf.shape[0]):
+            leaf = ground.leaf[g]
+            here = leaf * LEAF_STEP
+            for j in range(ZERO, n):
+                entry = ground_ray(ground, g, trees.inverse[leaf], s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j],
+                                   s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], departure, s[REACH + j])
+                if entry < s[BEST + j] - tolerance or (entry <= s[BEST + j] + tolerance and here < s[MET + j]):
+                    s[BEST + j], s[MET + j], s[REACH + j] = entry, here, entry + tolerance
 
 
 @kernel
@@ -202,7 +212,7 @@ def ends(s, n):
 
 
 @kernel
-def arriving_light(s, n, trees, look, work, deep):
+def arriving_light(s, n, trees, look, work, deep, ground):
     """LIGHT *= transparencies of what rays OX, DX meet before their REACH (the distance less the departure)."""
     tolerance, departure = deep.tolerance, deep.departure
     invert_rays(s, n)
@@ -231,10 +241,18 @@ def arriving_light(s, n, trees, look, work, deep):
             for i in range(0, count, 2):
                 if work.times[i] < s[REACH + j] and work.times[i + 1] > departure:
                     s[LIGHT + j] *= look.material[int(work.hits[i] / LEAF_STEP), 5]
+    if ground is not None:
+        for g in range(ground.leaf.shape[0]):
+            leaf = ground.leaf[g]
+            for j in range(ZERO, n):
+                if s[LIGHT + j] > 0.0 and ground_ray(
+                        ground, g, trees.inverse[leaf], s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j], s[DX + j],
+                        s[DX + ONE + j], s[DX + ONE + ONE + j], departure, s[REACH + j]) < INF:
+                    s[LIGHT + j] *= look.material[leaf, 5]
 
 
 @kernel
-def light_batch(s, n, row, trees, look, work, deep):
+def light_batch(s, n, row, trees, look, work, deep, ground):
     """Add the light of a batch of surface points to RED, GREEN, BLUE of their pixels in ``row``.
 
     Places are in OX, viewing rays (unit) in VX, normals in NORMAL; WEIGHT is each ray's share of its pixel.
@@ -262,7 +280,7 @@ def light_batch(s, n, row, trees, look, work, deep):
             # What faces away needs no feeler: one that reaches nowhere meets nothing.
             s[REACH + j] = distance - deep.departure if lit else -INF
         if deep.shadows:
-            arriving_light(s, n, trees, look, work, deep)
+            arriving_light(s, n, trees, look, work, deep, ground)
         lr, lg, lb = look.light_colours[light, 0], look.light_colours[light, 1], look.light_colours[light, 2]
         for j in range(ZERO, n):
             arriving = s[LIGHT + j] * s[WEIGHT + j]
@@ -321,7 +339,7 @@ def branch(s, n, look, deep, pending):
 
 
 @kernel
-def deep_row(row, j0, j1, trees, look, work, deep):
+def deep_row(row, j0, j1, trees, look, work, deep, ground):
     """Colours, not clipped, of the visible points of a row (HIT, PX.., VX.., NX..), added to its RED, GREEN, BLUE.
 
     The pixels that show something must come in black, the others as background.
@@ -341,7 +359,7 @@ def deep_row(row, j0, j1, trees, look, work, deep):
     pending = 0
     while True:
         pending = branch(s, n, look, deep, pending)
-        light_batch(s, n, row, trees, look, work, deep)
+        light_batch(s, n, row, trees, look, work, deep, ground)
         if pending == 0:
             return
         count = min(pending, STRIDE)
@@ -351,7 +369,7 @@ def deep_row(row, j0, j1, trees, look, work, deep):
             s[OX + slot], s[OX + ONE + slot], s[OX + ONE + ONE + slot] = ray[0], ray[1], ray[2]
             s[DX + slot], s[DX + ONE + slot], s[DX + ONE + ONE + slot] = ray[3], ray[4], ray[5]
             s[WEIGHT + slot], s[LEVEL + slot], s[PIXEL + slot] = ray[6], ray[7], ray[8]
-        cast_rays(s, np.uint64(count), trees, work, deep)
+        cast_rays(s, np.uint64(count), trees, work, deep, ground)
         n = ZERO
         for j in range(ZERO, np.uint64(count)):
             if s[MET + j] < 0.0:
@@ -378,6 +396,9 @@ def deep_row(row, j0, j1, trees, look, work, deep):
             leaf = int(hit / LEAF_STEP)
             face = int(hit - leaf * LEAF_STEP) // 2
             normals_run(s, first, last, leaf, face, trees.kind[leaf], trees.inverse, look.flat)
+            if ground is not None:  # noqa: SIM102
+                if trees.kind[leaf] == TERRAIN:
+                    ground_normals(s, first, last, leaf, ground, trees.inverse)
             first = last
         for j in range(ZERO, n):
             s[NORMAL + j], s[NORMAL + ONE + j], s[NORMAL + ONE + ONE + j] = (

@@ -11,7 +11,9 @@ from numba import njit
 from .kernels import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
 from .kernels_deep import deep_row
 from .kernels_shade import light_run, normals_run, points_row
+from .kernels_terrain import ground_normals, ground_row
 from .kernels_tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
+from .program import TERRAIN
 
 INF = math.inf
 ZERO = np.uint64(0)
@@ -76,11 +78,12 @@ def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_dept
 
 
 @kernel
-def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, plan):
+def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, plan, ground):
     """Nearest hits of the rays (s[X + j], y, 1), j < m, into DEPTH and HIT.
 
     first, last : the pixels of this row that the rays lie in. offset : the pixel of ray 0 when rays are one a pixel,
     or -1 when they are scattered over first..last. products[:count] are considered.
+    ground : the terrains, or None, which compiles without them
     """
     s = work.row
     end = np.uint64(m)
@@ -118,10 +121,12 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
     for k in range(eye.listed.shape[0]):
         list_row(s, ZERO, end, eye.listed[k], y, plan.tolerance, trees, eye, work.times, work.hits, work.starts,
                  work.counts)
+    if ground is not None:
+        ground_row(s, end, y, ground, eye.local, plan.tolerance)
 
 
 @kernel
-def colour_row(work, m, y, trees, look, plan, deep, coloured):
+def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
     """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row.
 
     deep : a Deep for shadows and more levels, or None, which compiles without all that
@@ -148,6 +153,9 @@ def colour_row(work, m, y, trees, look, plan, deep, coloured):
         leaf = int(hit / LEAF_STEP)
         face = int(hit - leaf * LEAF_STEP) // 2
         normals_run(s, j0, j1, leaf, face, trees.kind[leaf], trees.inverse, look.flat)
+        if ground is not None:  # noqa: SIM102
+            if trees.kind[leaf] == TERRAIN:
+                ground_normals(s, j0, j1, leaf, ground, trees.inverse)
         if coloured and deep is None:
             light_run(s, j0, j1, leaf, face, look.colours, look.material, look.lights, look.light_colours,
                       look.ambient_light)
@@ -157,7 +165,7 @@ def colour_row(work, m, y, trees, look, plan, deep, coloured):
     # Two conditions: the first is settled when compiling, and with None the rest is left out.
     if deep is not None:  # noqa: SIM102
         if coloured:
-            deep_row(s, begin, np.uint64(stop), trees, look, work, deep)
+            deep_row(s, begin, np.uint64(stop), trees, look, work, deep, ground)
     for k in range(ZERO, np.uint64(m)):
         s[RED + k] = min(max(s[RED + k], 0.0), 1.0)
         s[GREEN + k] = min(max(s[GREEN + k], 0.0), 1.0)
@@ -216,7 +224,7 @@ def byte(value):
 
 
 @kernel
-def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, object_of):
+def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ground, object_of):
     """Every threads-th tile, starting with number ``thread``. Returns how many tiles were not empty."""
     s = work.row
     height, width = target.depth.shape
@@ -235,7 +243,10 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ob
             if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
                 products[count] = q
                 count += 1
-        if count == 0 and eye.listed.shape[0] == 0:
+        idle = count == 0 and eye.listed.shape[0] == 0
+        if ground is not None:
+            idle = False
+        if idle:
             fill_background(target, top, bottom, left, right, red, green, blue)
             continue
         active += 1
@@ -244,8 +255,8 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ob
             y = plan.ys[row]
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
-            hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan)
-            colour_row(work, m, y, trees, look, plan, deep, plan.box == 0)
+            hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
+            colour_row(work, m, y, trees, look, plan, deep, ground, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
                 n = plan.box
@@ -254,8 +265,8 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ob
                     y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
-                    hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan)
-                    colour_row(work, m, y, trees, look, plan, deep, True)
+                    hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
+                    colour_row(work, m, y, trees, look, plan, deep, ground, True)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
                         work.colours[1, j] += s[GREEN + j]
@@ -285,7 +296,7 @@ def on_boundary(target, row, column):
 
 
 @njit(cache=True, error_model='numpy', nogil=True)
-def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, weights, offsets):
+def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, ground, weights, offsets):
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row
     height, width = target.depth.shape
@@ -311,8 +322,8 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, wei
                     for u in range(3):
                         s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
                 hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
-                        trees, eye, plan)
-                colour_row(work, 3 * count, y, trees, look, plan, deep, True)
+                        trees, eye, plan, ground)
+                colour_row(work, 3 * count, y, trees, look, plan, deep, ground, True)
                 for pixel in range(count):
                     for u in range(3):
                         ray = np.uint64(3 * pixel + u)

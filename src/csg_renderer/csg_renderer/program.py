@@ -14,14 +14,16 @@ from msgs_py import Pose
 
 from .scene import Scene
 from .solid import Operation, Primitive, Solid
+from .terrain import Terrain
 
 # Codes of a postfix program; a number >= 0 is a leaf index.
 UNION, INTERSECT, DIFFERENCE = -1, -2, -3
 OPERATOR_CODES = {'UNION': UNION, 'INTERSECT': INTERSECT, 'DIFFERENCE': DIFFERENCE}
 
-BLOCK, CYLINDER, CONE, SPHERE, PLANE = range(5)
-KIND_CODES = {'BLOCK': BLOCK, 'CYLINDER': CYLINDER, 'CONE': CONE, 'SPHERE': SPHERE, 'PLANE': PLANE}
-HALFSPACES = np.array([6, 3, 2, 1, 1])
+BLOCK, CYLINDER, CONE, SPHERE, PLANE, TERRAIN = range(6)
+KIND_CODES = {'BLOCK': BLOCK, 'CYLINDER': CYLINDER, 'CONE': CONE, 'SPHERE': SPHERE, 'PLANE': PLANE,
+              'TERRAIN': TERRAIN}
+HALFSPACES = np.array([6, 3, 2, 1, 1, 1])
 
 # Surfaces closer together along a ray than this fraction of the scene's extent are one surface. Rounding leaves
 # coincident faces some 1e-15 apart, more where a ray grazes them; nothing real is that thin.
@@ -66,6 +68,7 @@ class Program:
         reflection, transparency
     children : postfix programs (m,) int64, one for every operand of the unions at the top of the objects. The nearest
         entry of any child is what a ray sees.
+    terrains : the leaves that are height grids, and in no child
     outline : (p, 3) float64, scene frame, corners of convex hulls of the leaves; outline_start : (n + 1,) int64
     extent : float, metres, how far from the origin the bounded leaves reach
     lights : (l, 3) positions and light_colours (l, 3) float64; ambient_light, background : (3,) float64
@@ -78,6 +81,7 @@ class Program:
     colours: np.ndarray
     material: np.ndarray
     children: tuple[np.ndarray, ...]
+    terrains: tuple[int, ...]
     outline: np.ndarray
     outline_start: np.ndarray
     extent: float
@@ -146,6 +150,8 @@ def postfix(solid: Solid, first_leaf: int) -> np.ndarray:
             code.append(node)
         elif isinstance(node, Operation):
             pending += [OPERATOR_CODES[node.operator], node.right, node.left]
+        elif isinstance(node, Terrain):
+            raise ValueError('terrain: a sheet takes no part in set operators; draw it as an object of its own')
         else:
             code.append(leaf)
             leaf += 1
@@ -156,10 +162,14 @@ def _compile(scene: Scene) -> Program:
     leaves = scene.primitives
     n = len(leaves)
     children: list[np.ndarray] = []
+    terrains: list[int] = []
     first = 0
     for solid in scene.solids:
         for child in top_level(solid):
-            children.append(postfix(child, first))
+            if isinstance(child, Terrain):
+                terrains.append(first)
+            else:
+                children.append(postfix(child, first))
             first += len(child.primitives)
     object_of = np.repeat(np.arange(len(scene.solids)), [len(solid.primitives) for solid in scene.solids])
     colours = np.zeros((n, 6, 3))
@@ -172,7 +182,7 @@ def _compile(scene: Scene) -> Program:
             colours[index, :len(leaf.face_colours)] = leaf.face_colours
         material[index] = (surface.ambient, surface.diffuse, surface.specular, surface.shininess,
                            surface.reflection, surface.transparency)
-        points = OUTLINES[KIND_CODES[leaf.kind]]
+        points = leaf.outline if isinstance(leaf, Terrain) else OUTLINES[KIND_CODES[leaf.kind]]
         outlines.append(points @ leaf.matrix[:3, :3].T + leaf.matrix[:3, 3])
     outline = np.concatenate(outlines) if outlines else np.zeros((0, 3))
     anchors = np.array([leaf.matrix[:3, 3] for leaf in leaves]).reshape(-1, 3)
@@ -181,7 +191,7 @@ def _compile(scene: Scene) -> Program:
     return Program(
         leaves, np.array([KIND_CODES[leaf.kind] for leaf in leaves], dtype=np.int64),
         np.linalg.inv(np.array([leaf.matrix for leaf in leaves])) if n else np.zeros((0, 4, 4)),
-        object_of.astype(np.int64), colours, material, tuple(children), outline,
+        object_of.astype(np.int64), colours, material, tuple(children), tuple(terrains), outline,
         np.concatenate([[0], np.cumsum([len(points) for points in outlines])]).astype(np.int64), extent,
         np.array([light.position for light in scene.lights]).reshape(-1, 3),
         np.array([light.colour for light in scene.lights]).reshape(-1, 3),

@@ -10,11 +10,14 @@ blocks have no seam, a face removed exactly by its cutter leaves no skin, and a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast as cast_to
 
 import numpy as np
 
 from .frame import FACE_SLOTS, MISS, RenderStats
-from .program import BLOCK, CONE, CYLINDER, HALFSPACES, INTERSECT, SPHERE, UNION, Program, View
+from .program import BLOCK, CONE, CYLINDER, HALFSPACES, INTERSECT, PLANE, SPHERE, UNION, Program, View
+from .terrain import Terrain, first_crossing
+from .terrain import gradient as slope
 
 # Stands for "never ends" on a ray through a half-space; finite, so that no arithmetic on it gives NaN.
 FAR = 1e30
@@ -261,7 +264,18 @@ def cast(view: View, children, origin: np.ndarray, direction: np.ndarray, transf
     for code in children:
         spans = child_spans(view.program, code, origin, direction, transforms, view.tolerance, stats)
         best = nearest_of(best, first_hits(spans, nearest, entries_only), view.tolerance)
+    for leaf in view.program.terrains:
+        t = _ground(view, leaf, origin, direction, transforms[leaf], nearest, np.inf)
+        hit = np.where(np.isfinite(t), leaf * FACE_SLOTS, MISS)
+        best = nearest_of(best, Hits(t, hit, np.ones(n, bool)), view.tolerance)
     return best
+
+
+def _ground(view: View, leaf: int, origin, direction, transform, nearest, farthest) -> np.ndarray:
+    """(n,) where rays meet a terrain; transform (3, 4) takes their frame to the grid's."""
+    terrain = cast_to(Terrain, view.program.leaves[leaf])
+    at = np.broadcast_to(origin @ transform[:, :3].T + transform[:, 3], direction.shape)
+    return first_crossing(terrain, at, direction @ transform[:, :3].T, nearest, farthest)
 
 
 def transmission(view: View, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray,
@@ -276,6 +290,10 @@ def transmission(view: View, origin: np.ndarray, direction: np.ndarray, distance
             # An empty place has inf for its entry, so it blocks nothing.
             blocked = (spans.t[:, column] < distance - view.departure) & (spans.t[:, column + 1] > view.departure)
             light = np.where(blocked, light * transparency[spans.hit[:, column] // FACE_SLOTS], light)
+    for leaf in view.program.terrains:
+        t = _ground(view, leaf, origin, direction, view.program.inverse[leaf, :3], view.departure,
+                    distance - view.departure)
+        light = np.where(np.isfinite(t), light * transparency[leaf], light)
     return light
 
 
@@ -294,11 +312,14 @@ def normals(program: Program, hit: np.ndarray, points: np.ndarray, direction: np
     rows = np.arange(len(leaf))
     block = kind == BLOCK
     gradient[rows[block], face[block] // 2] = 1.0
-    flat = ((kind == CYLINDER) & (face < 2)) | ((kind == CONE) & (face == 0)) | (kind > SPHERE)
+    flat = ((kind == CYLINDER) & (face < 2)) | ((kind == CONE) & (face == 0)) | (kind == PLANE)
     gradient[flat, 2] = 1.0
     gradient = np.where((kind == SPHERE)[:, None], local, gradient)
     gradient = np.where(((kind == CYLINDER) & (face == 2))[:, None], local * [1.0, 1.0, 0.0], gradient)
     gradient = np.where(((kind == CONE) & (face == 1))[:, None], local * [1.0, 1.0, -1.0], gradient)
+    for terrain in program.terrains:
+        mine = leaf == terrain
+        gradient[mine] = slope(cast_to(Terrain, program.leaves[terrain]), local[mine])
     normal = np.einsum('nji,nj->ni', inverse[:, :3, :3], gradient)
     # At a cone's apex the gradient vanishes and its direction is rounding; the apex faces everybody.
     apex = (np.einsum('ni,ni->n', gradient, gradient) < APEX)[:, None]

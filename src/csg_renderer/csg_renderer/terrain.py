@@ -1,0 +1,181 @@
+"""Digital terrain maps: a grid of heights as an object of a scene, beside CSG (thesis 4.11).
+
+The ground is a sheet, seen from both sides, over a grid of square or oblong cells. It casts and receives shadows,
+mirrors and transmits like any surface, and belongs to a leaf of its own. It bounds no volume, so it takes no part in
+set operators; draw it as an object, or unite it at the top of a tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from msgs_py import Pose
+
+from .solid import Solid, Surface, as_matrix
+
+INTERPOLATIONS = ('triangles', 'bilinear')
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain(Solid):
+    """A height grid.
+
+    heights : (rows, columns) float64, metres, at least 2 x 2; height is the z of the terrain's own frame
+    spacing : metres between columns (x) and between rows (y)
+    interpolation : 'triangles', each cell cut from its (column + 1, row) to its (column, row + 1) corner, or 'bilinear'
+    placement : (4, 4) column form, scene from the terrain's own frame, any affine
+    Raises ValueError, naming the argument.
+    """
+
+    heights: np.ndarray
+    spacing: tuple[float, float] = (1.0, 1.0)
+    interpolation: str = 'triangles'
+    placement: np.ndarray = field(default_factory=lambda: np.eye(4))
+    surface: Surface = field(default_factory=Surface)
+    kind: str = field(default='TERRAIN', init=False)
+    face_colours: None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        heights = np.array(self.heights, dtype=np.float64)
+        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+            raise ValueError(f'heights: expected a grid of at least 2 x 2 finite numbers, got shape {heights.shape}')
+        spacing = np.asarray(self.spacing, dtype=np.float64)
+        if spacing.shape != (2,) or not (np.isfinite(spacing) & (spacing > 0)).all():
+            raise ValueError(f'spacing: expected two distances > 0, got {self.spacing}')
+        if self.interpolation not in INTERPOLATIONS:
+            raise ValueError(f'interpolation: expected one of {", ".join(INTERPOLATIONS)}, got {self.interpolation!r}')
+        placement = np.array(as_matrix(self.placement))
+        if abs(np.linalg.det(placement[:3, :3])) == 0.0:
+            raise ValueError('placement: flattens the terrain to nothing')
+        heights.flags.writeable = False
+        object.__setattr__(self, 'heights', heights)
+        object.__setattr__(self, 'spacing', (float(spacing[0]), float(spacing[1])))
+        object.__setattr__(self, 'placement', placement)
+
+    @classmethod
+    def load(cls, path: str | Path, spacing: tuple[float, float], low: float = 0.0, high: float = 1.0,
+             **options: Any) -> Terrain:
+        """From a file: .npy holds heights in metres; a grey 16-bit PNG maps 0..65535 to low..high metres.
+
+        Raises FileNotFoundError, and ValueError that names the file.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f'no height grid {str(path)!r}')
+        if path.suffix.lower() == '.npy':
+            try:
+                heights = np.load(path, allow_pickle=False)
+            except (ValueError, EOFError, OSError) as error:
+                raise ValueError(f'{path}: not a .npy file: {error}') from None
+        else:
+            heights = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            if heights is None or heights.ndim != 2 or heights.dtype != np.uint16:
+                raise ValueError(f'{path}: expected a .npy file or a 16-bit grey PNG')
+            heights = low + (high - low) * (heights / 65535.0)
+        try:
+            return cls(heights, spacing, **options)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f'{path}: {error}') from None
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(4, 4): scene from the grid frame, in which x counts columns, y counts rows and z is the height in metres."""
+        return self.placement @ np.diag([*self.spacing, 1.0, 1.0])
+
+    @property
+    def outline(self) -> np.ndarray:
+        """(8, 3): corners of the box about the ground, grid frame."""
+        rows, columns = self.heights.shape
+        return np.array([[x, y, z] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)
+                         for z in (self.heights.min(), self.heights.max())])
+
+    @property
+    def bilinear(self) -> bool:
+        return self.interpolation == 'bilinear'
+
+    def transformed(self, placement: Pose | ArrayLike) -> Terrain:
+        return replace(self, placement=as_matrix(placement) @ self.placement)
+
+    def painted(self, surface: Surface) -> Terrain:
+        return replace(self, surface=surface)
+
+    def _leaves(self) -> Iterator[Any]:
+        yield self
+
+    def __repr__(self) -> str:
+        rows, columns = self.heights.shape
+        return f'Terrain({rows} x {columns} heights, {self.interpolation})'
+
+
+def gradient(terrain: Terrain, points: np.ndarray) -> np.ndarray:
+    """(n, 3): normals of the ground, upward, not unit, at points (n, 3) over it; grid frame."""
+    i, j, fx, fy = cell_of(terrain, points)
+    a, b, c, d = corners(terrain, i, j)
+    if terrain.bilinear:
+        slope_x, slope_y = (b - a) + (a - b - c + d) * fy, (c - a) + (a - b - c + d) * fx
+    else:
+        low = fx + fy <= 1.0
+        slope_x, slope_y = np.where(low, b - a, d - c), np.where(low, c - a, d - b)
+    return np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
+
+
+def cell_of(terrain: Terrain, points: np.ndarray):
+    """Column and row of the cell of each point, and the place in it, 0..1."""
+    rows, columns = terrain.heights.shape
+    i = np.clip(np.floor(points[:, 0]), 0, columns - 2).astype(np.int64)
+    j = np.clip(np.floor(points[:, 1]), 0, rows - 2).astype(np.int64)
+    return i, j, points[:, 0] - i, points[:, 1] - j
+
+
+def corners(terrain: Terrain, i: np.ndarray, j: np.ndarray):
+    """Heights of a cell's corners: (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)."""
+    h = terrain.heights
+    return h[j, i], h[j, i + 1], h[j + 1, i], h[j + 1, i + 1]
+
+
+def first_crossing(terrain: Terrain, origin: np.ndarray, direction: np.ndarray, nearest: np.ndarray | float,
+                   farthest: np.ndarray | float = np.inf) -> np.ndarray:
+    """(n,) where rays (n, 3) of the grid frame first meet the ground between nearest and farthest, inf if nowhere.
+
+    For tests and the reference engine: every cell is tried on every ray.
+    """
+    best = np.full(len(direction), np.inf)
+    rows, columns = terrain.heights.shape
+    near, far = np.broadcast_to(nearest, best.shape), np.broadcast_to(farthest, best.shape)
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+        for j in range(rows - 1):
+            for i in range(columns - 1):
+                for t in _roots_in_cell(terrain, i, j, origin, direction):
+                    x, y = origin[:, 0] + t * direction[:, 0] - i, origin[:, 1] + t * direction[:, 1] - j
+                    edge = 1e-12 * (1.0 + max(rows, columns))
+                    here = (x >= -edge) & (x <= 1 + edge) & (y >= -edge) & (y <= 1 + edge) & (t > near) & (t < far)
+                    best = np.where(here & (t < best), t, best)
+    return best
+
+
+def _roots_in_cell(terrain: Terrain, i: int, j: int, origin: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
+    """Up to two t (n,) each where the rays meet the cell's surface, continued; of triangles only inside their half."""
+    a, b, c, d = (float(h) for h in corners(terrain, np.array(i), np.array(j)))
+    x, y, z = origin[:, 0] - i, origin[:, 1] - j, origin[:, 2]
+    u, v, w = direction.T
+    if terrain.bilinear:
+        k = a - b - c + d
+        square = -k * u * v
+        linear = w - (b - a) * u - (c - a) * v - k * (x * v + y * u)
+        constant = z - a - (b - a) * x - (c - a) * y - k * x * y
+        root = np.sqrt(linear**2 - 4 * square * constant)
+        q = -0.5 * (linear + np.copysign(root, linear))
+        return [q / square, constant / q]
+    roots = []
+    for level, slope_x, slope_y, low in ((a, b - a, c - a, True), (b + c - d, d - c, d - b, False)):
+        t = -(z - level - slope_x * x - slope_y * y) / (w - slope_x * u - slope_y * v)
+        half = (x + t * u) + (y + t * v) <= 1.0
+        roots.append(np.where(half == low, t, np.nan))
+    return roots
