@@ -125,7 +125,7 @@ def gradient(grey: np.ndarray, detector: str, sigma: float) -> tuple[np.ndarray,
     diagonal = np.array([[-0.25, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.25]], np.float32)
     g1 = cv2.filter2D(blurred, cv2.CV_32F, diagonal, borderType=border)
     g2 = cv2.filter2D(blurred, cv2.CV_32F, np.ascontiguousarray(diagonal[:, ::-1]) * -1.0, borderType=border)
-    return g1 - g2, g1 + g2
+    return g1 + g2, g1 - g2
 
 
 def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, threshold: float = 1.0,

@@ -102,6 +102,9 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     for name, view in zip(('left', 'right'), views):
         if len(view.pieces) == 0:
             return Recovery(FeatureSet.empty(), found, f'no texture: no edges in the {name} image', stages, counts)
+    if np.array_equal(greys[0], greys[1]):
+        return Recovery(FeatureSet.empty(), found, 'left and right are the same picture, so nothing has a disparity',
+                        stages, counts)
     pieces = (views[0].pieces.select(whole_pieces(views[0].pieces)),
               views[1].pieces.select(whole_pieces(views[1].pieces)))
     offset = rig.left.cx - rig.right.cx
@@ -114,9 +117,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     if len(matches) == 0:
         # Ordinary mistakes deserve their name.
         reason = 'no edge of the left image has a match in the right one'
-        if np.array_equal(greys[0], greys[1]):
-            reason = 'left and right are the same picture, so nothing has a disparity'
-        elif len(match(greys[1], greys[0], pieces[1], pieces[0], lowest, highest, params.support_radius)) >= 3:
+        if len(match(greys[1], greys[0], pieces[1], pieces[0], lowest, highest, params.support_radius)) >= 3:
             reason = 'edges match only with left and right exchanged: are the images swapped?'
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
     met, right_met = corners(pieces[0]), corners(pieces[1])

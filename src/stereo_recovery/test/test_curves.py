@@ -1,0 +1,95 @@
+"""Circles, arcs, ellipses and axes: against closed forms and rendered cylinders."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
+from stereo_recovery import recover
+from stereo_recovery.conics import fit_ellipse, sampson
+
+
+def upright(elevation: float, yaw: float, depth: float) -> Pose:
+    """A solid whose z is up, seen from above."""
+    turn = Pose.from_rotation_vector([np.pi / 2 + elevation, 0, 0])
+    return Pose(turn.rotation @ Pose.from_rotation_vector([0, 0, yaw]).rotation, [depth / 10, 0, depth])
+
+
+@pytest.fixture(scope='module')
+def cylinder_pair(synthetic, solids):
+    rig = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
+    solid = solids['cylinder on box'].at(upright(0.6, 0.5, 0.25))
+    left, right = synthetic.render_pair(solid, rig)
+    return solid, rig, recover(left, right, rig).features
+
+
+def test_a_rim_is_a_circle_of_the_right_size_and_place(synthetic, cylinder_pair):
+    solid, rig, features = cylinder_pair
+    curves = features.of_kind(FeatureKind.CURVE)
+    rims = sorted(synthetic.truth_rims(solid, rig), key=lambda rim: -rim[3])
+    assert len(curves) == 2
+    centre, normal, radius, share = rims[0]
+    assert share > 0.99
+    k = int(np.argmin(np.linalg.norm(curves.start - centre, axis=1)))
+    assert np.linalg.norm(curves.start[k] - centre) < 0.05e-3
+    assert np.degrees(np.arccos(curves.directions[k] @ normal)) < 0.1
+    assert abs(curves.radii[k, 0] - radius) < 0.03e-3
+    assert curves.arc[k, 1] == pytest.approx(2 * np.pi)
+
+
+def test_half_hidden_rim_is_found_and_faces_away(synthetic, cylinder_pair):
+    solid, rig, features = cylinder_pair
+    curves = features.of_kind(FeatureKind.CURVE)
+    centre, normal, _, share = min(synthetic.truth_rims(solid, rig), key=lambda rim: rim[3])
+    assert share < 0.5
+    k = int(np.argmin(np.linalg.norm(curves.start - centre, axis=1)))
+    assert np.linalg.norm(curves.start[k] - centre) < 0.3e-3
+    assert np.degrees(np.arccos(curves.directions[k] @ normal)) < 1.0
+    assert curves.arc[k, 1] < 1.3 * np.pi
+
+
+def test_the_axis_joins_the_centres_of_the_ends(cylinder_pair):
+    solid, _, features = cylinder_pair
+    axes = features.of_kind(FeatureKind.AXIS)
+    assert len(axes) == 1
+    low, high = solid.axes[0]
+    true = (high - low) / np.linalg.norm(high - low)
+    assert np.degrees(np.arccos(abs(axes.directions[0] @ true))) < 0.3
+    assert min(np.linalg.norm(axes.start[0] - end) for end in (low, high)) < 0.3e-3
+
+
+def test_outlines_and_rims_are_no_edges(synthetic, cylinder_pair):
+    solid, rig, features = cylinder_pair
+    edges = features.of_kind(FeatureKind.EDGE)
+    truth = synthetic.truth_edges(solid, rig)
+    for start, end in zip(edges.start, edges.end):
+        direction = (end - start) / np.linalg.norm(end - start)
+        lines = (truth[:, 1] - truth[:, 0]) / np.linalg.norm(truth[:, 1] - truth[:, 0], axis=1)[:, None]
+        off = np.linalg.norm(np.cross(start - truth[:, 0], lines), axis=1)
+        assert ((np.abs(lines @ direction) > 0.98) & (off < 0.003)).any()
+
+
+@given(st.floats(5, 80), st.floats(0.2, 1.0), st.floats(0, np.pi), st.floats(0.35, 1.0), st.floats(0, 2 * np.pi))
+@settings(max_examples=40, deadline=None)
+def test_ellipse_through_exact_points_is_exact(major, ratio, turn, share, start):
+    angle = start + share * np.linspace(0, 2 * np.pi, 60)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    points = np.array([100.0, 60.0]) + (np.column_stack([major * np.cos(angle), major * ratio * np.sin(angle)]) @ axes)
+    ellipse = fit_ellipse(points)
+    assert ellipse is not None
+    assert np.allclose(ellipse.centre, [100.0, 60.0], atol=1e-3)
+    assert np.allclose(ellipse.radii, [major, major * ratio], rtol=1e-4)
+
+
+def test_sampson_distance_of_a_circle_is_the_distance():
+    conic = np.diag([1.0, 1.0, -100.0])
+    assert sampson(conic, np.array([[10.1, 0.0], [0.0, -9.9]])) == pytest.approx([0.1, -0.1], rel=0.02)
+
+
+@pytest.mark.parametrize('points', [np.zeros((8, 2)), np.column_stack([np.arange(9.0), np.arange(9.0)]),
+                                    np.column_stack([np.arange(5.0), np.arange(5.0) ** 2])])
+def test_points_without_an_ellipse_give_none(points):
+    assert fit_ellipse(points) is None
