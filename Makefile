@@ -10,14 +10,17 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHONUNBUFFERED := 1
 TEST_WORKERS ?= 2
 
-.PHONY: help setup demo test lint bench experiments colcon clean
+.PHONY: help setup demo test test-oldest lint bench experiments docs stress colcon clean
 
 help:
 	@echo 'make demo         render, recover, match: two scenes and a real stereo pair, into demo_out/'
 	@echo 'make test         the test suite'
+	@echo 'make test-oldest  the same on the oldest supported versions (needs python3.12; OLDEST_PYTHON names another)'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make bench        speed, beside the tools you might use instead'
 	@echo 'make experiments  the tables of the thesis, beside ours'
+	@echo 'make docs         tables, parameter files and pictures of the pages, from the code'
+	@echo 'make stress       10,000 malformed messages, and 10,000 stereo pairs in one process'
 	@echo 'make colcon       colcon build of src/ inside the virtual environment'
 
 setup: $(READY)
@@ -31,6 +34,23 @@ demo: $(READY)
 test: $(READY)
 	ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m pytest -n $(TEST_WORKERS)
 
+# Python 3.12 with what Ubuntu 24.04 ships. The ROS wheels bring lark 0.12; Ubuntu has lark 1.1.
+OLDEST_PYTHON ?= python3.12
+OLDEST := .venv-oldest/.ready
+
+$(OLDEST): requirements-oldest.txt $(PACKAGES:%=src/%/setup.py)
+	@command -v $(OLDEST_PYTHON) >/dev/null || { echo 'no $(OLDEST_PYTHON): make OLDEST_PYTHON=... test-oldest' >&2; exit 1; }
+	$(OLDEST_PYTHON) -m venv .venv-oldest
+	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-oldest.txt
+	.venv-oldest/bin/python -m pip uninstall --quiet --yes lark-parser
+	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check lark==1.1.9
+	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+	    --use-pep517 $(PACKAGES:%=-e src/%)
+	touch $@
+
+test-oldest: $(OLDEST)
+	ROS_PYTHON_CHECK_FIELDS=1 .venv-oldest/bin/python -m pytest -n $(TEST_WORKERS)
+
 lint: $(READY)
 	$(PY) -m ruff check src test
 	$(PY) -m mypy
@@ -41,8 +61,16 @@ bench: $(READY)
 experiments: $(READY)
 	$(PY) test/experiments/run.py
 
+docs: $(READY)
+	$(PY) test/docs/generate.py
+	$(PY) test/docs/pictures.py
+
+stress: $(READY)
+	$(PY) test/stress/fuzz.py --messages 10000
+	$(PY) test/stress/soak.py --pairs 10000
+
 colcon: $(READY)
 	. .venv/bin/activate && colcon build --base-paths src
 
 clean:
-	rm -rf .venv build install log demo_out out
+	rm -rf .venv .venv-oldest build install log demo_out out
