@@ -14,6 +14,8 @@ from .program import DIFFERENCE, INTERSECT
 # A tree that needs more products or longer ones is cheaper to evaluate with lists of boundaries.
 MOST_PRODUCTS = 32
 MOST_FACTORS = 64
+# So is a deeper one, which holds more leaves than its products may; it also must not use up the stack.
+DEEPEST = 256
 
 Product = tuple[frozenset[int], frozenset[int]]
 
@@ -33,6 +35,8 @@ def products_of(code: np.ndarray) -> list[Product] | None:
         else:
             right, left = stack.pop(), stack.pop()
             stack.append(_Node(int(op), left, right))
+            if stack[-1].depth > DEEPEST:
+                return None
     try:
         return stack[0].products(True)
     except TooMany:
@@ -44,6 +48,7 @@ class _Node:
 
     def __init__(self, op: int, left: _Node | None = None, right: _Node | None = None) -> None:
         self.op, self.left, self.right = op, left, right
+        self.depth: int = 0 if left is None or right is None else 1 + max(left.depth, right.depth)
 
     def products(self, inside: bool) -> list[Product]:
         if self.left is None or self.right is None:

@@ -179,3 +179,13 @@ def test_monstrous_texts_are_read_or_refused_quickly(text):
     except SceneError as found:
         assert found.line >= 1
     assert time.perf_counter() - start < 4.0
+
+
+@pytest.mark.parametrize('operator', ['UNION', 'DIFFERENCE', 'INTERSECT'])
+def test_long_chains_render(operator):
+    from csg_renderer import render
+    from msgs_py import PinholeCamera
+
+    chain = f' {operator} '.join(['SPHERE (9)'] + ['(SPHERE (9) AT (0, 0, 1))'] * 1_200)
+    frame = render(parse_scene(f'DRAW {chain} AT (0, 0, 50);'), PinholeCamera.centred(16, 16, 20.0))
+    assert frame.mask.any()
