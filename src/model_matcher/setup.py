@@ -24,6 +24,8 @@ setup(
         ('share/' + PACKAGE, ['package.xml']),
     ] + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
+    # closed_form --dask: sweeps on a cluster.
+    extras_require={'dask': ['distributed>=2023.4']},
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',

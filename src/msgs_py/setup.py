@@ -24,6 +24,7 @@ setup(
         ('share/' + PACKAGE, ['package.xml']),
     ] + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',
