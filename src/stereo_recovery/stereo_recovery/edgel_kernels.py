@@ -19,7 +19,8 @@ def _is_maximum(m2, gx, gy, y, x):
 def ridge_maxima(gx, gy, threshold):
     """Sub-pixel maxima of the gradient magnitude across its own direction.
 
-    gx, gy : (h, w) float32. Returns u, v, gu, gv : (n,) float64, position and gradient there, raster order.
+    gx, gy : (h, w) float32. Returns u, v, gu, gv, width : (n,) float64, position, gradient there, and
+    standard deviation of the blurred step, pixels; raster order.
     """
     h, w = gx.shape
     m2 = gx * gx + gy * gy
@@ -30,7 +31,7 @@ def ridge_maxima(gx, gy, threshold):
             if m2[y, x] > limit and _is_maximum(m2, gx, gy, y, x):
                 count += 1
     u, v = np.empty(count), np.empty(count)
-    gu, gv = np.empty(count), np.empty(count)
+    gu, gv, width = np.empty(count), np.empty(count), np.empty(count)
     floor = 1e-4 * limit + 1e-12
     n = 0
     for y in range(2, h - 2):
@@ -66,6 +67,7 @@ def ridge_maxima(gx, gy, threshold):
             x0, y0 = int(np.floor(px)), int(np.floor(py))
             fx, fy = px - x0, py - y0
             u[n], v[n] = px, py
+            width[n] = 1.0 / np.sqrt(-bend)
             gu[n] = ((1 - fx) * (1 - fy) * gx[y0, x0] + fx * (1 - fy) * gx[y0, x0 + 1]
                      + (1 - fx) * fy * gx[y0 + 1, x0] + fx * fy * gx[y0 + 1, x0 + 1])
             gv[n] = ((1 - fx) * (1 - fy) * gy[y0, x0] + fx * (1 - fy) * gy[y0, x0 + 1]
@@ -73,7 +75,7 @@ def ridge_maxima(gx, gy, threshold):
             if gu[n] * gu[n] + gv[n] * gv[n] < 0.25 * m2[y, x]:
                 continue
             n += 1
-    return u[:n], v[:n], gu[:n], gv[:n]
+    return u[:n], v[:n], gu[:n], gv[:n], width[:n]
 
 
 @njit(cache=True)

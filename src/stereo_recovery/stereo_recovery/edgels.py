@@ -24,6 +24,9 @@ CAMERA_BLUR_VARIANCE = 1.0 / 12.0 + 0.25
 QUANTISATION_NOISE = 0.3
 # Position error, px, that remains without noise: sampling, and surfaces that are not evenly shaded.
 POSITION_FLOOR = 0.015
+# The same for pictures without anti-aliasing, and the blur, px^2, below which a picture counts as one.
+JAGGED_FLOOR = 0.13
+LEAST_BLUR_VARIANCE = 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +38,7 @@ class Edgels:
     magnitude : (n,) float64, grey levels per pixel
     sigma_position : (n,) float64, pixels, along the gradient
     sigma_direction : (n,) float64, radians
+    width : (n,) float64, pixels: standard deviation of the blurred step, smoothing included
     """
 
     position: np.ndarray
@@ -42,10 +46,11 @@ class Edgels:
     magnitude: np.ndarray
     sigma_position: np.ndarray
     sigma_direction: np.ndarray
+    width: np.ndarray
 
     @classmethod
     def empty(cls) -> Edgels:
-        return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(4)))
+        return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(5)))
 
     def __len__(self) -> int:
         return len(self.position)
@@ -147,13 +152,18 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
         blurred = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, smooth, borderType=cv2.BORDER_REPLICATE)
         laplacian = cv2.Laplacian(blurred, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
         u, v, gu, gv = edgel_kernels.zero_crossings(laplacian, gx, gy, np.float32(threshold))
+        width = np.full(len(u), np.sqrt(sigma ** 2 + CAMERA_BLUR_VARIANCE))
     else:
-        u, v, gu, gv = edgel_kernels.ridge_maxima(gx, gy, np.float32(threshold))
+        u, v, gu, gv, width = edgel_kernels.ridge_maxima(gx, gy, np.float32(threshold))
     magnitude = np.hypot(gu, gv)
     # Noise of the second derivative over the slope of that derivative at a step (DESIGN section 8 wants it stated):
     # sigma_e = sqrt(3/8) noise/contrast (S/s)^3 with S^2 = s^2 + the camera's own blur.
     total = np.sqrt(sigma ** 2 + CAMERA_BLUR_VARIANCE)
     contrast = magnitude * np.sqrt(2.0 * np.pi) * total
-    along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, POSITION_FLOOR)
+    # A camera always blurs a little; a picture with one sample a pixel does not, and its edges are stairs.
+    jagged = len(width) > 0 and float(np.median(width)) ** 2 < sigma ** 2 + LEAST_BLUR_VARIANCE
+    floor = JAGGED_FLOOR if jagged else POSITION_FLOOR
+    along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
     across = noise / (np.sqrt(8.0 * np.pi) * sigma ** 2) / magnitude
-    return Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across)
+    return Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across,
+                  width)
