@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import json
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -121,7 +122,10 @@ class ServiceLink:
         if not service.wait_for_service(timeout_sec=self.timeout):
             raise DapError(f'{service.srv_name}: no such service within {self.timeout:g} s; is emulator_node running?')
         future = service.call_async(request)
-        self._executor.spin_until_future_complete(future, timeout_sec=self.timeout)
+        # Not spin_until_future_complete: each call of it leaves tasks behind in the executor, which slow down the next.
+        deadline = time.monotonic() + self.timeout
+        while not future.done() and (left := deadline - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
         if not future.done():
             service.remove_pending_request(future)
             raise DapError(f'{service.srv_name}: no answer within {self.timeout:g} s')
