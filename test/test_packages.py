@@ -1,0 +1,82 @@
+"""What a package says of itself agrees with what it is."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ('msgs_py', 'dap_emulator', 'csg_renderer', 'stereo_recovery', 'model_matcher')
+
+
+def manifest(package: str) -> ElementTree.Element:
+    return ElementTree.parse(ROOT / 'src' / package / 'package.xml').getroot()
+
+
+def setup_arguments(package: str) -> dict[str, ast.expr]:
+    tree = ast.parse((ROOT / 'src' / package / 'setup.py').read_text())
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup']
+    return {keyword.arg: keyword.value for keyword in calls[0].keywords}
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_the_manifest_is_complete_and_agrees_with_setup(package):
+    root, setup = manifest(package), setup_arguments(package)
+    assert root.get('format') == '3' and root.findtext('name') == package
+    for tag, keyword in (('version', 'version'), ('license', 'license'), ('maintainer', 'maintainer')):
+        assert root.findtext(tag) == ast.literal_eval(setup[keyword])
+    assert root.find('maintainer').get('email') == ast.literal_eval(setup['maintainer_email'])
+    assert root.findtext('description').strip() and root.findtext('export/build_type') == 'ament_python'
+    assert 'pytest' in ast.literal_eval(setup['extras_require'])['test'], 'so that colcon test runs pytest'
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_dependencies_are_listed_once(package):
+    keys = [element.text for element in manifest(package) if element.tag.endswith('depend')]
+    runtime = [key for key in keys if not key.startswith('python3-pytest')]
+    assert len(set(runtime)) == len(runtime)
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_the_changelog_ends_with_this_version(package):
+    text = (ROOT / 'src' / package / 'CHANGELOG.rst').read_text()
+    newest = re.search(r'^(\d+\.\d+\.\d+) \(', text, re.MULTILINE)
+    assert newest and newest.group(1) == manifest(package).findtext('version')
+    assert f'Changelog for package {package}' in text
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_every_folder_of_data_is_installed(package):
+    """What is not Python and not in DATA would be missing from a wheel and from share/."""
+    folder = ROOT / 'src' / package / package
+    tree = ast.parse((ROOT / 'src' / package / 'setup.py').read_text())
+    data = ast.literal_eval(next(node.value for node in tree.body
+                                 if isinstance(node, ast.Assign) and node.targets[0].id == 'DATA'))
+    kept = ('.py', '.pyi', '.lark', '.typed', '.pyc', '.nbi', '.nbc')
+    found = {str(path.parent.relative_to(folder)) for path in folder.rglob('*')
+             if path.is_file() and not path.name.endswith(kept) and '__pycache__' not in path.parts
+             or path.name.endswith('.launch.py')}
+    assert found <= set(data), f'not in DATA: {found - set(data)}'
+    assert all((folder / item).is_dir() for item in data)
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
+    source = tmp_path / package
+    shutil.copytree(ROOT / 'src' / package, source,
+                    ignore=shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'test', 'doc'))
+    subprocess.run([sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '--no-build-isolation', '--no-index',
+                    '-w', str(tmp_path), str(source)], check=True, timeout=55, capture_output=True)
+    with zipfile.ZipFile(next(tmp_path.glob('*.whl'))) as wheel:
+        packed = set(wheel.namelist())
+    expected = {str(path.relative_to(source)) for path in (source / package).rglob('*') if path.is_file()}
+    assert expected <= packed, f'missing: {sorted(expected - packed)}'
+    assert any(name.endswith(f'share/{package}/package.xml') for name in packed)
