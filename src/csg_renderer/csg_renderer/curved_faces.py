@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from .axes import connected
-from .conics import evaluate
-from .faces import NODES, WEIGHTS, FacePart, Outline, quadrature
+from .faces import NODES, VERTEX, WEIGHTS, FacePart, Outline, quadrature
 from .neighbourhood import Branches
 from .pieces import conic_pieces, line_pieces
-from .surfaces import SurfaceTable
+from .surfaces import SurfaceTable, cluster
 
 MERIDIANS = 24  # lines of constant angle that link the parts of a face, besides those at its borders
 STEP = 1e-4  # how far inside its border a face is looked for, normalised frame
@@ -117,8 +118,8 @@ def _along(table: SurfaceTable, group: int, outline: Outline, branches: Branches
 def _parts(table: SurfaceTable, chart: _Chart, group: int, along: bool, borders: list[tuple[Outline, int]],
            branches: Branches) -> tuple[list[tuple[float, float]], dict[int, int]]:
     """Area and flux of each connected face of one quadric that looks one way, and the face of each border."""
-    seeds = np.array([chart.local(outline.middle + STEP * branches.direction[row][None])[0]
-                      for outline, row in borders]).reshape(-1, 3)
+    left = [chart.left(outline.middle, outline.tangent, branches.direction[row]) for outline, row in borders]
+    owner, seeds = _seeds(table, chart, group, borders, left)
     # A face that narrows to a point there ends there: look at every vertex too.
     ends = chart.local(np.array([p for outline, _ in borders for p in (outline.start, outline.end)]).reshape(-1, 3))
     angle = np.concatenate([np.arctan2(seeds[:, 1], seeds[:, 0]), np.arctan2(ends[:, 1], ends[:, 0]),
@@ -126,27 +127,77 @@ def _parts(table: SurfaceTable, chart: _Chart, group: int, along: bool, borders:
     row, low, high = _meridians(table, chart, group, along, angle)
     if not len(row):
         return [], {}
-    label = connected(angle, row, low, high)
-    count = int(label.max()) + 1
-    total = np.zeros((count, 2))
     height = seeds[:, 2] if chart.kind != 'SPHERE' else np.arcsin(np.clip(seeds[:, 2], -1.0, 1.0))
+    beside = np.full(len(seeds), -1)
+    for k in range(len(seeds)):
+        on = np.nonzero(row == k)[0]
+        if len(on):
+            gap = np.maximum(np.maximum(low[on] - height[k], height[k] - high[on]), 0.0)
+            beside[k] = on[gap.argmin()]
+    label = _linked(connected(angle, row, low, high), owner, beside, _following(borders, left))
+    total = np.zeros((int(label.max()) + 1, 2))
     found: dict[int, int] = {}
     sign = 1.0 if along else -1.0
     for k, (outline, branch) in enumerate(borders):
-        on = np.nonzero(row == k)[0]
-        if not len(on):
+        at = beside[(owner == k) & (beside >= 0)]
+        if not len(at):
             continue
-        gap = np.maximum(np.maximum(low[on] - height[k], height[k] - high[on]), 0.0)
-        part = int(label[on[gap.argmin()]])
-        found[branch] = part
+        part = found[branch] = int(label[at[0]])
         p = chart.local(outline.nodes)
         t = np.arctan2(p[:, 1], p[:, 0])
         dt = chart.angle_step(outline.nodes, outline.steps)
-        turn = -1.0 if chart.left(outline.middle, outline.tangent, branches.direction[branch]) else 1.0
+        turn = -1.0 if left[k] else 1.0
         total[part] += turn * np.array([chart.area(t, p[:, 2]) @ dt, sign * (chart.flux(t, p[:, 2]) @ dt)])
     if chart.kind == 'SPHERE':
         _add_poles(chart, row, low, high, label, sign, total)
-    return [(float(a), float(f)) for a, f in total], found
+    # Only a whole sphere has no border; other parts without one are slivers beside a vertex.
+    keep = np.isin(np.arange(len(total)), list(found.values())) | (total[:, 0] > 1e-9)
+    rank = np.cumsum(keep) - 1
+    return [(float(a), float(f)) for a, f in total[keep]], {branch: int(rank[part]) for branch, part in found.items()}
+
+
+def _seeds(table: SurfaceTable, chart: _Chart, group: int, borders: list[tuple[Outline, int]],
+           left: list[bool]) -> tuple[np.ndarray, np.ndarray]:
+    """Unit-frame points (n, 3) just inside the face beside each border, some along each, and their border (n,)."""
+    owner, points = [], []
+    for k, (outline, _) in enumerate(borders):
+        pick = np.unique([len(outline.nodes) // 5, len(outline.nodes) // 2, 4 * len(outline.nodes) // 5])
+        at, tangent = outline.nodes[pick], outline.steps[pick]
+        outward = table.gradients(at, np.full((len(at), 1), group))[:, 0]
+        inward = np.cross(outward, tangent) * (1.0 if left[k] else -1.0)
+        inward *= STEP / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
+        points.append(chart.local(at + inward))
+        owner += [k] * len(at)
+    return np.array(owner, int), np.concatenate([np.zeros((0, 3)), *points])
+
+
+def _following(borders: list[tuple[Outline, int]], left: list[bool]) -> list[tuple[int, int]]:
+    """Pairs of borders of which the second begins, face to the left, where only the first ends."""
+    if not borders:
+        return []
+    start = np.array([o.start if forward else o.end for (o, _), forward in zip(borders, left)])
+    end = np.array([o.end if forward else o.start for (o, _), forward in zip(borders, left)])
+    vertex = cluster(np.concatenate([start, end]), VERTEX)[0]
+    begins, stops = vertex[:len(start)], vertex[len(start):]
+    pairs = []
+    for k, where in enumerate(stops):
+        after = np.nonzero(begins == where)[0]
+        if len(after) == 1 and (stops == where).sum() == 1:
+            pairs.append((k, int(after[0])))
+    return pairs
+
+
+def _linked(label: np.ndarray, owner: np.ndarray, beside: np.ndarray, following: list[tuple[int, int]]) -> np.ndarray:
+    """Labels of intervals, joined where one border, or two that follow each other, run beside several."""
+    parts: dict[int, list[int]] = {}
+    for border, interval in zip(owner, beside):
+        if interval >= 0:
+            parts.setdefault(int(border), []).append(int(label[interval]))
+    links = [(own[0], other) for own in parts.values() for other in own[1:]]
+    links += [(parts[a][0], parts[b][0]) for a, b in following if a in parts and b in parts]
+    pairs, count = np.array(links, int).reshape(-1, 2), int(label.max()) + 1
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1][label]
 
 
 def _add_poles(chart: _Chart, row: np.ndarray, low: np.ndarray, high: np.ndarray, label: np.ndarray, sign: float,
@@ -175,7 +226,7 @@ def _meridians(table: SurfaceTable, chart: _Chart, group: int, along: bool,
         low, high = found.low, found.high
         low, high = (x - 2.0 * np.pi * np.round(0.5 * (found.low + found.high) / (2.0 * np.pi)) for x in (low, high))
         real = np.abs(0.5 * (low + high)) < 0.5 * np.pi
-        points = evaluate(conic[found.curve], 0.5 * (found.low + found.high))
+        points = found.middle
     else:
         direction = np.stack([c, s, one] if chart.kind == 'CONE' else [zero, zero, one], axis=1) @ frame[:3, :3].T
         root = np.stack([zero, zero, zero] if chart.kind == 'CONE' else [c, s, zero], axis=1) @ frame[:3, :3].T

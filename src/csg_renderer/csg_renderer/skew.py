@@ -14,7 +14,7 @@ import numpy as np
 
 from .conics import quadric_angles
 from .neighbourhood import classify, faces_through
-from .pieces import SHORTEST_ARC, Pieces, creases
+from .pieces import INSIDE, SHORTEST_ARC, Pieces, creases
 from .surfaces import SurfaceTable
 
 SAMPLES = 256  # of a whole curve; crossings with other surfaces are looked for between neighbours
@@ -116,7 +116,8 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
     """Pieces and creases in the intersections of these pairs of quadric groups."""
     curves: list[RuledCurve] = []
     owners, rows, lows, highs = [], [np.zeros(0, int)], [np.zeros(0)], [np.zeros(0)]
-    turn = np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
+    # Off the places that matter: at 0 and pi the two roots meet, and models like to have a face there.
+    turn = 0.01234 + np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
     for pair in pairs:
         for curve in ruled_curves(table, *pair):
             cuts = _cuts(table, curve, turn, {len(table.planes) + k for k in pair})
@@ -133,7 +134,7 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
     q = table.quadrics
     for k, pair in enumerate(owners):
         mine = row == k
-        at = middle[mine] = curves[k].points(0.5 * (low[mine] + high[mine]))
+        at = middle[mine] = curves[k].points(low[mine] + INSIDE * (high[mine] - low[mine]))
         tangent[mine] = np.cross(*(at @ q[j, :3, :3] + q[j, :3, 3] for j in pair))
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     good = np.isfinite(middle).all(axis=1) & (length[:, 0] > 1e-12)
@@ -141,7 +142,7 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
     # Along the curve, not against it: the same side of a surface is to have the same name all the way.
     for k in range(len(curves)):
         mine = np.nonzero((row == k) & good)[0]
-        at = 0.5 * (low[mine] + high[mine])
+        at = low[mine] + INSIDE * (high[mine] - low[mine])
         ahead = curves[k].points(at + 1e-5) - curves[k].points(at - 1e-5)
         tangent[mine] *= np.where(np.einsum('ni,ni->n', ahead, tangent[mine]) < 0.0, -1.0, 1.0)[:, None]
     good[good] = faces_through(table, middle[good]).sum(axis=1) >= 2
@@ -163,7 +164,8 @@ def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int
     points = curve.points(turn)
     values = table.values(np.nan_to_num(points))[:, others]
     values[~np.isfinite(points).all(axis=1)] = np.nan
-    row, column = np.nonzero(values[:-1] * values[1:] < 0.0)
+    side, real = values >= 0.0, np.isfinite(values)
+    row, column = np.nonzero((side[:-1] != side[1:]) & real[:-1] & real[1:])
     if not len(row):
         return np.zeros(0)
     group = np.array(others, int)[column]

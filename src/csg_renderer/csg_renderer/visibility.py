@@ -21,6 +21,7 @@ from .contours import contours
 from .image_cuts import SHORTEST, Wires, cut_conics, cut_segments, runs
 from .model_features import boundary
 from .occlusion import THIN, hidden
+from .pieces import INSIDE
 from .solid import Solid
 
 Placed = tuple[Solid, Pose]
@@ -154,8 +155,8 @@ class Scenery:
         row, low, high = cut_segments(wires.segment, self.all, planes)
         start, along = wires.segment[row, 0], wires.segment[row, 1] - wires.segment[row, 0]
         curve, first, last = cut_conics(wires, self.all, planes)
-        middle = np.concatenate([start + (0.5 * (low + high))[:, None] * along,
-                                 evaluate(wires.conic[curve], 0.5 * (first + last))])
+        middle = np.concatenate([start + (low + INSIDE * (high - low))[:, None] * along,
+                                 evaluate(wires.conic[curve], first + INSIDE * (last - first))])
         seen = ~self.hides(middle)
         return _joined(row, low, high, seen[:len(row)]), _joined(curve, first, last, seen[len(row):])
 
@@ -195,7 +196,7 @@ class Scenery:
         """Visible pieces of a curve of points (2 k + 1, 3), every second of which ends a chord."""
         row, low, high = cut_segments(_chords(points), self.all, frustum(camera))
         # The curve bulges from its chords: ask at its own points, by the parabola through three of them.
-        t = 0.5 * (low + high)[:, None]
+        t = (low + INSIDE * (high - low))[:, None]
         first, middle, last = points[2 * row], points[2 * row + 1], points[2 * row + 2]
         at = first * (1 - t) * (1 - 2 * t) + middle * 4 * t * (1 - t) + last * t * (2 * t - 1)
         seen = ~self.hides(at, CURVED_THIN)
