@@ -5,14 +5,14 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from csg_renderer import render_stereo
 from csg_renderer.node import RendererNode, sensor_images
 from csg_renderer.pipeline import scene_rig
 from msgs_py import StereoRig
-from msgs_py.codecs import image_to_array, pose_from_message
+from msgs_py.codecs import cloud_to_features, image_to_array, pose_from_message
 
 SCENE = """
 UNITS MM;
@@ -21,7 +21,8 @@ LIGHT(100, -200, -100);
 DRAW(wall) AT(10, 5, 300);
 """
 TOPICS = {'left/image_rect': Image, 'right/image_rect': Image, 'left/camera_info': CameraInfo,
-          'right/camera_info': CameraInfo, 'left/depth': Image, 'ground_truth/pose': PoseStamped}
+          'right/camera_info': CameraInfo, 'left/depth': Image, 'ground_truth/pose': PoseStamped,
+          'ground_truth/features': PointCloud2}
 
 
 @pytest.fixture
@@ -55,8 +56,8 @@ def test_a_pair_has_four_equal_stamps_and_its_truth(graph, scene_file):
                 for received in listener.messages.values()]
     common = set.intersection(*(set(messages) for messages in by_stamp))
     assert common
-    left, right, left_info, right_info, depth, pose = (messages[max(common)] for messages in by_stamp)
-    assert {m.header.frame_id for m in (left, right, left_info, right_info, depth, pose)} == {
+    left, right, left_info, right_info, depth, pose, cloud = (messages[max(common)] for messages in by_stamp)
+    assert {m.header.frame_id for m in (left, right, left_info, right_info, depth, pose, cloud)} == {
         'camera_left_optical_frame'}
     rig = StereoRig.from_camera_info(left_info, right_info)
     scene = node._file.scene
@@ -69,6 +70,9 @@ def test_a_pair_has_four_equal_stamps_and_its_truth(graph, scene_file):
     assert 0.5 < np.abs(pixels - clean).std() < 4.0
     assert np.array_equal(image_to_array(depth)[0], frames[0].depth, equal_nan=True)
     assert np.allclose(pose_from_message(pose.pose).translation, [0.010, 0.005, 0.300], atol=1e-9)
+    seen = cloud_to_features(cloud)
+    assert len(seen) >= 4
+    assert np.abs(seen.start[:, 2] - 0.3).min() < 1e-9 and (seen.start[:, 2] <= 0.32 + 1e-9).all()
 
 
 def test_single_shot_renders_once_and_only_when_asked(graph, scene_file):

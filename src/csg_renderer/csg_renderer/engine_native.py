@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from threading import Lock
 from typing import cast
 from weakref import WeakKeyDictionary
@@ -55,27 +56,55 @@ _prepared: WeakKeyDictionary[Program, Prepared] = WeakKeyDictionary()
 
 def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions) -> Frame:
     """See :func:`csg_renderer.render`."""
+    return render_views(scene, [(camera, camera_T_scene)], options)[0]
+
+
+def render_views(scene: Scene, views: Sequence[tuple[PinholeCamera, Pose]], options: RenderOptions) -> list[Frame]:
+    """Several views of one scene: they share its preparation, and threads go from one on to the next without waiting.
+
+    views : (camera, camera_T_scene) each
+    """
     program = program_of(scene)
     ready = _prepared.get(program)
     if ready is None:
         ready = _prepared[program] = prepare(program)
-    view = view_of(program, camera_T_scene)
-    frame, target = _new_frame(camera, camera_T_scene)
-    eye, plan = look_through(ready, view, camera, options)
-    threads = min(options.threads or _cores(), max(1, camera.height // 8))
-    works = [_workspace(ready) for _ in range(threads)]
-    deeps = [_deep(view, options) for _ in range(threads)]
-    object_of = program.object_of
-    active = sum(_each_thread(threads, lambda k: render_tiles(
-        k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k],
-        ready.ground, object_of)))
+    threads = min(options.threads or _cores(), max(1, min(camera.height for camera, _ in views) // 8))
+    # Preparing a view is serial work, so two views are prepared side by side.
+    jobs = _each_thread(len(views), lambda i: _Job(ready, *views[i], options, threads))
+    shares = _each_thread(threads, lambda k: [job.tiles(k, threads) for job in jobs])
     if options.adaptive:
-        _each_thread(threads, lambda k: smooth_rows(
-            k, threads, ready.trees, eye, ready.look, plan, target, works[k], deeps[k], ready.ground,
-            CROW_WEIGHTS, np.array(CROW_OFFSETS)))
-    counts = np.sum([work.counts for work in works], axis=0)
-    frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]), active if options.tiling else 1)
-    return frame
+        for job in jobs:
+            _each_thread(threads, partial(job.smooth, threads))
+    for job, active in zip(jobs, zip(*shares)):
+        counts = np.sum([work.counts for work in job.works], axis=0)
+        job.frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]),
+                                      sum(active) if options.tiling else 1)
+    return [job.frame for job in jobs]
+
+
+class _Job:
+    """One view being rendered by several threads."""
+
+    def __init__(self, ready: Prepared, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions,
+                 threads: int) -> None:
+        view = view_of(ready.program, camera_T_scene)
+        self.ready = ready
+        self.frame, self.target = _new_frame(camera, camera_T_scene)
+        self.eye, self.plan = look_through(ready, view, camera, options)
+        self.works = [_workspace(ready) for _ in range(threads)]
+        self.deeps = [_deep(view, options) for _ in range(threads)]
+
+    def tiles(self, thread: int, threads: int) -> int:
+        """This thread's tiles; how many were not empty."""
+        ready = self.ready
+        return render_tiles(thread, threads, ready.trees, self.eye, ready.look, self.plan, self.target,
+                            self.works[thread], self.deeps[thread], ready.ground, ready.program.object_of)
+
+    def smooth(self, threads: int, thread: int) -> None:
+        """This thread's rows, anti-aliased where faces meet; all tiles must be done."""
+        ready = self.ready
+        smooth_rows(thread, threads, ready.trees, self.eye, ready.look, self.plan, self.target, self.works[thread],
+                    self.deeps[thread], ready.ground, CROW_WEIGHTS, np.array(CROW_OFFSETS))
 
 
 def prepare(program: Program) -> Prepared:
@@ -321,6 +350,11 @@ def _cores() -> int:
 @lru_cache(maxsize=1)
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=_cores(), thread_name_prefix='csg_renderer')
+
+
+# A forked child has none of these threads.
+if hasattr(os, 'register_at_fork'):
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def _each_thread(threads: int, task) -> list:

@@ -85,28 +85,44 @@ def render(scene: Scene, camera: PinholeCamera | None = None, world_to_camera: P
     tiling, levels, antialias, shadows, and options tile_size, threads : see :class:`RenderOptions`
     Raises ValueError, naming the argument, and TypeError for what is no Scene.
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(f'scene: expected a Scene, got {type(scene).__name__}')
-    camera = camera or scene.camera or default_camera()
-    pose = scene.camera_T_scene if world_to_camera is None else world_to_camera
+    camera = camera or _checked(scene).camera or default_camera()
+    pose = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
     chosen = RenderOptions(tiling=tiling, levels=levels, antialias=antialias, shadows=shadows, **options)
-    start = time.perf_counter()
-    frame = _engine(engine).render(scene, camera, pose, chosen)
-    frame.stats.seconds = time.perf_counter() - start
-    return frame
+    return _render_views(scene, [(camera, pose)], engine, chosen)[0]
 
 
 def render_stereo(scene: Scene, rig: StereoRig | None = None, world_to_camera: Pose | None = None,
-                  **options) -> tuple[Frame, Frame]:
+                  engine: str = 'native', **options) -> tuple[Frame, Frame]:
     """A rectified pair, (left, right). world_to_camera places the left camera; options as for :func:`render`.
 
     rig : :func:`default_rig` of the scene by default
     """
-    rig = rig or default_rig(scene)
-    left = scene.camera_T_scene if world_to_camera is None else world_to_camera
+    rig = rig or default_rig(_checked(scene))
+    left = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
     # Along the camera's x whatever the scale of the pose: baselines are metres of the camera frame.
     right = Pose(left.rotation, left.translation + rig.right_T_left, left.scale)
-    return render(scene, rig.left, left, **options), render(scene, rig.right, right, **options)
+    frames = _render_views(scene, [(rig.left, left), (rig.right, right)], engine, RenderOptions(**options))
+    return frames[0], frames[1]
+
+
+def _checked(scene: Scene) -> Scene:
+    if not isinstance(scene, Scene):
+        raise TypeError(f'scene: expected a Scene, got {type(scene).__name__}')
+    return scene
+
+
+def _render_views(scene: Scene, views: list[tuple[PinholeCamera, Pose]], engine: str,
+                  options: RenderOptions) -> list[Frame]:
+    """Frames of several views; an engine that can share work between them has render_views."""
+    module = _engine(engine)
+    start = time.perf_counter()
+    if hasattr(module, 'render_views'):
+        frames = module.render_views(_checked(scene), views, options)
+    else:
+        frames = [module.render(_checked(scene), camera, pose, options) for camera, pose in views]
+    for frame in frames:
+        frame.stats.seconds = (time.perf_counter() - start) / len(views)
+    return frames
 
 
 def _engine(name: str):
