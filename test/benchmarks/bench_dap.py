@@ -107,8 +107,8 @@ def matching_table(quick: bool) -> None:
     print(f'tables: ours {min(making):.2f} to {max(making):.2f} s, thesis {TABLES_SHARE * MATCHING_S[0]:.2f} to '
           f'{TABLES_SHARE * MATCHING_S[1]:.2f} (its mean share, {100 * TABLES_SHARE:.1f} %): ratio of the means '
           f'{geometric_mean(making) / (TABLES_SHARE * middle):.2f}')
-    print('Parallel work is predicted; the serial traversal is not: it is mostly scalar code, calls and copies of lists\n'
-          'in the control unit, whose costs are our estimates without a source. Its share here is too small.')
+    print('Parallel work is predicted; the serial traversal is not: it is mostly scalar code, calls and copies of\n'
+          'lists in the control unit, whose costs are our estimates without a source. Its share here is too small.')
 
 
 def plug_table() -> None:
@@ -277,7 +277,8 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"render(engine='dap') of L-shape v1: {milliseconds(lambda: render(scene, engine='dap'), 0.5):.0f} ms")
     runs = 200 if options.quick else 1000
     rate, growth, wrong = service(runs)
-    print(f'service: {runs} runs of 4 concurrent clients, {rate:.0f} a second, {wrong} mix-ups, memory {growth:+.1f} MB')
+    print(f'service: {runs} runs of 4 concurrent clients, {rate:.0f} a second, {wrong} mix-ups, '
+          f'memory {growth:+.1f} MB')
     return 0
 
 
