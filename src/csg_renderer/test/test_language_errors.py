@@ -166,7 +166,8 @@ def test_a_scene_that_does_not_exist_is_a_file_error_with_the_nearest_names():
     'a0 = SPHERE (1);' + ''.join(f'a{k + 1} = a{k} UNION a{k};' for k in range(60)) + 'DRAW a60;',
     'a = SPHERE (1);' + 'a = a AT (1,1,1);' * 30_000,
     'a = ' + 'SPHERE (1) UNION ' * 5_000 + 'SPHERE (1); DRAW a;',
-    'DRAW SPHERE (1)' + ' AT (1,1,1)' * 8_000 + ';',
+    'DRAW SPHERE (1)' + ' AT (1,1,1)' * 5_000 + ';',
+    'a = ' + 'BLOCK (1, 2, 3) UNION ' * 44 + 'NULL; DRAW a' + ' PAINT FACES' * 1_000 + ';',
     ''.join(f'b{k} = SPHERE ({k + 1}) UNION SPHERE (1) XROT (3); DRAW b{k};' for k in range(2_000)),
     '"' * 50_000, '/*' * 50_000, ';' * 100_000, 'a' * 150_000, '\n' * 100_000 + 'DRAW',
 ])

@@ -17,6 +17,7 @@ from . import ast
 from .camera import CLAUSES, camera_of
 from .errors import Place, SceneError, did_you_mean
 from .includes import Includes
+from .paint import paint_work
 from .parser import MAX_ERRORS, Broken, Source, Statement, parse_statements
 from .values import (
     CONSTANTS,
@@ -51,6 +52,9 @@ class Drawing:
     """What the statements of the first file add up to."""
 
     placements: list[Placement] = field(default_factory=list)
+    leaves: int = 0
+    # Names of objects, each with the last number that was put behind it.
+    taken: dict[str, int] = field(default_factory=dict)
     lights: list[Light] = field(default_factory=list)
     ambient: tuple[float, float, float] = (0.2, 0.2, 0.2)
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -198,18 +202,20 @@ class Evaluator:
             return
         bare = value.last if isinstance(value, ast.Combination) and not value.steps else value
         name = bare.text if isinstance(bare, ast.Name) else 'object'
-        taken = {placement.name for placement in self.drawing.placements}
+        drawing = self.drawing
         if node.name is not None:
             name = node.name.text
-            if name in taken:
+            if name in drawing.taken:
                 raise self._fail(node.name.place, f'another object is drawn as {name!r} already')
-        unique, number = name, 2
-        while unique in taken:
-            unique, number = f'{name}_{number}', number + 1
-        total = sum(1 for placement in self.drawing.placements for _ in placement.model.primitives) + shape.leaves
-        if total > MAX_PRIMITIVES:
-            raise self._fail(node.place, f'the scene has {total} primitives, at most {MAX_PRIMITIVES} are drawn')
-        self.drawing.placements.append(Placement(unique, shape.solid, matrix))
+        unique, number = name, drawing.taken.get(name, 1)
+        while unique in drawing.taken:
+            number += 1
+            unique = f'{name}_{number}'
+        drawing.taken.update({unique: 1, name: number})
+        drawing.leaves += shape.leaves
+        if drawing.leaves > MAX_PRIMITIVES:
+            raise self._fail(node.place, f'the scene has more than {MAX_PRIMITIVES} primitives')
+        drawing.placements.append(Placement(unique, shape.solid, matrix))
 
     def _setting(self, node: ast.Setting) -> None:
         numbers = [self._number(argument) for argument in node.arguments]
@@ -432,7 +438,8 @@ class Evaluator:
                 else:
                     if suffix.word == 'PAINT' and not suffix.bare and not numbers:
                         raise ValueError('PAINT FACES takes no parentheses, or a colour for each face in them')
-                    self._spend(shape.leaves, suffix)
+                    faces = suffix.word == 'PAINT' and suffix.bare
+                    self._spend(paint_work(shape.leaves) if faces else shape.leaves, suffix)
                     solid = paint(solid, suffix.word, numbers)
             except SceneError:
                 raise
@@ -455,11 +462,11 @@ class Evaluator:
         if not largest > 0.0 or abs(np.linalg.det(linear / largest)) <= 1e-12:
             raise ValueError('these transforms together flatten the solid to nothing')
 
-    def _spend(self, leaves: int, suffix: ast.Suffix) -> None:
-        self.work[0] += leaves
+    def _spend(self, work: int, suffix: ast.Suffix) -> None:
+        self.work[0] += work
         if self.work[0] > MAX_WORK:
-            raise self._fail(suffix.place, f'the file moves or paints more than {MAX_WORK} primitives in all',
-                             'does a name double itself?')
+            raise self._fail(suffix.place, 'the file moves and paints too many primitives',
+                             f'at most {MAX_WORK}, a PAINT FACES counts for up to 1000; does a name double itself?')
 
 
 class Skip(SceneError):

@@ -29,7 +29,7 @@ PARALLEL = 1e-6
 STEP = 1e-5
 # Samples of a face along one side at most, and a bound on samples times primitives, which is the time it takes.
 MAX_SAMPLES = 40
-WORK = 1_500_000
+WORK = 600_000
 
 
 def paint_faces(solid: Solid) -> Solid:
@@ -41,6 +41,12 @@ def paint_faces(solid: Solid) -> Solid:
     colours = iter([np.array([shade[group] for group in table.slots[i][table.slot_real[i]]])[:, None]
                     * np.asarray(leaf.surface.colour) for i, leaf in enumerate(table.leaves)])
     return map_leaves(solid, lambda leaf: replace(leaf, face_colours=next(colours)))
+
+
+def paint_work(leaves: int) -> int:
+    """What painting a solid costs, in primitives that could be moved in the same time."""
+    samples = min(WORK, 6 * leaves * leaves * MAX_SAMPLES**2)
+    return 2 * leaves + 1000 * samples // WORK
 
 
 def _shades(table: SurfaceTable, exposed: set[int]) -> dict[int, float]:
