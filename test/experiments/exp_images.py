@@ -46,7 +46,7 @@ def moved(pose: Pose, about: np.ndarray, step: np.ndarray) -> Pose:
 
 
 def physical_limit(scene: Scene, rig: StereoRig, left_T_scene: Pose, origin: np.ndarray,
-                   noise: float = NOISE, psf: float = PSF) -> np.ndarray:
+                   noise: float = NOISE, psf: float = PSF, fine: int = FINE) -> np.ndarray:
     """(6, 6) Cramer-Rao bound of (x, y, z, rx, ry, rz), metres and radians: no unbiased estimator that knows the whole
     appearance of the scene can do better from these two images with this noise.
 
@@ -62,7 +62,7 @@ def physical_limit(scene: Scene, rig: StereoRig, left_T_scene: Pose, origin: np.
         for sign in (1.0, -1.0):
             step = np.zeros(6)
             step[k] = sign * steps[k]
-            frames = render_stereo(scene, rig, moved(left_T_scene, origin, step), antialias=FINE)
+            frames = render_stereo(scene, rig, moved(left_T_scene, origin, step), antialias=fine)
             sides.append(np.concatenate([cv2.GaussianBlur(grey(f.image), (0, 0), psf).ravel() for f in frames]))
         columns.append((sides[0] - sides[1]) / (2.0 * steps[k]))
     jacobian = np.stack(columns)
@@ -110,7 +110,7 @@ def sweep(setting: Setting, what: str, values: list, title: str, **of_value: Any
                 truth, best, rig, left_T_scene = trial(name, seed, **arguments)
                 if seed == 0:
                     limit = physical_limit(view(name).scene, rig, left_T_scene, truth.translation,
-                                           arguments.get('noise', NOISE))
+                                           arguments.get('noise', NOISE), fine=setting.pick(FINE, 2))
                 if best is not None:
                     error = error_vector(best, truth)
                     if np.linalg.norm(error[3:]) < np.radians(5.0):
@@ -173,7 +173,7 @@ def baseline(setting: Setting) -> Outcome:
         return StereoRig(this.rig.left, this.rig.right, float(this.pose.translation[2]) / value)
 
     table, plots, cells = sweep(setting, 'distance : baseline', values, 'Error against baseline', rig=rig_of,
-                                antialias=lambda value, name: FINE)
+                                antialias=lambda value, name: setting.pick(FINE, 2))
     return Outcome(f'Depth errors fall with the baseline as the limit does (median {_beside_limit(cells, 3):.1f} '
                    'times the '
                    'limit); the thesis\' 5 : 1 is a fair choice.', [table], plots, [NOTE])
@@ -182,7 +182,7 @@ def baseline(setting: Setting) -> Outcome:
 def depth(setting: Setting) -> Outcome:
     values = setting.pick([0.9, 1.0, 1.5, 2.0, 3.0, 4.0], [1.0])
     table, plots, cells = sweep(setting, 'distance, times the view\'s own', values, 'Error against depth',
-                                depth=lambda value, name: value, antialias=lambda value, name: FINE)
+                                depth=lambda value, name: value, antialias=lambda value, name: setting.pick(FINE, 2))
     return Outcome(f'At a fixed baseline depth errors grow with the distance as the limit does (median '
                    f'{_beside_limit(cells, 3):.1f} times the limit).', [table], plots, [NOTE])
 

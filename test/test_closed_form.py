@@ -1,0 +1,188 @@
+"""Closed-form testing: one case, sweeps, clutter, several processes, saved and replayed cases, exit status."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from csg_renderer import load_scene, scene_path
+from model_matcher.closed_form import main
+from model_matcher.closed_form_batch import run_batch
+from model_matcher.closed_form_case import Case, Limits
+from model_matcher.closed_form_library import run_library_case
+from model_matcher.closed_form_run import case_rig
+from model_matcher.closed_form_saved import load_case
+from model_matcher.closed_form_scene import case_pose, case_scene, clutter_of, model_centre
+from model_matcher.closed_form_sweep import SWEEPS, pose_from_angles, sweep_cases
+from msgs_py import Pose
+
+SCENE = 'l_shape_v1'
+FAST = ['-q', '--antialias', '2']
+
+
+def matrix(case: Case) -> np.ndarray:
+    return np.reshape(case.pose, (4, 4))
+
+
+@pytest.fixture
+def own_scene(tmp_path) -> Path:
+    """A user's scene file outside the package, with an include beside it."""
+    folder = tmp_path / 'mine'
+    folder.mkdir()
+    (folder / 'parts.csg').write_text('bracket = (BLOCK (60, 12, 40) UNION BLOCK (14, 50, 40)) PAINT FACES;\n')
+    path = folder / 'desk.csg'
+    path.write_text('INCLUDE "parts.csg";\nCAMERA SIZE (320, 240) FOCAL (440) CENTRE (150, 130);\nSTEREO (45);\n'
+                    'AMBIENT (0.9);\nLIGHT (-100, -300, -100) COLOUR (0.1);\n'
+                    'DRAW bracket YROT (35) XROT (25) AT (-20, -10, 230);\n')
+    return path
+
+
+@pytest.mark.parametrize('sweep', SWEEPS)
+def test_a_sweep_keeps_the_object_in_place_and_its_poses_are_rotations(sweep):
+    case = Case(SCENE)
+    cases = sweep_cases(case, sweep, 7)
+    scene = load_scene(scene_path(SCENE))
+    middle, _ = model_centre(scene)
+    before = case_pose(case, scene).apply(middle)
+    assert len({one.name for one in cases}) == 7 and len({one.seed for one in cases}) == 7
+    for one in cases:
+        pose = Pose.from_matrix(matrix(one))
+        np.testing.assert_allclose(np.linalg.det(pose.rotation), 1.0, atol=1e-9)
+        allowed = 0.1 * before[2] if sweep == 'random' else 1e-9
+        assert np.abs(pose.apply(middle) - before).max() <= allowed
+    turns = np.array([Pose.from_matrix(matrix(one)).rotation for one in cases])
+    assert min(np.abs(a - b).max() for i, a in enumerate(turns) for b in turns[:i]) > 0.05
+
+
+def test_a_turntable_starts_at_the_scene_and_turns_about_the_vertical():
+    cases = sweep_cases(Case(SCENE), 'turntable', 4)
+    start, opposite = (Pose.from_matrix(matrix(cases[k])).rotation for k in (0, 2))
+    np.testing.assert_allclose(start, case_pose(Case(SCENE), load_scene(scene_path(SCENE))).rotation, atol=1e-12)
+    np.testing.assert_allclose(opposite @ start.T, np.diag([-1.0, 1.0, -1.0]), atol=1e-9)
+
+
+def test_a_sweep_can_be_put_at_another_distance_and_bad_arguments_are_named():
+    middle, _ = model_centre(load_scene(scene_path(SCENE)))
+    (case,) = sweep_cases(Case(SCENE), 'turntable', 1, distance=0.3)
+    assert Pose.from_matrix(matrix(case)).apply(middle)[2] == pytest.approx(0.3)
+    for arguments, name in ((('spiral', 3), 'sweep'), (('grid', 0), 'count'), (('grid', 3, -1.0), 'distance')):
+        with pytest.raises(ValueError, match=name):
+            sweep_cases(Case(SCENE), *arguments)
+
+
+def test_angles_of_the_command_line_mean_what_they_mean_in_a_scene_file():
+    scene = load_scene(scene_path(SCENE))  # YROT (40) XROT (-30) AT (10, -30, 150): first Y, then X
+    pose = case_pose(Case(SCENE), scene)
+    first_y = np.reshape(pose_from_angles([0, 40, 0, 0, 0, 1]), (4, 4))[:3, :3]
+    then_x = np.reshape(pose_from_angles([-30, 0, 0, 10, -30, 150]), (4, 4))
+    np.testing.assert_allclose(then_x[:3, :3] @ first_y, pose.rotation, atol=1e-12)
+    np.testing.assert_allclose(then_x[:3, 3], pose.translation, atol=1e-12)
+
+
+def test_a_written_scene_is_the_scene_it_stands_for(own_scene, tmp_path):
+    case = Case(str(own_scene), pose=tuple(np.eye(4).ravel()), clutter=3)
+    rig = case_rig(case)
+    scene = load_scene(case_scene(case, rig, tmp_path / 'case'))
+    original = load_scene(own_scene)
+    assert scene.camera == original.camera and scene.baseline == original.baseline
+    assert len(scene.placements) == 4 and scene.placements[0].name == 'bracket'
+    np.testing.assert_array_equal(scene.placements[0].matrix, np.eye(4))
+    np.testing.assert_allclose(scene.lights[0].position, original.lights[0].position)
+    assert all(len(placed.model.primitives) for placed in scene.placements)
+
+
+def test_clutter_stands_beside_or_behind_the_object():
+    case = Case(SCENE, clutter=12)
+    scene, rig = load_scene(scene_path(SCENE)), case_rig(case)
+    pose = case_pose(case, scene)
+    middle, radius = model_centre(scene)
+    centre = pose.apply(middle)
+    outline = rig.left.fx * radius / centre[2]
+    assert len(clutter_of(case, scene, pose, rig)) == 12
+    for _, place in clutter_of(case, scene, pose, rig):
+        beside = np.linalg.norm(rig.left.project(place.translation) - rig.left.project(centre)) > outline
+        assert beside or place.translation[2] > centre[2] + radius
+
+
+def test_a_case_through_the_libraries_is_measured_against_the_truth(own_scene, tmp_path):
+    result = run_library_case(Case(str(own_scene)), tmp_path)
+    assert result.found is not None and result.pose_error.rotation_deg < 0.5
+    assert result.edges.edges_found >= 0.7 * len(result.edges.covered) and result.surface_residual_m < 1e-6
+
+
+def test_a_sweep_writes_csv_json_and_a_page_and_sets_the_exit_status(tmp_path):
+    out = tmp_path / 'out'
+    arguments = [SCENE, '--sweep', 'turntable', '--count', '3', '-o', str(out), *FAST]
+    lenient = ['--max-rotation-deg', '2', '--max-translation-mm', '5', '--min-success', '0.3']
+    assert main([*arguments, *lenient]) == 0
+    rows = list(csv.DictReader((out / 'summary.csv').read_text().splitlines()))
+    document = json.loads((out / 'summary.json').read_text())
+    assert len(rows) == len(document['cases']) == document['summary']['cases'] == 3
+    assert rows[0]['case'] == 'l_shape_v1_turntable_0' and float(rows[0]['rotation_error_deg']) < 2.0
+    assert 'Closed-form sweep' in (out / 'index.html').read_text()
+    assert main([*arguments, '--max-rotation-deg', '0']) == 1
+
+
+def test_a_failing_case_is_saved_and_replayed_to_the_same_figures(own_scene, tmp_path):
+    out = tmp_path / 'out'
+    assert main([str(own_scene), '--sweep', 'grid', '--count', '2', '--clutter', '2', '-o', str(out),
+                 '--max-rotation-deg', '1e-9', *FAST]) == 1
+    first = json.loads((out / 'summary.json').read_text())['cases'][0]
+    folder = out / first['saved']
+    own_scene.unlink()  # the folder alone is enough
+    assert {'case.json', 'scene.csg', 'left.png', 'right.png', 'features.npz', 'report.html'} <= {
+        path.name for path in folder.iterdir()}
+    case, limits = load_case(folder)
+    assert limits.rotation_deg == 1e-9 and case.name == first['case']
+    again = tmp_path / 'again'
+    assert main(['--replay', str(folder), '-o', str(again), '-q']) == 1
+    replayed = json.loads((again / case.name / 'result.json').read_text())
+    for name in ('rotation_error_deg', 'translation_error_m'):
+        assert replayed[name] == pytest.approx(first[name], rel=1e-6)
+
+
+def test_a_damaged_saved_case_is_refused_by_name(tmp_path, capsys):
+    (tmp_path / 'case.json').write_text('{"case": {"scene": "l_shape_v1", "colour": 3}, "limits": {}}')
+    with pytest.raises(ValueError, match='colour'):
+        load_case(tmp_path)
+    assert main(['--replay', str(tmp_path)]) == 2 and 'colour' in capsys.readouterr().err
+    assert main(['--replay', str(tmp_path / 'nowhere')]) == 2
+
+
+def test_several_processes_give_what_one_gives(tmp_path):
+    cases = sweep_cases(Case(SCENE, width=256, antialias=2), 'turntable', 3)
+    documents = [run_batch(cases, Limits(), tmp_path / str(workers), workers, quiet=True) for workers in (1, 2)]
+    for one, other in zip(*documents):
+        assert one['case'] == other['case'] and one['rotation_error_deg'] == other['rotation_error_deg']
+
+
+def test_an_unusable_scene_is_a_result_of_a_batch_and_misuse_of_the_command(tmp_path, capsys):
+    (document,) = run_batch([Case('no_such_scene')], Limits(), tmp_path, quiet=True)
+    assert not document['passed'] and 'no_such_scene' in document['verdict']
+    with pytest.raises(SystemExit) as stop:
+        main(['no_such_scene', '--sweep', 'grid', '-o', str(tmp_path)])
+    assert stop.value.code == 2 and 'no_such_scene' in capsys.readouterr().err
+
+
+def test_dask_runs_the_cases_or_says_that_it_is_not_installed(tmp_path):
+    cases = sweep_cases(Case(SCENE, width=256, antialias=2), 'turntable', 2)
+    if importlib.util.find_spec('distributed') is None:
+        with pytest.raises(ValueError, match='distributed'):
+            run_batch(cases, Limits(), tmp_path, dask='local', quiet=True)
+        pytest.skip('dask.distributed is not installed')
+    assert len(run_batch(cases, Limits(), tmp_path, dask='local', quiet=True)) == 2
+
+
+def test_one_case_through_the_real_nodes_with_pose_and_clutter(own_scene, tmp_path):
+    pose = ['--pose', '25', '30', '0', '-20', '-10', '230']
+    assert main([str(own_scene), *pose, '--clutter', '2', '-o', str(tmp_path / 'out'), '-q', '--max-rotation-deg', '1',
+                 '--max-translation-mm', '3']) in (0, 1)
+    document = json.loads((tmp_path / 'out' / 'desk' / 'result.json').read_text())
+    assert document['model'] == 'bracket' and document['camera']['cx'] == 150.0
+    assert document['render']['node_image_differs_from_library_pixels'] == 0
+    assert document['rotation_error_deg'] < 1.0

@@ -1,0 +1,125 @@
+"""The experiments and benchmarks run: every one on its smallest setting, and what they write is what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+
+
+def load(folder: str, name: str):
+    """A module of test/<folder>, which is a folder of scripts and no package."""
+    sys.path.insert(0, str(HERE / folder))
+    spec = importlib.util.spec_from_file_location(f'{folder}_{name}', HERE / folder / f'{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+experiments = load('experiments', 'run')
+NAMES = [item.name for item in experiments.experiments()]
+BY_NAME = {item.name: item for item in experiments.experiments()}
+
+
+def test_names_are_unique_and_every_table_of_the_thesis_is_covered():
+    assert len(set(NAMES)) == len(NAMES)
+    references = ' '.join(item.reference for item in BY_NAME.values())
+    covered = set(re.findall(r'\d\.\d+', references))
+    for table in ('4.3', '4.4', '5.1', '5.2', '5.3', '5.4', '5.5', '5.6', '5.7', '5.8', '5.9', '5.10', '5.11', '5.12',
+                  '5.13', '5.18', '5.19', '5.20', '5.21', '5.24', '5.28', '6.1', '6.2', '6.5'):
+        assert table in covered, f'no experiment refers to {table}'
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_an_experiment_runs_and_says_in_one_sentence_how_it_agrees(name):
+    document = experiments.conduct(BY_NAME[name], tiny=True)
+    assert document['status'] in ('done', 'not available yet'), document['why']
+    if document['status'] == 'done':
+        assert document['sentence'].endswith('.') and 'nan' not in document['sentence']
+        assert document['tables'] and all(table['rows'] for table in document['tables'])
+        for table in document['tables']:
+            assert any('ours' in title for title in table['columns']) or 'expected' in ' '.join(table['columns'])
+            assert all(len(row) == len(table['columns']) for row in table['rows'])
+    json.dumps(document, default=experiments.plain)
+
+
+def test_results_are_kept_until_forced_and_make_a_page(tmp_path, capsys):
+    arguments = ['--tiny', '--only', 'complexity', '--out', str(tmp_path)]
+    assert experiments.main(arguments) == 0
+    written = (tmp_path / 'complexity.json').stat().st_mtime_ns
+    assert experiments.main(arguments) == 0
+    assert (tmp_path / 'complexity.json').stat().st_mtime_ns == written
+    assert experiments.main([*arguments, '--force']) == 0
+    assert (tmp_path / 'complexity.json').stat().st_mtime_ns > written
+    page = (tmp_path / 'index.html').read_text()
+    assert 'Tables 5.1, 5.3, 6.1' in page and 'python test/experiments/run.py --only complexity --force' in page
+
+
+def test_a_tiny_result_does_not_stand_for_a_full_one(tmp_path):
+    path = tmp_path / 'x.json'
+    path.write_text(json.dumps({'status': 'done', 'tiny': True}))
+    assert experiments.is_done(path, tiny=True) and not experiments.is_done(path, tiny=False)
+    path.write_text('{')
+    assert not experiments.is_done(path, tiny=True)
+
+
+def test_a_missing_capability_is_said_plainly(tmp_path):
+    lab = sys.modules['lab']
+
+    def unavailable(setting):
+        raise lab.NotAvailable('there is no such scene')
+
+    document = experiments.conduct(lab.Experiment('x', 'X', '', unavailable), tiny=True)
+    assert (document['status'], document['why']) == ('not available yet', 'there is no such scene')
+    document['title'], document['name'] = 'X', 'x'
+    sys.modules['page'].write_page(tmp_path, [document])
+    assert 'not available yet: there is no such scene' in (tmp_path / 'index.html').read_text()
+
+
+def test_an_unknown_experiment_is_refused_by_name(capsys):
+    with pytest.raises(SystemExit):
+        experiments.main(['--only', 'nothing'])
+    assert "no experiment 'nothing'" in capsys.readouterr().err
+
+
+def test_errors_of_the_printed_poses_are_those_the_text_states():
+    thesis = sys.modules['thesis']
+    curved = [thesis.VIEWS[name] for name in ('cylinder_box_v1', 'cylinder_box_v2', 'lamp_v1', 'lamp_v2')]
+    shifts = [view.translation_error_mm for view in curved]
+    assert sum(shifts) / 4 == pytest.approx(thesis.CURVE_MEANS['translation_mm'], abs=0.3)
+    assert sum(view.rotation_error_deg for view in curved) / 4 == pytest.approx(0.5, abs=0.1)
+
+
+benchmarks = load('benchmarks', 'run')
+
+
+def test_printed_rows_of_a_plain_script_are_understood():
+    measure = sys.modules['measure']
+    line = 'clutter 50 %   chair   n=40   98.0 % of 50   median   1.75 ms  p95   2.40 ms'
+    rows = list(measure.read_rows(f'{line}\nwords\n'))
+    assert [(row.what, row.value, row.unit) for row in rows] == [
+        ('clutter 50 % chair: success', 98.0, '%'), ('clutter 50 % chair', 1.75, 'ms'),
+        ('clutter 50 % chair p95', 2.4, 'ms')]
+
+
+def test_the_table_shows_ratios_to_peers_and_to_the_last_run():
+    measure = sys.modules['measure']
+    rows = [measure.Measurement('render', 5.0), measure.Measurement('render', 50.0, by='POV-Ray')]
+    text = benchmarks.table('renderer', rows, [measure.Absent('Open3D', 'not installed')],
+                            [{'what': 'render', 'by': 'ours', 'value': 10.0}])
+    assert '-50 % (better)' in text and 'ours is 10.0 times better' in text and 'not installed' in text
+
+
+def test_a_run_is_saved_and_the_next_compares_with_it(tmp_path, capsys):
+    arguments = ['--quick', '--only', 'codecs', '--out', str(tmp_path)]
+    assert benchmarks.main(arguments) == 0
+    document = json.loads(next(tmp_path.glob('*.json')).read_text())
+    assert document['machine']['cores'] and document['versions']['numpy'] and document['benchmarks']['codecs']
+    assert benchmarks.last_run(tmp_path, None)['when'] == document['when']
