@@ -13,7 +13,8 @@ import numpy as np
 from ..scene import Scene
 from ..solid import Operation, Primitive, Solid
 from .errors import SceneError, SceneWarning
-from .evaluate import Evaluator, Skip
+from .evaluate import Evaluator
+from .expressions import Skip
 from .includes import Includes, models_folder, read_source
 from .parser import Source
 
