@@ -1,0 +1,87 @@
+"""Speed and accuracy of stereo recovery, beside the recipe of LSD, epipolar matching and triangulation, in one run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib import resources
+from pathlib import Path
+
+import cv2
+import numpy as np
+from measure import OURS, Absent, Measurement, milliseconds
+from stereo_scoring import RIG, Score, peer, views
+
+from msgs_py import FeatureKind, FeatureSet
+from stereo_recovery import recover
+from stereo_recovery.calibration import load_rig
+
+PEER = 'LSD + epipolar'
+VIEWS = {'block': 8, 'cylinder': 8, 'flat': 6}
+
+
+def measurements(quick: bool) -> Iterator[Measurement | Absent]:
+    methods: dict[str, Callable[[np.ndarray, np.ndarray], FeatureSet]] = {
+        OURS: lambda left, right: recover(left, right, RIG).features}
+    if hasattr(cv2, 'createLineSegmentDetector'):
+        methods[PEER] = peer
+    else:
+        yield Absent(PEER, 'this OpenCV has no line segment detector')
+    for kind, count in VIEWS.items():
+        shown = views(kind, 2 if quick else count)
+        for by, method in methods.items():
+            yield from _accuracy(kind, by, method, shown)
+            ours = np.median([milliseconds(partial(method, v.left, v.right), 0.1, 3, 10) for v in shown])
+            yield Measurement(f'{kind}: a 512 x 512 pair', float(ours), 'ms', by)
+        if kind == 'cylinder':
+            yield from _curves(shown)
+    yield from _real()
+
+
+def _accuracy(kind: str, by: str, method: Callable, shown: list) -> Iterator[Measurement]:
+    score = Score()
+    for view in shown:
+        features = method(view.left, view.right)
+        score.add(features.of_kind(FeatureKind.EDGE), view.edges)
+    yield Measurement(f'{kind}: recall of edge length', 100 * score.covered / score.length, '%', by, False)
+    if score.flat_length > 0.0:
+        yield Measurement(f'{kind}: recall within 8 deg of the rows', 100 * score.flat_covered / score.flat_length, '%',
+                          by, False)
+    yield Measurement(f'{kind}: precision', 100 * score.right / max(score.reported, 1), '%', by, False)
+    for what, values, factor, unit in (('direction error', score.angles, 180 / np.pi, 'deg'),
+                                       ('distance of ends from the line', score.offsets, 1e3, 'mm'),
+                                       ('end points along it', score.ends, 1e3, 'mm')):
+        if values:
+            yield Measurement(f'{kind}: {what}', float(factor * np.median(values)), unit, by,
+                              note=f'p90 {factor * np.quantile(values, 0.9):.3g}')
+
+
+def _curves(shown: list) -> Iterator[Measurement]:
+    errors: dict[str, list[tuple[float, float, float]]] = {'full circles': [], 'half-hidden circles': []}
+    axes = []
+    for view in shown:
+        features = recover(view.left, view.right, RIG).features
+        curves, found = features.of_kind(FeatureKind.CURVE), features.of_kind(FeatureKind.AXIS)
+        for centre, normal, radius, share in view.rims:
+            if len(curves) == 0 or share < 0.3:
+                continue
+            k = int(np.argmin(np.linalg.norm(curves.start - centre, axis=1)))
+            turn = np.degrees(np.arccos(min(1.0, abs(curves.directions[k] @ normal))))
+            errors['full circles' if share > 0.95 else 'half-hidden circles'].append(
+                (turn, 1e3 * np.linalg.norm(curves.start[k] - centre), 1e3 * abs(curves.radii[k, 0] - radius)))
+        for low, high in view.axes:
+            true = (high - low) / np.linalg.norm(high - low)
+            axes += [float(np.degrees(np.arccos(min(1.0, max(abs(found.directions @ true))))))] if len(found) else []
+    for name, rows in errors.items():
+        for what, unit, values in zip(('normal', 'centre', 'radius'), ('deg', 'mm', 'mm'), np.array(rows).T):
+            yield Measurement(f'{name}: {what}', float(np.median(values)), unit, note=f'max {values.max():.3g}, '
+                              f'{len(rows)} of {len(shown)} found')
+    if axes:
+        yield Measurement('cylinder axis', float(np.median(axes)), 'deg', note=f'{len(axes)} of {len(shown)} found')
+
+
+def _real() -> Iterator[Measurement]:
+    data = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
+    left, right = (cv2.imread(str(data / f'{side}01_rect.png'), cv2.IMREAD_GRAYSCALE) for side in ('left', 'right'))
+    rig = load_rig(data / 'calibration.yaml', (left.shape[1], left.shape[0]))
+    yield Measurement('a cluttered 640 x 480 pair', milliseconds(partial(recover, left, right, rig), 1.0))
