@@ -1,0 +1,158 @@
+"""recovery_node alone: what goes in and out of its topics."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+from msgs_py import PinholeCamera, Pose, StereoRig  # noqa: E402
+from msgs_py.codecs import array_to_image, camera_infos_from_rig, cloud_to_features, image_to_array  # noqa: E402
+from stereo_recovery import recover  # noqa: E402
+from stereo_recovery.node import RecoveryConfig, RecoveryNode  # noqa: E402
+
+RIG = StereoRig.symmetric(PinholeCamera.centred(256, 256, 350.0), 0.05)
+
+
+class Bench:
+    """The node, a tester that feeds it, and what it published."""
+
+    def __init__(self, **parameters) -> None:
+        self.context = Context()
+        worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+        rclpy.init(context=self.context, domain_id=101 + worker)
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.node = RecoveryNode(context=self.context, parameter_overrides=overrides)
+        self.tester = Node('tester', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        for node in (self.node, self.tester):
+            self.executor.add_node(node)
+        self.out = {topic: self._collect(kind, topic) for kind, topic in
+                    ((PointCloud2, 'features'), (MarkerArray, 'features/markers'), (Image, 'debug_image'))}
+        self.sources = [self.tester.create_publisher(kind, f'{side}/{name}', 10) for side in ('left', 'right')
+                        for kind, name in ((Image, 'image_rect'), (CameraInfo, 'camera_info'))]
+        self.until(lambda: all(s.get_subscription_count() for s in self.sources)
+                   and self.node.features_out.get_subscription_count()
+                   and self.node.debug_out.get_subscription_count())
+
+    def _collect(self, kind, topic) -> list:
+        received: list = []
+        self.tester.create_subscription(kind, topic, received.append, 10)
+        return received
+
+    def until(self, predicate, seconds: float = 20.0) -> None:
+        deadline = time.monotonic() + seconds
+        while not predicate():
+            assert time.monotonic() < deadline, self.node.health.last_error
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self, left, right, rig, sec: int, encoding: str = 'mono8', infos=None) -> Header:
+        header = Header(frame_id='left_optical')
+        header.stamp.sec = sec
+        infos = infos or camera_infos_from_rig(rig, header)
+        for info in infos:
+            info.header = header
+        messages = [array_to_image(left, encoding, header), infos[0], array_to_image(right, encoding, header), infos[1]]
+        for source, message in zip(self.sources, messages):
+            source.publish(message)
+        return header
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.tester.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def bench():
+    made = []
+
+    def make(**parameters) -> Bench:
+        made.append(Bench(**parameters))
+        return made[-1]
+
+    yield make
+    for item in made:
+        item.close()
+
+
+@pytest.fixture(scope='module')
+def pair(synthetic, solids):
+    solid = solids['wedge'].at(Pose.from_rotation_vector([-0.6, 0.5, 0.4], [0.025, 0, 0.25]))
+    return synthetic.render_pair(solid, RIG)
+
+
+def test_node_says_what_the_library_says_in_the_inputs_frame(bench, pair):
+    b = bench()
+    header = b.send(*pair, RIG, 7)
+    b.until(lambda: all(b.out.values()))
+    message = b.out['features'][0]
+    assert message.header == header
+    expected = recover(*pair, RIG).features
+    found = cloud_to_features(message)
+    assert len(found) == len(expected) > 3
+    assert np.allclose(found.start, expected.start, atol=1e-6)
+    picture, encoding = image_to_array(b.out['debug_image'][0])
+    assert picture.shape == (256, 256, 3) and encoding == 'rgb8'
+    assert b.out['debug_image'][0].header == header
+    assert len(b.out['features/markers'][0].markers) >= 1
+
+
+def test_colour_and_raw_images_are_understood(bench, pair):
+    b = bench(rectify=True)
+    b.send(*(np.dstack([image] * 3) for image in pair), RIG, 1, 'bgr8')
+    b.until(lambda: b.out['features'])
+    expected = recover(*pair, RIG).features
+    found = cloud_to_features(b.out['features'][0])
+    # Identity maps: Lanczos at whole pixels changes nothing but the border.
+    assert len(found) == len(expected)
+
+
+def test_nothing_found_is_an_empty_cloud_and_a_reason(bench):
+    b = bench()
+    blank = np.full((256, 256), 90, np.uint8)
+    header = b.send(blank, blank, RIG, 3)
+    b.until(lambda: b.out['features'])
+    assert b.out['features'][0].header == header
+    assert len(cloud_to_features(b.out['features'][0])) == 0
+    assert 'no texture' in b.node.health.last_error
+    assert 'no texture' in str(b.node.report_values()['reason'])
+
+
+def test_unusable_camera_info_is_reported_and_the_node_lives(bench, pair):
+    b = bench()
+    infos = camera_infos_from_rig(RIG, None)
+    infos[1].p[3] = 0.0
+    b.send(*pair, RIG, 1, infos=infos)
+    b.until(lambda: b.node.health.dropped == 1)
+    assert 'baseline' in b.node.health.last_error
+    b.send(cv2.resize(pair[0], (64, 64)), pair[1], RIG, 2)
+    b.until(lambda: b.node.health.dropped == 2)
+    assert '64 x 64' in b.node.health.last_error
+    b.send(*pair, RIG, 3)
+    b.until(lambda: b.out['features'])
+
+
+def test_parameters_are_checked_before_they_are_used(bench):
+    b = bench(sigma=1.0)
+    refused = b.node.set_parameters([Parameter('sigma', value=99.0)])[0]
+    assert not refused.successful and 'sigma' in refused.reason
+    assert b.node.set_parameters([Parameter('sigma', value=1.5)])[0].successful
+    assert b.node.config.params().sigma == 1.5
+    with pytest.raises(ValueError, match='high'):
+        RecoveryConfig(low=5.0, high=2.0)
