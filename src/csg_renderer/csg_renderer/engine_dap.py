@@ -36,7 +36,7 @@ Vector = tuple[Any, Any, Any]
 def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, dap: Dap | None = None,
            length: int = 8) -> Frame:
     """See :func:`csg_renderer.render`. dap : a new DAP 510 by default; length : bytes of the REALs, 4 to 8."""
-    dap = dap or Dap.model('510')
+    dap = dap or Dap.model('510', tracing=False)
     before = dap.cycles
     view = view_of(program_of(scene), camera_T_scene)
     tracer = _Tracer(dap, view, camera, options, length)

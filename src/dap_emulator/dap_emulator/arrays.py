@@ -71,6 +71,12 @@ class DapArray:
             self._words = planes.pack(self._values.reshape(-1))
         return self._words
 
+    def count_true(self) -> int:
+        """Number of trues of a LOGICAL, by whichever form it is held in. Charges nothing."""
+        if self._words is None:
+            return int(np.count_nonzero(self.values))
+        return planes.count_true(self._words)
+
     @property
     def size(self) -> int:
         return int(np.prod(self.shape))
@@ -386,6 +392,10 @@ class DapArray:
             mask._truth()
             np.copyto(target, source, where=mask.values)
         self._values, self._words = target, None
+
+    def replace(self, values: np.ndarray) -> None:
+        """Take over values of this shape, converted to this kind. Charges nothing: it is the host that does it."""
+        self._values, self._words = self.kind.convert(values), None
 
     def _converted(self, kind: Kind) -> np.ndarray:
         return self.astype(kind).values

@@ -32,7 +32,7 @@ class ImageProgram:
 
     def run(self, image: np.ndarray, seconds: float | None = None) -> np.ndarray:
         """(h, w) uint8 to (h, w) uint8: LOGICAL becomes 0 or 255, numbers are cut to 0..255. Raises FortranError."""
-        dap = Dap.model(self.model)
+        dap = Dap.model(self.model, tracing=False)
         given = image.astype(np.float32 if self._real else np.int16)
         result = self.program.run(dap, self.entry.unit.name, limits=Limits(seconds=seconds), image=given)
         self.cycles, self.seconds = result.cycles, result.seconds

@@ -258,10 +258,10 @@ def minv(x: Any, mask: Any = None) -> Scalar:
 def _positions(name: str, x: Any, mask: Any) -> DapArray:
     source = checked_array(x, name, logical=False)
     source._charge('extreme', source.kind)
-    chosen = None if mask is None else _masked(source, mask)
     values = source.values
-    if chosen is None:
-        chosen = np.ones(source.shape, dtype=bool)
+    if mask is None:
+        return source.like(LOGICAL, values == (values.max() if name == 'MAXP' else values.min()))
+    chosen = _masked(source, mask)
     if not chosen.any():
         return source.like(LOGICAL, chosen.copy())
     best = values[chosen].max() if name == 'MAXP' else values[chosen].min()
@@ -283,7 +283,7 @@ def sum_(x: Any, mask: Any = None) -> Scalar:
     source = checked_array(x, 'SUM')
     source._charge('sum', source.kind)
     if source.kind.name == 'LOGICAL':
-        return planes.count_true(source.words)
+        return source.count_true()
     values = source.values if mask is None else source.values[_masked(source, mask)]
     kind = _sum_kind(source.kind)
     return kind.scalar(values.sum(dtype=kind.dtype).item())

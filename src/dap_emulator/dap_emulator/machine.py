@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ from .mapping import MAPPINGS, Layout, layout
 if TYPE_CHECKING:
     from .arrays import DapArray
 
-TRACE_LENGTH = 100_000
+TRACE_LENGTH = 10_000
 
 
 class OutOfStore(MemoryError):
@@ -76,8 +76,7 @@ class Store:
             self.used -= planes
 
 
-@dataclass(frozen=True)
-class TraceEntry:
+class TraceEntry(NamedTuple):
     """One charged operation. line : of the source program, 0 outside one."""
 
     operation: str
@@ -135,7 +134,7 @@ class Dap:
 
     def __init__(self, model: Model, memory_bits_per_pe: int | None = None, *, mapping: str = 'sheet',
                  level: str = 'fortran', costs: Mapping[str, float] | None = None, clock_s: float | None = None,
-                 tracing: bool = False, bit_serial: bool = False) -> None:
+                 tracing: bool = True, bit_serial: bool = False) -> None:
         if mapping not in MAPPINGS:
             raise ValueError(f'mapping: expected one of {", ".join(MAPPINGS)}, got {mapping!r}')
         memory = model.memory_bits_per_pe if memory_bits_per_pe is None else int(memory_bits_per_pe)

@@ -253,7 +253,7 @@ class Workspaces:
             request.state = 'running'
         state, message, result = 'done', '', None
         try:
-            dap = Dap.model(request.model)
+            dap = Dap.model(request.model, tracing=False)
             limits = Limits(seconds=self.limits.run_seconds, cancelled=request.cancelled)
             arguments = _arguments(request)
             result = request.program.run(dap, request.entry, limits=limits, **arguments)

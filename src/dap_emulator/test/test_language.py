@@ -301,6 +301,14 @@ def test_runs_add_up_on_the_machine_and_give_their_store_back():
         assert dap.cycles == 731 * turn and dap.store.used == 0
 
 
+def test_parallel_arrays_of_the_machine_are_passed_by_reference():
+    dap = Dap.model('510')
+    a, flags = dap.matrix(np.ones((40, 3), 'f4')), dap.matrix(np.zeros((40, 3), bool))
+    program = compile('ENTRY SUBROUTINE T(A, L)\nREAL A(,)\nLOGICAL L(,)\nA = A + 1.0\nL(2,) = .TRUE.\nEND')
+    program.run(dap, a=a, l=flags)
+    assert (a.values == 2).all() and flags.values.sum() == 3 and flags.values[1].all()
+
+
 # Errors.
 
 @pytest.mark.parametrize('source, line, column, text', [

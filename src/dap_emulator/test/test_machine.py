@@ -203,7 +203,6 @@ def test_every_constant_has_a_source_and_a_confidence():
 
 
 def test_statistics_trace_and_reset(dap):
-    dap.tracing = True
     a = dap.matrix(np.ones((40, 40), 'f4'))
     with dap.at_line(7):
         _ = a + a

@@ -41,7 +41,7 @@ def tree_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limit:
 
     dap : a new DAP 510 by default. Raises ValueError when the tables do not fit its store.
     """
-    dap = dap or Dap.model('510')
+    dap = dap or Dap.model('510', tracing=False)
     before = dap.cycles
     started = time.perf_counter()
     try:

@@ -12,6 +12,7 @@ from ..arrays import DapArray
 from ..machine import Dap, Stats
 from .checker import check
 from .declarations import CheckedUnit, Symbol
+from .errors import FortranError
 from .interpreter import compile_units
 from .parser import parse
 from .running import Limits, Run, deep_recursion
@@ -74,8 +75,11 @@ class Program:
 
     def __init__(self, source: str, form: str = 'auto') -> None:
         self.source = source
-        self.units: dict[str, CheckedUnit] = check(parse(source, form))
-        self._compiled = compile_units(self.units)
+        try:
+            self.units: dict[str, CheckedUnit] = check(parse(source, form))
+            self._compiled = compile_units(self.units)
+        except RecursionError:
+            raise FortranError('an expression has too many operations one inside the other') from None
         self.entries = [name for name, item in self.units.items() if item.unit.entry]
 
     def entry(self, name: str | None = None) -> CheckedUnit:
@@ -93,9 +97,10 @@ class Program:
     def run(self, dap: Dap, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
         """Run an entry.
 
-        arguments : by name, any case; numbers, texts and arrays (numpy or DapArray) in the language's order of
-        dimensions. One that is left out starts as zeros; its omitted extents are then those of the arrays given with
-        as many parallel dimensions, or ES.
+        arguments : by name, any case; numbers, texts and arrays in the language's order of dimensions. A DapArray is
+        passed by reference: it holds what the program left in it; numpy arrays are copied. One that is left out
+        starts as zeros; its omitted extents are then those of the arrays given with as many parallel dimensions, or
+        ES.
         Raises FortranError (FortranStoreError when out of store), Stopped, or ValueError naming the argument.
         """
         unit = self.entry(entry)
@@ -113,6 +118,9 @@ class Program:
             with deep_recursion():
                 frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
             results = {symbol.name: _host_value(frame[symbol.slot]) for symbol in unit.arguments}
+            for name, value in given.items():
+                if isinstance(value, DapArray):
+                    value.replace(results[name])
             cycles = dap.cycles - before[0]
             stats = Stats(dap._counts, cycles, cycles * dap.clock_s, dap.store)
         finally:
