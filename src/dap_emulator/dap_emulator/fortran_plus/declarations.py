@@ -14,6 +14,7 @@ from ..kinds import CHARACTER, LOGICAL, Kind, integer, real
 from .errors import FortranError
 from .functions import combined
 from .parser import located
+from .scalars import scalar_operation
 from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Type, Unary, Unit
 
 
@@ -208,7 +209,7 @@ class Declarations:
                 if node.operator == '/' and kind.name == 'INTEGER':
                     return int(a / b), kind
                 value = {'+': lambda: a + b, '-': lambda: a - b, '*': lambda: a * b, '/': lambda: a / b,
-                         '**': lambda: a**b}[node.operator]()
+                         '**': lambda: scalar_operation('**', kind)(a, b)}[node.operator]()
                 return value, kind
             except (ValueError, ArithmeticError, TypeError) as error:
                 raise self.fail(node.at, f'constant expression: {error}') from None

@@ -24,9 +24,10 @@ def _real_divide(a: float, b: float) -> float:
 
 
 def _integer_power(a: int, b: int) -> int:
+    """Modulo the longest word: the true power may have more digits than there is memory."""
     if b < 0:
-        return _integer_divide(1, a**-b) if a else _integer_divide(1, 0)
-    return pow(a, b, 1 << 64) if a >= 0 and b > 64 else a**min(b, 4096)
+        return _integer_divide(1, a if abs(a) != 1 else a**(b % 2))
+    return pow(a, b, 1 << 64)
 
 
 def _real_power(a: float, b: float) -> float:
