@@ -79,6 +79,8 @@ def draw(plot: dict[str, Any], path: Path) -> None:
         values = [math.nan if y is None else y for y in line['y']]
         style = {'o-': dict(marker='o', ms=4), 'o--': dict(marker='o', ms=4, ls='--'), '--': dict(ls='--', color='0.4'),
                  'o': dict(marker='o', ls=''), '-': {}}[line['style']]
+        if line['style'] == '--' and line['label'].endswith('limit') and axes.lines:
+            style['color'] = axes.lines[-1].get_color()  # the limit of the series before it
         axes.plot(line['x'], values, label=line['label'], **style)
     if plot['log_y']:
         axes.set_yscale('log')
