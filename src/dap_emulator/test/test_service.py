@@ -138,6 +138,30 @@ def test_images_go_through_a_program_with_stamp_and_frame_kept(start_emulator):
     node.destroy_node()
 
 
+def test_a_client_may_share_the_executor_of_the_emulator():
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+
+    from dap_emulator.client import DapClient
+    from dap_emulator.node import EmulatorNode
+
+    context = Context()
+    rclpy.init(context=context, domain_id=99)
+    executor = SingleThreadedExecutor(context=context)
+    nodes = [EmulatorNode(context=context), Node('user', context=context)]
+    for node in nodes:
+        executor.add_node(node)
+    with DapClient(node=nodes[1], executor=executor) as client:
+        for turn in range(5):
+            assert client.run(ADD, a=np.full((4, 4), turn), b=np.ones((4, 4)))['C'].max() == turn + 1
+    executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
 def test_reset_forgets_every_workspace(start_emulator):
     emulator = start_emulator()
     client = emulator.client()
