@@ -24,7 +24,9 @@ ROS = ('rclpy', 'sensor_msgs', 'geometry_msgs', 'std_msgs', 'std_srvs', 'diagnos
 
 
 def sources(package: str) -> list[Path]:
-    return sorted((ROOT / 'src' / package / package).rglob('*.py'))
+    """Modules; launch files are data (test_launch.py looks after them)."""
+    return sorted(path for path in (ROOT / 'src' / package / package).rglob('*.py')
+                  if not path.name.endswith('.launch.py'))
 
 
 def module_name(path: Path) -> str:
