@@ -115,14 +115,16 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
     begins, stops = vertex[:len(start)], vertex[len(start):]
     points = [(o.nodes if forward else o.nodes[::-1]) @ frame for o, forward in zip(outlines, left)]
     flat_start, flat_end = start @ frame, end @ frame
-    leaving = [p[0] - s for p, s in zip(points, flat_start)]
-    arriving = [e - p[-1] for p, e in zip(points, flat_end)]
+    steps = [(o.steps if forward else -o.steps[::-1]) @ frame for o, forward in zip(outlines, left)]
+    leaving = [_Ray.at(s, p[0], d[0]) for s, p, d in zip(flat_start, points, steps)]
+    back = [_Ray.at(e, p[-1], -d[-1]) for e, p, d in zip(flat_end, points, steps)]
     successor = []
     for k in range(len(outlines)):
         choices = np.nonzero(begins == stops[k])[0]
-        back = np.arctan2(-arriving[k][1], -arriving[k][0])
-        # The face is on the left, so its corner opens clockwise from the way back.
-        turn = [(back - np.arctan2(leaving[j][1], leaving[j][0])) % (2.0 * np.pi) for j in choices]
+        # The face is on the left, so its corner opens clockwise from the way back. Curves that touch are told apart by
+        # their bend, at one distance from the vertex.
+        reach = 0.1 * min([back[k].reach, *(leaving[j].reach for j in choices)])
+        turn = [(back[k].angle(reach) - leaving[j].angle(reach)) % (2.0 * np.pi) for j in choices]
         turn = [2.0 * np.pi if t < 1e-9 else t for t in turn]
         successor.append(int(choices[int(np.argmin(turn))]) if len(choices) else -1)
     loops, used = [], [False] * len(outlines)
@@ -138,6 +140,27 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
                 for j in members)
             loops.append(_Loop(members, area, np.concatenate([np.vstack([flat_start[j], points[j]]) for j in members])))
     return loops
+
+
+@dataclass(frozen=True)
+class _Ray:
+    """How a plane curve leaves a vertex: its direction there, how fast it turns, and how far that is known."""
+
+    tangent: float
+    bend: float
+    reach: float
+
+    @classmethod
+    def at(cls, vertex: np.ndarray, near: np.ndarray, step: np.ndarray) -> _Ray:
+        """From a point near the vertex and the curve's direction there: between them it turns as a circle does."""
+        chord = near - vertex
+        angle, reach = float(np.arctan2(chord[1], chord[0])), float(np.linalg.norm(chord))
+        half = (float(np.arctan2(step[1], step[0])) - angle + np.pi) % (2.0 * np.pi) - np.pi
+        return cls(angle - half, half / max(reach, 1e-300), reach)
+
+    def angle(self, distance: float) -> float:
+        """Of the chord to the point at this distance."""
+        return self.tangent + self.bend * distance
 
 
 def _contains(polygon: np.ndarray, point: np.ndarray) -> bool:

@@ -17,7 +17,7 @@ from .neighbourhood import classify, faces_through
 from .pieces import INSIDE, SHORTEST_ARC, Pieces, creases
 from .surfaces import SurfaceTable
 
-SAMPLES = 256  # of a whole curve; crossings with other surfaces are looked for between neighbours
+SAMPLES = 384  # of a whole curve; crossings with other surfaces are looked for between neighbours
 CUT_STEPS = 12  # of false position (Illinois), which place a crossing to all digits
 
 
@@ -35,6 +35,15 @@ class RuledCurve:
     middle: float
     half: float
     sign: float
+
+    def turns(self, angle: np.ndarray, sign: np.ndarray) -> np.ndarray:
+        """Parameters, 0..2 pi, of rulings at these angles on these roots, without those on another branch."""
+        if self.sign:
+            return ((angle - self.middle) % (2.0 * np.pi))[sign * self.sign >= 0.0]
+        offset = (angle - self.middle + np.pi) % (2.0 * np.pi) - np.pi
+        on = np.abs(offset) <= self.half * (1.0 + 1e-9)
+        turn = np.arccos(np.clip(-offset[on] / self.half, -1.0, 1.0))
+        return np.where(sign[on] >= 0.0, turn, 2.0 * np.pi - turn) % (2.0 * np.pi)
 
     def points(self, turn: np.ndarray) -> np.ndarray:
         """(n, 3) at parameters turn (n,) in 0..2 pi; NaN where the curve is at infinity."""
@@ -160,27 +169,62 @@ def _sampled(curve: RuledCurve, low: float, high: float) -> np.ndarray:
 
 def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int]) -> np.ndarray:
     """Increasing parameters at which the curve crosses any other surface."""
-    others = [k for k in range(table.groups) if k not in own]
+    g = len(table.planes)
+    others = np.array([k for k in range(g, table.groups) if k not in own], int)
+    return np.unique(np.concatenate([_plane_cuts(table.planes, curve), _quadric_cuts(table, curve, turn, others)]))
+
+
+def _plane_cuts(planes: np.ndarray, curve: RuledCurve) -> np.ndarray:
+    """Exactly: a plane meets the rulings in a conic, and that the other quadric in the roots of a quartic."""
+    along, across = planes @ curve.vertex, planes @ curve.base
+    level = np.abs(along) <= 1e-9 * np.linalg.norm(across, axis=1)
+    conic = along[:, None, None] * curve.base - curve.vertex[:, None] * across[:, None, :]
+    form = np.einsum('gia,ij,gjb->gab', conic, curve.other, conic)
+    t = quadric_angles(form, np.linalg.norm(conic, axis=(1, 2))**2)
+    t[level] = np.nan
+    plane, root = np.nonzero(np.isfinite(t))
+    t = t[plane, root]
+    u = np.stack([np.cos(t), np.sin(t), np.ones_like(t)], axis=1)
+    s = -(u * across[plane]).sum(axis=1) / along[plane]
+    # Which of the ruling's two points it is, tells on which root of the curve.
+    a = curve.vertex @ curve.other @ curve.vertex
+    b = (u @ curve.base.T) @ curve.other @ curve.vertex
+    cuts = [curve.turns(t, np.sign(a * s + b))]
+    # A plane along the rulings has whole rulings in it, both of whose points count.
+    size = np.hypot(across[level, 0], across[level, 1])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        half = np.arccos(-across[level, 2] / size)
+    phase = np.arctan2(across[level, 1], across[level, 0])
+    for angle in (phase + half, phase - half):
+        angle = angle[np.isfinite(angle)]
+        cuts += [curve.turns(angle, np.full(len(angle), sign)) for sign in (1.0, -1.0)]
+    return np.concatenate(cuts)
+
+
+def _quadric_cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """By samples and false position; two crossings between neighbouring samples would be missed."""
+    if not len(others):
+        return np.zeros(0)
     points = curve.points(turn)
+    finite = np.isfinite(points).all(axis=1)
     values = table.values(np.nan_to_num(points))[:, others]
-    values[~np.isfinite(points).all(axis=1)] = np.nan
-    side, real = values >= 0.0, np.isfinite(values)
-    row, column = np.nonzero((side[:-1] != side[1:]) & real[:-1] & real[1:])
+    side = values >= 0.0
+    row, column = np.nonzero((side[:-1] != side[1:]) & (finite[:-1] & finite[1:])[:, None])
     if not len(row):
         return np.zeros(0)
-    group = np.array(others, int)[column]
+    group = others[column]
     low, high = turn[row], turn[row + 1]
     below, above = (table.value_of(points[k], group) for k in (row, row + 1))
     middle = low
     for _ in range(CUT_STEPS):
         middle = (low * above - high * below) / (above - below)
-        value = table.value_of(curve.points(middle), group)
+        value = table.value_of(np.nan_to_num(curve.points(middle)), group)
         before = np.sign(value) == np.sign(below)
         # The end that stays counts half, so that it cannot stay for ever.
         low, high = np.where(before, middle, low), np.where(before, high, middle)
         below, above = np.where(before, value, 0.5 * below), np.where(before, 0.5 * above, value)
         above = np.where(above == below, below - 1.0, above)
-    return np.unique(middle)
+    return middle % (2.0 * np.pi)
 
 
 def _cone_through(frame: np.ndarray, one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
