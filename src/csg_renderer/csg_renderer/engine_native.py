@@ -71,7 +71,8 @@ def render_views(scene: Scene, views: Sequence[tuple[PinholeCamera, Pose]], opti
     threads = min(options.threads or _cores(), max(1, min(camera.height for camera, _ in views) // 8))
     # Preparing a view is serial work, so two views are prepared side by side.
     jobs = _each_thread(len(views), lambda i: _Job(ready, *views[i], options, threads))
-    shares = _each_thread(threads, lambda k: [job.tiles(k, threads) for job in jobs])
+    # Views of a pair look alike: whoever had the fuller half of one gets the emptier half of the next.
+    shares = _each_thread(threads, lambda k: [job.tiles((k + i) % threads, threads) for i, job in enumerate(jobs)])
     if options.adaptive:
         for job in jobs:
             _each_thread(threads, partial(job.smooth, threads))

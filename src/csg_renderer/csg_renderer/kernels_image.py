@@ -237,7 +237,8 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, gr
         b = tile // across
         left, top = (tile % across) * plan.size, b * plan.size
         right, bottom = min(left + plan.size, width), min(top + plan.size, height)
-        count = 0
+        # A plain 0 would be a type of its own to begin with, for which hit_row would be compiled once more.
+        count = np.int64(0)
         for i in range(eye.chosen.shape[0]):
             q = eye.chosen[i]
             if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
@@ -266,7 +267,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, gr
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
                     hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
-                    colour_row(work, m, y, trees, look, plan, deep, ground, True)
+                    colour_row(work, m, y, trees, look, plan, deep, ground, plan.box > 0)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
                         work.colours[1, j] += s[GREEN + j]
@@ -307,7 +308,7 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, gro
         column = 0
         while column < width:
             # Boundary pixels of a stretch of this row, so that the stretch says which products matter.
-            count, stop = 0, min(column + most, width)
+            count, stop = np.int64(0), min(column + most, width)
             while column < stop:
                 if on_boundary(target, row, column):
                     columns[count] = column
@@ -323,7 +324,7 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, gro
                         s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
                 hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
                         trees, eye, plan, ground)
-                colour_row(work, 3 * count, y, trees, look, plan, deep, ground, True)
+                colour_row(work, 3 * count, y, trees, look, plan, deep, ground, plan.box == 0)
                 for pixel in range(count):
                     for u in range(3):
                         ray = np.uint64(3 * pixel + u)
