@@ -43,7 +43,8 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
         yield Measurement(what, milliseconds(partial(match, index, data, tree), budget), by='our tree with tables')
         serial = MatchParams(search='serial', time_limit_s=LIMIT_S)
         spent = milliseconds(partial(match, index, data, serial), budget, least=1)
-        yield Measurement(what, spent, by='serial, compiled', note=_note(match(index, data, serial).stats['stopped_by']))
+        stopped = match(index, data, serial).stats['stopped_by']
+        yield Measurement(what, spent, by='serial, compiled', note=_note(stopped))
         tables = build_tables(index, data, MatchParams())
         started = time.perf_counter()
         ended = _plain_tree(tables, LIMIT_S)

@@ -19,6 +19,8 @@ from .closed_form_report import STYLE, write_report
 
 COLUMNS = ('case', 'passed', 'rotation_error_deg', 'translation_error_mm', 'true_edges', 'recovered_edges',
            'matched_edges', 'signs_right', 'render_ms', 'recover_ms', 'match_ms', 'verdict')
+TITLES = ('case', 'passed', 'rotation, deg', 'translation, mm', 'edges', 'recovered', 'matched', 'signs right',
+          'render, ms', 'recover, ms', 'match, ms', 'verdict')
 FAILING = 'failing'
 
 
@@ -108,11 +110,14 @@ def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) ->
         writer.writerows(rows)
     totals = summary(documents)
     (out / 'summary.json').write_text(json.dumps({'summary': totals, 'cases': documents}, indent=1) + '\n')
-    head = ''.join(f'<th>{name}</th>' for name in COLUMNS)
+    head = ''.join(f'<th>{name}</th>' for name in TITLES)
     body = []
     for document, row in zip(documents, rows):
         page = document.get('report') or (f'{document["saved"]}/report.html' if 'saved' in document else None)
         cells = [_text(row[name]) for name in COLUMNS]
+        cells[1] = 'yes' if document['passed'] else 'no'
+        # The figures stand in their columns; what went wrong does not.
+        cells[-1] = '' if document['passed'] else cells[-1].split(':')[0] if row['rotation_error_deg'] else cells[-1]
         if page:
             cells[0] = f'<a href="{_text(page)}">{cells[0]}</a>'
         state = 'good' if document['passed'] else 'bad'

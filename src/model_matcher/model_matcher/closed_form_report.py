@@ -86,10 +86,10 @@ def _matched(result: CaseResult, camera: PinholeCamera) -> np.ndarray:
 
 def _recovery_table(summary: dict[str, Any]) -> str:
     return _table(['', ''], [
-        ['true edges seen by the left eye', summary['true_edges']],
+        ['visible edges of the object', summary['true_edges']],
         ['of these recovered', summary['true_edges_found']],
         ['recovered length', f'{100 * summary["recall_of_length"]:.1f} %'],
-        ['recovered edges', summary['found_edges']], ['of these false', summary['false_edges']],
+        ['recovered edges', summary['found_edges']], ['of these on no edge of the object', summary['false_edges']],
         ['direction error, median', _number(summary['direction_error_deg_median'], 'deg')],
         ['distance from the true line, median', _number(summary['distance_from_line_m_median'], 'mm', 1e3)]])
 
