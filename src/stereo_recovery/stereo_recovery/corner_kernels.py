@@ -7,8 +7,9 @@ from numba import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
-# Two pieces of one line differ in direction by less than this (sine).
+# Two pieces of one line differ in direction by less than this (sine); at a crossing by less than that.
 COLLINEAR = 0.03
+CROSSING = 0.2
 # How far from a square corner a string may end, pixels.
 NEAR_GAP = 4.0
 # A string may run around a corner by this much, pixels, before it ends.
@@ -18,7 +19,7 @@ LOOSE_END = 1.5
 
 
 @njit(cache=True)
-def _goes_on(table, box, k, i, x, y):
+def _goes_on(table, box, k, i, x, y, collinear):
     """Whether a piece other than i continues piece k on its line beyond the point x, y."""
     own = (x - table[k, 0]) * table[k, 2] + (y - table[k, 1]) * table[k, 3]
     # Which way piece k lies from the point.
@@ -27,7 +28,7 @@ def _goes_on(table, box, k, i, x, y):
         itself = (m == k) | (m == i)
         if itself or x < box[m, 0] or y < box[m, 1] or x > box[m, 2] or y > box[m, 3]:
             continue
-        if table[m, 5] - table[m, 4] < 5.0 or abs(table[k, 2] * table[m, 3] - table[k, 3] * table[m, 2]) > COLLINEAR:
+        if table[m, 5] - table[m, 4] < 5.0 or abs(table[k, 2] * table[m, 3] - table[k, 3] * table[m, 2]) > collinear:
             continue
         if abs((x - table[m, 0]) * table[m, 3] - (y - table[m, 1]) * table[m, 2]) > 1.5:
             continue
@@ -94,7 +95,11 @@ def meet(table, widest):
             k = other[i, e]
             if k >= 0 and not through[i, e]:
                 jx, jy = table[i, 0] + place[i, e] * table[i, 2], table[i, 1] + place[i, e] * table[i, 3]
-                through[i, e] = _goes_on(table, box, k, i, jx, jy) != _goes_on(table, box, i, k, jx, jy)
+                # A crossing of two lines (both go on, though roughly) is a corner of four faces.
+                if _goes_on(table, box, k, i, jx, jy, COLLINEAR):
+                    through[i, e] = not _goes_on(table, box, i, k, jx, jy, CROSSING)
+                elif _goes_on(table, box, i, k, jx, jy, COLLINEAR):
+                    through[i, e] = not _goes_on(table, box, k, i, jx, jy, CROSSING)
     return place, other, through, sigma
 
 

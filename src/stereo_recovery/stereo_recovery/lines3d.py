@@ -21,6 +21,8 @@ from .segmentation import Corners, Pieces
 
 # Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
 CORNER_SIGMA = 0.05
+# Heights of one corner in the two images differ by less than this, pixels.
+SAME_HEIGHT = 0.6
 # What the match itself says about disparity at a piece's ends, pixels: enough to keep flat edges finite.
 MATCH_SIGMA = 4.0
 # An edge whose disparity is known better than this at its ends, pixels, need not be told by others.
@@ -132,11 +134,42 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
+def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
+                   rectification_sigma: float) -> np.ndarray:
+    """Ends that are corners in both images, at one height: (k, 4) float64: edge, place along it, disparity, sigma.
+
+    They say where an edge along the rows is even when its neighbour there was not matched. If it was, it has to have
+    been matched with the neighbour in the other image.
+    """
+    partner = np.full(len(left), -1)
+    partner[matches.left[::-1]] = matches.right[::-1]
+    taken = np.zeros(len(right), bool)
+    taken[matches.right] = True
+    rows = []
+    for e, (i, j) in enumerate(zip(matches.left, matches.right)):
+        same_way = left.direction[i] @ right.direction[j] > 0.0
+        for end in range(2):
+            far = end if same_way else 1 - end
+            k, m = met.other[i, end], right_met.other[j, far]
+            if k < 0 or m < 0 or met.through[i, end] or right_met.through[j, far]:
+                continue
+            if partner[k] != m and (partner[k] >= 0 or taken[m]):
+                continue
+            x = left.centre[i] + met.place[i, end] * left.direction[i]
+            y = right.centre[j] + right_met.place[j, far] * right.direction[j]
+            sigma = np.sqrt(met.sigma[i, end] ** 2 + right_met.sigma[j, far] ** 2 + CORNER_SIGMA ** 2
+                            + rectification_sigma ** 2)
+            if abs(x[1] - y[1]) < SAME_HEIGHT:
+                rows.append((e, met.place[i, end], x[0] - y[0], sigma))
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
 def solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray,
-          ) -> tuple[np.ndarray, np.ndarray]:
+          ends_known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges together.
 
-    joints : (k, 4), see :func:`meetings`; reach : (n, 2), pixels, the part of each edge that counts.
+    joints : (k, 4), see :func:`meetings`; reach : (n, 2), pixels, the part of each edge that counts;
+    ends_known : (k, 4), see :func:`shared_corners`.
     Edges that measure their own depth well are solved first, at corners where they agree. The others (those along the
     rows) then take what the first know at shared corners, but tell them nothing: a corner that was none must not bend
     a good edge.
@@ -168,6 +201,13 @@ def solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach
             weight = 1.0 / (known @ covariance[j] @ known + CORNER_SIGMA ** 2)
             information[i] += weight * np.outer(row, row)
             vector[i] += weight * row * (known @ coefficient[j])
+        for a, s, d, sigma in ends_known:
+            i = int(a)
+            row = np.array([1.0, s])
+            variance = row @ own_covariance[i] @ row + sigma ** 2
+            if flat[i] and (d - row @ own[i]) ** 2 < GATE ** 2 * variance:
+                information[i] += np.outer(row, row) / sigma ** 2
+                vector[i] += row * (d / sigma ** 2)
         among = mixed[flat[mixed[:, 0].astype(int)] & flat[mixed[:, 2].astype(int)]]
         solved, spread = _solve(information, vector, among)
         coefficient[flat], covariance[flat] = solved[flat], spread[flat]
@@ -232,7 +272,8 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         offset_v = 0.0
     information, vector = measure(matches, left, right, spread_v, offset_v)
     i, j = matches.left, matches.right
-    coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met), left.reach[i])
+    coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met), left.reach[i],
+                                    shared_corners(matches, left, right, met, right_met, spread_v))
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
     # Contrast may change its sign between the views, and with it the right piece's direction.
