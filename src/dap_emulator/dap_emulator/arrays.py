@@ -192,10 +192,13 @@ class DapArray:
         if faults:
             self.dap.faults += faults
             b = np.where(zero, b.dtype.type(1), b)
-        rest = np.fmod(a, b)
         if operation == 'remainder':
+            rest = np.fmod(a, b)
             return np.where(zero, b.dtype.type(0), rest) if faults else rest
-        quotient = np.floor_divide(a - rest, b)
+        if a.dtype.itemsize <= 4:  # exact: such quotients are far enough from the next whole number
+            quotient = np.true_divide(a, b, dtype=np.float64).astype(np.int64).astype(a.dtype, copy=False)
+        else:
+            quotient = np.floor_divide(a - np.fmod(a, b), b)
         return np.where(zero, b.dtype.type(0), quotient) if faults else quotient
 
     def power(self, exponent: Operand) -> DapArray:
@@ -203,8 +206,9 @@ class DapArray:
         if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool) and exponent >= 0:
             self._charge('power', self.kind, detail=max(1, int(exponent)))
             with np.errstate(all='ignore'):
-                result = np.power(self.values, self.values.dtype.type(exponent) if self.kind.name == 'INTEGER'
-                                  else int(exponent))
+                # Not np.power: the operator knows squares and cubes.
+                result = self.values ** (self.values.dtype.type(exponent) if self.kind.name == 'INTEGER'
+                                         else int(exponent))
             return self.like(self.kind, self.kind.fit(result.astype(self.kind.dtype, copy=False)))
         a, b, kind = self._numeric(exponent, 'power')
         if kind.name == 'INTEGER':

@@ -261,7 +261,7 @@ class Workspaces:
             state, message = 'stopped', str(error)
         except (FortranError, ValueError, OutOfStore) as error:
             state, message = 'failed', str(error)
-        except (MemoryError, RecursionError) as error:
+        except Exception as error:  # a fault of ours must not leave the request running for ever
             state, message = 'failed', f'{type(error).__name__}: {error}'
         with self._lock:
             request.result, request.message, request.state = result, message, state

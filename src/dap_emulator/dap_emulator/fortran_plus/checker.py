@@ -77,7 +77,7 @@ class _Body:
         if value.serial:
             raise self.fail(node.value.at, 'a whole array with serial dimensions cannot be a value')
         self._assignable(place, value, node.value.at)
-        if target.items is not None and place.rank == 2 and value.rank == 1 and not self._selects(target):
+        if place.rank == 2 and value.rank == 1 and not self._selects(target):
             raise self.fail(node.value.at, 'cannot assign a vector to a matrix')
 
     def _selects(self, target: Reference) -> bool:

@@ -171,6 +171,12 @@ def _int_of_two(types: Sequence[Type]) -> Type:
     return combined(_number(types[0]), types[1])
 
 
+def _sized(types: Sequence[Type]) -> Type:
+    _parallel(types[0])
+    _integers(types, 1)
+    return Type(integer(4))
+
+
 def _size(dap: Dap, x: DapArray, axis: int = 0) -> int:
     if axis not in range(0, x.rank + 1):
         raise ValueError(f'SIZE: dimension {axis} of an array that has {x.rank}')
@@ -230,7 +236,7 @@ FUNCTIONS: dict[str, Function] = {
     'PATLOWERTRI': Function(0, 2, _pattern(2), f.lower_triangle),
     'PATUPPERTRI': Function(0, 2, _pattern(2), f.upper_triangle),
     'INDEX': Function(0, 1, _pattern(1, integer(4)), f.index_vector),
-    'SIZE': Function(1, 2, lambda t: Type(integer(4), 0 * _parallel(t[0]).rank), _size),
+    'SIZE': Function(1, 2, _sized, _size),
 }
 for _name in ('EXP', 'LOG', 'SIN', 'COS', 'TAN', 'ATAN', 'ASIN', 'ACOS', 'SQRT'):
     FUNCTIONS[_name] = _plain(1, 1, _as_real, getattr(f, _name.lower()), is_real_work=True)
