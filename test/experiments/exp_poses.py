@@ -24,11 +24,11 @@ def poses(setting: Setting) -> Outcome:
         raise NotAvailable('csg_renderer has none of the thesis\' views')
     data = Table('Recovered data', [
         'view', 'fragments thesis', 'ours', 'errpar, errper mm thesis', 'median errpar mm ours', 'errper ours',
-        'true edges recovered ours', 'false ours'])
+        'true edges recovered ours', 'false ours', 'render ms ours', 'recover ms ours', 'match ms ours'])
     found = Table('Pose errors', [
         'view', 'rotation deg thesis', 'ours', 'x, y, z mm thesis', 'x mm ours', 'y mm ours', 'z mm ours', 'matched '
                                                                                                            'ours',
-        'signs right ours', 'recognised ours', 'render ms', 'recover ms', 'match ms'])
+        'signs right ours', 'recognised ours'])
     ours_deg, ours_mm, better = [], [], 0
     for name in names:
         setting.advance(name)
@@ -40,7 +40,8 @@ def poses(setting: Setting) -> Outcome:
         data.rows.append([
             name, printed.fragments, len(f), _pair(printed.err_par, printed.err_per), 1e3 * float(np.median(f.err_par)),
             1e3 * float(np.median(f.err_per)),
-            f'{result.edges.edges_found} of {len(result.edges.covered)}', document['recovery']['false_edges']])
+            f'{result.edges.edges_found} of {len(result.edges.covered)}', document['recovery']['false_edges'],
+            *(result.milliseconds.get(k) for k in ('render', 'recover', 'match'))])
         row: list[Any] = [name, printed.rotation_error_deg, None,
                           'none' if theirs is None else ', '.join(f'{v:.2f}' for v in theirs), None, None, None,
                           document['matched_edges'], document['signs_right'], 'no: ' + result.reason]
@@ -54,12 +55,12 @@ def poses(setting: Setting) -> Outcome:
             ours_deg.append(error.rotation_deg)
             ours_mm.append(offset)
             better += error.rotation_deg < printed.rotation_error_deg
-        found.rows.append(row + [result.milliseconds.get(k) for k in ('render', 'recover', 'match')])
+        found.rows.append(row)
     recognised = sum(row[9] == 'yes' for row in found.rows)
     median_mm = np.median(ours_mm, axis=0) if ours_mm else np.full(3, np.nan)
     found.rows.append(['median', float(np.median([VIEWS[n].rotation_error_deg for n in names])),
                        float(np.median(ours_deg)) if ours_deg else None, _thesis_median(names), *median_mm.tolist(),
-                       None, None, f'{recognised} of {len(names)}', None, None, None])
+                       None, None, f'{recognised} of {len(names)}'])
     bars = bool(ours_deg) and np.median(ours_deg) <= BAR_DEG and bool((median_mm <= BAR_MM).all())
     sentence = (f'{recognised} of {len(names)} views are recognised through the real nodes, {better} with a smaller '
                 'rotation '

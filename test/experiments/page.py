@@ -23,7 +23,7 @@ td:first-child, th:first-child { text-align: left } td.ours { background: #eef6e
 .failed { color: #c11 } .wide { overflow-x: auto } nav a { margin-right: .9em; white-space: nowrap }
 """
 # What RESULTS.md quotes in full; the others with their sentence and the page.
-SHORT_ROWS = 20
+SHORT_ROWS, SHORT_COLUMNS = 20, 11
 
 
 def write_page(folder: Path, documents: list[dict[str, Any]]) -> None:
@@ -110,7 +110,8 @@ def write_results(path: Path, documents: list[dict[str, Any]]) -> None:
             continue
         lines += [document['sentence'], '']
         for table in document['tables']:
-            if len(table['rows']) > SHORT_ROWS:
+            if len(table['rows']) > SHORT_ROWS or len(table['columns']) > SHORT_COLUMNS:
+                lines += [f'{table["title"]}: on the page.', '']
                 continue
             lines += [f'{table["title"]}:', '', '| ' + ' | '.join(table['columns']) + ' |',
                       '|' + ' --- |' * len(table['columns'])]
