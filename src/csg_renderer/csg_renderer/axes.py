@@ -43,8 +43,10 @@ def _spans(table: SurfaceTable, curved: Pieces, closed: np.ndarray, group: int, 
     flat = np.isin(branches.point, on) & (branches.group < len(table.planes)) & closed[curved.curve[branches.point]]
     if not flat.any():
         return []
-    piece = branches.point[flat]
     plane = table.planes[branches.group[flat]] @ frame
+    # A plane along the axis may touch where another end's conic passes; it is no end.
+    ends = np.abs(plane[:, 2]) > 1e-9 * np.linalg.norm(plane[:, :3], axis=1)
+    piece, plane = branches.point[flat][ends], plane[ends]
     height = -plane[:, 3] / plane[:, 2]
     local = curved.middle[piece] @ inverse[:3, :3].T + inverse[:3, 3]
     at = np.arctan2(local[:, 1], local[:, 0])
@@ -67,11 +69,11 @@ def _spans(table: SurfaceTable, curved: Pieces, closed: np.ndarray, group: int, 
     for part in range(label.max(initial=-1) + 1):
         member = label == part
         # An end belongs to the part if the part's ruling through the end's middle stops there.
-        ends = [height[k] for k in range(len(at)) if (member & (row == k) & (
+        at_ends = [height[k] for k in range(len(at)) if (member & (row == k) & (
             (np.abs(low - local[k, 2]) < 1e-6) | (np.abs(high - local[k, 2]) < 1e-6))).any()]
-        if not ends:
+        if not at_ends:
             continue
-        first, last = min(ends), max(ends)
+        first, last = min(at_ends), max(at_ends)
         if last - first > 1e-7:
             spans.append((first, last))
         elif cone:

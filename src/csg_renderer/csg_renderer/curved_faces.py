@@ -21,7 +21,7 @@ from .pieces import conic_pieces, line_pieces
 from .surfaces import SurfaceTable, cluster
 
 MERIDIANS = 24  # lines of constant angle that link the parts of a face, besides those at its borders
-STEP = 1e-4  # how far inside its border a face is looked for, normalised frame
+STEP = 1e-4  # how far inside its border a face is looked for, unit frame
 # Where a sphere's poles, at which the angle is undefined, may be put; the farthest from all borders is taken.
 TURNS = np.tile(np.eye(4), (24, 1, 1))
 TURNS[:, :3, :3] = Rotation.random(24, random_state=1).as_matrix()
@@ -164,9 +164,9 @@ def _seeds(table: SurfaceTable, chart: _Chart, group: int, borders: list[tuple[O
         pick = np.unique([len(outline.nodes) // 5, len(outline.nodes) // 2, 4 * len(outline.nodes) // 5])
         at, tangent = outline.nodes[pick], outline.steps[pick]
         outward = table.gradients(at, np.full((len(at), 1), group))[:, 0]
-        inward = np.cross(outward, tangent) * (1.0 if left[k] else -1.0)
-        inward *= STEP / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
-        points.append(chart.local(at + inward))
+        inward = np.cross(outward, tangent) @ chart.inverse[:3, :3].T * (1.0 if left[k] else -1.0)
+        inward *= STEP / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
+        points.append(chart.local(at) + inward)
         owner += [k] * len(at)
     return np.array(owner, int), np.concatenate([np.zeros((0, 3)), *points])
 

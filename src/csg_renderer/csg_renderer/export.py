@@ -63,7 +63,7 @@ def as_json(features: FeatureSet, found: Boundary | None = None) -> dict[str, An
         'faces': [{'kind': face.kind, 'area': face.area, 'normal': None if face.normal is None else _list(face.normal)}
                   for face in details.faces],
         'vertices': [_list(v) for v in details.vertices], 'bounding_box': box, 'area': details.area,
-        'volume': details.volume, 'notices': list(found.notices)}
+        'volume': details.volume, 'notices': list(found.notices + details.notices)}
 
 
 def save_json(models: dict[str, dict[str, Any]], path: str | Path) -> None:

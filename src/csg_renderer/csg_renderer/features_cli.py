@@ -147,7 +147,7 @@ def describe(name: str, features: FeatureSet, solid: Solid | None = None, table:
         lines.append(f'  volume {details.volume * 1e9:.6g} mm3, surface {details.area * 1e6:.6g} mm2')
         if np.isfinite(details.low).all():
             lines.append(f'  box {_mm(details.low)} to {_mm(details.high)} mm')
-        lines += [f'  note: {notice}' for notice in found.notices]
+        lines += [f'  note: {notice}' for notice in found.notices + details.notices]
         angles[:len(details.edge_angles)] = np.degrees(details.edge_angles)
         curves = details.curve_angles[found.ellipse]
         angles[len(details.edge_angles):len(details.edge_angles) + len(curves)] = np.degrees(curves)

@@ -158,13 +158,16 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
     pieces = Pieces(row[good], low[good], high[good], middle[good], tangent[good], SHORTEST_ARC,
                     classify(table, middle[good], tangent[good]))
     runs = creases(pieces, 2.0 * np.pi)
-    return SkewPieces(tuple(curves), pieces, tuple(
-        _sampled(curves[k], a, b) for k, a, b in zip(runs.curve, runs.low, runs.high)))
+    found = (_sampled(curves[k], a, b) for k, a, b in zip(runs.curve, runs.low, runs.high))
+    return SkewPieces(tuple(curves), pieces, tuple(samples for samples in found if len(samples) > 2))
 
 
 def _sampled(curve: RuledCurve, low: float, high: float) -> np.ndarray:
     count = max(4, int(np.ceil(0.5 * SAMPLES * (high - low) / (2.0 * np.pi))))
-    return curve.points(np.linspace(low, high, 2 * count + 1))
+    points = curve.points(np.linspace(low, high, 2 * count + 1))
+    # A nearly flat quadric can bring a crossing next to infinity; what is finite is kept, an odd number of points.
+    finite = points[np.isfinite(points).all(axis=1)]
+    return finite[:len(finite) - (len(finite) + 1) % 2]
 
 
 def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int]) -> np.ndarray:
