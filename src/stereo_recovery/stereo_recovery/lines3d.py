@@ -57,14 +57,17 @@ def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right
 
     From corners that both images show: they should be at one height. Too few of them say nothing: (0, 0).
     """
-    heights = []
-    for side, index, corner in ((left, matches.left, met), (right, matches.right, right_met)):
-        v = side.centre[index][:, 1:] + corner.place[index] * side.direction[index][:, 1:]
-        sharp = (corner.other[index] >= 0) & ~corner.through[index] & (corner.sigma[index] < 0.5)
-        heights.append(np.where(sharp, v, np.nan))
-    difference = (heights[1] - heights[0])
-    same_way = (left.direction[matches.left] * right.direction[matches.right]).sum(axis=1) > 0.0
-    difference = difference[same_way].ravel()
+    partner = np.full(len(left), -1)
+    partner[matches.left[::-1]] = matches.right[::-1]
+    i, j = matches.left, matches.right
+    # Both images' pieces run the same way, and their neighbours at the corner were matched with each other.
+    same_way = (left.direction[i] * right.direction[j]).sum(axis=1) > 0.0
+    k, m = met.other[i], right_met.other[j]
+    agreed = (k >= 0) & (m >= 0) & (partner[k] == m) & same_way[:, None] & (partner[i] == j)[:, None]
+    agreed &= (met.sigma[i] < 0.3) & (right_met.sigma[j] < 0.3)
+    heights = [side.centre[index][:, 1:] + corner.place[index] * side.direction[index][:, 1:]
+               for side, index, corner in ((left, i, met), (right, j, right_met))]
+    difference = (heights[1] - heights[0])[agreed]
     difference = difference[np.abs(difference) < 2.0]
     if len(difference) < 12:
         return 0.0, 0.0

@@ -198,11 +198,12 @@ def fit_lines(x, y, sigma, bounds, trim):
 
 
 @njit(cache=True)
-def continuations(table, widest, bend):
+def continuations(table, widest, bend, wobble):
     """Which piece continues which on the same straight line, across a gap.
 
     table : (n, 8): centre u, v; direction; first and last place; sigma of offset and slope. widest : longest gap,
-    pixels; bend : largest angle, radians. Returns successor (n,) int32, or -1; no two have the same.
+    pixels; bend : largest angle, radians; wobble : how far, pixels,
+    real edges stand off a line anyway. Returns successor (n,) int32, or -1; no two have the same.
     """
     n = len(table)
     successor = np.full(n, -1, np.int32)
@@ -224,7 +225,7 @@ def continuations(table, widest, bend):
             turn = table[i, 2] * table[k, 3] - table[i, 3] * table[k, 2]
             if table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.5:
                 continue
-            slack2 = table[i, 7] ** 2 + table[k, 7] ** 2 + 1e-6
+            slack2 = table[i, 7] ** 2 + table[k, 7] ** 2 + (wobble / min(length, other)) ** 2
             if turn * turn > min(9.0 * slack2, bend * bend):
                 continue
             gap = (sx - x) * table[i, 2] + (sy - y) * table[i, 3]
@@ -234,7 +235,8 @@ def continuations(table, widest, bend):
             si, sk = table[i, 5] + 0.5 * gap, table[k, 4] - 0.5 * gap
             mx, my = table[i, 0] + si * table[i, 2], table[i, 1] + si * table[i, 3]
             off = (mx - table[k, 0]) * table[k, 3] - (my - table[k, 1]) * table[k, 2]
-            variance = (table[i, 6] ** 2 + (si * table[i, 7]) ** 2 + table[k, 6] ** 2 + (sk * table[k, 7]) ** 2 + 4e-4)
+            variance = table[i, 6] ** 2 + (si * table[i, 7]) ** 2 + table[k, 6] ** 2 + (sk * table[k, 7]) ** 2
+            variance += wobble * wobble
             if off * off > min(9.0 * variance, 1.0):
                 continue
             cost = abs(gap) + 5.0 * abs(off)

@@ -19,6 +19,8 @@ CORNER_REACH = 3.0
 STANDING_OFF = 4.5
 # Collinear pieces are joined across at most this many pixels.
 WIDEST_GAP = 15.0
+# How far the lines of such pieces may miss each other beyond their own sigma, as a share of the tolerance.
+WOBBLE = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +103,16 @@ def split(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) ->
     arc, ellipses = find_arcs(e.position, bounds, string, strings.closed, pieces.bow, pieces.direction, tolerance)
     pieces = replace(pieces, arc=arc)
     for _ in range(2):
-        e, pieces = _joined(e, pieces, sigma)
+        e, pieces = _joined(e, pieces, sigma, WOBBLE * tolerance)
     return e, pieces, ellipses
 
 
-def _joined(e: Edgels, pieces: Pieces, sigma: float) -> tuple[Edgels, Pieces]:
+def _joined(e: Edgels, pieces: Pieces, sigma: float, wobble: float) -> tuple[Edgels, Pieces]:
     """Straight pieces that continue each other on one line become one."""
     straight = np.flatnonzero(pieces.arc < 0)
     successor = np.full(len(pieces), -1)
-    found = segment_kernels.continuations(line_table(pieces.select(straight)), WIDEST_GAP, np.radians(6.0))
+    found = segment_kernels.continuations(line_table(pieces.select(straight)), WIDEST_GAP, np.radians(6.0),
+                                          wobble)
     successor[straight[found >= 0]] = straight[found[found >= 0]]
     if (successor < 0).all():
         return e, pieces
