@@ -156,8 +156,7 @@ def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
     if options.listing:
         print(result.listing())
     for entry in list(dap.trace)[-options.trace:] if options.trace else []:
-        print(f'  line {entry.line:>4}  {entry.operation:14} {entry.kind:12} {entry.shape!s:12} '
-              f'{entry.blocks:>4} block(s) {entry.cycles:>8} cycles')
+        print(f'  {entry}')
 
 
 def _show(options: argparse.Namespace, dap: Dap, result: Result) -> None:

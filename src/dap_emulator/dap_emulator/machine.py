@@ -86,6 +86,10 @@ class TraceEntry(NamedTuple):
     cycles: int
     line: int
 
+    def __str__(self) -> str:
+        return (f'line {self.line}: {self.operation} {self.kind} {self.shape}, {self.blocks} block(s), '
+                f'{self.cycles} cycles')
+
 
 def _accumulate(table: dict, key: object, count: int, spent: int) -> None:
     before = table.get(key, (0, 0))

@@ -17,7 +17,7 @@ request's id, and are kept until the client's later requests push them out:
 
     <client>.result.<id>.state          waiting, running, done, failed, stopped
     <client>.result.<id>.message        why it failed or stopped
-    <client>.result.<id>.cycles, .seconds, .statistics, .listing
+    <client>.result.<id>.cycles, .seconds, .statistics, .listing, .trace (the last operations)
     <client>.result.<id>.names          the arguments that can be read
     <client>.result.<id>.data.<NAME>, .shape.<NAME>
 """
@@ -40,6 +40,7 @@ _NAME = re.compile(r'([A-Za-z0-9_-]{1,64})\.(program|library|entry|model|run_req
                    r'([A-Za-z][A-Za-z0-9_]{0,63}))')
 _RESULT = re.compile(r'([A-Za-z0-9_-]{1,64})\.result\.(\d{1,18})\.(.+)')
 RESULTS_KEPT = 4
+TRACE_KEPT = 200
 MAX_WAITING = 32
 
 
@@ -73,6 +74,7 @@ class Request:
     state: str = 'waiting'
     message: str = ''
     result: Result | None = None
+    trace: list[str] = field(default_factory=list)
     cancelled: threading.Event = field(default_factory=threading.Event)
 
     def summary(self) -> dict[str, Any]:
@@ -253,10 +255,11 @@ class Workspaces:
             request.state = 'running'
         state, message, result = 'done', '', None
         try:
-            dap = Dap.model(request.model, tracing=False)
+            dap = Dap.model(request.model)
             limits = Limits(seconds=self.limits.run_seconds, cancelled=request.cancelled)
             arguments = _arguments(request)
             result = request.program.run(dap, request.entry, limits=limits, **arguments)
+            request.trace = [str(entry) for entry in list(dap.trace)[-TRACE_KEPT:]]
         except Stopped as error:
             state, message = 'stopped', str(error)
         except (FortranError, ValueError, OutOfStore) as error:
@@ -367,8 +370,8 @@ def _result_value(request: Request, what: str) -> Any:
         return getattr(result, what)
     if what == 'listing':
         return result.listing()
-    if what == 'names':
-        return list(result)
+    if what in ('names', 'trace'):
+        return list(result) if what == 'names' else request.trace
     group, _, variable = what.partition('.')
     if variable.upper() not in result or group not in ('data', 'shape'):
         return None

@@ -26,6 +26,7 @@ def test_store_run_fetch(spaces):
     assert result['A'].tolist() == [[0, 2, 4], [6, 8, 10]] and result['n'] == 5 and result.cycles > 0
     assert one.fetch('data.a', 'shape.a', 'data.n', 'program')[0].tolist() == list(range(6))
     assert 'A*2.0' in one.fetch('result.1.listing')[0] and 'multiply' in one.fetch('result.1.statistics')[0]
+    assert 'line 4: multiply REAL*4 (2, 3), 1 block(s), 1280 cycles' in one.fetch('result.1.trace')[0]
 
 
 def test_a_store_is_all_or_nothing(spaces):
