@@ -20,7 +20,7 @@ MODELS = {
 # Scene: edges, curves, axes of which something is seen at the printed pose: ours, and the thesis' where it differs.
 VIEWS = {
     'chipped_block_v1': (12, 0, 0), 'chipped_block_v2': (9, 0, 0), 'chair_v1': (20, 0, 0), 'chair_v2': (21, 0, 0),
-    'computer_v1': (26, 0, 0), 'computer_v2': (18, 0, 0),  # thesis 17
+    'computer_v1': (26, 0, 0), 'computer_v2': (17, 0, 0),
     'l_shape_v1': (15, 0, 0), 'l_shape_v2': (9, 0, 0), 'wedge_v1': (12, 0, 0), 'wedge_v2': (8, 0, 0),
     'plug_v1': (40, 0, 0), 'plug_v2': (13, 0, 0), 'cylinder_box_v1': (9, 2, 1),
     'cylinder_box_v2': (9, 1, 0),  # thesis 11, 1, 0, of 9 edges that face the camera: two were recovered in pieces
@@ -93,6 +93,6 @@ def test_both_sides_of_every_edge_differ_in_grey(name):
         points = start + np.linspace(0.2, 0.8, 21)[:, None] * along
         one, other = (np.rint(points + side * across).astype(int) for side in (1, -1))
         step = float(np.median(np.abs(grey[one[:, 1], one[:, 0]] - grey[other[:, 1], other[:, 0]])))
-        if step < 12.0:
+        if step < 20.0:
             weak.append((start.round(), end.round(), step))
     assert not weak

@@ -232,4 +232,4 @@ class Expressions:
         self.work[0] += work
         if self.work[0] > MAX_WORK:
             raise self._fail(suffix.place, 'the file moves and paints too many primitives',
-                             f'at most {MAX_WORK}, a PAINT FACES counts for up to 1000; does a name double itself?')
+                             f'at most {MAX_WORK}, a PAINT FACES counts for up to 2000; does a name double itself?')

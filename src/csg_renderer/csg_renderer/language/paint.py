@@ -1,16 +1,16 @@
 """PAINT FACES: every face of a solid gets its own shade of its colour, so that stereo sees every edge (thesis 5.11).
 
 Faces that lie in one plane count as one face and share their shade, so that no edge appears where the solid has none.
-Two planar faces can only meet in an edge when they are not parallel, so the shades are first divided among the
-directions of the faces, far apart, and then among the parallel faces of one direction, closer together. Only faces that
-are left on the finished solid take part in this division: most faces of a cutting tool cut nothing.
+Evenly spaced shades are dealt to the faces that are left on the finished solid (most faces of a cutting tool cut
+nothing) so that faces that meet differ much, and parallel faces, one of which is often seen before the other, too.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..solid import FACES, Primitive, Solid
 from ..surfaces import SurfaceTable, compile_surfaces
@@ -18,27 +18,44 @@ from .leaves import map_leaves
 
 # Shades are factors of the colour between these; the lower is still lighter than a black background.
 DARKEST, LIGHTEST = 0.22, 1.0
-# How much of the room of one direction its parallel faces use; the rest keeps neighbouring directions apart.
-SPREAD = 0.35
-# Curved faces have no direction; they take turns in this many groups of their own.
-CURVED_GROUPS = 3
+# How much a difference in grey matters: between faces that meet, that look the same way, any others, and that look
+# opposite ways, which are hardly ever seen together.
+MEETING, ALIKE, OTHERS, OPPOSITE = 1.0, 0.7, 0.4, 0.1
+# More faces than this are dealt their shades without looking at who meets whom.
+MOST_DEALT = 40
+# Starts of the search for a good deal, the first in the order of the faces.
+STARTS = 4
 
 # Directions closer than this are parallel.
-PARALLEL = 1e-6
+SAME_DIRECTION = 1e-6
 # A face is on the solid where a step of this size (fraction of the solid's) through it crosses the boundary.
 STEP = 1e-5
 # Samples of a face along one side at most, and a bound on samples times primitives, which is the time it takes.
-MAX_SAMPLES = 40
-WORK = 600_000
+MAX_SAMPLES = 30
+WORK = 250_000
+
+
+@dataclass
+class Face:
+    """What is left of a surface on the finished solid, normalised frame: samples, their spacing, outward normals."""
+
+    samples: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    spacing: float = 0.0
+    normals: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def outward(self) -> np.ndarray:
+        """(3,): the mean outward normal, a unit vector only where the face is flat and has material on one side."""
+        return self.normals.mean(axis=0)
 
 
 def paint_faces(solid: Solid) -> Solid:
-    """The same solid with a shade of its own on every face. Deterministic: the order of faces decides."""
+    """The same solid with a shade of its own on every face. Deterministic."""
     if not solid.primitives:
         return solid
     table = compile_surfaces(solid)
-    shade = _shades(table, _exposed(table))
-    colours = iter([np.array([shade[group] for group in table.slots[i][table.slot_real[i]]])[:, None]
+    shade = _shades(table)
+    colours = iter([np.array([shade[int(group)] for group in table.slots[i][table.slot_real[i]]])[:, None]
                     * np.asarray(leaf.surface.colour) for i, leaf in enumerate(table.leaves)])
     return map_leaves(solid, lambda leaf: replace(leaf, face_colours=next(colours)))
 
@@ -46,47 +63,91 @@ def paint_faces(solid: Solid) -> Solid:
 def paint_work(leaves: int) -> int:
     """What painting a solid costs, in primitives that could be moved in the same time."""
     samples = min(WORK, 6 * leaves * leaves * MAX_SAMPLES**2)
-    return 2 * leaves + 1000 * samples // WORK
+    return 200 + 2 * leaves + 1500 * samples // WORK
 
 
-def _shades(table: SurfaceTable, exposed: set[int]) -> dict[int, float]:
-    """A shade for every surface group, those on the solid first."""
-    order = list(dict.fromkeys(int(group) for group in table.slots[table.slot_real]))
-    order.sort(key=lambda group: group not in exposed)
-    directions: list[np.ndarray] = []
-    rooms: dict[int, list[int]] = {}
-    curved = 0
-    for group in order:
-        if group >= len(table.planes):
-            room, curved = -1 - curved % CURVED_GROUPS, curved + 1
-        else:
-            normal = table.planes[group, :3]
-            room = next((k for k, known in enumerate(directions) if np.abs(known - normal).max() < PARALLEL),
-                        len(directions))
-            if room == len(directions):
-                directions.append(normal)
-        rooms.setdefault(room, []).append(group)
-    used = sum(any(group in exposed for group in groups) for groups in rooms.values()) or len(rooms)
-    width = (LIGHTEST - DARKEST) / used
-    return {group: LIGHTEST - width * (index % used + SPREAD * k / max(1, len(groups) - 1))
-            for index, groups in enumerate(rooms.values()) for k, group in enumerate(groups)}
+def _shades(table: SurfaceTable) -> dict[int, float]:
+    """A shade for every surface group."""
+    groups = list(dict.fromkeys(int(group) for group in table.slots[table.slot_real]))
+    left = _exposed(table)
+    if 1 < len(left) <= MOST_DEALT:
+        levels = LIGHTEST - (LIGHTEST - DARKEST) * _deal(_importance(left)) / (len(left) - 1)
+        return dict.fromkeys(groups, LIGHTEST) | dict(zip(left, levels.tolist()))
+    # Steps of the golden ratio keep faces that are written one after the other apart.
+    order = sorted(groups, key=lambda group: group not in left)
+    return {group: LIGHTEST - (LIGHTEST - DARKEST) * (0.61803398875 * k % 1.0) for k, group in enumerate(order)}
 
 
-def _exposed(table: SurfaceTable) -> set[int]:
-    """The surface groups of which some part is left on the finished solid, found by samples on every face."""
+def _deal(importance: np.ndarray) -> np.ndarray:
+    """(n,) int: a level 0..n-1 for each face, so that important pairs are far apart: by swaps, from a few starts."""
+    n = len(importance)
+    generator = np.random.default_rng(0)
+    best, best_cost = np.arange(n), np.inf
+    for start in range(STARTS):
+        level = np.arange(n) if start == 0 else generator.permutation(n)
+        cost, last = _cost(importance, level), np.inf
+        while cost < last:
+            last = cost
+            for i in range(n):
+                for j in range(i):
+                    level[[i, j]] = level[[j, i]]
+                    swapped = _cost(importance, level)
+                    if swapped < cost:
+                        cost = swapped
+                    else:
+                        level[[i, j]] = level[[j, i]]
+        if cost < best_cost:
+            best, best_cost = level.copy(), cost
+    return best
+
+
+def _cost(importance: np.ndarray, level: np.ndarray) -> float:
+    """Ruled by the worst pair."""
+    apart = np.abs(level[:, None] - level).astype(np.float64)
+    np.fill_diagonal(apart, np.inf)
+    return float(((importance / apart) ** 6).sum())
+
+
+def _importance(left: dict[int, Face]) -> np.ndarray:
+    """(n, n) float64: how much it matters that two faces differ."""
+    out = np.full((len(left), len(left)), OTHERS)
+    faces = list(left.values())
+    trees = [cKDTree(face.samples) for face in faces]
+    for i, one in enumerate(faces):
+        for j, other in enumerate(faces[:i]):
+            near = trees[i].query(other.samples, distance_upper_bound=one.spacing + other.spacing)[0]
+            alike = float(one.outward @ other.outward)
+            if np.isfinite(near).any():
+                out[i, j] = out[j, i] = MEETING
+            elif abs(alike) > 1.0 - SAME_DIRECTION:
+                out[i, j] = out[j, i] = ALIKE if alike > 0.0 else OPPOSITE
+    return out
+
+
+def _exposed(table: SurfaceTable) -> dict[int, Face]:
+    """The surface groups of which some part is left on the finished solid.
+
+    Nothing when there are too many faces to look at, or endless ones.
+    """
     faces = int(table.slot_real.sum())
     side = min(MAX_SAMPLES, int(np.sqrt(WORK / (faces * len(table.leaves)))))
     if side < 3 or not table.bounded:
-        return {int(group) for group in table.slots[table.slot_real]}
-    found: set[int] = set()
+        return {}
+    found: dict[int, Face] = {}
     for leaf, frame, slots, real in zip(table.leaves, table.frames, table.slots, table.slot_real):
+        around = 1.0 if leaf.kind == 'BLOCK' else 2.0 * np.pi
+        spacing = around * float(np.linalg.norm(frame[:3, :3], axis=0).max()) / side
         for group, points in zip(slots[real], _samples(leaf, side)):
-            if int(group) in found:
-                continue
             on_face = points @ frame[:3, :3].T + frame[:3, 3]
             across = STEP * table.gradients(on_face, np.full((len(on_face), 1), group))[:, 0]
-            if (_inside(table, on_face + across) != _inside(table, on_face - across)).any():
-                found.add(int(group))
+            ahead, behind = _inside(table, on_face + across), _inside(table, on_face - across)
+            crossing = ahead != behind
+            if crossing.any():
+                face = found.setdefault(int(group), Face())
+                face.samples = np.concatenate([face.samples, on_face[crossing]])
+                face.spacing = max(face.spacing, spacing)
+                signs = np.where(behind[crossing], 1.0, -1.0)[:, None] / STEP
+                face.normals = np.concatenate([face.normals, signs * across[crossing]])
     return found
 
 
@@ -101,12 +162,13 @@ def _samples(leaf: Primitive, side: int) -> list[np.ndarray]:
     turn = 2.0 * np.pi * a
     ring = np.cos(turn), np.sin(turn)
     disc = np.sqrt(b) * ring[0], np.sqrt(b) * ring[1]
+    height = 2.0 * b - 1.0
+    wide = np.sqrt(1.0 - height**2)
     samples = {
         'BLOCK': [(zero, a, b), (one, a, b), (a, zero, b), (a, one, b), (a, b, zero), (a, b, one)],
         'CYLINDER': [(*disc, zero), (*disc, one), (*ring, b)],
         'CONE': [(*disc, one), (b * ring[0], b * ring[1], b)],
-        'SPHERE': [(np.sqrt(1.0 - (2.0 * b - 1.0) ** 2) * ring[0], np.sqrt(1.0 - (2.0 * b - 1.0) ** 2) * ring[1],
-                    2.0 * b - 1.0)],
+        'SPHERE': [(wide * ring[0], wide * ring[1], height)],
     }[leaf.kind]
     assert len(samples) == len(FACES[leaf.kind])
     return [np.stack(face, axis=-1) for face in samples]
