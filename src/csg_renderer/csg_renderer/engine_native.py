@@ -142,7 +142,7 @@ def prepare(program: Program) -> Prepared:
         box[:, child] = _child_box(code, bounds)
     trees = Trees(_whole(starts), _whole(positive), np.array(doubt), _whole(factors), _whole(code_starts),
                   _whole(codes), _whole(jumps), simple, child_of, box, program.kind,
-                  np.ascontiguousarray(program.inverse[:, :3]), HALFSPACES[program.kind])
+                  np.ascontiguousarray(program.inverse[:, :3]), _spheres(program), HALFSPACES[program.kind])
     look = Look(program.colours, program.material, _flat_normals(program), program.lights, program.light_colours,
                 program.ambient_light, program.background)
     return Prepared(program, trees, look, _ground(program), child_products, max(cutters))
@@ -188,6 +188,8 @@ def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: Re
     products, bands = len(trees.positive), -(-h // size)
     camera_T_scene = np.linalg.inv(view.scene_T_camera)
     points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
+    sphere = np.hstack([trees.sphere[:, :3] @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3],
+                        trees.sphere[:, 3:] * abs(np.linalg.det(camera_T_scene[:3, :3])) ** (2 / 3)])
     chosen_array = np.array(chosen, dtype=np.int64)
     near = np.zeros(products)
     if whole:
@@ -202,7 +204,7 @@ def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: Re
         product_spans(chosen_array, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size,
                       span, band, near)
         chosen_array = chosen_array[np.argsort(near[chosen_array], kind='stable')]
-    eye = Eye(local, np.ascontiguousarray(origin), limit, leaf_span, near, np.array(listed, dtype=np.int64),
+    eye = Eye(local, np.ascontiguousarray(origin), limit, sphere, leaf_span, near, np.array(listed, dtype=np.int64),
               chosen_array)
     plan = Plan((np.arange(w) - camera.cx) / camera.fx, (np.arange(h) - camera.cy) / camera.fy, 1.0 / camera.fx,
                 1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, span, band, size, whole,
@@ -236,6 +238,19 @@ def _leaf_boxes(program: Program) -> np.ndarray:
             slack = 1e-9 * (1.0 + np.abs(points).max())
             boxes[leaf] = points.min(axis=0) - slack, points.max(axis=0) + slack
     return boxes
+
+
+def _spheres(program: Program) -> np.ndarray:
+    """(n, 4): a sphere about each leaf in the scene frame, centre and squared radius."""
+    spheres = np.zeros((len(program.kind), 4))
+    for leaf, (first, last) in enumerate(zip(program.outline_start[:-1], program.outline_start[1:])):
+        spheres[leaf, 3] = UNBOUNDED
+        if program.kind[leaf] != PLANE:
+            points = program.outline[first:last]
+            spheres[leaf, :3] = points.mean(axis=0)
+            # A little larger, for rounding.
+            spheres[leaf, 3] = 1.01 * ((points - spheres[leaf, :3]) ** 2).sum(axis=1).max()
+    return spheres
 
 
 def _child_box(code: np.ndarray, boxes: np.ndarray) -> np.ndarray:

@@ -180,9 +180,9 @@ def cast_rays(s, n, trees, work, deep, ground):
         for j in range(ZERO, n):
             if s[INSIDE + j] == 0.0:
                 continue
-            count = child_list(trees, trees.inverse, child, s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j],
-                               s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], tolerance, work.times, work.hits,
-                               work.starts, work.counts)
+            count = child_list(trees, trees.inverse, trees.sphere, child, s[OX + j], s[OX + ONE + j],
+                               s[OX + ONE + ONE + j], s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], tolerance,
+                               work.times, work.hits, work.starts, work.counts)
             for i in range(0, count, 2):
                 entry, here = work.times[i], work.hits[i]
                 if entry > departure:
@@ -235,9 +235,9 @@ def arriving_light(s, n, trees, look, work, deep, ground):
         for j in range(ZERO, n):
             if s[INSIDE + j] == 0.0 or s[LIGHT + j] == 0.0:
                 continue
-            count = child_list(trees, trees.inverse, child, s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j],
-                               s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], tolerance, work.times, work.hits,
-                               work.starts, work.counts)
+            count = child_list(trees, trees.inverse, trees.sphere, child, s[OX + j], s[OX + ONE + j],
+                               s[OX + ONE + ONE + j], s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], tolerance,
+                               work.times, work.hits, work.starts, work.counts)
             for i in range(0, count, 2):
                 if work.times[i] < s[REACH + j] and work.times[i + 1] > departure:
                     s[LIGHT + j] *= look.material[int(work.hits[i] / LEAF_STEP), 5]

@@ -48,6 +48,7 @@ class Trees(NamedTuple):
     simple : (c,) the leaf of a child that is a single leaf, else -1; child_of : (n,) the child of each leaf
     box : (6, c) bounds of each child in the scene frame: low x y z, high x y z, metres
     kind : (n,) of the leaves; inverse : (n, 3, 4) unit frame from scene; halfspaces : (n,)
+    sphere : (n, 4) about each leaf in the scene frame: centre and squared radius
     """
 
     product_start: np.ndarray
@@ -62,6 +63,7 @@ class Trees(NamedTuple):
     box: np.ndarray
     kind: np.ndarray
     inverse: np.ndarray
+    sphere: np.ndarray
     halfspaces: np.ndarray
 
 
@@ -69,7 +71,7 @@ class Eye(NamedTuple):
     """Leaves seen by a camera. n leaves.
 
     local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
-    limit : (n, 3) local direction components below it are zero
+    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in Trees, camera frame
     span : (n, h, 2) int32, first and last pixel of each image row that the leaf may touch; first > last: none
     near : (q,) least depth of each product
     listed : (k,) children to evaluate by lists; chosen : (p,) products to evaluate, front to back
@@ -78,6 +80,7 @@ class Eye(NamedTuple):
     local: np.ndarray
     origin: np.ndarray
     limit: np.ndarray
+    sphere: np.ndarray
     span: np.ndarray
     near: np.ndarray
     listed: np.ndarray
@@ -241,31 +244,39 @@ def combine(op, times, hits, start, middle, end, tolerance):
 
 
 @kernel
-def child_list(trees, matrices, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
+def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
     """All boundaries of a child along a ray, into times and hits; how many is returned.
 
-    matrices : (n, 3, 4) from the ray's frame to the unit frames. times, hits : room for 4 boundaries a leaf;
-    starts : room for a stack of leaves.
+    matrices : (n, 3, 4) from the ray's frame to the unit frames; spheres : (n, 4) about the leaves in the ray's frame,
+    centre and squared radius. times, hits : room for 4 boundaries a leaf; starts : room for a stack of leaves.
     """
     depth = 0
     end = 0
+    square = dx * dx + dy * dy + dz * dz
     i = trees.code_start[child]
     stop = trees.code_start[child + 1]
     while i < stop:
         op = trees.code[i]
         counts[1] += 1
         if op >= 0:
-            near, far, face_in, face_out = local_span(trees.kind[op], matrices[op], ox, oy, oz, dx, dy, dz)
-            counts[0] += trees.halfspaces[op]
             starts[depth] = end
             depth += 1
+            cx, cy, cz = spheres[op, 0] - ox, spheres[op, 1] - oy, spheres[op, 2] - oz
+            along = cx * dx + cy * dy + cz * dz
+            near, far, face_in, face_out = INF, -INF, 0.0, 0.0
+            if (cx * cx + cy * cy + cz * cz - spheres[op, 3]) * square <= along * along:
+                near, far, face_in, face_out = local_span(trees.kind[op], matrices[op], ox, oy, oz, dx, dy, dz)
+                counts[0] += trees.halfspaces[op]
             if far - near > tolerance:
                 times[end], hits[end] = near, op * LEAF_STEP + FACE_STEP * face_in
                 times[end + 1], hits[end + 1] = far, op * LEAF_STEP + FACE_STEP * face_out
                 end += 2
         else:
             counts[2] += 1
-            end = combine(op, times, hits, starts[depth - 2], starts[depth - 1], end, tolerance)
+            if starts[depth - 1] < end:
+                end = combine(op, times, hits, starts[depth - 2], starts[depth - 1], end, tolerance)
+            elif op == INTERSECT:
+                end = starts[depth - 2]
             depth -= 1
         while trees.jump[i] > 0 and end == starts[depth - 1]:
             i = trees.jump[i] - 1
@@ -277,8 +288,8 @@ def child_list(trees, matrices, child, ox, oy, oz, dx, dy, dz, tolerance, times,
 def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, counts):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
     for j in range(j0, j1):
-        count = child_list(trees, eye.local, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts,
-                           counts)
+        count = child_list(trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits,
+                           starts, counts)
         for k in range(count):
             if tolerance < times[k] < 0.5 * FAR:
                 entry, code, depth = times[k], hits[k] + (k % 2), s[DEPTH + j]
@@ -301,8 +312,8 @@ def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
             continue
         s[HIT + j] = np.floor(hit)
         child = trees.child_of[int(hit / LEAF_STEP)]
-        count = child_list(trees, eye.local, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts,
-                           counts)
+        count = child_list(trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits,
+                           starts, counts)
         for i in range(0, count, 2):
             if times[i] > tolerance:
                 if abs(times[i] - s[DEPTH + j]) <= 2.0 * tolerance:

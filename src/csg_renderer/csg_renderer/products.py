@@ -11,63 +11,51 @@ import numpy as np
 
 from .program import DIFFERENCE, INTERSECT
 
-# A tree that needs more products or longer ones is cheaper to evaluate with lists of boundaries.
+# A tree that needs more products, or longer ones, is evaluated with lists of boundaries.
 MOST_PRODUCTS = 32
-MOST_FACTORS = 64
-# So is a deeper one, which holds more leaves than its products may; it also must not use up the stack.
-DEEPEST = 256
+MOST_FACTORS = 4096
 
 Product = tuple[frozenset[int], frozenset[int]]
 
 
 class TooMany(Exception):
-    """The tree does not fit into MOST_PRODUCTS."""
+    """The tree does not fit into MOST_PRODUCTS of MOST_FACTORS."""
 
 
 def products_of(code: np.ndarray) -> list[Product] | None:
     """The products, (leaves, leaves taken away), of a postfix program; None when there are too many."""
-    # Every subtree as a pair of functions would be worked out twice; a stack of (inside, outside) thunks is not needed
-    # because outsides are cheap to build once asked for.
-    stack: list[_Node] = []
-    for op in code:
-        if op >= 0:
-            stack.append(_Node(int(op)))
-        else:
-            right, left = stack.pop(), stack.pop()
-            stack.append(_Node(int(op), left, right))
-            if stack[-1].depth > DEEPEST:
-                return None
+    stack: list[list[Product]] = []
     try:
-        return stack[0].products(True)
+        for op, inside in zip(code.tolist(), _sides(code.tolist())):
+            if op >= 0:
+                leaf: frozenset[int] = frozenset([op])
+                stack.append([(leaf, frozenset())] if inside else [(frozenset(), leaf)])
+                continue
+            right, left = stack.pop(), stack.pop()
+            # De Morgan: the outside of a union is the common outside, and so on. A difference is A & outside(B).
+            meets = op in (INTERSECT, DIFFERENCE)
+            stack.append(_meet(left, right) if meets == inside else left + right)
+            if len(stack[-1]) > MOST_PRODUCTS:
+                raise TooMany
     except TooMany:
         return None
+    return stack[0]
 
 
-class _Node:
-    """A tree node that knows the products of its inside and of its outside."""
-
-    def __init__(self, op: int, left: _Node | None = None, right: _Node | None = None) -> None:
-        self.op, self.left, self.right = op, left, right
-        self.depth: int = 0 if left is None or right is None else 1 + max(left.depth, right.depth)
-
-    def products(self, inside: bool) -> list[Product]:
-        if self.left is None or self.right is None:
-            leaf: frozenset[int] = frozenset([self.op])
-            return [(leaf, frozenset())] if inside else [(frozenset(), leaf)]
-        # De Morgan: the outside of a union is the common outside, and so on. A difference is A & outside(B).
-        left = self.left.products(inside)
-        right = self.right.products(inside != (self.op == DIFFERENCE))
-        meets = self.op in (INTERSECT, DIFFERENCE)
-        return _meet(left, right) if meets == inside else _join(left, right)
-
-
-def _join(left: list[Product], right: list[Product]) -> list[Product]:
-    if len(left) + len(right) > MOST_PRODUCTS:
-        raise TooMany
-    return left + right
+def _sides(code: list[int]) -> list[bool]:
+    """For every instruction of a postfix program: does the whole need its inside (True) or its outside?"""
+    sides = [True] * len(code)
+    wanted = [True]
+    for index in range(len(code) - 1, -1, -1):
+        sides[index] = side = wanted.pop()
+        if code[index] < 0:
+            # Read backwards, the right operand comes first.
+            wanted += [side, side != (code[index] == DIFFERENCE)]
+    return sides
 
 
 def _meet(left: list[Product], right: list[Product]) -> list[Product]:
+    """Every product of the one with every product of the other."""
     if len(left) * len(right) > MOST_PRODUCTS:
         raise TooMany
     met = []
