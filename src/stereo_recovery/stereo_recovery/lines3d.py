@@ -21,6 +21,12 @@ from .segmentation import Corners, Pieces
 
 # Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
 CORNER_SIGMA = 0.05
+# Pieces flatter than this (sine) have no depth of their own. Two of them are one broken line when each misses the
+# other's line by less than so many pixels, they differ in direction by less than this sine, and the break is short.
+FLAT = 0.15
+ONE_LINE = 0.7
+ONE_DIRECTION = 0.025
+WIDEST_BREAK = 60.0
 # Heights of one corner in the two images differ by less than this, pixels.
 SAME_HEIGHT = 0.6
 # What the match itself says about disparity at a piece's ends, pixels: enough to keep flat edges finite.
@@ -167,6 +173,37 @@ def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, 
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
+def same_lines(matches: Matches, left: Pieces, right: Pieces) -> np.ndarray:
+    """Pairs of flat pieces that lie on one line in both images, as joints like those of :func:`meetings`, two a pair.
+
+    Where print or an occluder has broken a long edge, each piece has one true corner; together they have two.
+    """
+    flat = np.flatnonzero((np.abs(left.direction[matches.left, 1]) < FLAT) & (left.arc[matches.left] < 0))
+    if len(flat) < 2:
+        return np.zeros((0, 4))
+    first, second = (index.ravel() for index in np.meshgrid(flat, flat, indexing='ij'))
+    good = matches.left[first] < matches.left[second]
+    for side, index in ((left, matches.left), (right, matches.right)):
+        first, second = first[good], second[good]
+        a, b = index[first], index[second]
+        run = side.centre[b] - side.centre[a]
+        distance = np.hypot(run[:, 0], run[:, 1])
+        across = [np.abs(run[:, 0] * side.direction[k, 1] - run[:, 1] * side.direction[k, 0]) for k in (a, b)]
+        half = 0.5 * (side.length[a] + side.length[b])
+        turn = np.abs(side.direction[a, 0] * side.direction[b, 1] - side.direction[a, 1] * side.direction[b, 0])
+        good = (np.maximum(*across) < ONE_LINE) & (turn < ONE_DIRECTION) & (distance > half - 3.0)
+        good &= distance - half < np.minimum(half, WIDEST_BREAK)
+    first, second = first[good], second[good]
+    a, b = matches.left[first], matches.left[second]
+    middle = 0.5 * left.reach.sum(axis=1)
+    rows = []
+    for at in (a, b):
+        x = left.centre[at] + middle[at, None] * left.direction[at]
+        place = [((x - left.centre[k]) * left.direction[k]).sum(axis=1) for k in (a, b)]
+        rows.append(np.column_stack([first, place[0], second, place[1]]))
+    return np.concatenate(rows)
+
+
 def solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray,
           ends_known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges together.
@@ -275,7 +312,8 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         offset_v = 0.0
     information, vector = measure(matches, left, right, spread_v, offset_v)
     i, j = matches.left, matches.right
-    coefficient, covariance = solve(information, vector, meetings(matches, left, met, right_met), left.reach[i],
+    joints = np.concatenate([meetings(matches, left, met, right_met), same_lines(matches, left, right)])
+    coefficient, covariance = solve(information, vector, joints, left.reach[i],
                                     shared_corners(matches, left, right, met, right_met, spread_v))
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
