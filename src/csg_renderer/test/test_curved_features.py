@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from csg_renderer import Solid, model_features
+from csg_renderer import Solid, boundary, model_features
 from msgs_py import FeatureKind, Pose
 
 CYLINDER = Solid.cylinder(1.0, (0, 0, 2))
@@ -103,3 +103,34 @@ def test_arcs_lie_where_they_say():
         np.testing.assert_allclose(np.hypot(points[:, 0], points[:, 1]), 1.0, atol=1e-9)
         assert points[:, 0].max() < 1e-9
         np.testing.assert_allclose(half.arc[row, 1], np.pi, atol=1e-9)
+
+
+def test_creases_in_no_plane_are_reported_and_not_faked():
+    pipe = at(Solid.cylinder(1.0, (0, 0, 4)), 0, 0, -2)
+    found = boundary(pipe | Solid.cylinder(0.5, (3, 0, 0)))
+    assert [(found.features.kind == k).sum() for k in FeatureKind] == [0, 3, 2]
+    assert len(found.skew) == 1 and any('no plane' in notice for notice in found.notices)
+    x, y, z = found.skew[0].T
+    np.testing.assert_allclose(np.hypot(x, y), 1.0, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(y, z), 0.5, atol=1e-9)
+    assert (x > 0).all() and np.ptp(np.arctan2(z, y)) > 6.0
+
+
+def test_two_ellipsoids_meet_in_a_space_curve_on_both():
+    one, two = np.diag([1.0, 0.8, 0.6, 1.0]), np.diag([0.5, 0.9, 0.9, 1.0])
+    two[:3, 3] = 0.5, 0.1, 0.2
+    found = boundary(Solid.primitive('SPHERE', one) | Solid.primitive('SPHERE', two))
+    assert found.skew and not len(found.features)
+    for points in found.skew:
+        for matrix in (one, two):
+            local = (points - matrix[:3, 3]) / np.diag(matrix)[:3]
+            np.testing.assert_allclose(np.linalg.norm(local, axis=1), 1.0, atol=1e-7)
+
+
+def test_parabolas_and_hyperbolas_are_reported():
+    cone = Solid.cone(1, (0, 0, 1))
+    for cut in (Solid.plane((1, 0, 1), 1.2), Solid.plane((1, 0, 0), 0.3)):
+        found = boundary(cone & cut)
+        assert (~found.ellipse).sum() == 1
+        assert any('parabola or hyperbola' in notice for notice in found.notices)
+        assert [(found.features.kind == k).sum() for k in FeatureKind] == [1, 1, 1]
