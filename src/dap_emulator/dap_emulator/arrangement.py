@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import DapArray, Operand, Scalar, moved
+from .arrays import DapArray, Operand, Scalar
 from .kinds import LOGICAL, Kind, integer, real
 from .machine import Dap
+from .operands import moved
 
 _RANKS = ('vector', 'matrix')
 _WAYS = {'N': 'up', 'S': 'down', 'W': 'to the left', 'E': 'to the right', 'L': 'to the left', 'R': 'to the right'}

@@ -13,6 +13,7 @@ import numpy as np
 from . import planes
 from .kinds import LOGICAL, Kind, common_kind, parse_kind, real
 from .machine import Dap
+from .operands import checked_scalar, moved, scalar_kind
 
 Scalar = Union[bool, int, float]  # noqa: UP007  (evaluated at run time)
 Operand = Union['DapArray', Scalar]
@@ -76,6 +77,10 @@ class DapArray:
         if self._words is None:
             return int(np.count_nonzero(self.values))
         return planes.count_true(self._words)
+
+    def any_true(self) -> bool:
+        """Whether a LOGICAL has a true. Charges nothing."""
+        return bool(self.values.any() if self._words is None else self._words.any())
 
     @property
     def size(self) -> int:
@@ -306,7 +311,7 @@ class DapArray:
         else:
             theirs = planes.ones(self.size) if other else np.zeros_like(mine)
         if operation == 'eqv':
-            return self._logical(~(mine ^ theirs) & planes.ones(self.size))
+            return self._logical(planes.invert(mine ^ theirs, self.size))
         return self._logical(_LOGIC[operation](mine, theirs))
 
     def _truth(self) -> np.ndarray:
@@ -327,7 +332,7 @@ class DapArray:
 
     def __invert__(self) -> DapArray:
         self._charge('not', LOGICAL)
-        return self._logical(~self._truth() & planes.ones(self.size))
+        return self._logical(planes.invert(self._truth(), self.size))
 
     def __lt__(self, other: Operand) -> DapArray:
         return self.compare('lt', other)
@@ -457,41 +462,3 @@ class DapArray:
     def _repr_html_(self) -> str:
         from .drawing import html_plane
         return html_plane(self)
-
-
-def moved(values: np.ndarray, distance: int, axis: int, cyclic: bool) -> np.ndarray:
-    """out[i] = values[i + distance] along an axis; beyond the edge zero, or wrapped around."""
-    if cyclic:
-        return np.roll(values, -distance, axis=axis)
-    out = np.zeros_like(values)
-    extent = values.shape[axis]
-    if abs(distance) < extent:
-        here: list[Any] = [slice(None)] * values.ndim
-        there = list(here)
-        here[axis] = slice(0, extent - distance) if distance >= 0 else slice(-distance, extent)
-        there[axis] = slice(distance, extent) if distance >= 0 else slice(0, extent + distance)
-        out[tuple(here)] = values[tuple(there)]
-    return out
-
-
-def checked_scalar(kind: Kind, value: Any, what: str) -> Scalar:
-    """A scalar that fits an array's kind. Raises ValueError that says which does not."""
-    if isinstance(value, (bool, np.bool_)):
-        if kind.name != 'LOGICAL':
-            raise ValueError(f'{what}: a logical value meets {kind}')
-        return bool(value)
-    if kind.name == 'LOGICAL' or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise ValueError(f'{what}: {value!r} meets {kind}')
-    if kind.name == 'INTEGER' and isinstance(value, (int, np.integer)):
-        low, high = kind.range
-        if not low <= value <= high:
-            raise ValueError(f'{what}: {value} does not fit {kind} ({low} to {high})')
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def scalar_kind(kind: Kind, value: Any, what: str) -> Kind:
-    """The kind an array of this kind and a scalar become."""
-    if kind.name == 'INTEGER' and isinstance(value, (float, np.floating)):
-        return real(4) if kind.bits <= 32 else real(8)
-    checked_scalar(kind, value, what)
-    return kind

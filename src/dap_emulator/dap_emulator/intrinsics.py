@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from . import planes
 from .arrangement import (
     SHIFTS,
     alt,
@@ -41,8 +40,9 @@ from .arrangement import (
     upper_triangle,
     vec,
 )
-from .arrays import DapArray, Operand, Scalar, checked_scalar, scalar_kind
+from .arrays import DapArray, Operand, Scalar
 from .kinds import LOGICAL, Kind, common_kind, integer, real
+from .operands import checked_scalar, scalar_kind
 
 # Element by element.
 
@@ -235,14 +235,14 @@ def all_(mask: Any) -> bool:
     """ALL(l): whether every element is true."""
     flags = checked_array(mask, 'ALL', logical=True)
     flags._charge('any_all', LOGICAL)
-    return bool(np.array_equal(flags.words, planes.ones(flags.size)))
+    return flags.count_true() == flags.size
 
 
 def any_(mask: Any) -> bool:
     """ANY(l): whether some element is true."""
     flags = checked_array(mask, 'ANY', logical=True)
     flags._charge('any_all', LOGICAL)
-    return bool(flags.words.any())
+    return flags.any_true()
 
 
 def maxv(x: Any, mask: Any = None) -> Scalar:

@@ -41,6 +41,14 @@ def ones(count: int) -> np.ndarray:
     return words
 
 
+def invert(words: np.ndarray, count: int) -> np.ndarray:
+    """(words,) plane: NOT; the unused bits stay 0."""
+    out = ~words
+    if count % 64:
+        out[-1] &= np.uint64((1 << (count % 64)) - 1)
+    return out
+
+
 def count_true(words: np.ndarray) -> int:
     """Number of ones."""
     if hasattr(np, 'bitwise_count'):

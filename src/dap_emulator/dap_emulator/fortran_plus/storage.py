@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from .. import planes
-from ..arrays import DapArray, checked_scalar
+from ..arrays import DapArray
 from ..kinds import LOGICAL, Kind
 from ..machine import Dap
+from ..operands import checked_scalar
 
 Place = tuple[int, ...]
 
