@@ -65,9 +65,25 @@ def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
 
 def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    except cv2.error as error:
-        raise ValueError(f'{path}: not readable as OpenCV YAML: {error.err}') from None
+        matrices = _opencv_matrices(path)
+    except (cv2.error, SystemError) as error:  # bindings may wrap the one in the other
+        cause = error if isinstance(error, cv2.error) else error.__cause__
+        raise ValueError(f'{path}: not readable as OpenCV YAML: {getattr(cause, "err", None) or error}') from None
+    cameras = []
+    for number, found in zip((1, 2), matrices):
+        if 'p' not in found:
+            raise ValueError(f'{path}: no matrix P{number}; expected the projection matrices of stereoRectify')
+        p = np.reshape(found['p'], (3, 4)) if len(found['p']) == 12 else np.zeros((3, 4))
+        found.setdefault('k', p[:, :3].ravel().tolist())
+        found.setdefault('r', np.eye(3).ravel().tolist())
+        cameras.append(CameraFile(size[0], size[1], 'plumb_bob', found.get('d', []), found['k'], found['r'],
+                                  found['p']))
+    return cameras[0], cameras[1]
+
+
+def _opencv_matrices(path: Path) -> list[dict[str, list[float]]]:
+    """What the file has for the left and the right camera, by the field names of CameraFile."""
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     cameras = []
     for number in (1, 2):
         matrices: dict[str, list[float]] = {}
@@ -76,15 +92,9 @@ def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
             found = [node.mat() for node in nodes if not node.empty() and node.isMap()]
             if found and found[0] is not None:
                 matrices[name] = [float(x) for x in np.asarray(found[0]).ravel()]
-        if 'p' not in matrices:
-            raise ValueError(f'{path}: no matrix P{number}; expected the projection matrices of stereoRectify')
-        p = np.reshape(matrices['p'], (3, 4)) if len(matrices['p']) == 12 else np.zeros((3, 4))
-        matrices.setdefault('k', p[:, :3].ravel().tolist())
-        matrices.setdefault('r', np.eye(3).ravel().tolist())
-        cameras.append(CameraFile(size[0], size[1], 'plumb_bob', matrices.get('d', []), matrices['k'], matrices['r'],
-                                  matrices['p']))
+        cameras.append(matrices)
     storage.release()
-    return cameras[0], cameras[1]
+    return cameras
 
 
 def _documents(path: Path, text: str) -> list[dict[str, Any]]:
