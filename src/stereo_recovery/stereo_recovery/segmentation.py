@@ -17,6 +17,9 @@ CORRELATION_LENGTH = np.sqrt(4.0 * np.pi)
 CORNER_REACH = 3.0
 # An edgel belongs to a line when it is within this many of its own sigma.
 STANDING_OFF = 4.5
+# What a bow adds to the sigma of a line: to its offset, and (over its length) to its slope.
+BOW_OFFSET = 0.4
+BOW_SLOPE = 2.0
 # Collinear pieces are joined across at most this many pixels.
 WIDEST_GAP = 15.0
 # How far the lines of such pieces may miss each other beyond their own sigma, as a share of the tolerance.
@@ -140,6 +143,10 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     together = np.maximum(1.0, CORRELATION_LENGTH * sigma * np.minimum(density, 1.5))
     excess = np.maximum(1.0, rows[:, 6] * np.sqrt(weight / count))
     fit_sigma = excess[:, None] * np.sqrt(together[:, None] / np.maximum(np.stack([weight, moment], axis=1), 1e-9))
+    # A line that bows is not quite one: two edges that meet at a slight angle, a lens, a fold. Its place is as vague.
+    bow = np.abs(rows[:, 7])
+    length = np.maximum(rows[:, 5] - rows[:, 4], 1.0)
+    fit_sigma = np.hypot(fit_sigma, np.column_stack([BOW_OFFSET * bow, BOW_SLOPE * bow / length]))
     total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
     return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], rows[:, 7], rows[:, 8],
