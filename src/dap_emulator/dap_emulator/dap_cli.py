@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .fortran_plus import FortranError, Limits, Result, Stopped
+from .fortran_plus.functions import FUNCTIONS
 from .library import load_program, program_names, summary
 from .machine import MODELS, Dap, OutOfStore
 
@@ -93,6 +94,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--plane', help='which argument to draw, instead of what the program displays')
     result.add_argument('--save', metavar='FILE.npz', help="save the entry's arguments after the run")
     result.add_argument('--list', action='store_true', help='list the library programs')
+    result.add_argument('--functions', action='store_true', help='describe the functions of the language')
     result.add_argument('--costs', action='store_true', help='print the cost model with its sources')
     return result
 
@@ -105,12 +107,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             for name in program_names():
                 print(f'{name:24} {summary(name)}')
             return 0
+        if options.functions:
+            for name, function in sorted(FUNCTIONS.items()):
+                print(f'{name:12} {function.doc}')
+            return 0
         dap = Dap.model(options.model, options.memory, costs=_pairs(options.set, float), tracing=options.trace > 0)
         if options.costs:
             print(dap.costs.table())
             return 0
         if not options.program:
-            print('dap: name a program, or ask for --list, --costs or --help', file=sys.stderr)
+            print('dap: name a program, or ask for --list, --functions, --costs or --help', file=sys.stderr)
             return 2
         program = load_program(options.program)
         result = program.run(dap, options.entry, limits=Limits(seconds=options.seconds),

@@ -191,6 +191,7 @@ def test_misuse_names_the_function_and_what_it_expected():
 def test_every_function_of_the_language_is_documented():
     for name, function in FUNCTIONS.items():
         assert function.least <= function.most, name
+        assert len(function.doc) > 20, name
     for name in f.__all__:
         documented = getattr(f, name)
         assert name == 'SHIFTS' or len(documented.__doc__) > 20, name

@@ -24,6 +24,12 @@ class Function:
     result: Rule
     run: Callable[..., Any]
     is_real_work: bool = False
+    description: str = ''
+
+    @property
+    def doc(self) -> str:
+        """What it does, in one paragraph."""
+        return ' '.join((self.description or self.run.__doc__ or '').split())
 
 
 def combined(a: Type, b: Type) -> Type:
@@ -178,6 +184,7 @@ def _sized(types: Sequence[Type]) -> Type:
 
 
 def _size(dap: Dap, x: DapArray, axis: int = 0) -> int:
+    """SIZE(x): number of elements. SIZE(x, d): extent of parallel dimension d (our addition)."""
     if axis not in range(0, x.rank + 1):
         raise ValueError(f'SIZE: dimension {axis} of an array that has {x.rank}')
     return x.size if axis == 0 else x.shape[axis - 1]
@@ -188,7 +195,7 @@ def _without_dap(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _plain(least: int, most: int, rule: Rule, function: Callable[..., Any], is_real_work: bool = False) -> Function:
-    return Function(least, most, rule, _without_dap(function), is_real_work)
+    return Function(least, most, rule, _without_dap(function), is_real_work, function.__doc__ or '')
 
 
 FUNCTIONS: dict[str, Function] = {
