@@ -85,18 +85,19 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     curved[facet[sides[bent].ravel()]] = True
 
     rows = np.nonzero(crease)[0]
-    lines: list[np.ndarray] = []
+    lines: list[tuple[np.ndarray, np.ndarray]] = []
     rims: list[tuple[FittedConic, np.ndarray]] = []
     for chain in chains(edges[rows], points):
         for part in split(chain, turns(chain) > crease_angle):
             _sort_out(part, sides[rows], curved[facet], lines, rims)
     axes = _axes(rims, patch, normal, points[triangles], size)
-    ends = np.array(lines).reshape(-1, 2, 3)
+    ends = _merged(lines, normal, size)
     return FeatureSet.concatenate([FeatureSet.from_edges(ends[:, 0], ends[:, 1]), _curves(rims, normal),
                                    FeatureSet.from_axes(axes[:, 0], axes[:, 1])])
 
 
-def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray, lines: list[np.ndarray],
+def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray,
+              lines: list[tuple[np.ndarray, np.ndarray]],
               rims: list[tuple[FittedConic, np.ndarray]]) -> None:
     """A chain without corners into straight lines and fitted curves; what is neither is left out.
 
@@ -104,14 +105,14 @@ def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray, lines: list[n
     """
     smooth, members = straightened(chain)
     if len(smooth.segment) == 1:
-        lines.append(smooth.points)
+        lines.append((smooth.points, sides[members[0][0]]))
         return
     round_ = np.array([curved[sides[member]].any() for member in members])
     length = np.linalg.norm(smooth.steps, axis=1)
     flat = ~round_ | (np.roll(~round_, 1) & (smooth.closed | (np.arange(len(round_)) > 0)))
     for run in split(smooth, flat) if flat.any() else [smooth]:
         if not round_[run.segment].any():
-            lines.append(run.points)
+            lines.append((run.points, sides[members[run.segment[0]][0]]))
             continue
         parts, fits = [run], [fit_conic(run)]
         if fits[0] is None:
@@ -123,9 +124,30 @@ def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray, lines: list[n
             continue  # a curve in no plane: its pieces would pass for arcs
         for part, fit in zip(parts, fits):
             if fit is None:
-                lines.append(part.points)
+                lines.append((part.points, sides[members[part.segment[0]][0]]))
             else:
                 rims.append((fit, sides[np.concatenate([members[k] for k in part.segment])]))
+
+
+def _merged(lines: list[tuple[np.ndarray, np.ndarray]], normal: np.ndarray, size: float) -> np.ndarray:
+    """(n, 2, 3): straight creases, those joined that go straight on through a vertex between the same two planes."""
+    ends = np.array([points for points, _ in lines]).reshape(-1, 2, 3)
+    planes = [sorted(tuple(np.round(normal[side], 4) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
+              for _, sides in lines]
+    vertex = cluster(ends.reshape(-1, 3), WELD * size)[0].reshape(-1, 2)
+    alive = np.ones(len(ends), bool)
+    for where in np.unique(vertex):
+        here = [int(k) for k in np.nonzero((vertex == where).any(axis=1) & alive)[0]]
+        for i, k in enumerate(here):
+            for j in here[i + 1:]:
+                if not (alive[k] and alive[j]) or planes[k] != planes[j]:
+                    continue
+                far_k, far_j = (int(vertex[m, 0] == where) for m in (k, j))
+                one, two = ends[k, far_k] - ends[k, 1 - far_k], ends[j, far_j] - ends[j, 1 - far_j]
+                if np.linalg.norm(np.cross(one, two)) < -COLLINEAR * (one @ two):
+                    ends[k, 1 - far_k], vertex[k, 1 - far_k] = ends[j, far_j], vertex[j, far_j]
+                    alive[j] = False
+    return ends[alive]
 
 
 def _curves(rims: list[tuple[FittedConic, np.ndarray]], normal: np.ndarray) -> FeatureSet:
@@ -180,7 +202,8 @@ def _axes(rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal:
     for i, (one, direction) in enumerate(single):
         for other, _ in single[:i]:
             gap = other - one
-            if np.linalg.norm(np.cross(gap, direction)) < SAME_AXIS * size < np.linalg.norm(gap):
+            if np.linalg.norm(np.cross(gap, direction)) < PATCH * np.linalg.norm(gap) and \
+                    np.linalg.norm(gap) > SAME_AXIS * size:
                 found.append([one, other])
     pairs = np.array(found).reshape(-1, 2, 3)
     ordered = np.sort(pairs, axis=1).reshape(-1, 6)
