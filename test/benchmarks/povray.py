@@ -11,7 +11,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -151,11 +151,28 @@ def compare(scene: Scene, camera: PinholeCamera | None = None, camera_T_scene: P
     # POV-Ray turns normals to the viewer, as ours are wherever the camera is outside.
     ours = frame.camera_normal[both].astype(float) * [1, -1, 1]
     angle = 2.0 * np.degrees(np.arcsin(np.minimum(1.0, np.linalg.norm(ours - normal[both], axis=1) / 2.0)))
+    # A leaf has one colour there, so paint that gives each face its own is left out for this comparison.
     shade, trace_s = run(writer.text('shade'), camera)
-    difference = np.abs(shade / 257.0 - frame.image).max(axis=2)[same]
+    image = render(_one_colour(scene), camera, pose).image if _painted(scene) else frame.image
+    difference = np.abs(shade / 257.0 - image).max(axis=2)[same]
     return Comparison(int((~same).sum()), float(np.quantile(relative, 0.999)) if both.any() else 0.0,
                       float(np.quantile(angle, 0.99)) if both.any() else 0.0, float(difference.max(initial=0.0)),
                       float(np.quantile(difference, 0.99)), trace_s)
+
+
+def _painted(scene: Scene) -> bool:
+    return any(leaf.face_colours is not None for leaf in scene.primitives)
+
+
+def _one_colour(scene: Scene) -> Scene:
+    """The scene with every leaf in the colour of its surface."""
+    def plain(leaf: Primitive) -> Primitive:
+        return replace(leaf, face_colours=None)
+
+    solids = [solid.map_leaves(plain) if isinstance(solid, Operation) else plain(solid) for solid in scene.solids
+              if solid.primitives]
+    return Scene(solids, scene.lights, scene.ambient_light, scene.background, camera=scene.camera,
+                 camera_T_scene=scene.camera_T_scene)
 
 
 def main() -> None:
