@@ -162,7 +162,7 @@ def _trace(name: str, scene: Scene, levels: int, shadows: bool) -> Measurement:
     camera = default_camera()
     text = povray.Writer(scene, camera, scene.camera_T_scene).text('shade', shadows=shadows, levels=levels)
     seconds = min(povray.run(text, camera)[1] for _ in range(3))
-    return Measurement(f'{name}: POV-Ray', 1e3 * seconds, note='its own trace time, 2 threads')
+    return Measurement(name, 1e3 * seconds, by='POV-Ray', note='its own trace time, 2 threads')
 
 
 def _process() -> float:
