@@ -389,9 +389,9 @@ def test_a_thousand_lines_parse_within_a_second():
     compile('REAL A(,)\nA = A + 1.0')
     best = float('inf')
     for _ in range(3):
-        started = time.perf_counter()
+        started = time.thread_time()  # of this thread alone: other processes do not count
         units = parse(source)
-        best = min(best, time.perf_counter() - started)
+        best = min(best, time.thread_time() - started)
     assert best <= 1.0 and len(units[0].body) == 1003
 
 
