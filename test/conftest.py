@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import pytest
 
@@ -22,21 +24,31 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-_domains = itertools.count()
 TIMEOUT_S = 20.0
+DOMAINS = 100  # 1 to 100 keeps clear of ephemeral ports
+_claims = itertools.count()
 
 
-def _next_domain() -> int:
-    """Distinct among parallel workers and among this worker's tests; 1 to 100 keeps clear of ephemeral ports."""
-    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
-    return 1 + (worker * 25 + next(_domains)) % 100
+def claim_domain() -> tuple[int, TextIO]:
+    """A DDS domain that no other test on this machine uses, and the lock that keeps it so until it is closed."""
+    start = os.getpid() + next(_claims)  # not at once the one of the test before, which may still be going down
+    for number in range(DOMAINS):
+        domain = 1 + (start + number) % DOMAINS
+        lock = open(Path(tempfile.gettempdir()) / f'ros_test_domain_{domain}.lock', 'w')  # noqa: SIM115
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            continue
+        return domain, lock
+    raise RuntimeError('all DDS domains are taken by other tests')
 
 
 class Graph:
     """A ROS context, an executor, and waits on a predicate."""
 
     def __init__(self) -> None:
-        self.domain_id = _next_domain()
+        self.domain_id, self._domain_lock = claim_domain()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain_id)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -106,6 +118,7 @@ class Graph:
             node.destroy_node()
         self.executor.shutdown()
         rclpy.try_shutdown(context=self.context)
+        self._domain_lock.close()
 
 
 @pytest.fixture
