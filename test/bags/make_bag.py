@@ -61,7 +61,7 @@ def messages(pairs: int, rate: float, raw: bool, seed: int = 0) -> Iterator[tupl
 
 def write_bag(path: Path, pairs: int = 5, rate: float = 2.0, raw: bool = False) -> None:
     """Write the bag; path must not exist yet."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.LATEST)
     with Writer(path, version=9) as writer:
         connections: dict[str, Any] = {}
         for topic, time_ns, message in messages(pairs, rate, raw):
