@@ -24,7 +24,7 @@ MERIDIANS = 24  # lines of constant angle that link the parts of a face, besides
 STEP = 1e-4  # how far inside its border a face is looked for, unit frame
 # Where a sphere's poles, at which the angle is undefined, may be put; the farthest from all borders is taken.
 TURNS = np.tile(np.eye(4), (24, 1, 1))
-TURNS[:, :3, :3] = Rotation.random(24, random_state=1).as_matrix()
+TURNS[:, :3, :3] = Rotation.from_rotvec(2.0 * np.random.default_rng(1).normal(size=(24, 3))).as_matrix()
 
 
 def curved_faces(table: SurfaceTable, outlines: Sequence[Outline], branches: Branches

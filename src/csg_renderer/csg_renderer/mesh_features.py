@@ -22,7 +22,7 @@ from .surfaces import cluster
 MESH_SUFFIXES = ('.stl', '.obj', '.ply')
 CREASE_ANGLE = np.radians(30.0)
 # Vertices closer than this part of the mesh's size are one.
-WELD = 1e-7
+WELD = 2e-6
 # How well a patch's normals or planes must agree with a cylinder or a cone, and axes with each other (parts of size).
 PATCH = 0.02
 SAME_AXIS = 1e-3
@@ -184,7 +184,9 @@ def _axes(rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal:
         direction = axis[2]
         if spread[2] > PATCH * spread[0]:
             if np.abs(((p[:, 0] - apex) * n).sum(axis=1)).max() > PATCH * size:
-                continue  # neither cylinder nor cone
+                # Neither cylinder nor cone: perhaps several that meet at shallow angles. Look only beside each rim.
+                single += _rulings(rims, mine, normal)
+                continue
             direction = centres.mean(axis=0) - apex
             if np.linalg.norm(p - apex, axis=2).min() < SAME_AXIS * size:
                 centres = np.concatenate([centres, [apex]])
@@ -208,6 +210,18 @@ def _axes(rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal:
     pairs = np.array(found).reshape(-1, 2, 3)
     ordered = np.sort(pairs, axis=1).reshape(-1, 6)
     return pairs[cluster(ordered, SAME_AXIS * size)[1]]
+
+
+def _rulings(rims: list[tuple[FittedConic, np.ndarray]], mine: np.ndarray, normal: np.ndarray
+             ) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Centre and axis direction of every rim of a patch beside which the patch is a cylinder."""
+    out = []
+    for conic, sides in rims:
+        beside = sides[(sides >= 0) & mine[sides]]
+        _, squares, axis = np.linalg.svd(normal[beside].T @ normal[beside])
+        if squares[1] > PATCH * squares[0] and squares[2] < PATCH**2 * squares[0]:
+            out.append((conic.centre, axis[2]))
+    return out
 
 
 def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
