@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from . import matching_kernels
@@ -45,10 +44,14 @@ def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:
     share = np.array([0.25, 0.5, 0.75])
     places = pieces.start[:, None] + share[:, None] * (pieces.end - pieces.start)[:, None]
     across = offset * np.stack([-pieces.direction[:, 1], pieces.direction[:, 0]], axis=1)[:, None]
-    points = np.stack([places - across, places + across], axis=1).astype(np.float32)
-    values = cv2.remap(grey, points[..., 0].reshape(len(pieces), 6), points[..., 1].reshape(len(pieces), 6),
-                       cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.median(values.reshape(len(pieces), 2, 3), axis=2).astype(np.float64)
+    points = np.stack([places - across, places + across], axis=1)
+    u = np.clip(points[..., 0], 0.0, grey.shape[1] - 1.001)
+    v = np.clip(points[..., 1], 0.0, grey.shape[0] - 1.001)
+    x, y = u.astype(np.intp), v.astype(np.intp)
+    u, v = u - x, v - y
+    values = ((1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1])
+              + v * ((1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]))
+    return np.median(values, axis=2)
 
 
 def backdrop(grey: np.ndarray, share: float = 0.3) -> float:

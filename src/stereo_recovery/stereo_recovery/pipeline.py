@@ -20,8 +20,9 @@ from .params import RecoveryParams
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link
 
-# Edgels a pixel above which the thresholds rise.
+# Edgels a pixel, and in all, above which the thresholds rise.
 DENSEST = 0.03
+MOST_EDGELS = 40000
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
 LEAST_DETERMINED = 0.25
 
@@ -60,7 +61,7 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     low, high = max(params.low, 5.0 * gradient_noise), max(params.high, 7.0 * gradient_noise)
     found = edgel_module.detect(grey, params.detector, params.sigma, low, noise)
     # A picture full of texture would drown its edges: keep the strongest.
-    most = int(DENSEST * grey.size)
+    most = min(int(DENSEST * grey.size), MOST_EDGELS)
     if len(found) > most:
         high = max(high, float(np.partition(found.magnitude, len(found) - most)[len(found) - most]))
         found = found.select(found.magnitude > max(low, 0.5 * high))

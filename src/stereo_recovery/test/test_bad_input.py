@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 
+import cv2
 import numpy as np
 import pytest
 
@@ -44,6 +45,13 @@ def test_a_large_image_without_texture_is_quick_to_refuse():
     image = np.full((3072, 4096), 40, np.uint8)
     result = recover(image, image, rig_for(image))
     assert 'no texture' in result.reason
+
+
+def test_a_large_textured_pair_is_no_problem():
+    small = cv2.GaussianBlur(np.random.default_rng(5).integers(0, 255, (384, 512), dtype=np.uint8), (0, 0), 2.0)
+    left = cv2.resize(small, (4096, 3072), interpolation=cv2.INTER_CUBIC)
+    result = recover(left, np.roll(left, -160, axis=1), rig_for(left))
+    assert len(result.features) > 0 or result.reason
 
 
 def test_the_same_picture_twice_is_named():
