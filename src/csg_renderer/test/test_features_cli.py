@@ -13,7 +13,7 @@ from csg_renderer.drawing import draw_mesh, draw_solid, save_drawing, view_from
 from csg_renderer.export import as_json, save_dxf
 from csg_renderer.features_cli import describe, main
 from csg_renderer.mesh_features import mesh_features
-from csg_renderer.model_table import MODELS, VIEWS, as_markdown, table
+from csg_renderer.model_table import MODELS, VIEWS, as_markdown
 from csg_renderer.model_table import main as table_main
 from msgs_py import FeatureSet
 
@@ -112,14 +112,13 @@ def test_dxf_has_an_entity_for_every_feature(tmp_path):
 
 
 def test_table_of_the_thesis_models(tmp_path, capsys):
-    rows = table()
+    assert table_main(['--json', str(tmp_path / 'table.json')]) == 0
+    assert '| l_shape | 2 / 2 | 12 / 12 | 8 / 8 | 18 / 18 |' in capsys.readouterr().out
+    rows = json.loads((tmp_path / 'table.json').read_text())
     assert set(rows['models']) == set(MODELS) and set(rows['views']) == set(VIEWS)
     # The counts that DESIGN fixes.
     for name in ('chipped_block', 'chair', 'l_shape', 'wedge', 'plug', 'cylinder_box', 'lamp', 'tubes', 'widget'):
-        assert rows['models'][name]['ours'][3:] == MODELS[name][3:], name
-    assert table_main(['--json', str(tmp_path / 'table.json')]) == 0
-    assert '| l_shape | 2 / 2 | 12 / 12 | 8 / 8 | 18 / 18 |' in capsys.readouterr().out
-    assert json.loads((tmp_path / 'table.json').read_text())['models']['chair']['ours'][3] == 30
+        assert tuple(rows['models'][name]['ours'][3:]) == MODELS[name][3:], name
 
 
 def test_a_missing_scene_is_a_row_with_a_reason():
