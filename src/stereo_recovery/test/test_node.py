@@ -156,3 +156,11 @@ def test_parameters_are_checked_before_they_are_used(bench):
     assert b.node.config.params().sigma == 1.5
     with pytest.raises(ValueError, match='high'):
         RecoveryConfig(low=5.0, high=2.0)
+
+
+def test_the_config_file_states_the_defaults():
+    from importlib import resources
+
+    import yaml
+    text = (resources.files('stereo_recovery') / 'config' / 'recovery.yaml').read_text()
+    assert yaml.safe_load(text)['/**']['ros__parameters'] == RecoveryConfig().as_parameters()
