@@ -20,7 +20,7 @@ help:
 	@echo 'make bench        speed, beside the tools you might use instead'
 	@echo 'make experiments  the tables of the thesis, beside ours'
 	@echo 'make docs         tables, parameter files and pictures of the pages, from the code'
-	@echo 'make stress       10,000 malformed messages, and 10,000 stereo pairs in one process'
+	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process'
 	@echo 'make colcon       colcon build of src/ inside the virtual environment'
 
 setup: $(READY)
@@ -67,6 +67,7 @@ docs: $(READY)
 
 stress: $(READY)
 	$(PY) test/stress/fuzz.py --messages 10000
+	$(PY) test/stress/fuzz_files.py --files 5000
 	$(PY) test/stress/soak.py --pairs 10000
 
 colcon: $(READY)
