@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from .pieces import Pieces, line_pieces
 from .surfaces import ON, SurfaceTable, cluster
 
-RULINGS = 24  # samples round a surface, besides those through the middle of each of its ends
+RULINGS = 16  # samples round a surface, besides those through the middle of each of its ends
 
 
 def axes(table: SurfaceTable, curved: Pieces, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from .neighbourhood import classify, faces_through
 from .pieces import INSIDE, SHORTEST_ARC, Pieces, creases
 from .surfaces import SurfaceTable
 
-SAMPLES = 384  # of a whole curve; crossings with other surfaces are looked for between neighbours
+SAMPLES = 256  # of a whole curve; crossings with other surfaces are looked for between neighbours
 CUT_STEPS = 12  # of false position (Illinois), which place a crossing to all digits
 
 
