@@ -93,7 +93,7 @@ class Interface:
 def interface(documented: Documented) -> Interface:
     """Make the node, look at it, and take it down."""
     context = Context()
-    rclpy.init(context=context, domain_id=96)
+    rclpy.init(context=context, domain_id=101)
     overrides = [rclpy.Parameter(name, value=value) for name, value in documented.parameters.items()]
     node = documented.node_class(context=context, parameter_overrides=overrides)
     try:

@@ -337,7 +337,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--messages', type=int, default=10000, help='malformed messages on topics (default 10000)')
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--domain', type=int, default=98, help='DDS domain')
+    parser.add_argument('--domain', type=int, default=101, help='DDS domain (tests use 1 to 100)')
     arguments = parser.parse_args()
     start = time.monotonic()
     try:

@@ -118,7 +118,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--pairs', type=int, default=10000)
     parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--domain', type=int, default=97, help='DDS domain')
+    parser.add_argument('--domain', type=int, default=101, help='DDS domain (tests use 1 to 100)')
     parser.add_argument('--drift', type=float, default=DRIFT, help='allowed growth of the 99th percentile (x)')
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
