@@ -17,6 +17,10 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseErro
 # A found edge belongs to a true one when it is this close to parallel, and both its ends are this close to it.
 SAME_DIRECTION_DEG = 10.0
 SAME_PLACE_M = 0.003
+# A pairing is judged by where the ends lie, more strictly; the direction of an edge of a few millimetres says little, and
+# only has to tell it from its neighbours.
+PAIRED_DIRECTION_DEG = 30.0
+PAIRED_PLACE_M = 0.0015
 # A true edge counts as found when this part of it is covered.
 COVERED = 0.5
 
@@ -109,7 +113,7 @@ class AssignmentComparison:
 
 
 def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSet,
-                       same_place_m: float = SAME_PLACE_M) -> AssignmentComparison:
+                       same_place_m: float = PAIRED_PLACE_M) -> AssignmentComparison:
     """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge.
 
     Uses the interpretation's own pose, so that a symmetric answer is judged by its own symmetry.
@@ -127,7 +131,7 @@ def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSe
         else:
             single = placed.select([target])
             close = compare_edges(_as_edges(single), _as_edges(data.select([index])),
-                                  same_place_m=same_place_m).true_index[0] == 0
+                                  PAIRED_DIRECTION_DEG, same_place_m).true_index[0] == 0
         if not close:
             spurious += 1
             continue
