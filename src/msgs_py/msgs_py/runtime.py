@@ -201,8 +201,15 @@ class GraphNode(Node):
         def on_message(message: Any, info: Any) -> None:
             self._received[topic] += 1
             # Numbers of several writers cannot be told apart; then nothing is counted rather than something wrong.
-            if subscription.get_publisher_count() <= 1:
-                self.health.lost += gaps.missed(info.get('publication_sequence_number'))
+            missed = gaps.missed(info.get('publication_sequence_number'))
+            if subscription.get_publisher_count() > 1:
+                missed = 0
+            if missed and self.health.lost == 0:
+                self.get_logger().warning(
+                    f'{topic}: messages are lost (counted as lost_inputs): this node or the network is too slow for '
+                    f'them. If its publisher is reliable, set qos_overrides.{subscription.topic_name}'
+                    '.subscription.reliability to reliable')
+            self.health.lost += missed
             guarded(message)
 
         subscription = self.create_subscription(message_type, topic, on_message, INPUT_QOS,  # type: ignore[arg-type]
