@@ -99,7 +99,8 @@ def write_results(path: Path, documents: list[dict[str, Any]]) -> None:
     """The committed summary: one sentence and the tables that are short enough."""
     lines = ['# Results of the experiments', '',
              'Written by `make experiments` (`python test/experiments/run.py --force` runs everything again) from the '
-             'last result of each experiment; plots and all tables are in `out/experiments/index.html`. "thesis" is what '
+             'last result of each experiment; plots and all tables are in `out/experiments/index.html`. "thesis" is '
+             'what '
              'the thesis prints, "ours" was computed by the command that stands below the heading.', '']
     for document in documents:
         reference = document['reference'] or 'beyond the thesis'
