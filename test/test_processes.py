@@ -9,15 +9,13 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 
 SCENE = 'l_shape_v1'
-# Best effort, the default, may lose large images on a busy machine; then that is counted, and no pair is owed.
-RELIABLE = {f'qos_overrides./{side}/image_rect.subscription.reliability': 'reliable' for side in ('left', 'right')}
 
 
 def test_four_processes_yield_a_pose_for_each_pair_and_stop_cleanly(graph, processes):
     poses = graph.collect(PoseStamped, 'interpretations/l_shape')
     lefts = graph.collect(Image, 'left/image_rect')
     running = [processes('emulator_node'), processes('matcher_node', models=f"['{SCENE}']"),
-               processes('recovery_node', **RELIABLE),
+               processes('recovery_node'),
                processes('renderer_node', scene=SCENE, rate='2.0', antialias='4', noise='1.0')]
     # The first pairs pass while nodes are still being discovered and code compiled.
     graph.spin_until(lambda: len(poses) >= 4, 28.0, 'four poses')

@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 PACKAGE = 'msgs_py'
 # Data lives inside the Python package (importlib.resources finds it there) and is installed to
 # share/ as well, where ROS tools look. Every folder of the package that holds no Python is data.
-DATA = []
+DATA = ['transport_profiles']
 
 
 def share(folder):

@@ -31,6 +31,7 @@ from std_srvs.srv import Trigger
 from .config import Config, ParameterSpec
 from .health import Health, SequenceGaps, shortened
 from .stamp_sync import NANOSECONDS, StampSync
+from .transport import make_room_for_images
 
 # REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
 # kind of publisher is heard. Shallow: a result that is late is worth less than the next one.
@@ -326,6 +327,7 @@ def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) ->
 
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown. Returns the exit code."""
+    make_room_for_images()
     try:
         rclpy.init(args=args)
     except Exception as error:  # malformed --ros-args; rclpy has a type for each

@@ -39,10 +39,7 @@ def generate_launch_description():
         node('csg_renderer', 'renderer_node', 'renderer.yaml', {
             'scene': ParameterValue(value['scene'], value_type=str),
             **{name: ParameterValue(value[name], value_type=float) for name in ('rate', 'noise', 'turntable')}}),
-        # renderer_node publishes reliably, so its images need not get lost on a busy machine. Names in a QoS override
-        # are full ones: in a namespace the default, best effort, stays.
-        node('stereo_recovery', 'recovery_node', 'recovery.yaml', {
-            f'qos_overrides./{side}/image_rect.subscription.reliability': 'reliable' for side in ('left', 'right')}),
+        node('stereo_recovery', 'recovery_node', 'recovery.yaml'),
         node('model_matcher', 'matcher_node', 'matcher.yaml',
              {'models': ParameterValue(value['models'], value_type=List[str])}),  # noqa: UP006
         node('dap_emulator', 'emulator_node', 'emulator.yaml'),
