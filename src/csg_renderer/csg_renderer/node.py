@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from msgs_py import Pose
+from msgs_py import Pose, StereoRig
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
 from msgs_py.config import Config, parameter
 from msgs_py.confinement import TrustedFolders
@@ -76,6 +76,7 @@ class RendererNode(GraphNode):
         self._trusted = TrustedFolders([*self.config.scene_folders, models_folder()],
                                        [self.config.scene], 'scene_folders')
         self._load(self.config.scene)
+        self._guard('warm up', self._warm_up)()
         self._start_timer()
 
     # -- configuration -----------------------------------------------------------------------------------------
@@ -128,6 +129,12 @@ class RendererNode(GraphNode):
         self._file = file
         self._read_at = {str(path): _changed_at(path) for path in file.files}
 
+    def _warm_up(self) -> None:
+        """Compile, or load from the cache, what the first frame needs, so that it does not come seconds late."""
+        if self._file is not None and self.config.engine == 'native':
+            rig = scene_rig(self._file.scene, 32, 32, baseline=self.config.baseline)
+            self._frames(rig, self._file.scene.camera_T_scene)
+
     def _start_timer(self) -> None:
         if self._timer is not None:
             self.destroy_timer(self._timer)
@@ -158,8 +165,7 @@ class RendererNode(GraphNode):
         rig = scene_rig(scene, config.width, config.height, config.focal, config.baseline)
         camera_T_scene = turned(scene, config.turntable * self._pair_index)
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=config.frame_id)
-        frames = render_stereo(scene, rig, camera_T_scene, engine=config.engine, tiling=config.tiling,
-                               levels=config.levels, antialias=config.antialias, shadows=config.shadows)
+        frames = self._frames(rig, camera_T_scene)
         for output, info in zip(self._infos, camera_infos_from_rig(rig, header)):
             output.publish(info)
         for output, image in zip(self._images, sensor_images(frames, config, self._pair_index)):
@@ -169,6 +175,11 @@ class RendererNode(GraphNode):
         self._publish_truth(camera_T_scene, rig.left, header)
         self._pair_index += 1
         self.done(header)
+
+    def _frames(self, rig: StereoRig, camera_T_scene: Pose) -> tuple[Frame, Frame]:
+        config = self.config
+        return render_stereo(self._file.scene, rig, camera_T_scene, engine=config.engine, tiling=config.tiling,
+                             levels=config.levels, antialias=config.antialias, shadows=config.shadows)
 
     def _publish_truth(self, camera_T_scene: Pose, camera, header: Header) -> None:
         """Pose and visible features of the scene's first object, if anybody wants them and it has them."""
