@@ -18,7 +18,7 @@ import stereo_recovery
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'test' / 'docs'
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md'))]
-EXAMPLE = ROOT / 'src' / 'model_matcher' / 'doc'
+EXAMPLE = ROOT / 'src' / 'model_matcher' / 'docs'
 
 
 def blocks(page: Path, language: str) -> list[str]:

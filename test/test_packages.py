@@ -72,7 +72,7 @@ def test_every_folder_of_data_is_installed(package):
 def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
     source = tmp_path / package
     shutil.copytree(ROOT / 'src' / package, source,
-                    ignore=shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'test', 'doc'))
+                    ignore=shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'test', 'docs'))
     subprocess.run([sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '--no-build-isolation', '--no-index',
                     '-w', str(tmp_path), str(source)], check=True, timeout=55, capture_output=True)
     with zipfile.ZipFile(next(tmp_path.glob('*.whl'))) as wheel:

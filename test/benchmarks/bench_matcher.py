@@ -21,7 +21,7 @@ from model_matcher.synthetic import MODELS, SyntheticScene, make_scene, mirrored
 from msgs_py import FeatureSet, Interpretation
 
 THESIS_SIZES = ('chipped_block', 'l_shape', 'wedge', 'chair', 'computer', 'plug')
-CHIRAL = ('chipped_block', 'plug')
+CHIRAL = ('chipped_block',)
 
 
 def is_right(found: Interpretation | None, scene: SyntheticScene, size: float, instance: int = 0) -> bool:

@@ -21,8 +21,8 @@ import stereo_recovery
 from model_matcher.overlay import canvas, draw_features
 
 SOURCE = Path(__file__).resolve().parents[2] / 'src'
-EXAMPLE = SOURCE / 'model_matcher' / 'doc'
-CONVENTIONS = SOURCE / 'msgs_py' / 'doc'
+EXAMPLE = SOURCE / 'model_matcher' / 'docs'
+CONVENTIONS = SOURCE / 'msgs_py' / 'docs'
 CUT = slice(90, 410)  # the part of the picture that shows something
 INK, X, Y, Z = '#333333', '#c0392b', '#27ae60', '#2471a3'
 
