@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from msgs_py import StereoRig
 
 from .matching import Matches
+from .parallels import borrow
 from .segmentation import Corners, Pieces
 
 # Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
@@ -303,8 +304,11 @@ def _solve(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> t
 
 
 def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
-          rectification_sigma: float) -> Lines3D:
-    """All straight edges of a pair of segmented images."""
+          rectification_sigma: float, offset: float = 0.0) -> Lines3D:
+    """All straight edges of a pair of segmented images.
+
+    rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points.
+    """
     offset_v, spread_v = row_error(matches, left, right, met, right_met)
     # A corner's height is known to a few hundredths of a pixel; only what exceeds that is the rig's.
     spread_v = max(rectification_sigma, spread_v - 0.05)
@@ -315,6 +319,7 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     joints = np.concatenate([meetings(matches, left, met, right_met), same_lines(matches, left, right)])
     coefficient, covariance = solve(information, vector, joints, left.reach[i],
                                     shared_corners(matches, left, right, met, right_met, spread_v))
+    coefficient, covariance = borrow(matches, left, coefficient, covariance, offset)
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
     # Contrast may change its sign between the views, and with it the right piece's direction.

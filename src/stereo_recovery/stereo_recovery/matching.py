@@ -17,6 +17,12 @@ from .segmentation import Pieces
 
 # How many neighbours a piece listens to: enough to hear of the end of a repetitive pattern in a few rounds.
 NEIGHBOURS = 48
+# Grey levels by which a side of an edge may differ before its likeness falls to 1 / e: at first, and at least, when
+# the pair's cameras agree so well; that is so many times the median over the first matches, if they are not too few.
+SIDE_CONTRAST = 12.0
+LEAST_CONTRAST = 4.0
+LIKE = 6.0
+FEW = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,18 +84,30 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
         return nothing
     table, right_table = _table(left_grey, left), _table(right_grey, right)
     near = matching_kernels.neighbours(table, radius, NEIGHBOURS)
-    node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine,
-                                              backdrop(left_grey))
-    if len(node) == 0:
-        return nothing
+    ground = backdrop(left_grey)
+    contrast = SIDE_CONTRAST
     for turn in range(2):
-        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn == 0 else 4)
-        chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief))
+        node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine, ground, contrast)
+        if len(node) == 0:
+            return nothing
+        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds)
+        chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief), table, right_table)
         if turn == 0:
-            # What lost against a candidate that is now out of the game gets a second hearing.
-            kept = matching_kernels.compatible(node, value, chosen)
-            node, value = node[kept], value[kept]
+            contrast = _contrast(table, right_table, node[chosen])
+    # What lost against a candidate that is now out of the game gets a second hearing.
+    kept = matching_kernels.compatible(node, value, chosen, table, right_table)
+    node, value = node[kept], value[kept]
+    strength, belief = _relaxed(node, value, left, right, near, flat_sine, 4)
+    chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief), table, right_table)
     return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
+
+
+def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
+    """How much, grey levels, the sides of matched edges typically differ in this pair, with room to spare."""
+    if len(node) < FEW:
+        return SIDE_CONTRAST
+    difference = np.abs(left[node[:, 0], 6:8] - right[node[:, 1], 6:8]).min(axis=1)
+    return float(np.clip(LIKE * np.median(difference), LEAST_CONTRAST, SIDE_CONTRAST))
 
 
 def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float,
@@ -106,7 +124,8 @@ def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, n
                                   rounds)
 
 
-def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray) -> np.ndarray:
+def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray,
+            right: np.ndarray) -> np.ndarray:
     """Strongest first; a row of a piece is matched once."""
     order = among[np.argsort(-strength[among], kind='stable')]
-    return matching_kernels.greedy(node, value, order)
+    return matching_kernels.greedy(node, value, order, left, right)

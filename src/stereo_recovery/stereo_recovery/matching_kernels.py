@@ -16,9 +16,8 @@ SLACK = 0.8
 END_SLACK = 4.0
 LOOSE_END = 0.65
 FLAT_SLACK = 2.0
-# Grey levels by which a side of an edge may differ before its likeness falls to 1 / e; what is left of likeness when
-# only one side agrees; how much that counts when it is the picture's backdrop, an even area within this many levels.
-SIDE_CONTRAST = 12.0
+# What is left of likeness when only one side agrees; how much that counts when it is the picture's backdrop, an even
+# area within this many levels.
 ONE_SIDE = 0.6
 BACKDROP_WEIGHT = 0.25
 BACKDROP_WIDTH = 6.0
@@ -28,17 +27,22 @@ BESIDE = 20.0
 FARTHER = 0.5
 # A change of the contrast's sign is rare, and only believed when one side stays equal to within this.
 FLIP_CONTRAST = 8.0
-FLIPPED = 0.5
+FLIPPED = 0.75
+# Two pieces that match one straight piece are parts of one line: the middle of each is off the other's line by at most
+# this, pixels, and this share of their distance.
+BREAK_OFFSET = 1.0
+BREAK_SINE = 0.05
 # Candidates less alike than this are not looked at.
 LEAST_LIKENESS = 0.04
 
 
 @njit(cache=True)
-def candidates(left, right, lowest, highest, flat_sine, backdrop):
+def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
     """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
     left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
-    side; gradient magnitude. backdrop : grey level of an even background (-1000: none).
+    side; gradient magnitude. backdrop : grey level of an even background (-1000: none); contrast : grey levels by which
+    a side of an edge may differ before its likeness falls to 1 / e.
     Pieces are directed with the bright side on one hand, so direction carries the sign.
     Returns node (k, 2) int32 pieces; value (k, 6): disparity at the left piece's start, middle, end; first and last
     common row; likeness 0..1.
@@ -112,7 +116,7 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop):
             if ratio < 0.1 or (ratio < 0.25 and min(dark, bright) > FLIP_CONTRAST):
                 continue
             # A background on one side in both images says little; the surface that the edge belongs to says it.
-            one, two = np.exp(-dark / SIDE_CONTRAST), np.exp(-bright / SIDE_CONTRAST)
+            one, two = np.exp(-dark / contrast), np.exp(-bright / contrast)
             evidence = max(one * (BACKDROP_WEIGHT if abs(left[i, 6] - backdrop) < BACKDROP_WIDTH else 1.0),
                            two * (BACKDROP_WEIGHT if abs(left[i, 7] - backdrop) < BACKDROP_WIDTH else 1.0))
             likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.25
@@ -251,17 +255,39 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
 
 
 @njit(cache=True)
-def _rivals(node, value, a, b):
-    """Whether candidates a and b claim the same rows of the same piece."""
+def _one_edge(table, i, k, other, j):
+    """Whether pieces i and k of one image (rows as for :func:`candidates`) can both be piece j of the other.
+
+    Either they are parts of one line, or two edges that meet and that the other eye, in their plane, sees as one.
+    """
+    du = 0.5 * (table[k, 0] + table[k, 2] - table[i, 0] - table[i, 2])
+    dv = 0.5 * (table[k, 1] + table[k, 3] - table[i, 1] - table[i, 3])
+    off = max(abs(du * table[i, 5] - dv * table[i, 4]), abs(du * table[k, 5] - dv * table[k, 4]))
+    if off < BREAK_OFFSET + BREAK_SINE * np.sqrt(du * du + dv * dv):
+        return True
+    first, last = min(table[i, 1], table[i, 3]), max(table[i, 1], table[i, 3])
+    top, bottom = min(table[k, 1], table[k, 3]), max(table[k, 1], table[k, 3])
+    gap = top - last if dv > 0.0 else first - bottom
+    return (abs(gap) < END_SLACK and abs(min(first, top) - min(other[j, 1], other[j, 3])) < END_SLACK
+            and abs(max(last, bottom) - max(other[j, 1], other[j, 3])) < END_SLACK)
+
+
+@njit(cache=True)
+def _rivals(node, value, a, b, left, right):
+    """Whether candidates a and b claim the same rows of the same piece, or different straight edges for it."""
     if node[a, 0] != node[b, 0] and node[a, 1] != node[b, 1]:
         return False
+    if node[a, 1] == node[b, 1] and not _one_edge(left, node[a, 0], node[b, 0], right, node[a, 1]):
+        return True
+    if node[a, 0] == node[b, 0] and not _one_edge(right, node[a, 1], node[b, 1], left, node[a, 0]):
+        return True
     common = min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3])
     shorter = min(value[a, 4] - value[a, 3], value[b, 4] - value[b, 3])
     return common > 0.3 * shorter or shorter < 1e-9
 
 
 @njit(cache=True)
-def greedy(node, value, order):
+def greedy(node, value, order, left, right):
     """Candidates in the given order, without those that claim what an earlier one has; (m,) int64."""
     chosen = np.empty(len(order), np.int64)
     count = 0
@@ -276,7 +302,7 @@ def greedy(node, value, order):
         for side in range(2):
             k = last[side, node[a, side]]
             while k >= 0 and free:
-                if _rivals(node, value, a, chosen[k]):
+                if _rivals(node, value, a, chosen[k], left, right):
                     free = False
                 k = before[side, k]
         if free:
@@ -289,7 +315,7 @@ def greedy(node, value, order):
 
 
 @njit(cache=True)
-def compatible(node, value, chosen):
+def compatible(node, value, chosen, left, right):
     """(k,) bool: the chosen candidates and those that claim nothing the chosen have."""
     kept = np.ones(len(node), np.bool_)
     is_chosen = np.zeros(len(node), np.bool_)
@@ -309,7 +335,7 @@ def compatible(node, value, chosen):
         for side in range(2):
             k = last[side, node[a, side]]
             while k >= 0 and kept[a]:
-                if _rivals(node, value, a, chosen[k]):
+                if _rivals(node, value, a, chosen[k], left, right):
                     kept[a] = False
                 k = before[side, k]
     return kept

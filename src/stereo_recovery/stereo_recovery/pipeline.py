@@ -122,7 +122,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
             reason = 'edges match only with left and right exchanged: are the images swapped?'
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
     met, right_met = corners(pieces[0]), corners(pieces[1])
-    lines = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma)
+    lines = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
     lap('lines')
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig,
                             params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE)

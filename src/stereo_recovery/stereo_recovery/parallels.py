@@ -1,0 +1,86 @@
+"""Edges along the rows with one known end take their direction from an edge that is parallel to them.
+
+In the space of columns, rows and disparity parallel edges meet where disparity is nil: at their vanishing point. An
+edge that is well measured gives that point. A flat edge whose line in the image goes through it, and whose own
+evidence (corners, rough ends) allows it, is taken to be parallel. Points where two well measured edges claim
+different directions tell nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .matching import Matches
+from .segmentation import Pieces
+
+# Sigma of disparity at an edge's ends, pixels: edges better than the first lend their direction, edges worse than
+# the second borrow one.
+LENDER, BORROWER = 0.15, 0.4
+# Only edges flatter than this (sine) borrow.
+FLAT = 0.15
+# How far, as a sine, parallel edges miss their vanishing point beyond the sigma of their lines, and the share of
+# disparity by which their slopes differ over a length of one pixel.
+WANDER, SLOPE_WANDER = 0.002, 2e-5
+# Gates, in sigma: of the image, of the edge's own evidence, and between two lenders.
+GATE = 3.0
+# How far, pixels, the ends of the pieces may lie from where the parallel edge has them.
+ENDS = 3.0
+
+
+def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: np.ndarray,
+           offset: float) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: flat ones improved.
+
+    offset : pixels, disparity of infinitely far points.
+    """
+    c, t, reach = left.centre[matches.left], left.direction[matches.left], left.reach[matches.left]
+    slope_sigma = left.sigma[matches.left, 1]
+    ends = np.stack([np.ones_like(reach), reach], axis=-1)
+    worst = np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1)
+    straight = left.arc[matches.left] < 0
+    lenders = np.flatnonzero((worst < LENDER) & straight)
+    borrowers = np.flatnonzero((worst > BORROWER) & straight & (np.abs(t[:, 1]) < FLAT))
+    coefficient, covariance = coefficient.copy(), covariance.copy()
+    if len(lenders) == 0:
+        return coefficient, covariance
+    a, b, spread = coefficient[lenders, 0] - offset, coefficient[lenders, 1], covariance[lenders]
+    for f in borrowers:
+        # Towards each lender's vanishing point, homogeneous; and how that moves with the lender's coefficients.
+        away = c[lenders] - c[f]
+        toward = b[:, None] * away - a[:, None] * t[lenders]
+        by_coefficient = np.stack([-t[lenders], away], axis=1)
+        norm = np.maximum(np.hypot(toward[:, 0], toward[:, 1]), 1e-9)
+        across = np.array([-t[f, 1], t[f, 0]])
+        miss = toward @ across / norm
+        bend = by_coefficient @ across / norm[:, None]
+        variance = (np.einsum('ni,nij,nj->n', bend, spread, bend) + slope_sigma[lenders] ** 2 + slope_sigma[f] ** 2
+                    + WANDER ** 2)
+        along = toward @ t[f]
+        good = (miss ** 2 < GATE ** 2 * variance) & (np.abs(along) > 0.5 * norm)
+        if not good.any():
+            continue
+        along = along[good]
+        ratio = b[good] / along
+        # Disparity is nil at the vanishing point: (a - offset) ratio + slope = 0.
+        here = coefficient[f, 0] - offset
+        turn = here * (np.array([0.0, 1.0]) / along[:, None]
+                       - ratio[:, None] * (by_coefficient[good] @ t[f]) / along[:, None])
+        noise = np.einsum('ni,nij,nj->n', turn, spread[good], turn) + (SLOPE_WANDER * here) ** 2
+        rows = np.stack([ratio, np.ones_like(ratio)], axis=1)
+        misses = rows @ [here, coefficient[f, 1]]
+        allowed = np.einsum('ni,ij,nj->n', rows, covariance[f], rows) + noise
+        fits = misses ** 2 < GATE ** 2 * allowed
+        if not fits.any():
+            continue
+        rows, misses, noise, allowed = rows[fits], misses[fits], noise[fits], allowed[fits]
+        k = int(np.argmin(noise))
+        if ((misses - misses[k]) ** 2 > GATE ** 2 * (noise + noise[k])).any():
+            continue
+        gain = covariance[f] @ rows[k] / allowed[k]
+        update = coefficient[f] - gain * misses[k]
+        rough = matches.disparity[f][[0, 2]]
+        if np.abs(update[0] + update[1] * reach[f] - rough).max() > ENDS:
+            continue
+        coefficient[f] = update
+        covariance[f] = covariance[f] - np.outer(gain, rows[k] @ covariance[f])
+    return coefficient, covariance
