@@ -33,6 +33,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'match = model_matcher.match_cli:main',
             'matcher_node = model_matcher.node:main',
             'closed_form = model_matcher.closed_form:main',
         ],

@@ -1,0 +1,173 @@
+"""match: find models in a file of recovered features, print what was found, draw it.
+
+    match part.csg features.npz -o found.png --image left.png --camera left.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msgs_py import FeatureSet, Interpretation, PinholeCamera
+
+from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
+
+COLUMNS = ('model', 'matched', 'residual mm', 'x y z mm', 'turned deg about', 'signs', 'same', 'state')
+# Options that are fields of MatchParams, by type.
+NUMBERS = {'fracdev': float, 'curvedev': float, 'max_cone_deg': float, 'curve_cone_deg': float, 'err_scale': float,
+           'overhang': float, 'min_matched': int, 'max_bin': int, 'max_interpretations': int,
+           'false_alarm_rate': float, 'seed': int}
+
+
+def match_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='match', description='Find models among recovered features; print and draw the interpretations. '
+        'Exit status 0: something was found, 1: nothing, 2: bad input.')
+    add = parser.add_argument
+    add('model', help='.csg, .npz, mesh, a folder of them, or the name of a model of csg_renderer')
+    add('features', help='.npz file of recovered features (FeatureSet.save)')
+    add('-o', '--out', type=Path, metavar='FILE', help='draw data and found models into this picture')
+    add('--rejected', type=int, default=3, metavar='N', help='rejected interpretations listed (default: 3)')
+
+    add = parser.add_argument_group('camera of the drawing (two orthographic views without one)').add_argument
+    add('--image', type=Path, help='left image, to draw over')
+    add('--camera', type=Path, metavar='JSON', help='camera file, as "render --camera" writes it')
+    add('--focal', type=float, metavar='PX', help='focal length, principal point in the middle')
+    add('--size', type=int, nargs=2, metavar=('WIDTH', 'HEIGHT'), help="pixels (default: the image's)")
+
+    default = MatchParams()
+    add = parser.add_argument_group('matching').add_argument
+    for name, choices in (('search', SEARCHES), ('engine', ENGINES), ('ordering', ORDERINGS), ('scale', SCALES)):
+        add(f'--{name}', choices=choices, default=getattr(default, name), help=f'default: {getattr(default, name)}')
+    add('--constraints', nargs='+', choices=CONSTRAINTS, default=CONSTRAINTS, help='default: all')
+    for name, kind in NUMBERS.items():
+        value = getattr(default, name)
+        add('--' + name.replace('_', '-'), type=kind, default=value,
+            help=f'default: {"any" if value is None else value}')
+    add('--no-signs', action='store_true', help='leave direction signs out of the tree search')
+    add('--prove', action='store_true', help='certify that no larger interpretation exists')
+    seconds = default.time_limit_s
+    add('--time-limit', type=float, default=seconds, metavar='S', help=f'of one search (default: {seconds:g})')
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Returns the exit status; what is wrong with the input goes to stderr as one line."""
+    options = match_parser().parse_args(arguments)
+    try:
+        return _run(options)
+    except (OSError, ValueError) as error:
+        print(f'match: {error}', file=sys.stderr)
+        return 2
+
+
+def _run(options: argparse.Namespace) -> int:
+    params = params_of(options)
+    data = FeatureSet.load(options.features)
+    image = _image(options.image)
+    camera = camera_of(options, image)
+    if options.out is not None and not options.out.suffix:
+        raise ValueError(f'{options.out}: expected a file name of a picture, such as found.png')
+    from .library import load_library  # parsers and numba: not before the options are known to be good
+    from .pipeline import survey
+    library = load_library([options.model])
+    for problem in library.problems:
+        print(f'match: {problem}', file=sys.stderr)
+    if not library.models:
+        return 2
+    result = survey(library.models, data, params)
+    print(table([*result.interpretations, *result.rejected[:max(options.rejected, 0)]]), end='')
+    print(summary(result, len(data)))
+    if options.out is not None:
+        from .match_drawing import draw_overlay, draw_views
+        models = {model.name: model.features for model in library.models}
+        if camera is not None:
+            draw_overlay(options.out, data, models, result.interpretations, camera, image)
+        else:
+            draw_views(options.out, data, models, result.interpretations)
+        print(f'wrote {options.out}')
+    return 0 if result else 1
+
+
+def params_of(options: argparse.Namespace) -> MatchParams:
+    """Raises ValueError naming the parameter."""
+    values = {name: getattr(options, name) for name in NUMBERS}
+    return MatchParams(search=options.search, engine=options.engine, ordering=options.ordering, scale=options.scale,
+                       constraints=tuple(options.constraints), signs=not options.no_signs, prove=options.prove,
+                       time_limit_s=options.time_limit, **values)
+
+
+def camera_of(options: argparse.Namespace, image: np.ndarray | None) -> PinholeCamera | None:
+    """The camera of --camera, or of --focal and a size; None when neither is given. Raises ValueError."""
+    if options.camera is not None and options.focal is not None:
+        raise ValueError('--focal: not together with --camera')
+    if options.camera is not None:
+        return load_camera(options.camera)
+    if options.focal is None:
+        if image is not None:
+            raise ValueError('--image: needs --camera or --focal to draw over it')
+        return None
+    size = options.size or (None if image is None else (image.shape[1], image.shape[0]))
+    if size is None:
+        raise ValueError('--focal: needs --size or --image')
+    return PinholeCamera.centred(size[0], size[1], options.focal)
+
+
+def load_camera(path: Path) -> PinholeCamera:
+    """A camera file with K, width and height. Raises ValueError, naming file and field."""
+    try:
+        record = json.loads(path.read_text(encoding='utf-8'))
+        matrix = np.asarray(record['K'], dtype=float).reshape(3, 3)
+        return PinholeCamera(record['width'], record['height'], matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+    except KeyError as error:
+        raise ValueError(f'{path}: not a camera file: no field {error}') from None
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{path}: not a camera file: {error}') from None
+
+
+def table(items: Sequence[Interpretation]) -> str:
+    """One line an interpretation, columns aligned; nothing without interpretations."""
+    if not items:
+        return ''
+    lines = [COLUMNS, *(_cells(item) for item in items)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(COLUMNS))]
+    return ''.join('  '.join(cell.ljust(width) for cell, width in zip(line, widths)).rstrip() + '\n' for line in lines)
+
+
+def _cells(item: Interpretation) -> tuple[str, ...]:
+    vector = item.pose.rotation_vector
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle if angle > 1e-9 else np.array([0.0, 0.0, 1.0])
+    signs = item.sign[item.data_indices]
+    counts = f'+{int((signs > 0).sum())} -{int((signs < 0).sum())}'
+    if (signs == 0).any():
+        counts += f' ?{int((signs == 0).sum())}'
+    state = f'rejected: {item.rejected_reason}' if item.rejected_reason else 'proven' if item.proven else 'accepted'
+    return (item.model, f'{item.matched}/{len(item.assignment)}', f'{1e3 * item.residual_rms:.3f}',
+            ' '.join(f'{1e3 * value:.2f}' for value in item.pose.translation),
+            f'{np.degrees(angle):.2f} ({" ".join(f"{value:.3f}" for value in axis)})', counts,
+            str(len(item.symmetric_poses)), state)
+
+
+def summary(result: MatchResult, n_data: int) -> str:
+    found = len(result.interpretations)
+    head = f'{found} found' if found else f'nothing found: {result.reason}'
+    explained = sum(item.matched for item in result.interpretations)
+    seconds = float(result.stats.get('seconds', 0.0))
+    return f'{head}; {explained} of {n_data} features explained; {1e3 * seconds:.1f} ms'
+
+
+def _image(path: Path | None) -> Any:
+    if path is None:
+        return None
+    import cv2
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f'{path}: not a readable image')
+    return image

@@ -1,0 +1,88 @@
+"""Pictures of a match: over the camera's image, or as two orthographic views."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from msgs_py import BIN, FeatureSet, Interpretation, PinholeCamera
+
+from .overlay import GREY, Colour, canvas, draw_features
+
+# Blue, green, red: one an interpretation, repeated.
+COLOURS: tuple[Colour, ...] = ((80, 220, 60), (40, 160, 255), (255, 160, 60), (220, 80, 220), (60, 60, 255))
+
+
+def draw_overlay(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet], found: Sequence[Interpretation],
+                 camera: PinholeCamera, image: np.ndarray | None = None) -> None:
+    """Write a picture: data thick, in the colour of what explains it (grey: nothing), models thin.
+
+    data : camera frame, metres; models : by name, model frame; image : (h, w[, 3]) uint8, black when not given
+    Raises ValueError when the file cannot be written or the image has another size than the camera.
+    """
+    if image is None:
+        image = np.zeros((camera.height, camera.width), np.uint8)
+    if image.shape[:2] != (camera.height, camera.width):
+        raise ValueError(f'--image: {image.shape[1]} x {image.shape[0]} pixels, but the camera has '
+                         f'{camera.width} x {camera.height}')
+    picture = draw_features(canvas(image, dim=0.6), data, camera, data_colours(len(data), found), 3)
+    for number, item in enumerate(found):
+        placed = models[item.model].transformed(item.pose)
+        colour = COLOURS[number % len(COLOURS)]
+        draw_features(picture, placed, camera, [colour] * len(placed), 1)
+    try:
+        written = cv2.imwrite(str(path), picture)
+    except cv2.error:
+        written = False
+    if not written:
+        raise ValueError(f'{path}: cannot be written as a picture')
+
+
+def draw_views(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet],
+               found: Sequence[Interpretation]) -> None:
+    """Write two orthographic views with matplotlib: from the camera (x, y) and from above (x, z), millimetres.
+
+    Raises ValueError when the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(12, 6), layout='constrained')
+    FigureCanvasAgg(figure)
+    for axes, second, title in zip(figure.subplots(1, 2), (1, 2), ('from the camera', 'from above')):
+        _draw_view(axes, data, models, found, second)
+        axes.set(title=title, xlabel='x [mm]', ylabel=f'{"xyz"[second]} [mm]', aspect='equal')
+        if second == 1:
+            axes.invert_yaxis()  # y points down in the camera frame
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise ValueError(f'{path}: cannot be written as a picture: {error}') from None
+
+
+def _draw_view(axes: Any, data: FeatureSet, models: Mapping[str, FeatureSet], found: Sequence[Interpretation],
+               second: int) -> None:
+    for index, colour in enumerate(data_colours(len(data), found)):
+        line = 1e3 * data.polyline(index)
+        axes.plot(line[:, 0], line[:, second], color=_rgb(colour), linewidth=2.5, alpha=0.6)
+    for number, item in enumerate(found):
+        placed = models[item.model].transformed(item.pose)
+        for index in range(len(placed)):
+            line = 1e3 * placed.polyline(index)
+            axes.plot(line[:, 0], line[:, second], color=_rgb(COLOURS[number % len(COLOURS)]), linewidth=0.8)
+
+
+def data_colours(n: int, found: Sequence[Interpretation]) -> list[Colour]:
+    """The colour of each data feature: that of the interpretation that explains it, or grey."""
+    colours: list[Colour] = [GREY] * n
+    for number, item in enumerate(found):
+        for index in np.flatnonzero(item.assignment != BIN):
+            colours[index] = COLOURS[number % len(COLOURS)]
+    return colours
+
+
+def _rgb(colour: Colour) -> tuple[float, float, float]:
+    return colour[2] / 255.0, colour[1] / 255.0, colour[0] / 255.0

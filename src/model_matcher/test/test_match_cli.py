@@ -1,0 +1,77 @@
+"""The match command: prints a table, draws what was found, explains bad input in one line."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from model_matcher.match_cli import main
+from model_matcher.synthetic import l_shape, make_scene, wedge
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A model file and a file of features in which it stands in clutter."""
+    l_shape().save(tmp_path / 'l_shape.npz')
+    make_scene(l_shape(), 3, clutter=0.4).data.save(tmp_path / 'features.npz')
+    return tmp_path
+
+
+def test_prints_model_matched_residual_pose_and_signs(files, capsys):
+    assert main([str(files / 'l_shape.npz'), str(files / 'features.npz')]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:2] == ['model', 'matched']
+    assert lines[1].startswith('l_shape ') and 'accepted' in lines[1]
+    assert '1 found' in lines[-1]
+
+
+def test_nothing_found_has_a_reason_and_exit_status_1(files, capsys):
+    make_scene(wedge(), 1, instances=0, clutter=0.3).data.save(files / 'other.npz')
+    assert main([str(files / 'l_shape.npz'), str(files / 'other.npz')]) == 1
+    assert 'nothing found: ' in capsys.readouterr().out
+
+
+def test_draws_over_the_image_with_a_camera_file(files):
+    image = np.zeros((120, 160), np.uint8)
+    cv2.imwrite(str(files / 'left.png'), image)
+    camera = {'width': 160, 'height': 120, 'K': [[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]]}
+    (files / 'left.json').write_text(json.dumps(camera))
+    out = files / 'found.png'
+    assert main([str(files / 'l_shape.npz'), str(files / 'features.npz'), '-o', str(out), '--image',
+                 str(files / 'left.png'), '--camera', str(files / 'left.json')]) == 0
+    picture = cv2.imread(str(out))
+    assert picture.shape == (240, 320, 3)
+    green = (picture[..., 1] > 150) & (picture[..., 2] < 120)
+    assert green.sum() > 50
+
+
+def test_draws_two_views_without_a_camera(files):
+    out = files / 'views.png'
+    assert main([str(files / 'l_shape.npz'), str(files / 'features.npz'), '-o', str(out)]) == 0
+    assert cv2.imread(str(out)).std() > 1.0
+
+
+def test_the_searches_of_the_thesis_can_be_chosen(files, capsys):
+    make_scene(l_shape(), 1).data.save(files / 'clean.npz')
+    assert main([str(files / 'l_shape.npz'), str(files / 'clean.npz'), '--search', 'tree', '--ordering', 'worst']) == 0
+    assert 'l_shape' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('arguments, said', [
+    (['missing.npz'], 'missing.npz'),
+    (['features.npz', '--fracdev', '7'], 'fracdev'),
+    (['features.npz', '--focal', '500'], '--size'),
+    (['features.npz', '--camera', 'features.npz'], 'not a camera file'),
+    (['features.npz', '--image', 'none.png'], 'none.png'),
+])
+def test_bad_input_is_one_line_and_exit_status_2(files, capsys, monkeypatch, arguments, said):
+    monkeypatch.chdir(files)
+    assert main(['l_shape.npz', *arguments]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count('\n') == 1
+
+
+def test_an_unknown_model_is_named(files, capsys):
+    assert main(['no_such_model_there', str(files / 'features.npz')]) == 2
+    assert 'no_such_model_there' in capsys.readouterr().err
