@@ -113,13 +113,13 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
             ratio = left[i, 8] / right[j, 8]
             if ratio > 1.0:
                 ratio = 1.0 / ratio
-            if ratio < 0.1 or (ratio < 0.25 and min(dark, bright) > FLIP_CONTRAST):
+            if ratio < 0.04 or (ratio < 0.25 and min(dark, bright) > FLIP_CONTRAST):
                 continue
             # A background on one side in both images says little; the surface that the edge belongs to says it.
             one, two = np.exp(-dark / contrast), np.exp(-bright / contrast)
             evidence = max(one * (BACKDROP_WEIGHT if abs(left[i, 6] - backdrop) < BACKDROP_WIDTH else 1.0),
                            two * (BACKDROP_WEIGHT if abs(left[i, 7] - backdrop) < BACKDROP_WIDTH else 1.0))
-            likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.25
+            likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.1
             if flip or partial:
                 likeness *= FLIPPED
             # Ends at the same height: both images show the whole edge.
