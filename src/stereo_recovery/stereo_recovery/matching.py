@@ -23,6 +23,8 @@ SIDE_CONTRAST = 12.0
 LEAST_CONTRAST = 4.0
 LIKE = 6.0
 FEW = 6
+# Rounds of relaxation that only serve to learn that.
+FIRST_ROUNDS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
         node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine, ground, contrast)
         if len(node) == 0:
             return nothing
-        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds)
+        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn else FIRST_ROUNDS)
         chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief), table, right_table)
         if turn == 0:
             contrast = _contrast(table, right_table, node[chosen])

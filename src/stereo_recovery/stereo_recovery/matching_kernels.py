@@ -19,7 +19,7 @@ FLAT_SLACK = 2.0
 # What is left of likeness when only one side agrees; how much that counts when it is the picture's backdrop, an even
 # area within this many levels.
 ONE_SIDE = 0.6
-BACKDROP_WEIGHT = 0.25
+BACKDROP_WEIGHT = 0.05
 BACKDROP_WIDTH = 6.0
 # An eye that sees past an object's side sees one edge more there, outside the one both eyes see. Of two candidates a
 # few pixels apart the nearer is therefore the true one, and the farther counts less.
