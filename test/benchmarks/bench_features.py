@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
+import numpy as np
 from measure import Absent, Measurement, milliseconds
 
-from csg_renderer import default_camera, load_scene, model_features, scene_names, scene_path, visible_features
+from csg_renderer import Solid, default_camera, load_scene, model_features, scene_names, scene_path, visible_features
+from msgs_py import FeatureSet
 
 QUICK = 6
+
+
+def fresh_model_features(solid: Solid) -> FeatureSet:
+    """A solid remembers its boundary; a moved copy has to find it again."""
+    return model_features(solid.transformed(np.eye(4)))
 
 
 def measurements(quick: bool) -> Iterator[Measurement | Absent]:
@@ -25,7 +32,7 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
             if placement.name not in seen:
                 seen.add(placement.name)
                 yield Measurement(f'model features of {placement.name} ({len(model)} features)',
-                                  milliseconds(partial(model_features, placement.model), budget))
+                                  milliseconds(partial(fresh_model_features, placement.model), budget))
             if scene.camera is None:
                 continue
             pose = scene.camera_T_scene.compose(placement.pose)
