@@ -1,0 +1,195 @@
+"""Which models of a large library are worth a full search.
+
+Every data feature is paired with the few features it pairs with best. One list of such pairs serves all models: each
+pair is looked up in a model's pair table, turned into a pose, and the pose tried first on the neighbours of the pair,
+then on all data, as in the full search, but with far fewer pairs. A model that is there is hit by many of the pairs; it
+only has to be hit once to show a score above what chance gives.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.spatial import cKDTree
+
+from msgs_py import FeatureSet
+
+from .hypotheses import _pose_of_pair
+from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, count_matches, pair_geometry, rank_pairs
+from .model_index import ModelIndex, data_tolerances, feature_rows
+from .params import MatchParams
+
+LIBRARY = 20  # a smaller library is searched model by model
+PARTNERS = 4  # pairs of each data feature to choose from
+SAMPLE = 8  # models that tell how often a pair fits by chance
+EACH = 2  # pairs that a feature is in
+BUDGET = 350.0  # hypotheses a model
+LEAST_PAIRS = 16
+NEAR = 12  # neighbours of a pair that its pose is tried on first
+NEAR_NEEDED = 3.0  # distinct model features among them
+SEARCH_WIDTH = 1.6  # tolerance of unrefined poses, as in the full search
+# Searched in any case: so many, or this share of the library, and all models whose features are explained to CLEAR.
+LEAST_CANDIDATES = 5
+SHARE = 0.01
+CLEAR = 0.65
+
+
+def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
+    """Numbers of the models to search fully, best first. All of them for a small library or without data."""
+    keep = np.flatnonzero(data.lengths > 0.0)
+    if len(models) <= LIBRARY or len(keep) < 3:
+        return list(range(len(models)))
+    scores = library_scores(models, data.select(keep), params)
+    sizes = np.array([len(model) for model in models])
+    # Chance explains more features of a large model, but a smaller share of them.
+    order = np.argsort(-scores / np.sqrt(sizes), kind='stable')
+    most = max(LEAST_CANDIDATES, int(np.ceil(SHARE * len(models))))
+    return [int(k) for place, k in enumerate(order)
+            if scores[k] > 0.0 and (place < most or scores[k] >= CLEAR * sizes[k])]
+
+
+def library_scores(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> np.ndarray:
+    """(models,) float64: the most distinct model features that a pose of the shared pairs explains, plus fit quality.
+
+    data : features with length, camera frame
+    """
+    rows = feature_rows(data)
+    scores = np.zeros(len(models))
+    run: Any = _best_score
+
+    def score(number: int, pairs: np.ndarray, near: np.ndarray, counts: np.ndarray, count_only: bool) -> float:
+        model = models[number]
+        tolerances = data_tolerances(data, rows, model.size, params)
+        table = model.voxels(SEARCH_WIDTH * float(tolerances[:, 0].max()))
+        return run(pairs, near, model.rows, model.kind, model.pair_starts, model.pair_members, model.pair_values,
+                   model.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, rows, data.kind,
+                   tolerances, SEARCH_WIDTH, params.curvedev * model.max_radius, counts, count_only)
+
+    pairs, near = shared_pairs(rows, float(np.median([model.size for model in models])))
+    # How often a pair fits a model by chance is the same for all of a library, more or less: a few models tell.
+    counts = np.zeros(len(pairs), np.int64)
+    sample = range(0, len(models), max(1, len(models) // SAMPLE))
+    for number in sample:
+        score(number, pairs, near, counts, True)
+    chosen = choose_pairs(pairs, counts / len(sample))
+    pairs, near = pairs[chosen], near[chosen]
+
+    def work(numbers: range) -> None:
+        unused = np.zeros(len(pairs), np.int64)
+        for number in numbers:
+            scores[number] = score(number, pairs, near, unused, False)
+
+    workers = min(4, os.cpu_count() or 1)
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        list(pool.map(work, [range(first, len(models), workers) for first in range(workers)]))
+    return scores
+
+
+def choose_pairs(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Rows of the pairs to use: those that fit least often by chance, up to BUDGET hypotheses a model.
+
+    pairs : (p, 2); counts : (p,) mean number of hypotheses of each in a model. A feature is in at most EACH of them,
+    so that many of the features, and with them every object, have their turn.
+    """
+    used: dict[int, int] = {}
+    chosen: list[int] = []
+    spent = 0.0
+    for row in np.argsort(counts, kind='stable'):
+        a, b = int(pairs[row, 0]), int(pairs[row, 1])
+        if counts[row] <= 0.0 or max(used.get(a, 0), used.get(b, 0)) >= EACH:
+            continue
+        if spent + counts[row] > BUDGET and len(chosen) >= LEAST_PAIRS:
+            break
+        spent += counts[row]
+        used[a], used[b] = used.get(a, 0) + 1, used.get(b, 0) + 1
+        chosen.append(int(row))
+    return np.array(chosen, np.int64)
+
+
+def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (p, 2) int32 in which every feature occurs with its best partners, and neighbours (p, m) int32 of each.
+
+    reach : metres, a usual size of a model
+    """
+    n = len(rows)
+    count = min(n, 4 * NEAR + 1)
+    _, around = cKDTree(rows[:, :3]).query(rows[:, :3], k=count)
+    candidates = around.astype(np.int32) if n > 200 else np.zeros((0, 0), np.int32)
+    ranked, _ = rank_pairs(rows, candidates, reach, min(NEAR // 2, n - 1))
+    partners: list[list[int]] = [[] for _ in range(n)]
+    for a, b in ranked.tolist():
+        partners[a].append(b)
+        partners[b].append(a)
+    chosen = {(min(a, b), max(a, b)) for a in range(n) for b in partners[a][:PARTNERS]}
+    pairs = np.array(sorted(chosen), np.int32).reshape(-1, 2)
+    near = np.full((len(pairs), NEAR + 2), -1, np.int32)
+    for row, (a, b) in zip(near, pairs.tolist()):
+        members = list(dict.fromkeys([a, b, *(k for pair in zip_longest(partners[a], partners[b]) for k in pair
+                                              if k is not None)]))[:NEAR + 2]
+        row[:len(members)] = members
+    return pairs, near
+
+
+@njit(cache=True, nogil=True)
+def _best_score(pairs, near, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
+                vox_starts, vox_items, data, kind_d, tols, widen, radius_tol, counts, count_only):
+    """The best score of the pairs' poses; their numbers of poses are added to ``counts``. count_only: no more."""
+    stamp = np.zeros(model.shape[0], np.int64)
+    frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
+    near_rows = np.empty((near.shape[1], data.shape[1]))
+    near_kind = np.empty(near.shape[1], kind_d.dtype)
+    near_tols = np.empty((near.shape[1], 3))
+    best = 0.0
+    tried = 0
+    for p in range(pairs.shape[0]):
+        a, b = pairs[p, 0], pairs[p, 1]
+        c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
+        angle = np.arctan2(s, c)
+        ha, hb = data[a, 6], data[b, 6]
+        over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
+        cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
+        across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
+        slide_a = tols[a, 1] + across / s
+        slide_b = tols[b, 1] + across / s
+        a_low, d_low = _pair_cell(angle - cone, d - across, reach)
+        a_high, d_high = _pair_cell(angle + cone, d + across, reach)
+        count = 0
+        for k in range(near.shape[1]):
+            if near[p, k] >= 0:
+                near_rows[count], near_kind[count] = data[near[p, k]], kind_d[near[p, k]]
+                near_tols[count] = tols[near[p, k]]
+                count += 1
+        for ca in range(a_low, a_high + 1):
+            row = ca * OFFSET_CELLS
+            for at in range(pair_starts[row + d_low], pair_starts[row + d_high + 1]):
+                value = pair_values[at]
+                if abs(value[0] - angle) > cone or abs(value[1] - d) > across:
+                    continue
+                i, j = pair_members[at, 0], pair_members[at, 1]
+                if kind_d[a] != kind_m[i] or kind_d[b] != kind_m[j]:
+                    continue
+                room_a, room_b = model[i, 6] - ha + slide_a, model[j, 6] - hb + slide_b
+                for turning in range(2):
+                    turn = 1.0 - 2.0 * turning
+                    if abs(value[2] - turn * fa) > room_a or abs(value[3] - turn * fb) > room_b:
+                        continue
+                    counts[p] += 1
+                    if count_only:
+                        continue
+                    _pose_of_pair(data[a], data[b], flip, fa, fb, model[i], model[j], value[4], value[2], value[3],
+                                  turn, frame_d, frame_m, motion)
+                    tried += 1
+                    if count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, near_rows[:count],
+                                     near_kind[:count], near_tols[:count], widen, radius_tol, stamp, -tried,
+                                     NEAR_NEEDED) < NEAR_NEEDED:
+                        continue
+                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
+                                          tols, widen, radius_tol, stamp, tried, best)
+                    best = max(best, score)
+    return best

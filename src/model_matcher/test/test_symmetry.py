@@ -1,0 +1,50 @@
+"""A model's symmetry is found in closed form and applied to poses."""
+
+import numpy as np
+import pytest
+
+from model_matcher import index_model
+from model_matcher.symmetry import symmetric_poses, symmetries
+from model_matcher.synthetic import box, chipped_block, l_shape, lattice, prism, random_pose, tubes
+from msgs_py import FeatureSet, Pose
+
+
+def regular(sides, radius=0.05, depth=0.03):
+    angle = 2 * np.pi * np.arange(sides) / sides
+    return prism(radius * np.column_stack([np.cos(angle), np.sin(angle)]), depth)
+
+
+@pytest.mark.parametrize('model, order', [
+    (box((0.05, 0.05, 0.05)), 24), (box((0.05, 0.05, 0.08)), 8), (box((0.03, 0.05, 0.08)), 4),
+    (regular(3), 6), (regular(5), 10), (chipped_block(), 1), (lattice(), 1), (tubes(), 1)])
+def test_the_order_of_the_group(model, order):
+    assert len(symmetries(index_model(model))) + 1 == order
+
+
+def test_mirror_symmetry_is_no_symmetry_but_the_turn_of_a_mirrored_outline_is():
+    # The L-shape's outline is not symmetric; as a prism it is its own mirror image, which no motion brings about.
+    assert symmetries(index_model(l_shape())) == ()
+
+
+def test_every_symmetry_lays_the_features_on_themselves():
+    model = regular(4)
+    points = np.concatenate([model.start, model.end])
+    for motion in symmetries(index_model(model)):
+        assert np.linalg.det(motion.rotation) == pytest.approx(1.0)
+        gaps = np.linalg.norm(motion.apply(points)[:, None] - points, axis=2).min(axis=1)
+        assert gaps.max() < 1e-9
+
+
+def test_symmetric_poses_are_the_group_about_the_pose_each_once():
+    index = index_model(box((0.03, 0.05, 0.08)))
+    pose = random_pose(np.random.default_rng(1))
+    others = symmetric_poses(index, pose)
+    assert len(others) == 3
+    assert symmetric_poses(index, pose, others) == others
+    assert symmetric_poses(index, others[0], ()) != ()
+
+
+def test_parallel_features_have_no_finite_group():
+    edges = FeatureSet.from_edges([[0, 0, 0], [0.01, 0, 0]], [[0, 0, 0.1], [0.01, 0, 0.1]])
+    assert symmetries(index_model(edges)) == ()
+    assert symmetric_poses(index_model(edges), Pose.identity()) == ()
