@@ -108,7 +108,8 @@ def test_counts_do_not_depend_on_where_a_solid_stands(seed):
     moved = solid.transformed(Pose(Rotation.from_rotvec(rng.normal(size=3)).as_matrix(), rng.normal(size=3) * 3, 0.01))
     one, two = model_features(solid), model_features(moved)
     assert [(one.kind == k).sum() for k in FeatureKind] == [(two.kind == k).sum() for k in FeatureKind]
-    np.testing.assert_allclose(boundary(moved).details.volume, 1e-6 * boundary(solid).details.volume, rtol=1e-6,
+    # Volumes of curved solids are quadratures, and where a face is cut into cells depends on where it stands.
+    np.testing.assert_allclose(boundary(moved).details.volume, 1e-6 * boundary(solid).details.volume, rtol=1e-4,
                                atol=1e-15)
 
 
