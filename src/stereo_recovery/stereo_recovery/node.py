@@ -15,7 +15,7 @@ from msgs_py.runtime import GraphNode, StereoMessages, run_node
 from .drawing import draw_features
 from .edgels import DETECTORS
 from .params import RecoveryParams
-from .pipeline import recover
+from .pipeline import recover, warm_up
 from .rectification import Rectifier
 
 DEFAULT = RecoveryParams()
@@ -70,6 +70,7 @@ class RecoveryNode(GraphNode):
         self._rectifier: Rectifier | None = None
         self._reason = ''
         self._counts: dict[str, object] = {}
+        warm_up()
         self.listen_stereo(self.on_pair, self.config.sync_queue_size, self.config.sync_tolerance)
 
     def on_pair(self, messages: StereoMessages) -> None:

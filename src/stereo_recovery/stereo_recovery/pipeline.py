@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from msgs_py import FeatureSet, StereoRig
+from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
 from . import edgels as edgel_module
 from .axes import axis_features, contours, find_axes
@@ -141,3 +141,12 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     lap('features')
     reason = '' if len(features) else 'no matched edge is long enough'
     return Recovery(features, found, reason, stages, counts)
+
+
+def warm_up() -> None:
+    """Compile, or load from numba's cache, what :func:`recover` needs, so that no first pair waits for it."""
+    left = np.full((96, 128), 40, np.uint8)
+    left[24:72, 40:92] = 200
+    v, u = np.mgrid[0:96, 0:128]
+    left[(u - 66) ** 2 + (v - 48) ** 2 < 15 ** 2] = 90
+    recover(left, np.roll(left, -12, axis=1), StereoRig.symmetric(PinholeCamera.centred(128, 96, 150.0), 0.05))
