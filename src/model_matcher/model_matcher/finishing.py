@@ -15,6 +15,7 @@ from msgs_py import BIN, FeatureSet, Interpretation, Pose
 
 from .model_index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
 from .params import MatchParams
+from .symmetry import symmetric_poses
 
 # Tolerance widths of successive fits: a pose from two short edges is off by more than the data's own error.
 WIDTHS = np.array([1.5, 1.2, 1.0, 1.0])
@@ -135,6 +136,8 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
             unmatched = problem.n_data - int(matched[k].sum())
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
         others = tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
+        if reason is None:
+            others = symmetric_poses(problem.index, as_pose(refined.motions[k]), others)
         target = accepted if reason is None else rejected
         if len(target) < params.max_interpretations:
             target.append(_interpretation(problem, refined, k, others, reason))

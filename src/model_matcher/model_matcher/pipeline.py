@@ -20,6 +20,7 @@ from .tree_match import match_by_tree
 NEIGHBOURS = 24
 BLOCK = 256  # data pairs between two looks at the clock
 EVERYONE = np.zeros((0, 0), np.int32)
+LIBRARY = 20  # of a larger library only the models that the prefilter lets through are searched
 
 
 def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams | None = None,
@@ -47,6 +48,9 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         result = _match_hypotheses(problem, params, started)
     else:
         result = match_by_tree(problem, params, started)
+    if params.prove and result.best is not None:
+        from .proof import certify
+        result = certify(problem.index, problem.data, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
 
@@ -122,6 +126,11 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
     accepted: list[Interpretation] = []
     rejected: list[Interpretation] = []
     left = np.arange(len(data))
+    n_models = len(indexes)
+    if n_models > LIBRARY and params.scale == 'known':
+        from .prefilter import prefilter
+        indexes = [indexes[k] for k in prefilter(indexes, data, params)]
+        reasons += [] if indexes else ['no model of the library explains three data features near each other']
     results = [match(index, data, params) for index in indexes]
     while True:
         bests = [result.best for result in results]
@@ -145,7 +154,8 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
         rejected += [_spread(one, left, len(data)) for one in result.rejected]
         reasons += [result.reason] if result.reason else []
     rejected.sort(key=lambda one: -one.matched)
-    stats = {'data_features': len(data), 'models': len(indexes), 'seconds': time.perf_counter() - started}
+    stats = {'data_features': len(data), 'models': n_models, 'searched': len(indexes),
+             'seconds': time.perf_counter() - started}
     reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'
     return MatchResult(tuple(accepted), tuple(rejected), stats, reason)
 

@@ -22,10 +22,9 @@ from msgs_py import FeatureSet
 
 from .hypotheses import _pose_of_pair
 from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, count_matches, pair_geometry, rank_pairs
-from .model_index import ModelIndex, data_tolerances, feature_rows
+from .model_index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
 from .params import MatchParams
 
-LIBRARY = 20  # a smaller library is searched model by model
 PARTNERS = 4  # pairs of each data feature to choose from
 SAMPLE = 8  # models that tell how often a pair fits by chance
 EACH = 2  # pairs that a feature is in
@@ -41,9 +40,9 @@ CLEAR = 0.65
 
 
 def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
-    """Numbers of the models to search fully, best first. All of them for a small library or without data."""
-    keep = np.flatnonzero(data.lengths > 0.0)
-    if len(models) <= LIBRARY or len(keep) < 3:
+    """Numbers of the models to search fully, best first. All of them when there is next to no data."""
+    keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
+    if len(keep) < 3:
         return list(range(len(models)))
     scores = library_scores(models, data.select(keep), params)
     sizes = np.array([len(model) for model in models])

@@ -10,7 +10,7 @@ the tree with the number of spurious features.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -18,7 +18,7 @@ from numba import njit
 from msgs_py import BIN, FeatureSet
 
 from .model_index import ModelIndex
-from .params import MatchParams
+from .params import MatchParams, MatchResult
 from .tables import Tables, build_tables
 from .tree import core_numbers, largest_core
 
@@ -54,6 +54,27 @@ def prove(index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams
         return Proof(False, None, 0, str(error))
     found = prove_tables(tables, matched)
     return Proof(found.proven, found.assignment, found.nodes, found.reason, time.perf_counter() - started)
+
+
+def certify(index: ModelIndex, data: FeatureSet, result: MatchResult, params: MatchParams,
+            started: float) -> MatchResult:
+    """The result with its best interpretation marked as proven when it is; stats tell why it is not.
+
+    data : the usable features that were searched; started : perf_counter() at the start of the match, which has
+    params.time_limit_s altogether
+    """
+    best = result.best
+    if best is None:
+        return result
+    if time.perf_counter() - started > params.time_limit_s:
+        result.stats['unproven'] = 'time limit'
+        return result
+    proof = prove(index, data, best.matched, params)
+    result.stats['proof_nodes'] = proof.nodes
+    if not proof.proven:
+        result.stats['unproven'] = proof.reason
+        return result
+    return replace(result, interpretations=(replace(best, proven=True), *result.interpretations[1:]))
 
 
 def prove_tables(tables: Tables, matched: int, most_nodes: int = MOST_NODES) -> Proof:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model_matcher import MatchParams, index_model
+from model_matcher import MatchParams, index_model, match
 from model_matcher.proof import prove, prove_tables
 from model_matcher.synthetic import MODELS, make_scene
 from model_matcher.tables import Tables, all_pairs
@@ -66,3 +66,11 @@ def test_less_than_the_truth_is_never_proven():
     index = index_model(MODELS['l_shape'](), 'l_shape')
     true = int((scene.assignment >= 0).sum())
     assert not prove(index, scene.data, true - 2, MatchParams()).proven
+
+
+def test_match_says_that_it_is_proven_or_why_not():
+    model = MODELS['wedge']()
+    result = match(model, make_scene(model, 0, clutter=0.3).data, MatchParams(prove=True))
+    assert result.best.proven == ('unproven' not in result.stats)
+    assert match(model, model, MatchParams(prove=True)).best.proven
+    assert not match(model, model).best.proven

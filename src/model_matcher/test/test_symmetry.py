@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model_matcher import index_model
+from model_matcher import index_model, match
 from model_matcher.symmetry import symmetric_poses, symmetries
 from model_matcher.synthetic import box, chipped_block, l_shape, lattice, prism, random_pose, tubes
 from msgs_py import FeatureSet, Pose
@@ -48,3 +48,9 @@ def test_parallel_features_have_no_finite_group():
     edges = FeatureSet.from_edges([[0, 0, 0], [0.01, 0, 0]], [[0, 0, 0.1], [0.01, 0, 0.1]])
     assert symmetries(index_model(edges)) == ()
     assert symmetric_poses(index_model(edges), Pose.identity()) == ()
+
+
+def test_match_lists_all_poses_of_a_symmetric_model():
+    cube = box((0.05, 0.05, 0.05))
+    best = match(cube, cube.transformed(random_pose(np.random.default_rng(2)))).best
+    assert len(best.symmetric_poses) == 23
