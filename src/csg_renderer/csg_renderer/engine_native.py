@@ -90,7 +90,7 @@ class _Job:
                  threads: int) -> None:
         view = view_of(ready.program, camera_T_scene)
         self.ready = ready
-        self.frame, self.target = _new_frame(camera, camera_T_scene)
+        self.frame, self.target = _new_frame(camera, camera_T_scene, ready.program.background)
         self.eye, self.plan = look_through(ready, view, camera, options)
         self.works = [_workspace(ready) for _ in range(threads)]
         self.deeps = [_deep(view, options) for _ in range(threads)]
@@ -318,16 +318,20 @@ def _deep(view: View, options: RenderOptions) -> Deep | None:
     return Deep(np.empty(BATCH_PARTS * STRIDE), stack, options.levels, options.shadows, view.departure, view.tolerance)
 
 
-def _new_frame(camera: PinholeCamera, camera_T_scene: Pose) -> tuple[Frame, Target]:
-    """A frame of unwritten arrays, all in one piece of memory."""
+def _new_frame(camera: PinholeCamera, camera_T_scene: Pose, background: np.ndarray) -> tuple[Frame, Target]:
+    """A frame that shows nothing but background, all its arrays in one piece of memory."""
     h, w = camera.height, camera.width
     n = h * w
     memory = _memory(31 * n + 3)
+    # All bits set are -1 as an integer and NaN as a float: one fill at the speed of memory for ids, depth and normals.
+    memory[:28 * n].fill(0xFF)
     words = memory[:28 * n].view(np.int32)
     ids = [words[k * n:(k + 1) * n].reshape(h, w) for k in range(3)]
     depth = words[3 * n:4 * n].view(np.float32).reshape(h, w)
     normal = words[4 * n:7 * n].view(np.float32).reshape(h, w, 3)
     image = memory[28 * n:31 * n].reshape(h, w, 3)
+    image[0] = (np.clip(background, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    image[1:] = image[0]
     frame = Frame(image, depth, ids[0], ids[1], ids[2], normal, camera, camera_T_scene)
     return frame, Target(image, depth, ids[0], ids[1], ids[2], normal)
 

@@ -201,23 +201,6 @@ def write_truth(s, m, row, left, target, object_of):
 
 
 @kernel
-def fill_background(target, top, bottom, left, right, red, green, blue):
-    """An empty tile."""
-    for row in range(top, bottom):
-        for column in range(left, right):
-            target.image[row, column, 0] = red
-            target.image[row, column, 1] = green
-            target.image[row, column, 2] = blue
-            target.depth[row, column] = np.nan
-            target.primitive[row, column] = -1
-            target.face[row, column] = -1
-            target.object[row, column] = -1
-            target.normal[row, column, 0] = np.nan
-            target.normal[row, column, 1] = np.nan
-            target.normal[row, column, 2] = np.nan
-
-
-@kernel
 def byte(value):
     """Linear 0..1 to 0..255, rounded."""
     return np.uint8(min(max(value, 0.0), 1.0) * 255.0 + 0.5)
@@ -225,13 +208,13 @@ def byte(value):
 
 @kernel
 def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ground, object_of):
-    """Every threads-th tile, starting with number ``thread``. Returns how many tiles were not empty."""
+    """Every threads-th tile, starting with number ``thread``, of a target that holds background. Returns how many tiles
+    were not empty."""
     s = work.row
     height, width = target.depth.shape
     across = (width + plan.size - 1) // plan.size
     down = (height + plan.size - 1) // plan.size
     products = work.products
-    red, green, blue = byte(look.background[0]), byte(look.background[1]), byte(look.background[2])
     active = 0
     for tile in range(thread, across * down, threads):
         b = tile // across
@@ -248,8 +231,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, gr
         if ground is not None:
             idle = False
         if idle:
-            fill_background(target, top, bottom, left, right, red, green, blue)
-            continue
+            continue  # the frame came filled with background
         active += 1
         m = right - left
         for row in range(top, bottom):
