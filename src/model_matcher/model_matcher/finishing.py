@@ -69,7 +69,7 @@ def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Pr
 @dataclass(eq=False)
 class Refined:
     """c refined candidates: motions (c, 12), assignments and signs (c, n) among used features, normals (c, 6, 6),
-    figures (c, 7) as hypotheses.refine_candidates gives them."""
+    figures (c, 8) as hypotheses.refine_candidates gives them."""
 
     motions: np.ndarray
     assignments: np.ndarray
@@ -84,7 +84,7 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: 
     refine: Any = hypotheses.refine_candidates
     c, n = len(scores), len(problem.rows)
     refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
-                      np.zeros((c, 7)))
+                      np.zeros((c, 8)))
     refine(motions, scores, keep, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol,
            refined.assignments, refined.signs, refined.normals, refined.figures)
     return refined
@@ -119,6 +119,7 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         else:
             heads.append(k)
             twins[k] = []
+    needed = needed_evidence(problem, params)
     accepted: list[Interpretation] = []
     rejected: list[Interpretation] = []
     for k in order:
@@ -128,6 +129,9 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         distinct = int(scores[k])
         if distinct < min(params.min_matched, len(problem.index)):
             reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
+        elif refined.figures[k, 7] < needed:
+            reason = (f'chance explains as much: evidence {refined.figures[k, 7]:.1f} of {needed:.1f} nats needed for '
+                      f'false_alarm_rate = {params.false_alarm_rate:g}')
         elif k in rivals:
             better = rivals[k]
             reason = (f'competes for the same data with a better interpretation '
@@ -142,6 +146,18 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         if len(target) < params.max_interpretations:
             target.append(_interpretation(problem, refined, k, others, reason))
     return tuple(accepted), tuple(rejected)
+
+
+def needed_evidence(problem: Problem, params: MatchParams) -> float:
+    """Nats below which an interpretation counts as chance.
+
+    A pose comes from two data and two model features: (n x e)^2 chances for a false one, each of which may have the
+    share false_alarm_rate / (n x e)^2. A rate of 1 turns the test off.
+    """
+    if params.false_alarm_rate >= 1.0:
+        return -np.inf
+    chances = 2.0 * np.log(len(problem.rows) * len(problem.index))
+    return float(chances - np.log(max(params.false_alarm_rate, 1e-12)))
 
 
 def as_pose(motion: np.ndarray) -> Pose:

@@ -10,9 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry, refine
+from .evidence import evidence
+from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry
+from .refinement_kernels import refine
 
 CANDIDATES = 16
+LOCAL_TEST = 100  # with more data than this, a pose is first tried on the pair's neighbours
 
 
 @njit(cache=True)
@@ -90,20 +93,28 @@ def _insert(motion, score, middle, size, motions, scores):
 
 
 @njit(cache=True)
-def search_pairs(pairs, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape, vox_starts,
-                 vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience, confident,
+def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
+                 vox_starts, vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience,
                  motions, scores, state):
     """Try the ranked data pairs first..last-1; best poses and scores are kept in ``motions`` and ``scores``.
 
-    patience : stop once the best is unchanged for so many hypotheses (six times as many while it explains less than
-        ``confident`` distinct model features); a pair of data features is always finished, so that every pose which
+    partners : (n, knn) int32, the features that each one pairs with best: a pose must explain one of them besides the
+        pair itself, or the rest of the data is not looked at
+    patience : (least, most) stop once the best is unchanged for so many hypotheses: least x the square of data per
+        explained model feature, at most ``most``; a pair of data features is always finished, so that every pose which
         explains the same data is found
     state : (4,) int64, carried between calls: hypotheses so far, hypothesis of the last improvement, pairs done,
         1 when stopped by patience
     """
-    stamp = np.full(model.shape[0], -1, np.int64)
+    stamp = np.zeros(model.shape[0], np.int64)
     frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
     n = data.shape[0]
+    knn = partners.shape[1]
+    local = n > LOCAL_TEST
+    near = np.empty((2 * knn + 2, 9))
+    near_kind = np.empty(2 * knn + 2, kind_d.dtype)
+    near_tols = np.empty((2 * knn + 2, 3))
+    entered = np.full(n, -1, np.int64)
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
         c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
@@ -117,6 +128,18 @@ def search_pairs(pairs, model, kind_m, pair_starts, pair_members, pair_values, r
         a_low, d_low = _pair_cell(angle - cone, d - across, reach)
         a_high, d_high = _pair_cell(angle + cone, d + across, reach)
         before = state[1]
+        count = 0
+        if local:
+            for k in range(2 * knn + 2):
+                if k < 2:
+                    other = a if k == 0 else b
+                else:
+                    other = partners[a, k - 2] if k < knn + 2 else partners[b, k - 2 - knn]
+                if other < 0 or entered[other] == p:
+                    continue
+                entered[other] = p
+                near[count], near_kind[count], near_tols[count] = data[other], kind_d[other], tols[other]
+                count += 1
         for ca in range(a_low, a_high + 1):
             row = ca * OFFSET_CELLS
             for at in range(pair_starts[row + d_low], pair_starts[row + d_high + 1]):
@@ -134,6 +157,10 @@ def search_pairs(pairs, model, kind_m, pair_starts, pair_members, pair_values, r
                     _pose_of_pair(data[a], data[b], flip, fa, fb, model[i], model[j], value[4], value[2], value[3],
                                   turn, frame_d, frame_m, motion)
                     state[0] += 1
+                    if local and count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items,
+                                               near[:count], near_kind[:count], near_tols[:count], widen, radius_tol,
+                                               stamp, -1 - state[0], 3.0) < 3.0:
+                        continue
                     needed = max(scores[len(scores) - 1], 0.6 * np.floor(scores[0]), 3.0)
                     score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
                                           kind_d, tols, widen, radius_tol, stamp, state[0], needed)
@@ -146,8 +173,8 @@ def search_pairs(pairs, model, kind_m, pair_starts, pair_members, pair_values, r
         if before != state[1]:
             continue
         waited = state[0] - state[1]
-        limit = patience if scores[0] >= confident else 6 * patience
-        if waited > limit and waited > state[1] or scores[0] >= n:
+        share = n / max(np.floor(scores[0]), 3.0)
+        if waited > min(patience[0] * share * share, patience[1]) or scores[0] >= n:
             state[3] = 1
             return
 
@@ -157,8 +184,8 @@ def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vo
                       widths, radius_tol, assignments, signs, normals, figures):
     """Refine every candidate whose score is at least keep x best.
 
-    figures (c, 7): score, rms (metres), chi, centre x, y, z, data matched. Score is the number of distinct model
-    features plus 0.9 x the mean quality of fit; 0 for a candidate that was skipped.
+    figures (c, 8): score, rms (metres), chi, centre x, y, z, data matched, evidence (nats). Score is the number of
+    distinct model features plus 0.9 x the mean quality of fit; 0 for a candidate that was skipped.
     """
     stamp = np.full(model.shape[0], -1, np.int64)
     for k in range(len(scores)):
@@ -174,3 +201,4 @@ def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vo
                                       tols, final, radius_tol, stamp, k, 0.0)
         figures[k, 1], figures[k, 2] = rms, chi
         figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
+        figures[k, 7] = evidence(motions[k], model, data, kind_d, tols, assignments[k])

@@ -34,7 +34,8 @@ class MatchParams:
     overhang : how far, as a fraction of its length, an edge may run past its model edge's end
     max_interpretations : at most so many are returned
     min_matched : an interpretation with fewer distinct model features is rejected
-    false_alarm_rate : accepted probability that an absent model is reported
+    false_alarm_rate : accepted probability that an absent model is reported, in the model of clutter of evidence.py;
+        below 1e-12 counts as 1e-12, 1 accepts whatever has min_matched features
     scale : 'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated)
     prove : certify that no larger consistent interpretation exists
     time_limit_s : seconds, the best so far is returned then, unproven

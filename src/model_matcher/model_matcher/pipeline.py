@@ -18,7 +18,8 @@ from .params import MatchParams, MatchResult, no_match
 from .tree_match import match_by_tree
 
 NEIGHBOURS = 24
-BLOCK = 256  # data pairs between two looks at the clock
+PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
+BLOCK = 4096  # data pairs x data features between two looks at the clock, but 8 pairs at least
 EVERYONE = np.zeros((0, 0), np.int32)
 LIBRARY = 20  # of a larger library only the models that the prefilter lets through are searched
 
@@ -66,20 +67,19 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     if n > 600:
         _, near = cKDTree(rows[:, :3]).query(rows[:, :3], k=min(n, 3 * NEIGHBOURS))
         neighbours = near.astype(np.int32)
-    pairs, _ = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
+    pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
     table = problem.table
     motions = np.zeros((hypotheses.CANDIDATES, 12))
     scores = np.zeros(hypotheses.CANDIDATES)
     state = np.zeros(4, np.int64)
-    confident = min(0.35 * len(index), n)
-    patience = int(200 * max(1.0, n / (2.0 * len(index))) ** 2)
+    block = max(8, BLOCK // n)
     first = 0
     in_time = True
     while first < len(pairs) and not state[3] and in_time:
-        last = min(len(pairs), first + BLOCK)
-        search(pairs, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
+        last = min(len(pairs), first + block)
+        search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
                index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle,
-               index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, patience, confident, motions,
+               index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, PATIENCE, motions,
                scores, state)
         first = last
         in_time = time.perf_counter() - started <= params.time_limit_s
