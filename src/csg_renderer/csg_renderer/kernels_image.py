@@ -174,18 +174,11 @@ def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
 
 @kernel
 def write_truth(s, m, row, left, target, object_of):
-    """Depth, ids and normals of a row of hits into the target."""
+    """Depth, ids and normals of a row of hits into the target, which holds background."""
     for j in range(m):
         k, column = np.uint64(j), left + j
         hit = s[HIT + k]
         if hit < 0.0:
-            target.depth[row, column] = np.nan
-            target.primitive[row, column] = -1
-            target.face[row, column] = -1
-            target.object[row, column] = -1
-            target.normal[row, column, 0] = np.nan
-            target.normal[row, column, 1] = np.nan
-            target.normal[row, column, 2] = np.nan
             continue
         leaf = int(hit / LEAF_STEP)
         rest = int(hit - leaf * LEAF_STEP)
