@@ -15,10 +15,10 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+
 from model_matcher import MatchParams, index_model, match, recognise
 from model_matcher.model_index import model_size
 from model_matcher.synthetic import MODELS, SyntheticScene, make_scene, mirrored, random_polyhedron, scaled
-
 from msgs_py import FeatureSet, Interpretation
 
 THESIS_SIZES = ('chipped_block', 'l_shape', 'wedge', 'chair', 'computer', 'plug')

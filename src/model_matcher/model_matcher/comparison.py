@@ -17,8 +17,8 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseErro
 # A found edge belongs to a true one when it is this close to parallel, and both its ends are this close to it.
 SAME_DIRECTION_DEG = 10.0
 SAME_PLACE_M = 0.003
-# A pairing is judged by where the ends lie, more strictly; the direction of an edge of a few millimetres says little, and
-# only has to tell it from its neighbours.
+# A pairing is judged by where the ends lie, more strictly; the direction of an edge of a few millimetres says little,
+# and only has to tell it from its neighbours.
 PAIRED_DIRECTION_DEG = 30.0
 PAIRED_PLACE_M = 0.0015
 # A true edge counts as found when this part of it is covered.
