@@ -25,7 +25,7 @@ setup(
     ] + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
     # closed_form --dask: sweeps on a cluster.
-    extras_require={'test': ['pytest'], 'dask': ['distributed>=2023.4']},
+    extras_require={'test': ['pytest'], 'dask': ['distributed>=2023.12']},
     zip_safe=False,
     maintainer='The maintainers',
     maintainer_email='maintainers@example.com',

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -54,6 +54,18 @@ def milliseconds(function: Callable[[], Any], budget_s: float = 1.0, least: int 
         function()
         times.append(1e3 * (time.perf_counter() - started))
     return statistics.median(times)
+
+
+def interleaved(functions: Sequence[Callable[[], Any]], budget_s: float = 1.0, least: int = 5) -> list[float]:
+    """Median time of each of several calls, taken in turns: what else the machine does falls on all alike."""
+    times: list[list[float]] = [[] for _ in functions]
+    end = time.perf_counter() + budget_s
+    while len(times[0]) <= least or time.perf_counter() < end:
+        for function, taken in zip(functions, times):
+            started = time.perf_counter()
+            function()
+            taken.append(1e3 * (time.perf_counter() - started))
+    return [statistics.median(taken[1:]) for taken in times]
 
 
 _TIME = re.compile(r'(?:(\w+)\s+)?(\d+(?:\.\d+)?)\s*(ms|us|s|Hz)\b')

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from threading import Lock
-from typing import cast
+from typing import NamedTuple, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -40,6 +40,7 @@ class Prepared:
     """What of a program the kernels need and no camera changes.
 
     child_products : first and last + 1 product of every child, equal when it must be evaluated by lists
+    listed, chosen : the children to evaluate by lists, and the products, for a camera outside all of them
     factors_most : most cutters of a product; child_inside : postfix evaluation of "is this point inside"
     """
 
@@ -48,6 +49,8 @@ class Prepared:
     look: Look
     ground: Ground | None
     child_products: np.ndarray
+    listed: np.ndarray
+    chosen: np.ndarray
     cutters_most: int
 
 
@@ -69,43 +72,101 @@ def render_views(scene: Scene, views: Sequence[tuple[PinholeCamera, Pose]], opti
     if ready is None:
         ready = _prepared[program] = prepare(program)
     threads = min(options.threads or _cores(), max(1, min(camera.height for camera, _ in views) // 8))
-    # Preparing a view is serial work, so two views are prepared side by side.
-    jobs = _each_thread(len(views), lambda i: _Job(ready, *views[i], options, threads))
-    # Views of a pair look alike: whoever had the fuller half of one gets the emptier half of the next.
-    shares = _each_thread(threads, lambda k: [job.tiles((k + i) % threads, threads) for i, job in enumerate(jobs)])
+    jobs = [_Job(ready, *view, options, threads) for view in views]
+    if len(jobs) == 1:
+        jobs[0].begin()
+    _each_thread(threads, _Queue(jobs, threads).work)
     if options.adaptive:
         for job in jobs:
             _each_thread(threads, partial(job.smooth, threads))
-    for job, active in zip(jobs, zip(*shares)):
+    for job in jobs:
         counts = np.sum([work.counts for work in job.works], axis=0)
         job.frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]),
-                                      sum(active) if options.tiling else 1)
+                                      sum(job.active) if options.tiling else 1)
     return [job.frame for job in jobs]
 
 
 class _Job:
     """One view being rendered by several threads."""
 
+    frame: Frame
+    target: Target
+    eye: Eye
+    plan: Plan
+
     def __init__(self, ready: Prepared, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions,
                  threads: int) -> None:
-        view = view_of(ready.program, camera_T_scene)
-        self.ready = ready
-        self.frame, self.target = _new_frame(camera, camera_T_scene, ready.program.background)
-        self.eye, self.plan = look_through(ready, view, camera, options)
+        self.ready, self.camera, self.camera_T_scene, self.options = ready, camera, camera_T_scene, options
+        self.view = view_of(ready.program, camera_T_scene)
+        self.sight = look_through(ready, self.view, camera_T_scene)
         self.works = [_workspace(ready) for _ in range(threads)]
-        self.deeps = [_deep(view, options) for _ in range(threads)]
+        self.deeps = [_deep(self.view, options) for _ in range(threads)]
+        self.active = [0] * threads
 
-    def tiles(self, thread: int, threads: int) -> int:
-        """This thread's tiles; how many were not empty."""
+    def begin(self) -> None:
+        """What takes long of getting ready and leaves other threads alone: clearing the frame, and the spans."""
+        self.frame, self.target = _new_frame(self.camera, self.camera_T_scene, self.ready.program.background)
+        self.eye, self.plan = plan_of(self.ready, self.view, self.sight, self.camera, self.options)
+
+    def tiles(self, thread: int, part: int, parts: int) -> None:
+        """This thread does one of several equal parts of the tiles, and counts those that were not empty."""
         ready = self.ready
-        return render_tiles(thread, threads, ready.trees, self.eye, ready.look, self.plan, self.target,
-                            self.works[thread], self.deeps[thread], ready.ground, ready.program.object_of)
+        self.active[thread] += render_tiles(part, parts, ready.trees, self.eye, ready.look, self.plan, self.target,
+                                            self.works[thread], self.deeps[thread], ready.ground,
+                                            ready.program.object_of)
 
     def smooth(self, threads: int, thread: int) -> None:
         """This thread's rows, anti-aliased where faces meet; all tiles must be done."""
         ready = self.ready
         smooth_rows(thread, threads, ready.trees, self.eye, ready.look, self.plan, self.target, self.works[thread],
                     self.deeps[thread], ready.ground, CROW_WEIGHTS, np.array(CROW_OFFSETS))
+
+
+# Into how many parts for each thread a view among several is divided: who is done early takes one more.
+PARTS = 2
+
+
+class _Queue:
+    """The tiles of several views, dealt out to threads in parts.
+
+    Each thread begins with a view of its own and goes on to its tiles while others still begin theirs. Nobody waits for
+    anybody before all parts are taken.
+    """
+
+    def __init__(self, jobs: list[_Job], threads: int) -> None:
+        self.jobs = jobs
+        self.parts = threads * (PARTS if len(jobs) > 1 else 1)
+        self.left = [list(range(self.parts)) for _ in jobs]
+        self.waiting = set(range(len(jobs))) if len(jobs) > 1 else set()
+        self.begun: list[Future[None]] = [Future() for _ in self.waiting]
+
+    def work(self, thread: int) -> None:
+        """One thread's share: its own view first."""
+        for step in range(len(self.jobs)):
+            view = (thread + step) % len(self.jobs)
+            if self.begun:
+                self._begin(view)
+            # pop(), like remove() of a set, is one step that no other thread can break up.
+            while self.left[view]:
+                try:
+                    part = self.left[view].pop()
+                except IndexError:
+                    break
+                self.jobs[view].tiles(thread, part, self.parts)
+
+    def _begin(self, view: int) -> None:
+        """Begin a view, or wait until the thread that came to it first has. Raises what went wrong there."""
+        try:
+            self.waiting.remove(view)
+        except KeyError:
+            self.begun[view].result()
+            return
+        try:
+            self.jobs[view].begin()
+        except BaseException as error:
+            self.begun[view].set_exception(error)
+            raise
+        self.begun[view].set_result(None)
 
 
 def prepare(program: Program) -> Prepared:
@@ -145,7 +206,9 @@ def prepare(program: Program) -> Prepared:
                   np.ascontiguousarray(program.inverse[:, :3]), _spheres(program), HALFSPACES[program.kind])
     look = Look(program.colours, program.material, _flat_normals(program), program.lights, program.light_colours,
                 program.ambient_light, program.background)
-    return Prepared(program, trees, look, _ground(program), child_products, max(cutters))
+    listed = np.flatnonzero(child_products[:, 0] == child_products[:, 1])
+    return Prepared(program, trees, look, _ground(program), child_products, listed,
+                    np.arange(len(positive), dtype=np.int64), max(cutters))
 
 
 def _ground(program: Program) -> Ground | None:
@@ -163,49 +226,65 @@ def _whole(numbers: list[int]) -> np.ndarray:
     return np.array(numbers, dtype=np.int64)
 
 
-def look_through(ready: Prepared, view: View, camera: PinholeCamera, options: RenderOptions) -> tuple[Eye, Plan]:
-    """What depends on the camera: rays in the unit frames, spans of rows, the order front to back."""
-    program, trees = ready.program, ready.trees
-    local = view.local
-    nearest = np.round(local[:, :, 3])
-    origin = np.where(np.abs(local[:, :, 3] - nearest) < PARALLEL * (1.0 + np.abs(local[:, :, 3])), nearest,
-                      local[:, :, 3])
+class Sight(NamedTuple):
+    """What a view sees of the leaves, small arrays. n leaves, p outline points.
+
+    origin, limit : as in Eye; points : (p, 3) outlines and sphere : (n, 4), camera frame
+    listed : children to evaluate by lists; chosen : products to evaluate
+    """
+
+    origin: np.ndarray
+    limit: np.ndarray
+    points: np.ndarray
+    sphere: np.ndarray
+    listed: np.ndarray
+    chosen: np.ndarray
+
+
+def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> Sight:
+    """What depends on the camera and is no work."""
+    program, trees, local = ready.program, ready.trees, view.local
+    home = local[:, :, 3]
+    nearest = np.round(home)
+    origin = np.where(np.abs(home - nearest) < PARALLEL * (1.0 + np.abs(home)), nearest, home)
     limit = PARALLEL * np.abs(local[:, :, :3]).sum(axis=2)
-
-    listed: list[int] = []
-    chosen: list[int] = []
+    listed, chosen = ready.listed, ready.chosen
     inside = _contains_origin(program, origin)
-    for child, (first, last) in enumerate(ready.child_products):
+    if any(inside):
         # From inside a solid its far wall is seen, which lists know about and products do not.
-        if first == last or inside[child]:
-            listed.append(child)
-        else:
-            chosen += range(first, last)
+        spans = ready.child_products.tolist()
+        listed = _whole([child for child, (first, last) in enumerate(spans) if first == last or inside[child]])
+        chosen = _whole([q for child, (first, last) in enumerate(spans) if not inside[child]
+                         for q in range(first, last)])
+    sphere = np.empty_like(trees.sphere)
+    sphere[:, :3] = camera_T_scene.apply(trees.sphere[:, :3])
+    sphere[:, 3] = trees.sphere[:, 3] * camera_T_scene.scale ** 2
+    return Sight(np.ascontiguousarray(origin), limit, camera_T_scene.apply(program.outline), sphere, listed, chosen)
 
+
+def plan_of(ready: Prepared, view: View, sight: Sight, camera: PinholeCamera, options: RenderOptions,
+            ) -> tuple[Eye, Plan]:
+    """Spans of rows, and the order front to back."""
+    program, trees = ready.program, ready.trees
     h, w = camera.height, camera.width
     whole = not options.tiling
     size = options.tile_size if options.tiling else STRIDE
     products, bands = len(trees.positive), -(-h // size)
-    camera_T_scene = np.linalg.inv(view.scene_T_camera)
-    points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
-    sphere = np.hstack([trees.sphere[:, :3] @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3],
-                        trees.sphere[:, 3:] * abs(np.linalg.det(camera_T_scene[:3, :3])) ** (2 / 3)])
-    chosen_array = np.array(chosen, dtype=np.int64)
+    chosen = sight.chosen
     near = np.zeros(products)
     if whole:
         leaf_span, span, band = (np.zeros((1, 1, 2), dtype=np.int32) for _ in range(3))
     else:
         leaf_span = np.empty((len(program.kind), h, 2), dtype=np.int32)
         leaf_depth = np.empty(len(program.kind))
-        leaf_spans(points, program.outline_start, view.departure or 1e-9, camera.fx, camera.fy, camera.cx, camera.cy, w,
-                   leaf_span, leaf_depth)
+        leaf_spans(sight.points, program.outline_start, view.departure or 1e-9, camera.fx, camera.fy, camera.cx,
+                   camera.cy, w, leaf_span, leaf_depth)
         span = np.empty((products, h, 2), dtype=np.int32)
         band = np.empty((products, bands, 2), dtype=np.int32)
-        product_spans(chosen_array, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size,
+        product_spans(chosen, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size,
                       span, band, near)
-        chosen_array = chosen_array[np.argsort(near[chosen_array], kind='stable')]
-    eye = Eye(local, np.ascontiguousarray(origin), limit, sphere, leaf_span, near, np.array(listed, dtype=np.int64),
-              chosen_array)
+        chosen = chosen[np.argsort(near[chosen], kind='stable')]
+    eye = Eye(view.local, sight.origin, sight.limit, sight.sphere, leaf_span, near, sight.listed, chosen)
     plan = Plan((np.arange(w) - camera.cx) / camera.fx, (np.arange(h) - camera.cy) / camera.fy, 1.0 / camera.fx,
                 1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, span, band, size, whole,
                 options.box)
@@ -287,6 +366,8 @@ def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
     per_kind = np.stack([(x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & slab, (round_ <= 1.0) & slab,
                          (round_ <= z * z) & slab, round_ + z * z <= 1.0, z <= 0.0, z < z])
     inside = per_kind[program.kind, np.arange(len(program.kind))]
+    if not inside.any():
+        return [False] * len(program.children)
     answers = []
     for code in program.children:
         stack: list[bool] = []

@@ -1,5 +1,7 @@
 """The contract of render(): Frame outputs, closed forms, errors. Any engine must keep it."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -127,6 +129,38 @@ def test_stereo_disparity_is_that_of_the_rig(engine):
     assert np.abs(edges[0] - edges[1] - shift).max() <= 1.0
     single = render(scene, rig.right, at(-rig.baseline, 0, 0), engine=engine)
     assert np.array_equal(right.image, single.image) and np.array_equal(right.primitive_id, single.primitive_id)
+
+
+@pytest.mark.parametrize('threads', (1, 2, 5))
+@pytest.mark.parametrize('options', ({}, {'antialias': True}, {'levels': 2, 'shadows': True}))
+def test_a_pair_rendered_by_many_threads_is_its_two_images(threads, options):
+    scene = Scene([L_SHAPE.transformed(POSE), Solid.sphere(0.02).transformed(at(0.05, 0.02, 0.3))],
+                  [Light((0.2, -0.3, 0))])
+    rig = default_rig(scene, default_camera(120))
+    pair = render_stereo(scene, rig, threads=threads, **options)
+    for frame, pose in zip(pair, (Pose.identity(), at(-rig.baseline, 0, 0))):
+        single = render(scene, rig.left, pose, threads=1, **options)
+        assert np.array_equal(frame.image, single.image) and np.array_equal(frame.depth, single.depth, equal_nan=True)
+        assert (frame.stats.tiles, frame.stats.intersections) == (single.stats.tiles, single.stats.intersections)
+
+
+def test_what_goes_wrong_in_one_eye_is_raised_and_nobody_waits_for_it(monkeypatch):
+    scene = Scene(L_SHAPE.transformed(POSE))
+    rig = default_rig(scene, default_camera(64))
+    monkeypatch.setattr('csg_renderer.engine_native.plan_of', lambda *arguments: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        render_stereo(scene, rig, threads=2)
+    monkeypatch.undo()
+    assert render_stereo(scene, rig, threads=2)[1].mask.any()
+
+
+def test_pairs_may_be_rendered_from_several_threads_at_once():
+    scene = Scene(L_SHAPE.transformed(POSE))
+    rig = default_rig(scene, default_camera(64))
+    expected = render_stereo(scene, rig)[1].image
+    with ThreadPoolExecutor(6) as pool:
+        for pair in pool.map(lambda k: render_stereo(scene, rig, threads=2), range(60)):
+            assert np.array_equal(pair[1].image, expected)
 
 
 @pytest.mark.parametrize('engine', ENGINES)
