@@ -12,7 +12,7 @@ from msgs_py import FeatureSet, PinholeCamera, StereoRig
 from . import edgels as edgel_module
 from .axes import axis_features, contours, find_axes
 from .conics import Ellipse
-from .curves3d import curve_features, on_curves, recover_curves
+from .curves3d import Curve, curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .lines3d import edges, to_space
 from .matching import match
@@ -36,6 +36,7 @@ class Recovery:
     reason : why features is empty, else ''
     milliseconds : of each stage
     counts : of edgels, strings, pieces and matches
+    curves : the CURVE features in their order, with the covariance of centre, normal and radius
     """
 
     features: FeatureSet
@@ -43,6 +44,7 @@ class Recovery:
     reason: str = ''
     milliseconds: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
+    curves: tuple[Curve, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +142,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
         curve_features(curves), axis_features(find_axes(curves, pieces, rig))])
     lap('features')
     reason = '' if len(features) else 'no matched edge is long enough'
-    return Recovery(features, found, reason, stages, counts)
+    return Recovery(features, found, reason, stages, counts, tuple(curves))
 
 
 def warm_up() -> None:
