@@ -78,12 +78,32 @@ def moved(centre, normal, first, radii, step, circle):
 
 
 @njit(cache=True)
-def equations(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
-              out, bend):
-    """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,); residuals go to out."""
+def jacobian(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out, bend):
+    """Residuals into out, and their derivatives (n, p) by the parameters of :func:`moved`."""
     size = 6 if circle else 8
     n = len(points)
     residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend)
+    result = np.empty((n, size))
+    shifted, unused = np.empty(n), np.empty(n)
+    for k in range(size):
+        step = np.zeros(8)
+        h = 1e-5 * radii[0] if k < 3 else 1e-5
+        step[k] = h
+        c, m, f, r = moved(centre, normal, first, radii, step, circle)
+        residuals(c, m, f, r, points, count, camera_left, camera_right, baseline, blur, shifted, unused)
+        for i in range(n):
+            result[i, k] = (shifted[i] - out[i]) / h
+    return result
+
+
+@njit(cache=True)
+def equations(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
+              out, bend):
+    """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,), jacobian (n, p); residuals go to
+    out."""
+    rows = jacobian(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out,
+                    bend)
+    n, size = rows.shape
     weights = np.empty(n)
     ratio = np.abs(out) / sigma
     spread = max(1.4826 * np.median(ratio), 1.0)
@@ -93,25 +113,29 @@ def equations(centre, normal, first, radii, circle, points, count, camera_left, 
         variance = sigma[i] * sigma[i] + 0.25 * bend[i] * bend[i]
         weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (2.5 * spread)) ** 2))
         cost += weights[i] * out[i] * out[i]
-    jacobian = np.empty((n, size))
-    shifted, unused = np.empty(n), np.empty(n)
-    for k in range(size):
-        step = np.zeros(8)
-        h = 1e-5 * radii[0] if k < 3 else 1e-5
-        step[k] = h
-        c, m, f, r = moved(centre, normal, first, radii, step, circle)
-        residuals(c, m, f, r, points, count, camera_left, camera_right, baseline, blur, shifted, unused)
-        for i in range(n):
-            jacobian[i, k] = (shifted[i] - out[i]) / h
     matrix = np.zeros((size, size))
     gradient = np.zeros(size)
     for i in range(n):
         for a in range(size):
-            wa = weights[i] * jacobian[i, a]
+            wa = weights[i] * rows[i, a]
             gradient[a] += wa * out[i]
             for b in range(a + 1):
-                matrix[a, b] += wa * jacobian[i, b]
+                matrix[a, b] += wa * rows[i, b]
     for a in range(size):
         for b in range(a):
             matrix[b, a] = matrix[a, b]
-    return matrix, gradient, cost, weights
+    return matrix, gradient, cost, weights, rows
+
+
+@njit(cache=True)
+def common(rows, weights, shift, group, groups):
+    """(p, p): what displacements that all edgels of a group share add to the normal equations' right side (variance).
+
+    rows : (n, p) jacobian; shift : (n,) pixels, one sigma; group : (n,) int64 below ``groups``.
+    """
+    n, size = rows.shape
+    sums = np.zeros((groups, size))
+    for i in range(n):
+        for a in range(size):
+            sums[group[i], a] += weights[i] * shift[i] * rows[i, a]
+    return sums.T @ sums

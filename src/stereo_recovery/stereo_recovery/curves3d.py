@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msgs_py import FeatureSet, StereoRig
+from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
 from . import curve_kernels
 from .conics import Ellipse, sampson
@@ -23,11 +23,19 @@ from .segmentation import CORRELATION_LENGTH, Pieces
 # Edgels this near to the curve's picture (pixels), and pointing this nearly across it, belong to it.
 CLAIM = 0.7
 CLAIM_COSINE = 0.94
+# Once the curve is known: within so many of its rms and of an edgel's own sigma, but never asked for less (pixels).
+GATE = 3.5
+LEAST_CLAIM = 0.12
+# Edgels at the end of a run that a corner has displaced.
+CORNER_EDGELS = 2
 # A circle is an ellipse unless the ellipse lowers the sum of squares by this factor, and its radii differ by this much.
 ELLIPSE_GAIN = 1.3
 ELLIPSE_RATIO = 0.985
 # A curve whose edgels stand off more than this, pixels rms, was never one.
 WORST_RMS = 0.45
+# The light displaces edgels by so much (pixels, one sigma) that is the same all over one of so many sectors.
+COMMON_SHIFT = 0.02
+SECTORS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +177,8 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
     if circle:
         curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
     points = np.concatenate([left.position, right.position])
-    sigma = np.concatenate([left.sigma_position, right.sigma_position])
+    shift = np.concatenate([left.shift, right.shift])
+    sigma = np.hypot(np.concatenate([left.sigma_position, right.sigma_position]), shift)
     if len(points) < 10:
         return None
     cameras = [np.array([c.fx, c.fy, c.cx, c.cy]) for c in (rig.left, rig.right)]
@@ -185,7 +194,7 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
     damping = 1e-3
     try:
         for _ in range(rounds):
-            matrix, gradient, cost, weights = equations()
+            matrix, gradient, cost, weights, _ = equations()
             if not (np.isfinite(cost) and np.isfinite(matrix).all()):
                 return None
             gained = 0.0
@@ -204,9 +213,13 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
                 damping *= 10.0
             if gained < 1e-5 * cost:
                 break
-        matrix, _, cost, _ = equations()
+        matrix, _, cost, weights, rows = equations()
         together = CORRELATION_LENGTH * max(1.0, cost / max(len(r) - size, 1))
-        covariance = (np.linalg.inv(matrix) * together)[:6, :6]
+        inverse = np.linalg.inv(matrix)
+        # Edgels side by side are moved together by the light: such a displacement does not average out.
+        sector = _sectors(*state[:4], points, len(left), rig)
+        shared = curve_kernels.common(rows, weights, np.hypot(shift, COMMON_SHIFT), sector, 2 * SECTORS)
+        covariance = (inverse * together + inverse @ shared @ inverse)[:6, :6]
     except np.linalg.LinAlgError:
         return None
     centre, normal, first, radii = state
@@ -220,26 +233,71 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
     return replace(curve, centre=centre, normal=normal, first=first, radii=radii, covariance=covariance, rms=rms)
 
 
-def claimed(curve: Curve, edgels: Edgels, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(n,) bool: edgels of an image that lie on the curve's picture and point across it."""
+def _sectors(centre: np.ndarray, normal: np.ndarray, first: np.ndarray, radii: np.ndarray, points: np.ndarray,
+             count: int, rig: StereoRig) -> np.ndarray:
+    """(n,) int64: which image and which sector of the curve edgels are of; the first ``count`` are the left image's."""
+    angle = np.concatenate([_angles(centre, normal, first, radii, p, camera, eye) for p, camera, eye in (
+        (points[:count], rig.left, 0.0), (points[count:], rig.right, rig.baseline))])
+    sector = np.floor(angle / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+    sector[count:] += SECTORS
+    return sector
+
+
+def _angles(centre: np.ndarray, normal: np.ndarray, first: np.ndarray, radii: np.ndarray, points: np.ndarray,
+            camera: PinholeCamera, eye: float) -> np.ndarray:
+    """(n,) radians: where on a curve pixels (n, 2) of an image lie (0 at first, about the normal)."""
+    rays = camera.rays(points)
+    origin = np.array([eye, 0.0, 0.0])
+    offset = origin + rays * ((centre - origin) @ normal / (rays @ normal))[:, None] - centre
+    return np.arctan2(offset @ np.cross(normal, first) / radii[1], offset @ first / radii[0])
+
+
+def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float) -> tuple[np.ndarray, np.ndarray]:
+    """Edgels of the image seen from (eye, 0, 0) that are the curve's, (n,) bool, and those of them that measure it.
+
+    The former lie on its picture and point across it. How near the latter have to be depends on how well the curve fits
+    and on what each says of itself: a contour that leaves a rim leaves it slowly. Where a run ends, a corner has
+    displaced the last few.
+    """
+    matrix = rig.left.matrix if eye == 0.0 else rig.right.matrix
     conic = picture(curve, matrix, eye)
-    near = np.abs(sampson(conic, edgels.position)) < CLAIM
-    index = np.flatnonzero(near)
+    index = np.flatnonzero(np.abs(sampson(conic, edgels.position)) < CLAIM)
     h = edgels.position[index] @ conic[:2, :2] + conic[:2, 2]
     across = np.stack([np.cos(edgels.direction[index]), np.sin(edgels.direction[index])], axis=1)
     cosine = np.abs((h * across).sum(axis=1)) / np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
-    near[index] = cosine > CLAIM_COSINE
-    return near
+    near = np.zeros(len(edgels), bool)
+    near[index[cosine > CLAIM_COSINE]] = True
+    index = np.flatnonzero(_without_ends(near, edgels.position))
+    if len(index) == 0:
+        return near, near
+    points = np.ascontiguousarray(edgels.position[index])
+    distance, bend = np.empty(len(index)), np.empty(len(index))
+    camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
+    curve_kernels.residuals(curve.centre, curve.normal, curve.first, np.asarray(curve.radii, float), points,
+                            len(index) if eye == 0.0 else 0, camera, camera, float(eye), float(blur), distance, bend)
+    usual = min(curve.rms, 1.5 * float(np.median(np.abs(distance))))
+    own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.shift[index], 0.1))
+    measures = np.zeros(len(edgels), bool)
+    measures[index[np.abs(distance) < np.clip(GATE * np.hypot(own, usual), LEAST_CLAIM, CLAIM)]] = True
+    return near, measures
 
 
-def _around(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float) -> np.ndarray:
-    """(n,) radians: where on the curve the edgels of an image lie (0 at first, about the normal)."""
-    camera = rig.left if eye == 0.0 else rig.right
-    rays = camera.rays(edgels.position)
-    origin = np.array([eye, 0.0, 0.0])
-    reach = (curve.centre - origin) @ curve.normal / (rays @ curve.normal)
-    offset = origin + rays * reach[:, None] - curve.centre
-    return np.arctan2(offset @ curve.second / curve.radii[1], offset @ curve.first / curve.radii[0])
+def _without_ends(near: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Runs of neighbours in string order without their first and last few; short runs go altogether."""
+    index = np.flatnonzero(near)
+    if len(index) < 2:
+        return np.zeros(len(near), bool)
+    step = np.hypot(*(position[index[1:]] - position[index[:-1]]).T)
+    breaks = (np.diff(index) > 1) | (step > 3.0)
+    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    ends = np.concatenate([starts[1:], [len(index)]])
+    kept = np.zeros(len(near), bool)
+    for a, b in zip(starts, ends):
+        # A closed string begins somewhere; there is no corner there.
+        closed = b - a > 8 and np.hypot(*(position[index[a]] - position[index[b - 1]])) < 3.0
+        cut = 0 if closed else CORNER_EDGELS
+        kept[index[a + cut:b - cut]] = True
+    return kept
 
 
 def _seen(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig) -> tuple[tuple[float, float], float]:
@@ -247,7 +305,8 @@ def _seen(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig) -> tuple[tu
     bins = 72
     hit = np.zeros(bins, bool)
     for edgels, eye in ((left, 0.0), (right, rig.baseline)):
-        angle = _around(curve, edgels, rig, eye)
+        camera = rig.left if eye == 0.0 else rig.right
+        angle = _angles(curve.centre, curve.normal, curve.first, curve.radii, edgels.position, camera, eye)
         hit[np.floor(angle / (2.0 * np.pi) * bins).astype(int) % bins] = True
     if hit.all():
         return (0.0, 2.0 * np.pi), 1.0
@@ -302,19 +361,20 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
     if curve is None or curve.rms > WORST_RMS or curve.centre[2] <= 0.0:
         return None
     for _ in range(2):
-        taken = (claimed(curve, left, rig.left.matrix, 0.0), claimed(curve, right, rig.right.matrix, rig.baseline))
-        if min(taken[0].sum(), taken[1].sum()) < 8:
+        (on_left, fit_left), (on_right, fit_right) = (claimed(curve, edgels, rig, eye, blur) for edgels, eye in (
+            (left, 0.0), (right, rig.baseline)))
+        if min(fit_left.sum(), fit_right.sum()) < 8:
             return None
-        mine = (left.select(taken[0]), right.select(taken[1]))
+        mine = (left.select(fit_left), right.select(fit_right))
         again = refine(curve, *mine, rig, blur, circle=bool(curve.radii[0] == curve.radii[1]), rounds=6)
         if again is None:
             return None
-        curve = replace(again, left=taken[0], right=taken[1])
+        curve = replace(again, left=on_left, right=on_right)
         if curve.radii[0] == curve.radii[1]:
             ellipse = refine(curve, *mine, rig, blur, circle=False, rounds=6)
             if (ellipse is not None and ellipse.rms ** 2 * ELLIPSE_GAIN < curve.rms ** 2
                     and ellipse.radii[1] < ELLIPSE_RATIO * ellipse.radii[0]):
-                curve = replace(ellipse, left=taken[0], right=taken[1])
+                curve = ellipse
     if curve.rms > WORST_RMS:
         return None
     arc, coverage = _seen(curve, *mine, rig)

@@ -27,6 +27,10 @@ POSITION_FLOOR = 0.015
 # The same for pictures without anti-aliasing, and the blur, px^2, below which a picture counts as one.
 JAGGED_FLOOR = 0.13
 LEAST_BLUR_VARIANCE = 0.12
+# Where the evenness of the two sides is looked at, in widths of the blurred step, and what noise makes of it at most, in
+# sigmas of the gradient.
+UNEVEN_REACH = 2.0
+UNEVEN_NOISE = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +43,7 @@ class Edgels:
     sigma_position : (n,) float64, pixels, along the gradient
     sigma_direction : (n,) float64, radians
     width : (n,) float64, pixels: standard deviation of the blurred step, smoothing included
+    shift : (n,) float64, pixels: how far shading or another edge beside it may have moved it; neighbours move alike
     """
 
     position: np.ndarray
@@ -47,10 +52,11 @@ class Edgels:
     sigma_position: np.ndarray
     sigma_direction: np.ndarray
     width: np.ndarray
+    shift: np.ndarray
 
     @classmethod
     def empty(cls) -> Edgels:
-        return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(5)))
+        return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(6)))
 
     def __len__(self) -> int:
         return len(self.position)
@@ -165,5 +171,7 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
     floor = JAGGED_FLOOR if jagged else POSITION_FLOOR
     along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
     across = noise / (np.sqrt(8.0 * np.pi) * sigma ** 2) / magnitude
-    return Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across,
-                  width)
+    # What the two sides' gradients differ by, less what noise does to them.
+    uneven = edgel_kernels.unevenness(gx, gy, u, v, gu, gv, UNEVEN_REACH * total)
+    shift = np.sqrt(np.maximum(uneven ** 2 - (UNEVEN_NOISE * across) ** 2, 0.0))
+    return Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across, width, shift)
