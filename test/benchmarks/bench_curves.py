@@ -43,8 +43,8 @@ def score(kinds: Iterable[str], seeds: Iterable[int], imaging: Imaging, each: di
 
 def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterator[Measurement]:
     """The figures; the note gives spread and bars (floor | aim)."""
-    bars = {'normal': ('deg', '0.25 | 0.10' if aliased else '0.10 / max 0.4 | 0.03 / 0.1'), 'centre': ('mm', '0.05 | 0.02'),
-            'radius': ('mm', '0.03 | 0.01')}
+    bars = {'normal': ('deg', '0.25 | 0.10' if aliased else '0.10 / max 0.4 | 0.03 / 0.1'),
+            'centre': ('mm', '0.05 | 0.02'), 'radius': ('mm', '0.03 | 0.01')}
     for name, _ in SHARES:
         rims = total.rims[name]
         if not rims.there:

@@ -108,7 +108,8 @@ def _tilted(x: float, y: float, z: float, tilt: float, around: float) -> Solid:
 def _on_box(rng: np.random.Generator) -> Solid:
     sx, sy, h = rng.uniform(60, 70), rng.uniform(45, 60), rng.uniform(15, 28)
     r = rng.uniform(10, 18)
-    return _box(sx, sy, h, z=-h) | _can(r, rng.uniform(18, 38), rng.uniform(-1, 1) * (sx / 2 - r - 2), rng.uniform(-4, 4))
+    x, y = rng.uniform(-1, 1) * (sx / 2 - r - 2), rng.uniform(-4, 4)
+    return _box(sx, sy, h, z=-h) | _can(r, rng.uniform(18, 38), x, y)
 
 
 def _frustum_on_plate(rng: np.random.Generator) -> Solid:
@@ -182,8 +183,8 @@ def _slot(rng: np.random.Generator) -> Solid:
     body = _box(2 * half, 2 * r, h) | _can(r, h, -half) | _can(r, h, half)
     if rng.random() < 0.6:
         inner = r * rng.uniform(0.4, 0.65)
-        cut = _box(2 * half, 2 * inner, h + 2, z=-1) | _can(inner, h + 2, -half, 0, -1) | _can(inner, h + 2, half, 0, -1)
-        body = body - cut
+        body = body - (_box(2 * half, 2 * inner, h + 2, z=-1) | _can(inner, h + 2, -half, 0, -1)
+                       | _can(inner, h + 2, half, 0, -1))
     return body
 
 
@@ -249,7 +250,8 @@ def _shaded(solid: Solid, rng: np.random.Generator) -> Solid:
         planes = UNIT_PLANES[leaf.kind] @ np.linalg.inv(leaf.matrix)
         planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
         # A cutter's face and the face it leaves look opposite ways.
-        planes *= np.where(planes[np.arange(len(planes)), np.abs(planes[:, :3]).argmax(axis=1)] < 0.0, -1.0, 1.0)[:, None]
+        largest = np.take_along_axis(planes, np.abs(planes[:, :3]).argmax(axis=1)[:, None], axis=1)
+        planes *= np.where(largest < 0.0, -1.0, 1.0)
         keys = [tuple(np.round(plane / [1e-3, 1e-3, 1e-3, 1e-5]).astype(int)) for plane in planes]
         keys += [(len(greys), 0)] if leaf.kind != 'BLOCK' else []
         for key in keys:

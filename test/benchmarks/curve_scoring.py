@@ -135,7 +135,7 @@ class CurveScore:
                                     f'{np.degrees(curve.arc[1]):.0f} deg')
             if turn > 1.0:
                 self.remarks.append(f'{view.name}: rim {i} normal off by {turn:.2f} deg: seen {rim.share:.2f}, radius '
-                                    f'{rim.pixels:.1f} px, squint {np.degrees(rim.squint):.0f} deg, rms {curve.rms:.3f}')
+                                    f'{rim.pixels:.1f} px, squint {np.degrees(rim.squint):.0f} deg')
             self._calibrate(curve, rim)
 
     def _calibrate(self, curve, rim: Rim) -> None:

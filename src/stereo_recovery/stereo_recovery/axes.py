@@ -13,7 +13,7 @@ import numpy as np
 
 from msgs_py import FeatureSet, StereoRig
 
-from .curves3d import Curve, picture
+from .curve import Curve, picture
 from .lines3d import Lines3D
 from .segmentation import Pieces
 

@@ -11,14 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msgs_py import FeatureSet, PinholeCamera, StereoRig
+from msgs_py import FeatureSet, StereoRig
 
 from . import curve_kernels
 from .conics import Ellipse, sampson
+from .curve import Curve, angles, picture, turned
+from .curve_fit import Axle, refine
+from .curve_starts import edgels_of, inner, lift, pairs, parallel, shears
 from .edgels import Edgels
 from .lines3d import Lines3D
 from .matching import Matches
-from .segmentation import CORRELATION_LENGTH, Pieces
+from .segmentation import Pieces
 
 # Edgels this near to the curve's picture (pixels), and pointing this nearly across it, belong to it.
 CLAIM = 0.7
@@ -33,223 +36,21 @@ ELLIPSE_GAIN = 1.3
 ELLIPSE_RATIO = 0.985
 # A curve whose edgels stand off more than this, pixels rms, was never one.
 WORST_RMS = 0.45
-# The light displaces edgels by so much (pixels, one sigma) that is the same all over one of so many sectors.
-COMMON_SHIFT = 0.02
-SECTORS = 12
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """A planar curve, left optical frame, metres.
-
-    centre, normal, first : (3,) float64; first is the unit direction of the major radius; radii : (2,) major, minor
-    covariance : (6, 6) of centre (x, y, z) and of the normal's two tilts (about first and normal x first), and the
-        major radius; rms : pixels; left, right : bool over the edgels of the two images; arc : start and extent,
-        radians from first about the normal; coverage : share of the curve that is seen
-    """
-
-    centre: np.ndarray
-    normal: np.ndarray
-    first: np.ndarray
-    radii: np.ndarray
-    covariance: np.ndarray
-    rms: float
-    left: np.ndarray
-    right: np.ndarray
-    arc: tuple[float, float] = (0.0, 2.0 * np.pi)
-    coverage: float = 1.0
-
-    @property
-    def second(self) -> np.ndarray:
-        return np.cross(self.normal, self.first)
-
-
-def picture(curve: Curve, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(3, 3) float64: the conic that a camera at (eye, 0, 0) with calibration matrix sees, negative inside."""
-    return _conic(curve.centre, curve.radii[0] * curve.first, curve.radii[1] * curve.second, matrix, eye)
-
-
-def _conic(centre: np.ndarray, major: np.ndarray, minor: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
-    plane = matrix @ np.stack([major, minor, centre - [eye, 0.0, 0.0]], axis=1)
-    inverse = np.linalg.inv(plane)
-    conic = inverse.T @ np.diag([1.0, 1.0, -1.0]) @ inverse
-    conic = conic / np.abs(conic).max()
-    return -conic if np.trace(conic[:2, :2]) < 0.0 else conic
-
-
-def pairs(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[int, int, np.ndarray]]:
-    """Arcs of the two images that show one curve: (left arc, right arc, samples (k, 3) of u, v, disparity)."""
-    a, b = left.arc[matches.left], right.arc[matches.right]
-    both = (a >= 0) & (b >= 0)
-    weight: dict[tuple[int, int], float] = {}
-    for m in np.flatnonzero(both):
-        key = (int(a[m]), int(b[m]))
-        weight[key] = weight.get(key, 0.0) + float(left.length[matches.left[m]])
-    result = []
-    used_left, used_right = set(), set()
-    for key in sorted(weight, key=lambda k: -weight[k]):
-        if key[0] in used_left or key[1] in used_right:
-            continue
-        used_left.add(key[0])
-        used_right.add(key[1])
-        samples = []
-        for m in np.flatnonzero(both & (a == key[0]) & (b == key[1])):
-            i = matches.left[m]
-            points = np.stack([left.start[i], 0.5 * (left.start[i] + left.end[i]), left.end[i]])
-            samples.append(np.column_stack([points, matches.disparity[m]]))
-        result.append((*key, np.concatenate(samples)))
-    return result
-
-
-def shears(left: Ellipse, right: Ellipse, samples: np.ndarray) -> list[np.ndarray]:
-    """Candidates for d = alpha u + beta v + gamma, each (3,): from the ellipses' chords along the rows, and from the
-    matched pieces' disparities."""
-    found = []
-    (a, b, d), (_, c, e), (_, _, f) = left.conic
-    (p, q, s), (_, r, t), (_, _, w) = right.conic
-    # Half chord squared over the row, at the left ellipse's centre row; both must be real there.
-    v = left.centre[1]
-    chord_left = (b * v + d) ** 2 - a * (c * v * v + 2 * e * v + f)
-    chord_right = (q * v + s) ** 2 - p * (r * v * v + 2 * t * v + w)
-    if chord_left > 0.0 and chord_right > 0.0:
-        stretch = np.sqrt(chord_right) / p / (np.sqrt(chord_left) / a)
-        # Chord middles: -(b v + d) / a and -(q v + s) / p.
-        found.append(np.array([1.0 - stretch, -(stretch * b / a - q / p), -(stretch * d / a - s / p)]))
-        found[-1][1:] *= -1.0
-    if len(samples) >= 3:
-        design = np.column_stack([samples[:, :2], np.ones(len(samples))])
-        prior = np.diag([1e-1, 1e-1, 1e-8]) * len(samples)
-        weights = np.ones(len(samples))
-        for _ in range(5):
-            mean = np.average(samples[:, :2], axis=0, weights=weights)
-            centred = design - np.array([*mean, 0.0])
-            plane = np.linalg.solve(centred.T @ (weights[:, None] * centred) + prior,
-                                    centred.T @ (weights * samples[:, 2]))
-            weights = 1.0 / (1.0 + ((samples[:, 2] - centred @ plane) / 0.5) ** 2)
-        found.append(np.array([plane[0], plane[1], plane[2] - plane[:2] @ mean]))
-    return found
-
-
-def lift(ellipse: Ellipse, shear: np.ndarray, rig: StereoRig) -> Curve | None:
-    """The left ellipse on the plane that the shear stands for; None when it is not in front of the camera."""
-    # Points around the ellipse, lifted; their plane ellipse by moments of conjugate directions.
-    centre, block = ellipse.centre, ellipse.conic[:2, :2]
-    level = -np.linalg.det(ellipse.conic) / np.linalg.det(block)
-    values, vectors = np.linalg.eigh(block)
-    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    points = centre + (np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(level / values)) @ vectors.T
-    disparity = points @ shear[:2] + shear[2] - (rig.left.cx - rig.right.cx)
-    if not (disparity > 1e-3).all():
-        return None
-    space = rig.left.rays(points) * (rig.left.fx * rig.baseline / disparity)[:, None]
-    middle = space.mean(axis=0)
-    _, _, axes = np.linalg.svd(space - middle, full_matrices=False)
-    flat = (space - middle) @ axes[:2].T
-    scale = np.abs(flat).max()
-    x, y = (flat / scale).T
-    design = np.column_stack([x * x, x * y, y * y, x, y])
-    try:
-        a, b, c, d, e = np.linalg.lstsq(design, np.ones(len(x)), rcond=None)[0]
-        conic = np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, -1.0]])
-        if np.linalg.det(conic[:2, :2]) <= 0.0:
-            return None
-        inside = Ellipse(conic, 0.0)
-        values, vectors = np.linalg.eigh(conic[:2, :2])
-        radii = inside.radii * scale
-        centre2 = inside.centre * scale
-    except np.linalg.LinAlgError:
-        return None
-    if not (np.isfinite(radii).all() and (radii > 0).all()):
-        return None
-    first = vectors[0, 0] * axes[0] + vectors[1, 0] * axes[1]
-    none = np.zeros(0, bool)
-    return Curve(middle + centre2 @ axes[:2], axes[2], first, radii, np.zeros((6, 6)), np.inf, none, none)
-
-
-def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: float, circle: bool,
-           rounds: int = 12) -> Curve | None:
-    """Move the curve until both pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
-
-    left, right : edgels of the curve; blur : variance, px^2, of the smoothing that edgels have gone through: it pulls
-    them towards the centre of curvature by blur / (2 R), which is taken off (exact for a blurred disc, to first order).
-    Returns it with covariance and rms, or None when the fit does not settle.
-    """
-    if circle:
-        curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
-    points = np.concatenate([left.position, right.position])
-    shift = np.concatenate([left.shift, right.shift])
-    sigma = np.hypot(np.concatenate([left.sigma_position, right.sigma_position]), shift)
-    if len(points) < 10:
-        return None
-    cameras = [np.array([c.fx, c.fy, c.cx, c.cy]) for c in (rig.left, rig.right)]
-    r, bend = np.empty(len(points)), np.empty(len(points))
-    state = (curve.centre.copy(), curve.normal.copy(), curve.first.copy(), curve.radii.astype(float))
-
-    def equations() -> tuple:
-        return curve_kernels.equations(state[0], state[1], state[2], state[3], circle, points, len(left), cameras[0],
-                                       cameras[1], float(rig.baseline), float(blur), sigma, r, bend)
-
-    size = 6 if circle else 8
-    widest = np.concatenate([np.full(3, curve.radii[0]), np.full(size - 3, 0.5)])
-    damping = 1e-3
-    try:
-        for _ in range(rounds):
-            matrix, gradient, cost, weights, _ = equations()
-            if not (np.isfinite(cost) and np.isfinite(matrix).all()):
-                return None
-            gained = 0.0
-            for _ in range(6):
-                step = np.zeros(8)
-                step[:size] = np.clip(-np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient),
-                                      -widest, widest)
-                trial = curve_kernels.moved(state[0], state[1], state[2], state[3], step, circle)
-                curve_kernels.residuals(trial[0], trial[1], trial[2], trial[3], points, len(left), cameras[0],
-                                        cameras[1], float(rig.baseline), float(blur), r, bend)
-                new_cost = float(weights @ (r * r))
-                if np.isfinite(new_cost) and new_cost <= cost:
-                    state, gained = trial, cost - new_cost
-                    damping = max(damping / 10.0, 1e-9)
-                    break
-                damping *= 10.0
-            if gained < 1e-5 * cost:
-                break
-        matrix, _, cost, weights, rows = equations()
-        together = CORRELATION_LENGTH * max(1.0, cost / max(len(r) - size, 1))
-        inverse = np.linalg.inv(matrix)
-        # Edgels side by side are moved together by the light: such a displacement does not average out.
-        sector = _sectors(*state[:4], points, len(left), rig)
-        shared = curve_kernels.common(rows, weights, np.hypot(shift, COMMON_SHIFT), sector, 2 * SECTORS)
-        covariance = (inverse * together + inverse @ shared @ inverse)[:6, :6]
-    except np.linalg.LinAlgError:
-        return None
-    centre, normal, first, radii = state
-    covariance[5, :] *= radii[0]
-    covariance[:, 5] *= radii[0]
-    rms = float(np.sqrt(np.mean(np.minimum(r * r, 4.0))))
-    if not (np.isfinite(covariance).all() and np.isfinite(rms) and (np.diag(covariance) >= 0.0).all()):
-        return None
-    if radii[0] < radii[1]:
-        first, radii = np.cross(normal, first), radii[::-1].copy()
-    return replace(curve, centre=centre, normal=normal, first=first, radii=radii, covariance=covariance, rms=rms)
-
-
-def _sectors(centre: np.ndarray, normal: np.ndarray, first: np.ndarray, radii: np.ndarray, points: np.ndarray,
-             count: int, rig: StereoRig) -> np.ndarray:
-    """(n,) int64: which image and which sector of the curve edgels are of; the first ``count`` are the left image's."""
-    angle = np.concatenate([_angles(centre, normal, first, radii, p, camera, eye) for p, camera, eye in (
-        (points[:count], rig.left, 0.0), (points[count:], rig.right, rig.baseline))])
-    sector = np.floor(angle / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    sector[count:] += SECTORS
-    return sector
-
-
-def _angles(centre: np.ndarray, normal: np.ndarray, first: np.ndarray, radii: np.ndarray, points: np.ndarray,
-            camera: PinholeCamera, eye: float) -> np.ndarray:
-    """(n,) radians: where on a curve pixels (n, 2) of an image lie (0 at first, about the normal)."""
-    rays = camera.rays(points)
-    origin = np.array([eye, 0.0, 0.0])
-    offset = origin + rays * ((centre - origin) @ normal / (rays @ normal))[:, None] - centre
-    return np.arctan2(offset @ np.cross(normal, first) / radii[1], offset @ first / radii[0])
+# Where a first fit stops trying, pixels rms, and what it leaves out at either end of arcs that fit worse.
+GOOD_RMS = 0.1
+TRIM = 0.15
+# A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
+# well, one sigma.
+LEAST_COVERAGE = 0.08
+MOST_TILT = np.radians(3.0)
+MOST_GROWTH = 0.06
+# A curve whose normal is known this well, radians, holds others on its axis. Axes of one turned part agree within
+# this, radians and radii.
+STEADY = np.radians(1.0)
+TRUE_AXLE = 5e-4
+# Chi squared of four, and residuals over what the edgels state, beyond which a curve does not lie on an axis.
+ON_AXLE = 20.0
+WORST_MISFIT = 3.0
 
 
 def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float) -> tuple[np.ndarray, np.ndarray]:
@@ -306,7 +107,7 @@ def _seen(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig) -> tuple[tu
     hit = np.zeros(bins, bool)
     for edgels, eye in ((left, 0.0), (right, rig.baseline)):
         camera = rig.left if eye == 0.0 else rig.right
-        angle = _angles(curve.centre, curve.normal, curve.first, curve.radii, edgels.position, camera, eye)
+        angle = angles(curve.centre, curve.normal, curve.first, curve.radii, edgels.position, camera, eye)
         hit[np.floor(angle / (2.0 * np.pi) * bins).astype(int) % bins] = True
     if hit.all():
         return (0.0, 2.0 * np.pi), 1.0
@@ -329,31 +130,24 @@ def _facing(curve: Curve) -> Curve:
     only the near half is seen bounds a face that looks away."""
     towards = -curve.centre
     if curve.normal @ towards < 0.0:
-        curve = _turned(curve)
+        curve = turned(curve)
     if curve.arc[1] < 1.25 * np.pi:
         middle = curve.arc[0] + 0.5 * curve.arc[1]
         spot = np.cos(middle) * curve.first + np.sin(middle) * curve.second
         if spot @ (towards - curve.normal * (towards @ curve.normal)) > 0.0:
-            curve = _turned(curve)
+            curve = turned(curve)
     return curve
 
 
-def _turned(curve: Curve) -> Curve:
-    """The same curve with the opposite normal; the major axis stays, so angles change sign."""
-    start, extent = curve.arc
-    flipped = (0.0, extent) if extent >= 2.0 * np.pi else ((-(start + extent)) % (2.0 * np.pi), extent)
-    return replace(curve, normal=-curve.normal, arc=flipped)
-
-
 def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.ndarray, np.ndarray],
-                  rig: StereoRig, blur: float) -> Curve | None:
+                  rig: StereoRig, blur: float, axle: Axle | None = None) -> Curve | None:
     """From a rough curve to the final one.
 
-    left, right : all edgels of the images; chosen : bool over them, those that certainly belong to it.
+    left, right : all edgels of the images; chosen : bool over them, those that certainly belong to it; axle : holds it.
     """
     mine = (left.select(chosen[0]), right.select(chosen[1]))
-    curve = refine(start, *mine, rig, blur, circle=True)
-    if curve is None or curve.rms > 0.1:
+    curve = refine(start, *mine, rig, blur, circle=True, axle=axle)
+    if axle is None and (curve is None or curve.rms > 0.1):
         # Perhaps no circle.
         ellipse = refine(start, *mine, rig, blur, circle=False)
         if ellipse is not None and (curve is None or ellipse.rms * np.sqrt(ELLIPSE_GAIN) < curve.rms):
@@ -366,11 +160,12 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
         if min(fit_left.sum(), fit_right.sum()) < 8:
             return None
         mine = (left.select(fit_left), right.select(fit_right))
-        again = refine(curve, *mine, rig, blur, circle=bool(curve.radii[0] == curve.radii[1]), rounds=6)
+        again = refine(curve, *mine, rig, blur, circle=bool(curve.radii[0] == curve.radii[1]), rounds=6,
+                       axle=axle)
         if again is None:
             return None
         curve = replace(again, left=on_left, right=on_right)
-        if curve.radii[0] == curve.radii[1]:
+        if axle is None and curve.radii[0] == curve.radii[1]:
             ellipse = refine(curve, *mine, rig, blur, circle=False, rounds=6)
             if (ellipse is not None and ellipse.rms ** 2 * ELLIPSE_GAIN < curve.rms ** 2
                     and ellipse.radii[1] < ELLIPSE_RATIO * ellipse.radii[0]):
@@ -381,41 +176,118 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
     return _facing(replace(curve, arc=arc, coverage=coverage))
 
 
+@dataclass(frozen=True, eq=False)
+class _Arcs:
+    """Arcs of the two images that show one curve: their edgels (bool over all), the left ellipse, its planes."""
+
+    left: np.ndarray
+    right: np.ndarray
+    ellipse: Ellipse
+    samples: np.ndarray
+    starts: list[np.ndarray]
+
+    def shared_with(self, curve: Curve) -> bool:
+        """Whether most of the edgels are another curve's."""
+        return bool(curve.left[self.left].mean() > 0.5 and curve.right[self.right].mean() > 0.5)
+
+
 def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tuple[list[Ellipse], list[Ellipse]],
                    edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
-    """All planar curves of a pair, those on most edgels first; none shares half of its edgels with a better one."""
-    found: list[Curve] = []
-    masks = [[_edgels_of(pieces, k, len(e)) for k in range(len(conics))]
+    """All planar curves of a pair; none shares half of its edgels with a better one.
+
+    Those that their own edgels determine come first, on most edgels first. What is left is tried on their axes, and
+    what is known less well than another curve on its axis is held to that.
+    """
+    masks = [[edgels_of(pieces, k, len(e)) for k in range(len(conics))]
              for pieces, conics, e in zip((left, right), ellipses, edgels)]
-    order = sorted(pairs(matches, left, right), key=lambda p: -masks[0][p[0]].sum())
-    for a, b, samples in order:
-        if any(c.left[masks[0][a]].mean() > 0.5 and c.right[masks[1][b]].mean() > 0.5 for c in found):
+    arcs = [_Arcs(masks[0][a], masks[1][b], ellipses[0][a], samples, shears(ellipses[0][a], ellipses[1][b], samples))
+            for a, b, samples in pairs(matches, left, right)]
+    found: list[Curve] = []
+    rest: list[_Arcs] = []
+    for item in sorted(arcs, key=lambda arc: -int(arc.left.sum())):
+        if any(item.shared_with(c) for c in found):
             continue
-        best = None
-        for shear in shears(ellipses[0][a], ellipses[1][b], samples):
-            start = lift(ellipses[0][a], shear, rig)
+        start = _start(item, item.starts, edgels, rig, blur)
+        curve = start and recover_curve(start, *edgels, (item.left, item.right), rig, blur)
+        if curve and _determined(curve):
+            found.append(curve)
+        else:
+            rest.append(item)
+    axles = [(c, _axle(c)) for c in found if c.tilt < STEADY]
+    for item in rest:
+        if not any(item.shared_with(c) for c in found):
+            held = [_held(item, axle, edgels, rig, blur) for _, axle in axles]
+            good = [c for c in held if c is not None]
+            found += [min(good, key=lambda c: c.rms)] if good else []
+    return [_steadied(c, axles, edgels, rig, blur) for c in found]
+
+
+def _start(item: _Arcs, planes: list[np.ndarray], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float,
+           axle: Axle | None = None) -> Curve | None:
+    """The best circle from a few planes, on all edgels of the arcs and, when that fits badly, on their middle parts:
+    where an arc runs into a contour or an edge, its ends may not be its own."""
+    best = None
+    for share in (0.0, TRIM):
+        masks = (inner(item.left, share), inner(item.right, share))
+        for shear in planes:
+            start = lift(item.ellipse, shear, rig)
             if start is None:
                 continue
-            curve = refine(start, edgels[0].select(masks[0][a]), edgels[1].select(masks[1][b]), rig, blur,
-                           circle=True, rounds=8)
-            curve = curve or start
-            if best is None or curve.rms < best.rms:
+            curve = refine(start, edgels[0].select(masks[0]), edgels[1].select(masks[1]), rig, blur, circle=True,
+                           rounds=8, axle=axle)
+            curve = curve or (start if axle is None else None)
+            if curve is not None and (best is None or curve.rms < best.rms):
                 best = curve
-            if best.rms < 0.1:
-                break
-        if best is None:
+            if best is not None and best.rms < GOOD_RMS:
+                return best
+    return best
+
+
+def _determined(curve: Curve) -> bool:
+    """Whether the curve's own edgels say where it is."""
+    return bool(curve.coverage > LEAST_COVERAGE and curve.tilt < MOST_TILT
+                and np.sqrt(curve.covariance[5, 5]) < MOST_GROWTH * curve.radii[0])
+
+
+def _axle(curve: Curve) -> Axle:
+    return Axle(curve.centre, curve.normal, curve.covariance[:3, :3] + (TRUE_AXLE * curve.radii[0]) ** 2 * np.eye(3),
+                float(np.hypot(curve.tilt, TRUE_AXLE)))
+
+
+def _held(item: _Arcs, axle: Axle, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> Curve | None:
+    """A circle on an axle through arcs that do not determine one; None when they do not want to lie on it."""
+    plane = parallel(axle.direction, item.samples, rig)
+    start = None if plane is None else _start(item, [plane], edgels, rig, blur, axle)
+    if start is None or start.rms > WORST_RMS:
+        return None
+    curve = recover_curve(start, *edgels, (item.left, item.right), rig, blur, axle)
+    if curve is None or not _determined(curve) or curve.misfit > WORST_MISFIT:
+        return None
+    off = axle.residual(curve.centre, curve.normal)
+    return curve if off @ np.linalg.solve(axle.covariance(curve.centre), off) < ON_AXLE else None
+
+
+def _steadied(curve: Curve, axles: list[tuple[Curve, Axle]], edgels: tuple[Edgels, Edgels], rig: StereoRig,
+              blur: float) -> Curve:
+    """The curve held to the axis of one that is known better, if its own edgels allow that."""
+    if curve.radii[0] != curve.radii[1]:
+        return curve
+    best = curve
+    for other, axle in axles:
+        if other is curve or axle.tilt > 0.5 * curve.tilt:
             continue
-        curve = recover_curve(best, *edgels, (masks[0][a], masks[1][b]), rig, blur)
-        if curve is not None and curve.coverage > 0.08:
-            found.append(curve)
-    return found
-
-
-def _edgels_of(pieces: Pieces, arc: int, n: int) -> np.ndarray:
-    mask = np.zeros(n, bool)
-    for first, last in pieces.bounds[pieces.arc == arc]:
-        mask[first:last] = True
-    return mask
+        off = axle.residual(curve.centre, curve.normal)
+        slope = axle.jacobian(curve.normal, curve.first)
+        spread = axle.covariance(curve.centre) + slope @ curve.covariance[:5, :5] @ slope.T
+        if off @ np.linalg.solve(spread, off) > ON_AXLE:
+            continue
+        (on_left, fit_left), (on_right, fit_right) = (claimed(curve, e, rig, eye, blur) for e, eye in (
+            (edgels[0], 0.0), (edgels[1], rig.baseline)))
+        held = refine(curve, edgels[0].select(fit_left), edgels[1].select(fit_right), rig, blur, circle=True, rounds=6,
+                      axle=axle)
+        if held is not None and held.tilt < best.tilt and held.rms < 1.2 * curve.rms + 0.01:
+            best = replace(held, left=on_left, right=on_right)
+    return best
 
 
 def on_curves(lines: Lines3D, pieces: tuple[Pieces, Pieces], curves: list[Curve]) -> np.ndarray:

@@ -110,17 +110,16 @@ def zero_crossings(laplacian, gx, gy, threshold):
 
 
 @njit(cache=True)
-def unevenness(gx, gy, u, v, gu, gv, reach):
-    """(n,) float64: how much the gradient along its own direction differs between ``reach`` pixels before and behind
-    the edge, as a share of the gradient at it. A step between evenly lit faces has 0."""
+def beside(gx, gy, u, v, gu, gv, reach):
+    """(n, 2) float64: the gradient's part along an edgel's own gradient, ``reach`` pixels behind and before it, as a
+    share of the gradient at it. Beside a step between evenly lit faces there is none; on a slope there is as much."""
     h, w = gx.shape
-    out = np.empty(len(u))
+    out = np.empty((len(u), 2))
     for i in range(len(u)):
         norm = np.sqrt(gu[i] * gu[i] + gv[i] * gv[i])
         nx, ny = gu[i] / norm, gv[i] / norm
-        difference = 0.0
         for side in range(2):
-            t = reach if side == 0 else -reach
+            t = reach if side == 1 else -reach
             px, py = min(max(u[i] + t * nx, 0.0), w - 1.001), min(max(v[i] + t * ny, 0.0), h - 1.001)
             x0, y0 = int(px), int(py)
             fx, fy = px - x0, py - y0
@@ -128,7 +127,5 @@ def unevenness(gx, gy, u, v, gu, gv, reach):
                   + (1 - fx) * fy * gx[y0 + 1, x0] + fx * fy * gx[y0 + 1, x0 + 1])
             sy = ((1 - fx) * (1 - fy) * gy[y0, x0] + fx * (1 - fy) * gy[y0, x0 + 1]
                   + (1 - fx) * fy * gy[y0 + 1, x0] + fx * fy * gy[y0 + 1, x0 + 1])
-            along = sx * nx + sy * ny
-            difference += along if side == 0 else -along
-        out[i] = abs(difference) / norm
+            out[i, side] = (sx * nx + sy * ny) / norm
     return out

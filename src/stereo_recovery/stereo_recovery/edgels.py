@@ -27,10 +27,11 @@ POSITION_FLOOR = 0.015
 # The same for pictures without anti-aliasing, and the blur, px^2, below which a picture counts as one.
 JAGGED_FLOOR = 0.13
 LEAST_BLUR_VARIANCE = 0.12
-# Where the evenness of the two sides is looked at, in widths of the blurred step, and what noise makes of it at most, in
-# sigmas of the gradient.
-UNEVEN_REACH = 2.0
+# Where the two sides of an edge are looked at, in widths of the blurred step; how unequal noise makes them at most,
+# and by how much an edgel has to stand out from them, in sigmas of the gradient.
+SIDES = 2.0
 UNEVEN_NOISE = 2.5
+PROMINENCE = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +172,9 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
     floor = JAGGED_FLOOR if jagged else POSITION_FLOOR
     along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
     across = noise / (np.sqrt(8.0 * np.pi) * sigma ** 2) / magnitude
+    sides = edgel_kernels.beside(gx, gy, u, v, gu, gv, SIDES * total)
     # What the two sides' gradients differ by, less what noise does to them.
-    uneven = edgel_kernels.unevenness(gx, gy, u, v, gu, gv, UNEVEN_REACH * total)
-    shift = np.sqrt(np.maximum(uneven ** 2 - (UNEVEN_NOISE * across) ** 2, 0.0))
-    return Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across, width, shift)
+    shift = np.sqrt(np.maximum((sides[:, 0] - sides[:, 1]) ** 2 - (UNEVEN_NOISE * across) ** 2, 0.0))
+    found = Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across, width, shift)
+    # On a slope (the side of a cylinder) noise alone makes maxima: an edge stands out from both its sides.
+    return found.select(1.0 - sides.max(axis=1) > PROMINENCE * across)

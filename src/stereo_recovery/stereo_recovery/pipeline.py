@@ -12,7 +12,8 @@ from msgs_py import FeatureSet, PinholeCamera, StereoRig
 from . import edgels as edgel_module
 from .axes import axis_features, contours, find_axes
 from .conics import Ellipse
-from .curves3d import Curve, curve_features, on_curves, recover_curves
+from .curve import Curve
+from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .lines3d import edges, to_space
 from .matching import match

@@ -1,0 +1,176 @@
+"""The least squares of one curve on the edgels of two images, alone or held by the axis of another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msgs_py import StereoRig
+
+from . import curve_kernels
+from .curve import Curve, angles
+from .edgels import Edgels
+from .segmentation import CORRELATION_LENGTH
+
+# The light displaces edgels by so much (pixels, one sigma) that is the same all over one of so many sectors.
+COMMON_SHIFT = 0.02
+SECTORS = 12
+# An ellipse whose radii differ by less than so many sigma cannot be told from a circle.
+OBLONG = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Axle:
+    """The axis of a curve that is well known, on which another one may lie.
+
+    point, direction : (3,) float64, metres; spread : (3, 3) float64 of the point; tilt : radians, one sigma
+    """
+
+    point: np.ndarray
+    direction: np.ndarray
+    spread: np.ndarray
+    tilt: float
+
+    def residual(self, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(4,): the normal's tilt against the axis, and the centre's offset from it."""
+        across = self._across
+        return np.concatenate([across @ normal * np.sign(self.direction @ normal), across @ (centre - self.point)])
+
+    def jacobian(self, normal: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """(4, 5): of the residual by a curve's centre and its two tilts."""
+        rows = np.zeros((4, 5))
+        sign = np.sign(self.direction @ normal)
+        rows[:2, 3], rows[:2, 4] = sign * self._across @ np.cross(normal, first), -sign * self._across @ first
+        rows[2:, :3] = self._across
+        return rows
+
+    def covariance(self, centre: np.ndarray) -> np.ndarray:
+        """(4, 4) float64 of the residual, as far as the axle is its cause."""
+        result = np.zeros((4, 4))
+        result[:2, :2] = self.tilt ** 2 * np.eye(2)
+        reach = (centre - self.point) @ self.direction
+        result[2:, 2:] = self._across @ self.spread @ self._across.T + (self.tilt * reach) ** 2 * np.eye(2)
+        return result
+
+    @property
+    def _across(self) -> np.ndarray:
+        first = np.cross(self.direction, np.eye(3)[np.argmin(np.abs(self.direction))])
+        first = first / np.linalg.norm(first)
+        return np.stack([first, np.cross(self.direction, first)])
+
+
+def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: float, circle: bool,
+           rounds: int = 12, axle: Axle | None = None) -> Curve | None:
+    """Move the curve until both pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
+
+    left, right : edgels of the curve; blur : variance, px^2, of the smoothing that edgels have gone through: it pulls
+    them towards the centre of curvature by blur / (2 R), which is taken off (exact for a blurred disc, to first order).
+    axle : hold the curve to an axis; its covariance then must be the one it has without.
+    Returns it with covariance and rms, or None when the fit does not settle, or when an ellipse is none.
+    """
+    if circle:
+        curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
+    points = np.concatenate([left.position, right.position])
+    shift = np.concatenate([left.shift, right.shift])
+    sigma = np.hypot(np.concatenate([left.sigma_position, right.sigma_position]), shift)
+    if len(points) < 10:
+        return None
+    cameras = [np.array([c.fx, c.fy, c.cx, c.cy]) for c in (rig.left, rig.right)]
+    r, bend = np.empty(len(points)), np.empty(len(points))
+    state = (curve.centre.copy(), curve.normal.copy(), curve.first.copy(), curve.radii.astype(float))
+    size = 6 if circle else 8
+    hold = np.zeros((4, 4)) if axle is None else np.linalg.inv(axle.covariance(curve.centre))
+
+    def equations() -> tuple:
+        matrix, gradient, cost, weights, rows = curve_kernels.equations(
+            state[0], state[1], state[2], state[3], circle, points, len(left), cameras[0], cameras[1],
+            float(rig.baseline), float(blur), sigma, r, bend)
+        if axle is not None:
+            slope, off = axle.jacobian(state[1], state[2]), axle.residual(state[0], state[1])
+            matrix[:5, :5] += slope.T @ hold @ slope * freedom
+            gradient[:5] += slope.T @ hold @ off * freedom
+            cost += float(off @ hold @ off) * freedom
+        return matrix, gradient, cost, weights, rows
+
+    def worth(trial: tuple, weights: np.ndarray) -> float:
+        curve_kernels.residuals(trial[0], trial[1], trial[2], trial[3], points, len(left), cameras[0], cameras[1],
+                                float(rig.baseline), float(blur), r, bend)
+        cost = float(weights @ (r * r))
+        if axle is not None:
+            off = axle.residual(trial[0], trial[1])
+            cost += float(off @ hold @ off) * freedom
+        return cost
+
+    # How many times the edgels' own covariance the true one is; the axle has to be weighed against that.
+    freedom = 2.0 * CORRELATION_LENGTH
+    widest = np.concatenate([np.full(3, curve.radii[0]), np.full(size - 3, 0.5)])
+    damping = 1e-3
+    try:
+        for _ in range(rounds):
+            matrix, gradient, cost, weights, _ = equations()
+            if not (np.isfinite(cost) and np.isfinite(matrix).all()):
+                return None
+            gained = 0.0
+            for _ in range(6):
+                step = np.zeros(8)
+                step[:size] = np.clip(-np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient),
+                                      -widest, widest)
+                trial = curve_kernels.moved(state[0], state[1], state[2], state[3], step, circle)
+                new_cost = worth(trial, weights)
+                if np.isfinite(new_cost) and new_cost <= cost:
+                    state, gained = trial, cost - new_cost
+                    damping = max(damping / 10.0, 1e-9)
+                    break
+                damping *= 10.0
+            if gained < 1e-5 * cost:
+                break
+        matrix, _, cost, weights, rows = equations()
+        inverse = np.linalg.inv(matrix)
+        # Edgels side by side are moved together by the light: such a displacement does not average out.
+        sector = _sectors(state, points, len(left), rig)
+        shared = curve_kernels.common(rows, weights, np.hypot(shift, COMMON_SHIFT), sector, 2 * SECTORS)
+        together = CORRELATION_LENGTH * max(1.0, float(weights @ (r * r)) / max(len(r) - size, 1))
+        spread = matrix * together + shared
+        if axle is not None:
+            # What the axle says weighs as it does in the matrix, and is as uncertain as it says.
+            told = axle.jacobian(state[1], state[2])
+            told = told.T @ hold @ told
+            spread -= _widened(told * freedom * together, size) - _widened(told * freedom ** 2, size)
+        covariance = inverse @ spread @ inverse
+    except np.linalg.LinAlgError:
+        return None
+    centre, normal, first, radii = state
+    if not circle and abs(np.log(radii[0] / radii[1])) < OBLONG * np.sqrt(
+            max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)):
+        return None
+    covariance = covariance[:6, :6]
+    covariance[5, :] *= radii[0]
+    covariance[:, 5] *= radii[0]
+    rms = float(np.sqrt(np.mean(np.minimum(r * r, 4.0))))
+    if not (np.isfinite(covariance).all() and np.isfinite(rms) and (np.diag(covariance) >= 0.0).all()):
+        return None
+    if radii[0] < radii[1]:
+        # The tilts are about the radii.
+        first, radii = np.cross(normal, first), radii[::-1].copy()
+        turn = np.eye(6)
+        turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
+        covariance = turn @ covariance @ turn.T
+    misfit = float(np.median(np.abs(r) / sigma)) / 0.6745
+    return replace(curve, centre=centre, normal=normal, first=first, radii=radii, covariance=covariance, rms=rms,
+                   misfit=misfit)
+
+
+def _widened(matrix: np.ndarray, size: int) -> np.ndarray:
+    result = np.zeros((size, size))
+    result[:len(matrix), :len(matrix)] = matrix
+    return result
+
+
+def _sectors(state: tuple, points: np.ndarray, count: int, rig: StereoRig) -> np.ndarray:
+    """(n,) int64: which image and which sector of the curve edgels are of; the first ``count`` are the left image's."""
+    around = np.concatenate([angles(state[0], state[1], state[2], state[3], p, camera, eye) for p, camera, eye in (
+        (points[:count], rig.left, 0.0), (points[count:], rig.right, rig.baseline))])
+    sector = np.floor(around / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+    sector[count:] += SECTORS
+    return sector

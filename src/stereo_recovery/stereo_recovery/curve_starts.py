@@ -1,0 +1,133 @@
+"""Where to start the fit of a curve in space: which arcs of the two images show one, and in what plane it may lie.
+
+A plane in space is a shear between the images: disparity is linear in the left image's u and v. Matched pieces, the two
+image ellipses themselves, or a plane like that of another curve give it, and with the left ellipse a start.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py import StereoRig
+
+from .conics import Ellipse
+from .curve import Curve
+from .matching import Matches
+from .segmentation import Pieces
+
+
+def pairs(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[int, int, np.ndarray]]:
+    """Arcs of the two images that show one curve: (left arc, right arc, samples (k, 3) of u, v, disparity)."""
+    a, b = left.arc[matches.left], right.arc[matches.right]
+    both = (a >= 0) & (b >= 0)
+    weight: dict[tuple[int, int], float] = {}
+    for m in np.flatnonzero(both):
+        key = (int(a[m]), int(b[m]))
+        weight[key] = weight.get(key, 0.0) + float(left.length[matches.left[m]])
+    result = []
+    used_left, used_right = set(), set()
+    for key in sorted(weight, key=lambda k: -weight[k]):
+        if key[0] in used_left or key[1] in used_right:
+            continue
+        used_left.add(key[0])
+        used_right.add(key[1])
+        samples = []
+        for m in np.flatnonzero(both & (a == key[0]) & (b == key[1])):
+            i = matches.left[m]
+            points = np.stack([left.start[i], 0.5 * (left.start[i] + left.end[i]), left.end[i]])
+            samples.append(np.column_stack([points, matches.disparity[m]]))
+        result.append((*key, np.concatenate(samples)))
+    return result
+
+
+def shears(left: Ellipse, right: Ellipse, samples: np.ndarray) -> list[np.ndarray]:
+    """Candidates for d = alpha u + beta v + gamma, each (3,): from the ellipses' chords along the rows, and from the
+    matched pieces' disparities."""
+    found = []
+    (a, b, d), (_, c, e), (_, _, f) = left.conic
+    (p, q, s), (_, r, t), (_, _, w) = right.conic
+    # Half chord squared over the row, at the left ellipse's centre row; both must be real there.
+    v = left.centre[1]
+    chord_left = (b * v + d) ** 2 - a * (c * v * v + 2 * e * v + f)
+    chord_right = (q * v + s) ** 2 - p * (r * v * v + 2 * t * v + w)
+    if chord_left > 0.0 and chord_right > 0.0:
+        stretch = np.sqrt(chord_right) / p / (np.sqrt(chord_left) / a)
+        # Chord middles: -(b v + d) / a and -(q v + s) / p.
+        found.append(np.array([1.0 - stretch, -(stretch * b / a - q / p), -(stretch * d / a - s / p)]))
+        found[-1][1:] *= -1.0
+    if len(samples) >= 3:
+        design = np.column_stack([samples[:, :2], np.ones(len(samples))])
+        prior = np.diag([1e-1, 1e-1, 1e-8]) * len(samples)
+        weights = np.ones(len(samples))
+        for _ in range(5):
+            mean = np.average(samples[:, :2], axis=0, weights=weights)
+            centred = design - np.array([*mean, 0.0])
+            plane = np.linalg.solve(centred.T @ (weights[:, None] * centred) + prior,
+                                    centred.T @ (weights * samples[:, 2]))
+            weights = 1.0 / (1.0 + ((samples[:, 2] - centred @ plane) / 0.5) ** 2)
+        found.append(np.array([plane[0], plane[1], plane[2] - plane[:2] @ mean]))
+    return found
+
+
+def parallel(normal: np.ndarray, samples: np.ndarray, rig: StereoRig) -> np.ndarray | None:
+    """(3,) shear of a plane with this normal at the samples' middle disparity; None when it is seen edge-on."""
+    middle = np.median(samples[:, :2], axis=0)
+    disparity = float(np.median(samples[:, 2])) - (rig.left.cx - rig.right.cx)
+    left = rig.left
+    steep = float(normal @ left.rays(middle))
+    if abs(steep) < 0.02:
+        return None
+    slope = disparity / steep * np.array([normal[0] / left.fx, normal[1] / left.fy])
+    return np.array([*slope, disparity - slope @ middle + rig.left.cx - rig.right.cx])
+
+
+def lift(ellipse: Ellipse, shear: np.ndarray, rig: StereoRig) -> Curve | None:
+    """The left ellipse on the plane that the shear stands for; None when it is not in front of the camera."""
+    # Points around the ellipse, lifted; their plane ellipse by moments of conjugate directions.
+    centre, block = ellipse.centre, ellipse.conic[:2, :2]
+    level = -np.linalg.det(ellipse.conic) / np.linalg.det(block)
+    values, vectors = np.linalg.eigh(block)
+    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    points = centre + (np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(level / values)) @ vectors.T
+    disparity = points @ shear[:2] + shear[2] - (rig.left.cx - rig.right.cx)
+    if not (disparity > 1e-3).all():
+        return None
+    space = rig.left.rays(points) * (rig.left.fx * rig.baseline / disparity)[:, None]
+    middle = space.mean(axis=0)
+    _, _, axes = np.linalg.svd(space - middle, full_matrices=False)
+    flat = (space - middle) @ axes[:2].T
+    scale = np.abs(flat).max()
+    x, y = (flat / scale).T
+    design = np.column_stack([x * x, x * y, y * y, x, y])
+    try:
+        a, b, c, d, e = np.linalg.lstsq(design, np.ones(len(x)), rcond=None)[0]
+        conic = np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, -1.0]])
+        if np.linalg.det(conic[:2, :2]) <= 0.0:
+            return None
+        inside = Ellipse(conic, 0.0)
+        values, vectors = np.linalg.eigh(conic[:2, :2])
+        radii = inside.radii * scale
+        centre2 = inside.centre * scale
+    except np.linalg.LinAlgError:
+        return None
+    if not (np.isfinite(radii).all() and (radii > 0).all()):
+        return None
+    first = vectors[0, 0] * axes[0] + vectors[1, 0] * axes[1]
+    none = np.zeros(0, bool)
+    return Curve(middle + centre2 @ axes[:2], axes[2], first, radii, np.zeros((6, 6)), np.inf, none, none)
+
+
+def edgels_of(pieces: Pieces, arc: int, n: int) -> np.ndarray:
+    mask = np.zeros(n, bool)
+    for first, last in pieces.bounds[pieces.arc == arc]:
+        mask[first:last] = True
+    return mask
+
+
+def inner(mask: np.ndarray, share: float) -> np.ndarray:
+    """The mask without this share of its edgels at either end."""
+    index = np.flatnonzero(mask)
+    cut = int(share * len(index))
+    result = np.zeros(len(mask), bool)
+    result[index[cut:len(index) - cut]] = True
+    return result
