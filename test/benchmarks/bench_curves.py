@@ -111,16 +111,13 @@ def measurements(quick: bool) -> Iterator[Measurement]:
 
 def _row(kind: str, s: CurveScore) -> str:
     cells = [f'{kind:<16}']
-    for name, _ in SHARES:
-        rims = s.rims[name]
-        cells.append(f'{rims.found:>3}/{rims.there:<3}' + (
-            f'{np.median(rims.normal):6.3f} {max(rims.normal):6.2f}' if rims.normal else f'{"":13}'))
-    for axes in s.axes.values():
-        cells.append(f'{axes.found:>3}/{axes.there:<3}' + (
-            f'{np.median(axes.angle):6.3f} {max(axes.angle):6.2f}' if axes.angle else f'{"":13}'))
+    groups = [(s.rims[name], s.rims[name].normal) for name, _ in SHARES] + [(a, a.angle) for a in s.axes.values()]
+    for group, errors in groups:
+        spread = f'{np.median(errors):6.3f} {max(errors):6.2f}' if errors else f'{"":13}'
+        cells.append(f'{group.found:>3}/{group.there:<3}{spread}')
     e = s.edges
-    cells.append(f'{s.false_curves:>3} {s.false_axes:>3} {s.lines_on_rims:>3} {e.reported - e.right:>4}/{e.reported:<4} '
-                 f'{100 * e.covered / e.length if e.length else np.nan:5.1f} '
+    cells.append(f'{s.false_curves:>3} {s.false_axes:>3} {s.lines_on_rims:>3} '
+                 f'{e.reported - e.right:>4}/{e.reported:<4} {100 * e.covered / e.length if e.length else np.nan:5.1f} '
                  f'{np.median(np.degrees(e.angles)) if e.angles else np.nan:6.3f}')
     return '|'.join(cells)
 
