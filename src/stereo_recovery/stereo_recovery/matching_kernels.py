@@ -10,6 +10,9 @@ from numba import njit
 # ends at that one.
 GRADIENT_HALF = 0.25
 GRADIENT_END = 1.0
+# An edge itself may recede more steeply, up to where it would run the other way in the other image (2), but few do.
+STEEPEST = 1.9
+STEEP = 0.6
 # Disparity error, pixels, that measuring alone makes.
 SLACK = 0.8
 # How far, pixels, the two images' ends of an edge may differ in height, and what a differing end costs.
@@ -72,7 +75,7 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
                 x0, y0, x1, y1 = x1, y1, x0, y0
             flat_right = abs(tv) < flat_sine
             a, b = max(top, min(y0, y1)), min(bottom, max(y0, y1))
-            partial = False
+            partial, gradient = False, 0.0
             if flat_left or flat_right:
                 # Rows say little: the ends must be at the same height, and give the disparity. When only one end is,
                 # the other is hidden or was not found.
@@ -95,7 +98,8 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
                     continue
                 cl, cr = left[i, 4] / left[i, 5], tu / tv
                 # The piece's own disparity gradient, in cyclopean coordinates.
-                if abs(cl - cr) > GRADIENT_END * np.sqrt(1.0 + 0.25 * (cl + cr) ** 2):
+                gradient = abs(cl - cr) / np.sqrt(1.0 + 0.25 * (cl + cr) ** 2)
+                if gradient > STEEPEST:
                     continue
                 d0 = u0 - (x0 + (v0 - y0) * cr)
                 d1 = u1 - (x0 + (v1 - y0) * cr)
@@ -122,6 +126,8 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
             likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.1
             if flip or partial:
                 likeness *= FLIPPED
+            if gradient > GRADIENT_END:
+                likeness *= STEEP
             # Ends at the same height: both images show the whole edge.
             for e in range(2):
                 if abs(left[i, 1 + 2 * e] - (y0 if e == 0 else y1)) > END_SLACK:
