@@ -23,6 +23,9 @@ SIDE_CONTRAST = 12.0
 LEAST_CONTRAST = 4.0
 LIKE = 6.0
 FEW = 6
+# Places along a piece at which the grey levels beside it are looked up, and those that tell of the piece as a whole.
+SAMPLES = 8
+INNER = slice(2, 6)
 # Rounds of relaxation that only serve to learn that.
 FIRST_ROUNDS = 5
 
@@ -46,20 +49,19 @@ class Matches:
 
 
 def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:
-    """(n, 2) float64: mean grey level beside each piece, on its dark and its bright side."""
+    """(n, SAMPLES, 2) float64: grey level beside each piece, from its start to its end, on its dark and bright side."""
     if len(pieces) == 0:
-        return np.zeros((0, 2))
-    share = np.array([0.25, 0.5, 0.75])
+        return np.zeros((0, SAMPLES, 2))
+    share = (np.arange(SAMPLES) + 0.5) / SAMPLES
     places = pieces.start[:, None] + share[:, None] * (pieces.end - pieces.start)[:, None]
     across = offset * np.stack([-pieces.direction[:, 1], pieces.direction[:, 0]], axis=1)[:, None]
-    points = np.stack([places - across, places + across], axis=1)
+    points = np.stack([places - across, places + across], axis=2)
     u = np.clip(points[..., 0], 0.0, grey.shape[1] - 1.001)
     v = np.clip(points[..., 1], 0.0, grey.shape[0] - 1.001)
     x, y = u.astype(np.intp), v.astype(np.intp)
     u, v = u - x, v - y
-    values = ((1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1])
-              + v * ((1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]))
-    return np.median(values, axis=2)
+    return ((1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1])
+            + v * ((1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]))
 
 
 def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
@@ -70,8 +72,9 @@ def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
     return float(edges[k + 1]) if pairs[k] > share * max(counts.sum(), 1) else -1000.0
 
 
-def _table(grey: np.ndarray, pieces: Pieces) -> np.ndarray:
-    return np.hstack([pieces.start, pieces.end, pieces.direction, sides(grey, pieces), pieces.magnitude[:, None]])
+def _table(pieces: Pieces, beside: np.ndarray) -> np.ndarray:
+    middle = np.median(beside[:, INNER], axis=1)
+    return np.hstack([pieces.start, pieces.end, pieces.direction, middle, pieces.magnitude[:, None]])
 
 
 def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pieces, lowest: float, highest: float,
@@ -84,12 +87,14 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
     nothing = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
     if len(left) == 0 or len(right) == 0:
         return nothing
-    table, right_table = _table(left_grey, left), _table(right_grey, right)
+    beside, right_beside = sides(left_grey, left), sides(right_grey, right)
+    table, right_table = _table(left, beside), _table(right, right_beside)
     near = matching_kernels.neighbours(table, radius, NEIGHBOURS)
     ground = backdrop(left_grey)
     contrast = SIDE_CONTRAST
     for turn in range(2):
-        node, value = matching_kernels.candidates(table, right_table, lowest, highest, flat_sine, ground, contrast)
+        node, value = matching_kernels.candidates(table, right_table, beside, right_beside, lowest, highest, flat_sine,
+                                                  ground, contrast)
         if len(node) == 0:
             return nothing
         strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn else FIRST_ROUNDS)

@@ -13,6 +13,7 @@ GRADIENT_END = 1.0
 # An edge itself may recede more steeply, up to where it would run the other way in the other image (2), but few do.
 STEEPEST = 1.9
 STEEP = 0.6
+LEAST_STEEP = 0.2
 # Disparity error, pixels, that measuring alone makes.
 SLACK = 0.8
 # How far, pixels, the two images' ends of an edge may differ in height, and what a differing end costs.
@@ -35,16 +36,37 @@ FLIPPED = 0.75
 # this, pixels, and this share of their distance.
 BREAK_OFFSET = 1.0
 BREAK_SINE = 0.05
+# When the rows two pieces share are less than this share of the longer, only those rows are compared.
+PART = 0.6
 # Candidates less alike than this are not looked at.
 LEAST_LIKENESS = 0.04
 
 
 @njit(cache=True)
-def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
+def _beside(samples, row, first, last, side):
+    """Grey level beside a piece between two rows: samples (m, 2) from its start to its end, row (9,) of its table."""
+    m = len(samples)
+    run = row[3] - row[1]
+    a, b = (first - row[1]) / run * m, (last - row[1]) / run * m
+    if a > b:
+        a, b = b, a
+    low, high = max(0, int(np.ceil(a - 0.5))), min(m, int(np.floor(b - 0.5)) + 1)
+    if high <= low:
+        low = min(max(int(0.5 * (a + b)), 0), m - 1)
+        high = low + 1
+    total = 0.0
+    for i in range(low, high):
+        total += samples[i, side]
+    return total / (high - low)
+
+
+@njit(cache=True)
+def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sine, backdrop, contrast):
     """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
     left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
-    side; gradient magnitude. backdrop : grey level of an even background (-1000: none); contrast : grey levels by which
+    side; gradient magnitude. left_beside, right_beside : (n, m, 2) float64, the grey levels on either side from start
+    to end. backdrop : grey level of an even background (-1000: none); contrast : grey levels by which
     a side of an edge may differ before its likeness falls to 1 / e.
     Pieces are directed with the bright side on one hand, so direction carries the sign.
     Returns node (k, 2) int32 pieces; value (k, 6): disparity at the left piece's start, middle, end; first and last
@@ -108,12 +130,21 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
                 continue
             # A nearer surface hides one background from the left eye and another from the right: its edge may change
             # the sign of its contrast, but its own side stays as it is.
+            left_dark, left_bright, right_dark, right_bright = left[i, 6], left[i, 7], right[j, 6], right[j, 7]
+            if not (flat_left or flat_right) and b - a < PART * max(bottom - top, abs(y1 - y0)):
+                # What lies beside the rest of the longer piece says nothing.
+                if b - a < PART * (bottom - top):
+                    left_dark = _beside(left_beside[i], left[i], a, b, 0)
+                    left_bright = _beside(left_beside[i], left[i], a, b, 1)
+                if b - a < PART * abs(y1 - y0):
+                    right_dark = _beside(right_beside[j], right[j], a, b, 0)
+                    right_bright = _beside(right_beside[j], right[j], a, b, 1)
             if flip:
-                dark, bright = abs(left[i, 6] - right[j, 7]), abs(left[i, 7] - right[j, 6])
+                dark, bright = abs(left_dark - right_bright), abs(left_bright - right_dark)
                 if min(dark, bright) > FLIP_CONTRAST:
                     continue
             else:
-                dark, bright = abs(left[i, 6] - right[j, 6]), abs(left[i, 7] - right[j, 7])
+                dark, bright = abs(left_dark - right_dark), abs(left_bright - right_bright)
             ratio = left[i, 8] / right[j, 8]
             if ratio > 1.0:
                 ratio = 1.0 / ratio
@@ -121,8 +152,8 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
                 continue
             # A background on one side in both images says little; the surface that the edge belongs to says it.
             one, two = np.exp(-dark / contrast), np.exp(-bright / contrast)
-            evidence = max(one * (BACKDROP_WEIGHT if abs(left[i, 6] - backdrop) < BACKDROP_WIDTH else 1.0),
-                           two * (BACKDROP_WEIGHT if abs(left[i, 7] - backdrop) < BACKDROP_WIDTH else 1.0))
+            evidence = max(one * (BACKDROP_WEIGHT if abs(left_dark - backdrop) < BACKDROP_WIDTH else 1.0),
+                           two * (BACKDROP_WEIGHT if abs(left_bright - backdrop) < BACKDROP_WIDTH else 1.0))
             likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.1
             if flip or partial:
                 likeness *= FLIPPED
@@ -132,7 +163,7 @@ def candidates(left, right, lowest, highest, flat_sine, backdrop, contrast):
             for e in range(2):
                 if abs(left[i, 1 + 2 * e] - (y0 if e == 0 else y1)) > END_SLACK:
                     likeness *= LOOSE_END
-            if likeness < LEAST_LIKENESS:
+            if likeness < LEAST_LIKENESS or (gradient > GRADIENT_END and likeness < LEAST_STEEP):
                 continue
             if count == len(node):
                 grown, grown_value = np.empty((2 * count, 2), np.int32), np.empty((2 * count, 6))

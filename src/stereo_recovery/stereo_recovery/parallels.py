@@ -25,12 +25,15 @@ WANDER, SLOPE_WANDER = 0.002, 2e-5
 GATE = 3.0
 # How far, pixels, the ends of the pieces may lie from where the parallel edge has them.
 ENDS = 3.0
+# That is for ends known so well by the match, pixels, and in proportion for others.
+SURE = 4.0
 
 
-def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: np.ndarray,
+def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: np.ndarray, ends_sigma: np.ndarray,
            offset: float) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: flat ones improved.
 
+    ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left piece's ends
     offset : pixels, disparity of infinitely far points.
     """
     c, t, reach = left.centre[matches.left], left.direction[matches.left], left.reach[matches.left]
@@ -79,7 +82,7 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
         gain = covariance[f] @ rows[k] / allowed[k]
         update = coefficient[f] - gain * misses[k]
         rough = matches.disparity[f][[0, 2]]
-        if np.abs(update[0] + update[1] * reach[f] - rough).max() > ENDS:
+        if (np.abs(update[0] + update[1] * reach[f] - rough) > ENDS * np.maximum(1.0, ends_sigma[f] / SURE)).any():
             continue
         coefficient[f] = update
         covariance[f] = covariance[f] - np.outer(gain, rows[k] @ covariance[f])

@@ -54,7 +54,7 @@ def two_edges(turn: float):
     given = true.copy()
     given[1, 1] += 0.05
     covariance = np.stack([np.diag([1e-6, 1e-8]), np.diag([1e-4, 0.01])])
-    return (matches, pieces, given, covariance), true
+    return (matches, pieces, given, covariance, np.full((2, 2), 4.0)), true
 
 
 def test_a_flat_edge_with_one_known_end_takes_the_direction_of_a_parallel_one():

@@ -1,0 +1,95 @@
+"""Where flat edges get their depth from: closed forms with two straight edges and known disparity."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stereo_recovery import flat_edges, matching_kernels
+from stereo_recovery.matching import SAMPLES, Matches
+from stereo_recovery.segmentation import Corners, Pieces
+
+
+def pieces(*lines) -> Pieces:
+    """Straight pieces between given ends ((u, v), (u, v))."""
+    ends = np.array(lines, float)
+    run = ends[:, 1] - ends[:, 0]
+    length = np.hypot(*run.T)
+    n = len(ends)
+    zeros = np.zeros(n)
+    return Pieces(np.zeros((n, 2), int), np.arange(n), ends[:, 0], run / length[:, None],
+                  np.column_stack([zeros, length]), zeros, zeros, zeros + 50.0, np.full((n, 2), 1e-4), zeros + 20.0,
+                  np.full(n, -1, np.int32))
+
+
+def no_corners(found: Pieces) -> Corners:
+    n = len(found)
+    return Corners(found.reach.copy(), np.full((n, 2), -1, np.int32), np.zeros((n, 2), bool), np.full((n, 2), 1.5))
+
+
+def all_matched(n: int) -> Matches:
+    index = np.arange(n, dtype=np.int32)
+    return Matches(index, index, np.zeros((n, 3)), np.zeros((n, 2)), np.ones(n))
+
+
+FLAT, STEEP = ((50.0, 100.0), (130.0, 100.0)), ((150.0, 100.0), (160.0, 160.0))
+
+
+def shifted(line, disparity: float):
+    return tuple((u - disparity, v) for u, v in line)
+
+
+def test_a_flat_edge_whose_string_ends_early_in_both_images_reaches_the_end_of_the_same_edge():
+    left, right = pieces(FLAT, STEEP), pieces(shifted(FLAT, 30.0), shifted(STEEP, 30.0))
+    joints, ends = flat_edges.far_corners(all_matched(2), left, right, no_corners(left))
+    assert np.allclose(joints, [[0, 100.0, 1, 0.0]], atol=1e-6)
+    assert list(ends) == [1]
+
+
+def test_it_does_not_when_its_line_misses_that_end_in_one_image():
+    left, right = pieces(FLAT, STEEP), pieces(shifted(FLAT, 30.0), ((118.0, 80.0), (130.0, 160.0)))
+    joints, _ = flat_edges.far_corners(all_matched(2), left, right, no_corners(left))
+    assert len(joints) == 0
+
+
+@pytest.mark.parametrize('disparity, allowed', [(30.0, True), (45.0, False), (5.0, False)])
+def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed):
+    """The steep edge's disparity puts the corner at u = 150 - disparity; the flat one's string ends at 118 there."""
+    flat = ((50.0, 100.0), (150.0, 100.0))
+    left, right = pieces(flat, STEEP), pieces(((20.0, 100.0), (118.0, 100.0)), shifted(STEEP, disparity))
+    known = np.array([False, True])
+    coefficient = np.array([[0.0, 0.0], [disparity, 0.0]])
+    kept = flat_edges.confirmed(np.array([[0, 100.0, 1, 0.0]]), known, coefficient, all_matched(2), left, right,
+                                no_corners(right))
+    assert list(kept) == [allowed]
+
+
+def test_what_hides_the_end_of_a_flat_edge_tells_next_to_nothing_of_its_disparity():
+    left, right = pieces(FLAT), pieces(shifted(FLAT, 30.0))
+    met, right_met = no_corners(left), no_corners(right)
+    met.other[:], right_met.other[:] = 7, 7
+    met.through[0, 1] = True
+    sigma = flat_edges.ends_sigma(all_matched(1), left, right, met, right_met)
+    assert sigma.tolist() == [[flat_edges.MATCH_SIGMA, flat_edges.HIDDEN_SIGMA]]
+
+
+@pytest.mark.parametrize('slope, found', [(0.0, True), (1.4, True), (4.0, True), (8.0, False)])
+def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
+    """Upright in the left image; in the right one it leans by this slope: disparity gradients 0, 1.1, 1.8 and 1.94."""
+    left = np.array([[100.0, 10.0, 100.0, 50.0, 0.0, 1.0, 50.0, 100.0, 20.0]])
+    run = np.array([slope, 1.0]) / np.hypot(slope, 1.0)
+    right = np.array([[40.0, 10.0, 40.0 + 40.0 * slope, 50.0, *run, 50.0, 100.0, 20.0]])
+    beside = np.tile([50.0, 100.0], (1, SAMPLES, 1))
+    node, _ = matching_kernels.candidates(left, right, beside, beside, -1000.0, 1000.0, 0.1, -1000.0, 12.0)
+    assert bool(len(node)) == found
+
+
+def test_a_piece_that_matches_part_of_a_longer_one_is_compared_with_that_part():
+    """The long piece has another surface beside its upper half; the short one shows only the lower half."""
+    left = np.array([[100.0, 50.0, 100.0, 90.0, 0.0, 1.0, 50.0, 100.0, 20.0]])
+    right = np.array([[40.0, 10.0, 40.0, 90.0, 0.0, 1.0, 90.0, 180.0, 20.0]])
+    beside = np.tile([50.0, 100.0], (1, SAMPLES, 1))
+    right_beside = beside.copy()
+    right_beside[0, :SAMPLES // 2] = 90.0, 180.0
+    _, value = matching_kernels.candidates(left, right, beside, right_beside, 0.0, 1000.0, 0.1, -1000.0, 12.0)
+    assert value[0, 5] > 0.5
