@@ -165,8 +165,8 @@ def _small(rng: np.random.Generator) -> Solid:
 
 
 def _discs(rng: np.random.Generator) -> Solid:
-    r = rng.uniform(16, 26)
-    return _can(r, rng.uniform(8, 25)) | _can(r * rng.uniform(0.4, 0.7), 40)
+    r, h = rng.uniform(16, 26), rng.uniform(8, 25)
+    return _can(r, h) | _can(r * rng.uniform(0.4, 0.7), 40 - h, z=h)
 
 
 def _hidden(rng: np.random.Generator) -> Solid:

@@ -1,8 +1,7 @@
-"""Axes of cylinders and cones, found without help (the thesis, 6.4, found them by hand), and occluding contours.
+"""Axes of cylinders and cones, found without help (the thesis, 6.4, found them by hand).
 
-Two planar curves on one axis give it directly. One curve and the two contours beside it do as well: the contour of a
-cylinder lies in planes through the eyes that are parallel to the axis, that of a cone in planes through its apex. The
-contours themselves are no edges of the object (each eye sees other points), so they leave the set of edges.
+Planar curves on one axis give it directly. One curve and the outlines beside it do as well (see :mod:`.outlines`): they
+lie in planes that hold the axis' direction, or the apex.
 """
 
 from __future__ import annotations
@@ -14,17 +13,23 @@ import numpy as np
 from msgs_py import FeatureSet, StereoRig
 
 from .curve import Curve, picture
-from .lines3d import Lines3D
+from .outlines import touching
 from .segmentation import Pieces
 
-# How far from touching the curve's picture a contour may pass, pixels, and how far from it it may start, radii.
-TOUCH = 1.2
-CONTOUR_REACH = 3.0
 # Normals of two ends of one axis agree within this; their centres are off the axis by less than this share of a radius.
 PARALLEL = np.radians(2.0)
 OFF_AXIS = 0.06
-# Two curves nearer than this share of their radius are one face's rings, not two ends.
+# Curves on one axis nearer than this share of their radius bound one end.
 LEAST_LENGTH = 0.08
+# Two rims of one surface whose radii differ by less than this share bound a cylinder.
+SAME_RADIUS = 0.03
+# What light and a surface's shading move an outline by, pixels.
+OUTLINE_SIGMA = 0.3
+# How far from touching a rim's picture the outline of a cone may pass, pixels, and how far from it it may start, radii.
+TOUCH = 1.2
+CONTOUR_REACH = 3.0
+# A cone's outlines meet within this share of the base's radius, on its axis within this one.
+MEET, CENTRED = 0.05, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +42,181 @@ class Axis:
     err_per: float
 
 
-def tangents(curve: Curve, pieces: Pieces, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(n,) int8: +1 or -1 for straight pieces that touch the curve's picture on one side or the other, else 0."""
+# A rim and where its surface's generators meet: (4,) homogeneous, left frame; the axis' direction for a cylinder.
+Surface = tuple[Curve, np.ndarray]
+
+
+def find_axes(curves: list[Curve], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[list[Axis], list[Surface]]:
+    """Axes between neighbouring coaxial curves, then of curves that have only outlines; and the curved surfaces, of
+    which every curve may bound a cylinder."""
+    found: list[Axis] = []
+    surfaces: list[Surface] = [(c, np.append(c.normal, 0.0)) for c in curves]
+    used: set[int] = set()
+    for members in _coaxial(curves):
+        ends = _ends(curves, members)
+        for low, high in zip(ends, ends[1:]):
+            a, b = (min((curves[k] for k in end), key=lambda c: float(np.trace(c.covariance[:3, :3])))
+                    for end in (low, high))
+            direction = (b.centre - a.centre) / np.linalg.norm(b.centre - a.centre)
+            spread = [_along_and_across(c.covariance[:3, :3], direction) for c in (a, b)]
+            found.append(Axis(a.centre, b.centre, max(s[0] for s in spread), max(s[1] for s in spread)))
+            used |= {*low, *high}
+            # The two rims that are most alike bound the surface between the ends.
+            i, j = min(((i, j) for i in low for j in high),
+                       key=lambda p: abs(curves[p[0]].radii[0] - curves[p[1]].radii[0]))
+            surfaces += _between(curves[i], curves[j])
+    for i, curve in enumerate(curves):
+        if i in used:
+            continue
+        axis = _cylinder(curve, pieces, rig)
+        if axis is None:
+            axis, apex = _cone(curve, pieces, rig)
+            surfaces += [] if apex is None else [(curve, np.append(apex, 1.0))]
+        found += [] if axis is None else [axis]
+    return found, surfaces
+
+
+def _coaxial(curves: list[Curve]) -> list[list[int]]:
+    """Groups of curves on one axis, each of two or more."""
+    groups: list[list[int]] = []
+    for i in sorted(range(len(curves)), key=lambda k: curves[k].tilt):
+        for group in groups:
+            if _on_axis(curves[group[0]], curves[i]):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return [group for group in groups if len(group) > 1]
+
+
+def _on_axis(known: Curve, other: Curve) -> bool:
+    """Whether a curve lies on the axis of one that is known better."""
+    slack = PARALLEL + 3.0 * min(other.tilt, PARALLEL)
+    if abs(known.normal @ other.normal) < np.cos(slack):
+        return False
+    run = other.centre - known.centre
+    along = run @ known.normal
+    off = np.linalg.norm(run - along * known.normal)
+    spread = 3.0 * np.sqrt(np.trace(known.covariance[:3, :3]) + np.trace(other.covariance[:3, :3]))
+    small = min(known.radii[0], other.radii[0])
+    return bool(off < max(OFF_AXIS * small, spread) + 3.0 * known.tilt * abs(along))
+
+
+def _ends(curves: list[Curve], members: list[int]) -> list[list[int]]:
+    """The curves of one axis in order along it, those that bound one end together."""
+    best = curves[members[0]]
+    place = {k: float((curves[k].centre - best.centre) @ best.normal) for k in members}
+    ends: list[list[int]] = []
+    for k in sorted(members, key=lambda k: place[k]):
+        near = LEAST_LENGTH * max(curves[k].radii[0], curves[ends[-1][-1]].radii[0]) if ends else 0.0
+        if ends and place[k] - place[ends[-1][-1]] < near:
+            ends[-1].append(k)
+        else:
+            ends.append([k])
+    return ends
+
+
+def _between(a: Curve, b: Curve) -> list[Surface]:
+    """The surface of two rims, unless it is a cylinder (which every rim is taken for anyway)."""
+    larger, difference = max(a.radii[0], b.radii[0]), a.radii[0] - b.radii[0]
+    if abs(difference) < SAME_RADIUS * larger:
+        return []
+    return [(a, np.append(a.centre + (b.centre - a.centre) * a.radii[0] / difference, 1.0))]
+
+
+def _along_and_across(covariance: np.ndarray, direction: np.ndarray) -> tuple[float, float]:
+    """Three sigma along a direction and across it, metres."""
+    rest = np.eye(3) - np.outer(direction, direction)
+    return (3.0 * float(np.sqrt(direction @ covariance @ direction)),
+            3.0 * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])))
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlines:
+    """Outlines of one rim in the two images: normals (k, 3) of the planes through eye and outline, their sigma (k,)
+    radians, the eyes (k, 3), lines of sight (k, 2, 3) to the ends of the pieces, and the sides (k,)."""
+
+    normals: np.ndarray
+    sigma: np.ndarray
+    eyes: np.ndarray
+    rays: np.ndarray
+    sides: np.ndarray
+
+
+def _outlines(touches: tuple[np.ndarray, np.ndarray], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> _Outlines:
+    """The longest piece on either side in either image. touches : (n,) of both images, the side or 0."""
+    normals, sigma, eyes, rays, sides = [], [], [], [], []
+    for touch, side, camera, eye in zip(touches, pieces, (rig.left, rig.right), (0.0, rig.baseline)):
+        for name in np.unique(touch[touch != 0]):
+            of = np.flatnonzero(touch == name)
+            k = of[np.argmax(side.length[of])]
+            sight = camera.rays(np.stack([side.start[k], side.end[k]]))
+            normal = np.cross(sight[0], sight[1])
+            normals.append(normal / np.linalg.norm(normal))
+            sigma.append(np.hypot(side.sigma[k, 1], OUTLINE_SIGMA / side.length[k]))
+            eyes.append([eye, 0.0, 0.0])
+            rays.append(sight)
+            sides.append(name)
+    return _Outlines(np.array(normals).reshape(-1, 3), np.array(sigma), np.array(eyes).reshape(-1, 3),
+                     np.array(rays).reshape(-1, 2, 3), np.array(sides))
+
+
+def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Axis | None:
+    """A cylinder's axis from its one visible rim and its outlines, which also tell its direction."""
+    apex = np.append(curve.normal, 0.0)
+    seen = _outlines((touching(curve, apex, pieces[0], rig.left.matrix, 0.0),
+                      touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
+    if len(seen.normals) < 2:
+        return None
+    # The rim's normal and the outlines' planes together, as tilts of the normal.
+    frame = np.stack([curve.second, -curve.first])
+    information = np.linalg.inv(curve.covariance[3:5, 3:5] + 1e-12 * np.eye(2))
+    slopes = seen.normals @ frame.T
+    told = information + slopes.T @ (slopes / seen.sigma[:, None] ** 2)
+    step = -np.linalg.solve(told, slopes.T @ ((seen.normals @ curve.normal) / seen.sigma ** 2))
+    direction = curve.normal + step @ frame
+    direction /= np.linalg.norm(direction)
+    tilt = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(told))[-1]))
+    # A line of sight passes the axis beside the point that it touches.
+    across = np.cross(seen.rays, direction)
+    place = -((np.cross(seen.eyes[:, None] - curve.centre, seen.rays) * across).sum(axis=2)
+              / (across * across).sum(axis=2))
+    farthest = place[np.arange(len(place)), np.abs(place).argmax(axis=1)]
+    other = float(farthest[np.abs(farthest).argmax()])
+    if abs(other) < 0.2 * curve.radii[0]:
+        return None
+    # Where the outlines of both sides end at one height, that is the other end; else something hides it.
+    reached = [np.abs(farthest[seen.sides == name]).max() for name in np.unique(seen.sides)]
+    doubt = max(reached) - min(reached) if len(reached) > 1 else 0.5 * abs(other)
+    along, beside = _along_and_across(curve.covariance[:3, :3], direction)
+    return Axis(curve.centre, curve.centre + other * direction, along + doubt + 0.03 * abs(other),
+                beside + 3.0 * tilt * abs(other))
+
+
+def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[Axis | None, np.ndarray | None]:
+    """A cone's axis from its base and its outlines, which meet in the apex; and the apex."""
+    seen = _outlines((_touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
+                      _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
+    if len(seen.normals) < 3:
+        return None, None
+    apex, *_ = np.linalg.lstsq(seen.normals, (seen.normals * seen.eyes).sum(axis=1), rcond=None)
+    miss = float(np.abs(((apex - seen.eyes) * seen.normals).sum(axis=1)).max())
+    run = apex - curve.centre
+    height = float(run @ curve.normal)
+    off = float(np.linalg.norm(run - height * curve.normal))
+    radius = float(curve.radii[0])
+    if miss > MEET * radius or not 0.2 * radius < abs(height) < 20.0 * radius or off > CENTRED * radius:
+        return None, None
+    # How well planes that cross at these angles place their common point.
+    distance = np.linalg.norm(apex - seen.eyes, axis=1)
+    told = seen.normals.T @ (seen.normals / (seen.sigma * distance)[:, None] ** 2)
+    spread = np.linalg.inv(told) + (miss / 3.0) ** 2 * np.eye(3)
+    errors = [_along_and_across(c, run / np.linalg.norm(run)) for c in (spread, curve.covariance[:3, :3])]
+    return Axis(apex, curve.centre, max(e[0] for e in errors), max(e[1] for e in errors)), apex
+
+
+def _touching_anywhere(curve: Curve, pieces: Pieces, matrix: np.ndarray, eye: float) -> np.ndarray:
+    """(n,) int8: +1 or -1 for straight pieces that leave the curve's picture at a tangent on either side, else 0."""
     side = np.zeros(len(pieces), np.int8)
     if len(pieces) == 0:
         return side
@@ -72,111 +250,6 @@ def _across_axis(curve: Curve, matrix: np.ndarray, eye: float) -> np.ndarray:
     a, b = (matrix @ p for p in (centre, tip))
     run = b[:2] / b[2] - a[:2] / a[2]
     return np.array([-run[1], run[0]])
-
-
-def contours(lines: Lines3D, pieces: tuple[Pieces, Pieces], curves: list[Curve], rig: StereoRig) -> np.ndarray:
-    """(n,) bool: matched pieces that are a curved surface's outline in both images."""
-    result = np.zeros(len(lines), bool)
-    for curve in curves:
-        left = tangents(curve, pieces[0], rig.left.matrix, 0.0)[lines.left]
-        right = tangents(curve, pieces[1], rig.right.matrix, rig.baseline)[lines.right]
-        result |= (left != 0) & (left == right)
-    return result
-
-
-def find_axes(curves: list[Curve], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> list[Axis]:
-    """Axes between neighbouring coaxial curves, then of curves that have only contours."""
-    found: list[Axis] = []
-    used: set[int] = set()
-    links = []
-    for i, a in enumerate(curves):
-        for j in range(i):
-            b = curves[j]
-            if abs(a.normal @ b.normal) < np.cos(PARALLEL):
-                continue
-            run = b.centre - a.centre
-            length = float(np.linalg.norm(run))
-            # The better seen of the two knows the direction better.
-            normal = a.normal if a.coverage >= b.coverage else b.normal
-            off = np.linalg.norm(run - normal * (run @ normal))
-            slack = 3.0 * np.sqrt(np.trace(a.covariance[:3, :3]) + np.trace(b.covariance[:3, :3]))
-            small, large = sorted((a.radii[0], b.radii[0]))
-            if length > LEAST_LENGTH * large and off < max(OFF_AXIS * small, slack) + np.sin(PARALLEL) * 0.2 * length:
-                links.append((length, j, i))
-    for _, i, j in sorted(links):
-        if _joined(i, j, links):
-            continue
-        a, b = curves[i], curves[j]
-        direction = (b.centre - a.centre) / np.linalg.norm(b.centre - a.centre)
-        spread = [_along_and_across(c.covariance[:3, :3], direction) for c in (a, b)]
-        found.append(Axis(a.centre, b.centre, max(s[0] for s in spread), max(s[1] for s in spread)))
-        used |= {i, j}
-    for i, curve in enumerate(curves):
-        if i not in used:
-            axis = _from_contours(curve, pieces, rig)
-            if axis is not None:
-                found.append(axis)
-    return found
-
-
-def _joined(i: int, j: int, links: list[tuple[float, int, int]]) -> bool:
-    """Whether a third curve lies between two: then they are no neighbours."""
-    length = {frozenset(pair): distance for distance, *pair in links}
-    whole = length[frozenset((i, j))]
-    return any(frozenset((i, k)) in length and frozenset((k, j)) in length
-               and max(length[frozenset((i, k))], length[frozenset((k, j))]) < whole
-               for k in {n for _, *pair in links for n in pair} - {i, j})
-
-
-def _along_and_across(covariance: np.ndarray, direction: np.ndarray) -> tuple[float, float]:
-    """Three sigma along a direction and across it, metres."""
-    rest = np.eye(3) - np.outer(direction, direction)
-    return (3.0 * float(np.sqrt(direction @ covariance @ direction)),
-            3.0 * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])))
-
-
-def _from_contours(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Axis | None:
-    """A cylinder's or cone's axis from its one visible rim and its outline."""
-    planes, eyes, far = [], [], []
-    for side, camera, eye in ((pieces[0], rig.left, 0.0), (pieces[1], rig.right, rig.baseline)):
-        touching = tangents(curve, side, camera.matrix, eye)
-        for sign in (1, -1):
-            of = np.flatnonzero(touching == sign)
-            if len(of) == 0:
-                continue
-            k = of[np.argmax(side.length[of])]
-            ends = np.stack([side.start[k], side.end[k]])
-            normal = np.cross(camera.rays(ends[0]), camera.rays(ends[1]))
-            planes.append(normal / np.linalg.norm(normal))
-            eyes.append(np.array([eye, 0.0, 0.0]))
-            far.append(camera.rays(ends))
-    if len(planes) < 2:
-        return None
-    normals, origins = np.array(planes), np.array(eyes)
-    spread = _along_and_across(curve.covariance[:3, :3], curve.normal)
-    if (np.abs(normals @ curve.normal) < np.sin(PARALLEL)).all():
-        places = []
-        for origin, rays in zip(origins, far):
-            for ray in rays:
-                # Where the line of sight passes the axis is beside the point it touches.
-                across = np.cross(ray, curve.normal)
-                place = np.cross(origin - curve.centre, ray) @ across / (across @ across)
-                places.append(-float(place))
-        other = max(places, key=abs)
-        if abs(other) < 0.2 * curve.radii[0]:
-            return None
-        return Axis(curve.centre, curve.centre + other * curve.normal, spread[0] + 0.05 * abs(other),
-                    spread[1] + 0.01 * abs(other))
-    if len(planes) < 3:
-        return None
-    apex, *_ = np.linalg.lstsq(normals, (normals * origins).sum(axis=1), rcond=None)
-    miss = np.abs(((apex - origins) * normals).sum(axis=1)).max()
-    run = apex - curve.centre
-    height = run @ curve.normal
-    off = np.linalg.norm(run - height * curve.normal)
-    if miss > 0.05 * curve.radii[0] or abs(height) < 0.2 * curve.radii[0] or off > 0.1 * curve.radii[0]:
-        return None
-    return Axis(apex, curve.centre, spread[0] + 3.0 * miss + 0.01 * abs(height), spread[1] + 3.0 * miss)
 
 
 def axis_features(axes: list[Axis]) -> FeatureSet:

@@ -10,13 +10,14 @@ import numpy as np
 from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
 from . import edgels as edgel_module
-from .axes import axis_features, contours, find_axes
+from .axes import axis_features, find_axes
 from .conics import Ellipse
 from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .lines3d import edges, to_space
 from .matching import match
+from .outlines import contours
 from .params import RecoveryParams
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link
@@ -136,11 +137,12 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
     # A piece of an arc in both images is none, whether its curve was recovered or not.
     keep &= (pieces[0].arc[lines.left] < 0) | (pieces[1].arc[lines.right] < 0)
-    keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, curves, rig)
+    axes, surfaces = find_axes(curves, pieces, rig)
+    keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
     ends = segments.ends[keep]
     features = FeatureSet.concatenate([
         FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep]),
-        curve_features(curves), axis_features(find_axes(curves, pieces, rig))])
+        curve_features(curves), axis_features(axes)])
     lap('features')
     reason = '' if len(features) else 'no matched edge is long enough'
     return Recovery(features, found, reason, stages, counts, tuple(curves))

@@ -1,0 +1,87 @@
+"""Occluding contours: where a curved surface's outline runs in an image, given its rim and its apex.
+
+The outline of a cylinder lies in planes through the eye that are parallel to the axis, that of a cone in planes through
+its apex; both touch the rim's picture. So it is a tangent of that conic through the picture of the apex, which for a
+cylinder is the vanishing point of its axis. Outlines are no edges of the object: each eye sees other points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py import StereoRig
+
+from .curve import Curve, picture
+from .lines3d import Lines3D
+from .segmentation import Pieces
+
+# How far from the outline's line a piece may run, pixels, and how far from the rim it may start, in rim radii.
+TOUCH = 1.0
+REACH = 8.0
+
+
+def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
+    """(k, 3) float64, k = 0 or 2: lines through a point that touch a conic; a u + b v + c = 0 with a^2 + b^2 = 1.
+
+    conic : (3, 3); apex : (3,) homogeneous pixels, may be at infinity.
+    """
+    polar = conic @ apex
+    # The polar meets the conic in the touching points: two of its points, and where between them the conic is zero.
+    scale = np.abs(polar).max()
+    if scale == 0.0:
+        return np.zeros((0, 3))
+    base, away = np.linalg.svd(polar[None] / scale)[2][1:]
+    a, b, c = away @ conic @ away, base @ conic @ away, base @ conic @ base
+    root = b * b - a * c
+    if root <= 1e-12 * b * b or a == 0.0:
+        return np.zeros((0, 3))
+    ends = [base + t * away for t in ((-b + np.sqrt(root)) / a, (-b - np.sqrt(root)) / a)]
+    lines = np.array([conic @ end for end in ends])
+    length = np.hypot(lines[:, 0], lines[:, 1])
+    return lines / length[:, None] if (length > 0.0).all() else np.zeros((0, 3))
+
+
+def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float) -> np.ndarray:
+    """(n,) int8: 1 or 2 for straight pieces that run along one or the other outline, else 0.
+
+    apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder.
+    """
+    side = np.zeros(len(pieces), np.int8)
+    if len(pieces) == 0:
+        return side
+    conic = picture(curve, matrix, eye)
+    seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
+    lines = tangents(conic, seen)
+    if len(lines) == 0:
+        return side
+    # The same side has the same number in both images: by the side of the axis on which the line is.
+    centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
+    axis = np.cross(centre / centre[2], seen)
+    contact = np.linalg.solve(conic, lines.T).T
+    contact = contact[:, :2] / contact[:, 2:]
+    order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
+    radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2]))
+                     / np.linalg.eigvalsh(conic[:2, :2])[0])
+    ends = np.stack([pieces.start, pieces.end], axis=1)
+    straight = (pieces.arc < 0) & (pieces.length > 5.0)
+    for name, k in enumerate(order):
+        off = np.abs(ends @ lines[k, :2] + lines[k, 2]).max(axis=1)
+        slack = TOUCH + np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0)
+        along = (contact[k] - pieces.centre) @ np.array([[-lines[k, 1]], [lines[k, 0]]])
+        half = 0.5 * pieces.length
+        gap = np.abs(along[:, 0]) - half
+        # It ends at the rim, or far from it; it does not pass it.
+        passes = half - np.abs(along[:, 0]) > 0.25 * pieces.length
+        side[straight & (off < slack) & (gap < REACH * radius) & ~passes] = name + 1
+    return side
+
+
+def contours(lines: Lines3D, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]],
+             rig: StereoRig) -> np.ndarray:
+    """(n,) bool: matched pieces that are the outline of one of the surfaces (rim and apex) in both images."""
+    result = np.zeros(len(lines), bool)
+    for curve, apex in surfaces:
+        left = touching(curve, apex, pieces[0], rig.left.matrix, 0.0)[lines.left]
+        right = touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)[lines.right]
+        result |= (left != 0) & (left == right)
+    return result
