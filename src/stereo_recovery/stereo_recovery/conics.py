@@ -64,12 +64,12 @@ def fit_ellipse(points: np.ndarray, rounds: int = 4) -> Ellipse | None:
     return Ellipse(conic, float(rms))
 
 
-def find_arcs(position: np.ndarray, bounds: np.ndarray, string: np.ndarray, closed: np.ndarray, bow: np.ndarray,
-              direction: np.ndarray, tolerance: float) -> tuple[np.ndarray, list[Ellipse]]:
+def find_arcs(position: np.ndarray, limit: np.ndarray, bounds: np.ndarray, string: np.ndarray, closed: np.ndarray,
+              bow: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, list[Ellipse]]:
     """Which pieces are parts of arcs.
 
-    position : (n, 2) edgels in string order; bounds, string : the pieces, in order; closed : (strings,) bool;
-    bow, direction : of the pieces' lines; tolerance : pixels an edgel may stand off.
+    position : (n, 2) edgels in string order; limit : (n,) pixels each may stand off; bounds, string : the pieces, in
+    order; closed : (strings,) bool; bow, direction : of the pieces' lines.
     Returns arc (k,) int32, the arc of each piece or -1, and the arcs' ellipses.
     """
     arc = np.full(len(bounds), -1, np.int32)
@@ -90,7 +90,8 @@ def find_arcs(position: np.ndarray, bounds: np.ndarray, string: np.ndarray, clos
             join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
             turns = np.concatenate([turns, [join], turns])
         for run in _runs(turns):
-            _claim(pieces[run[0]:run[1] + 1], turns[run[0]:run[1]], position, bounds, bow, tolerance, arc, ellipses)
+            _claim(pieces[run[0]:run[1] + 1], turns[run[0]:run[1]], position, limit, bounds, bow, arc,
+                   ellipses)
     return arc, ellipses
 
 
@@ -111,8 +112,8 @@ def _runs(turns: np.ndarray) -> list[tuple[int, int]]:
     return runs
 
 
-def _claim(pieces: np.ndarray, turns: np.ndarray, position: np.ndarray, bounds: np.ndarray, bow: np.ndarray,
-           tolerance: float, arc: np.ndarray, ellipses: list[Ellipse]) -> None:
+def _claim(pieces: np.ndarray, turns: np.ndarray, position: np.ndarray, limit: np.ndarray, bounds: np.ndarray,
+           bow: np.ndarray, arc: np.ndarray, ellipses: list[Ellipse]) -> None:
     """Find the longest stretches of a run that are arcs and write them down."""
     first = 0
     while first + 1 < len(pieces):
@@ -130,6 +131,7 @@ def _claim(pieces: np.ndarray, turns: np.ndarray, position: np.ndarray, bounds: 
             points = np.concatenate([position[bounds[k, 0]:bounds[k, 1]] for k in chosen])
             if len(points) < LEAST_EDGELS:
                 break
+            tolerance = float(np.median(np.concatenate([limit[bounds[k, 0]:bounds[k, 1]] for k in chosen])))
             ellipse = fit_ellipse(points, rounds=2)
             if ellipse is None or ellipse.rms > 0.6 * tolerance:
                 continue

@@ -103,7 +103,7 @@ def split(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) ->
     limit = np.maximum(tolerance, STANDING_OFF * e.sigma_position)
     bounds, string = segment_kernels.split(x, y, limit, strings.offsets, minimum)
     pieces = fit_pieces(e, bounds, string, sigma)
-    arc, ellipses = find_arcs(e.position, bounds, string, strings.closed, pieces.bow, pieces.direction, tolerance)
+    arc, ellipses = find_arcs(e.position, limit, bounds, string, strings.closed, pieces.bow, pieces.direction)
     pieces = replace(pieces, arc=arc)
     for _ in range(2):
         e, pieces = _joined(e, pieces, sigma, WOBBLE * tolerance)
