@@ -6,6 +6,8 @@ image ellipses themselves, or a plane like that of another curve give it, and wi
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from msgs_py import StereoRig
@@ -79,6 +81,21 @@ def parallel(normal: np.ndarray, samples: np.ndarray, rig: StereoRig) -> np.ndar
         return None
     slope = disparity / steep * np.array([normal[0] / left.fx, normal[1] / left.fy])
     return np.array([*slope, disparity - slope @ middle + rig.left.cx - rig.right.cx])
+
+
+def mirrored(curve: Curve) -> Curve:
+    """The circle that looks much like this one to one eye: its plane mirrored at the plane square to the line of sight.
+
+    Two eyes tell them apart, but from an arc not surely, and the way from one to the other leads over a hill.
+    """
+    sight = curve.centre / np.linalg.norm(curve.centre)
+    normal = 2.0 * (curve.normal @ sight) * sight - curve.normal
+    first = curve.first - normal * (curve.first @ normal)
+    length = np.linalg.norm(first)
+    if length < 0.1:
+        first = np.cross(normal, sight)
+        length = np.linalg.norm(first)
+    return replace(curve, normal=normal, first=first / max(length, 1e-12))
 
 
 def lift(ellipse: Ellipse, shear: np.ndarray, rig: StereoRig) -> Curve | None:

@@ -15,10 +15,11 @@ from msgs_py import FeatureSet, StereoRig
 
 from . import curve_kernels
 from .conics import Ellipse, sampson
-from .curve import Curve, angles, picture, turned
+from .curve import Curve, angles, picture
 from .curve_fit import Axle, refine
-from .curve_starts import edgels_of, inner, lift, pairs, parallel, shears
+from .curve_starts import edgels_of, inner, lift, mirrored, pairs, parallel, shears
 from .edgels import Edgels
+from .facing import outward
 from .lines3d import Lines3D
 from .matching import Matches
 from .segmentation import Pieces
@@ -39,6 +40,12 @@ WORST_RMS = 0.45
 # Where a first fit stops trying, pixels rms, and what it leaves out at either end of arcs that fit worse.
 GOOD_RMS = 0.1
 TRIM = 0.15
+# A curve seen to this share has no mirror image that fits. Normals this parallel (cosine) are one solution; another one
+# is tried when it fits at most so many times worse. How badly, pixels rms, a curve may fit that is preferred to none.
+WHOLE = 0.9
+SAME_PLANE = 0.995
+RIVAL = 4.0
+PLAIN_RMS = 0.5
 # A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
 # well, one sigma.
 LEAST_COVERAGE = 0.08
@@ -125,20 +132,6 @@ def _seen(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig) -> tuple[tu
     return (2.0 * np.pi * start / bins, 2.0 * np.pi * (bins - length) / bins), float(hit.mean())
 
 
-def _facing(curve: Curve) -> Curve:
-    """The normal's sign: out of the face. A rim that is seen all round bounds a face that looks at us; one of which
-    only the near half is seen bounds a face that looks away."""
-    towards = -curve.centre
-    if curve.normal @ towards < 0.0:
-        curve = turned(curve)
-    if curve.arc[1] < 1.25 * np.pi:
-        middle = curve.arc[0] + 0.5 * curve.arc[1]
-        spot = np.cos(middle) * curve.first + np.sin(middle) * curve.second
-        if spot @ (towards - curve.normal * (towards @ curve.normal)) > 0.0:
-            curve = turned(curve)
-    return curve
-
-
 def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.ndarray, np.ndarray],
                   rig: StereoRig, blur: float, axle: Axle | None = None) -> Curve | None:
     """From a rough curve to the final one.
@@ -173,7 +166,7 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
     if curve.rms > WORST_RMS:
         return None
     arc, coverage = _seen(curve, *mine, rig)
-    return _facing(replace(curve, arc=arc, coverage=coverage))
+    return outward(replace(curve, arc=arc, coverage=coverage))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +177,7 @@ class _Arcs:
     right: np.ndarray
     ellipse: Ellipse
     samples: np.ndarray
-    starts: list[np.ndarray]
+    planes: list[np.ndarray]
 
     def shared_with(self, curve: Curve) -> bool:
         """Whether most of the edgels are another curve's."""
@@ -207,8 +200,8 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
     for item in sorted(arcs, key=lambda arc: -int(arc.left.sum())):
         if any(item.shared_with(c) for c in found):
             continue
-        start = _start(item, item.starts, edgels, rig, blur)
-        curve = start and recover_curve(start, *edgels, (item.left, item.right), rig, blur)
+        curve = _best([recover_curve(start, *edgels, (item.left, item.right), rig, blur)
+                       for start in _starts(item, edgels, rig, blur)])
         if curve and _determined(curve):
             found.append(curve)
         else:
@@ -222,25 +215,37 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
     return [_steadied(c, axles, edgels, rig, blur) for c in found]
 
 
-def _start(item: _Arcs, planes: list[np.ndarray], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float,
-           axle: Axle | None = None) -> Curve | None:
-    """The best circle from a few planes, on all edgels of the arcs and, when that fits badly, on their middle parts:
-    where an arc runs into a contour or an edge, its ends may not be its own."""
-    best = None
-    for share in (0.0, TRIM):
-        masks = (inner(item.left, share), inner(item.right, share))
-        for shear in planes:
+def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
+    """The best circle from the arcs' planes and, unless it is beyond doubt, its mirror image.
+
+    It is fitted to all edgels of the arcs and, when that fits badly, to their middle parts: where an arc runs into a
+    contour or an edge, its ends may not be its own.
+    """
+    best, index = None, 0
+    mine = [(edgels[0].select(inner(item.left, share)), edgels[1].select(inner(item.right, share)))
+            for share in (0.0, TRIM)]
+    for k, some in enumerate(mine):
+        for shear in item.planes:
             start = lift(item.ellipse, shear, rig)
-            if start is None:
+            if start is None or (best is not None and best.rms < GOOD_RMS):
                 continue
-            curve = refine(start, edgels[0].select(masks[0]), edgels[1].select(masks[1]), rig, blur, circle=True,
-                           rounds=8, axle=axle)
-            curve = curve or (start if axle is None else None)
-            if curve is not None and (best is None or curve.rms < best.rms):
-                best = curve
-            if best is not None and best.rms < GOOD_RMS:
-                return best
-    return best
+            curve = refine(start, *some, rig, blur, circle=True, rounds=8) or start
+            if best is None or curve.rms < best.rms:
+                best, index = curve, k
+    if best is None or not np.isfinite(best.rms):
+        return [] if best is None else [best]
+    if best.rms < GOOD_RMS and _seen(best, *mine[index], rig)[1] > WHOLE:
+        return [best]
+    other = refine(mirrored(best), *mine[index], rig, blur, circle=True, rounds=8)
+    if other is None or abs(other.normal @ best.normal) > SAME_PLANE or other.rms > RIVAL * (best.rms + 0.02):
+        return [best]
+    return [best, other]
+
+
+def _best(curves: list[Curve | None]) -> Curve | None:
+    """The one that explains most edgels well."""
+    good = [c for c in curves if c is not None]
+    return max(good, key=lambda c: (c.left.sum() + c.right.sum()) * (1.0 - (c.rms / PLAIN_RMS) ** 2)) if good else None
 
 
 def _determined(curve: Curve) -> bool:
@@ -257,7 +262,11 @@ def _axle(curve: Curve) -> Axle:
 def _held(item: _Arcs, axle: Axle, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> Curve | None:
     """A circle on an axle through arcs that do not determine one; None when they do not want to lie on it."""
     plane = parallel(axle.direction, item.samples, rig)
-    start = None if plane is None else _start(item, [plane], edgels, rig, blur, axle)
+    start = None if plane is None else lift(item.ellipse, plane, rig)
+    if start is None:
+        return None
+    mine = (edgels[0].select(inner(item.left, TRIM)), edgels[1].select(inner(item.right, TRIM)))
+    start = refine(start, *mine, rig, blur, circle=True, rounds=8, axle=axle)
     if start is None or start.rms > WORST_RMS:
         return None
     curve = recover_curve(start, *edgels, (item.left, item.right), rig, blur, axle)

@@ -15,6 +15,7 @@ from .conics import Ellipse
 from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
+from .facing import on_faces
 from .lines3d import edges, to_space
 from .matching import match
 from .outlines import contours
@@ -140,6 +141,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     axes, surfaces = find_axes(curves, pieces, rig)
     keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
     ends = segments.ends[keep]
+    curves = on_faces(curves, ends, segments.err_per[keep])
     features = FeatureSet.concatenate([
         FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep]),
         curve_features(curves), axis_features(axes)])
