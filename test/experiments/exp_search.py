@@ -291,8 +291,8 @@ def combinatorics(setting: Setting) -> Outcome:
     seeds = setting.pick(5, 1)
     table = Table('L-shape, levels of the tree (median), tree limited to 4 million levels', [
         'clutter %', 'data features', 'order printed in the thesis', 'tree without the bound ours', 'ended ours, %',
-        'tree with the bound (7.4) ours', 'ended ours, % ', 'pair hypotheses tried ours', 'serial search ours',
-        'ended ours, %  '])
+        'tree with the bound (7.4) ours', 'ended ours, %', 'pair hypotheses tried ours', 'serial search ours',
+        'ended ours, %'])
     for share in shares:
         setting.advance(f'{100 * share:.0f} % clutter')
         rows: dict[str, list] = {key: [] for key in ('n', 'c', 'plain', 'aided', 'pairs', 'serial')}
@@ -324,8 +324,8 @@ def combinatorics(setting: Setting) -> Outcome:
                                 ('tree with the bound', 5, 'o-'), ('pair hypotheses', 7, 'o-'),
                                 ('serial search', 8, 'o--'))], log_y=True)
     last = table.rows[-1]
-    return Outcome(f'As the thesis fears, the serial search grows exponentially with the clutter, and the tree of pairs '
-                   f'still grows steeply; a bound on how many data features can agree with each (the idea of 7.4, '
+    return Outcome('As the thesis fears, the serial search grows exponentially with the clutter, and the tree of pairs '
+                   'still grows steeply; a bound on how many data features can agree with each (the idea of 7.4, '
                    f'leaving out what fails with too many) keeps the tree at {last[5]} levels at {last[0]} % clutter, '
                    f'and pair hypotheses need {last[7]}.', [table], [plot], [
                        'The bound: a pairing that is consistent with fewer than K - 1 other data features cannot be in '
