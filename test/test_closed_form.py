@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from csg_renderer import load_scene, scene_path
 from model_matcher.closed_form import main
 from model_matcher.closed_form_batch import run_batch
-from model_matcher.closed_form_case import Case, Limits
+from model_matcher.closed_form_case import Case, Limits, result_document
 from model_matcher.closed_form_library import run_library_case
 from model_matcher.closed_form_run import case_rig
 from model_matcher.closed_form_saved import load_case
@@ -167,6 +168,44 @@ def test_an_unusable_scene_is_a_result_of_a_batch_and_misuse_of_the_command(tmp_
     with pytest.raises(SystemExit) as stop:
         main(['no_such_scene', '--sweep', 'grid', '-o', str(tmp_path)])
     assert stop.value.code == 2 and 'no_such_scene' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('arguments, told', [
+    (['no_such_scene'], 'no_such_scene'), ([SCENE, '--noise', '-3'], '--noise: expected a number in 0..100'),
+    ([SCENE, '--psf', '-1'], '--psf'), ([SCENE, '--baseline', '0'], '--baseline: expected a number > 0'),
+    ([SCENE, '--distance', '-5', '--sweep', 'grid'], '--distance'), ([SCENE, '--min-success', '2'], 'in 0..1'),
+    ([SCENE, '--focal', 'nan'], '--focal')])
+def test_misuse_has_status_2_and_names_the_option_in_the_users_units(arguments, told, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*arguments, '-o', str(tmp_path)])
+    assert stop.value.code == 2 and told in capsys.readouterr().err
+
+
+def test_a_scene_that_cannot_be_moved_is_refused_before_anything_runs(tmp_path, capsys):
+    scene = tmp_path / 'anonymous.csg'
+    scene.write_text('AMBIENT (1);\nDRAW (BLOCK (30, 20, 10)) AT (-15, -10, 200);\n')
+    with pytest.raises(SystemExit) as stop:
+        main([str(scene), '--sweep', 'grid', '-o', str(tmp_path / 'out')])
+    assert stop.value.code == 2 and 'has no name' in capsys.readouterr().err
+
+
+def test_scenes_of_one_name_have_folders_of_their_own(own_scene, tmp_path):
+    other = tmp_path / 'other'
+    other.mkdir()
+    for path in own_scene.parent.iterdir():
+        (other / path.name).write_text(path.read_text())
+    scenes = [str(own_scene), str(other / own_scene.name)]
+    main([*scenes, '--workers', '2', '--reports', '-o', str(tmp_path / 'out'), *FAST])
+    assert {path.name for path in (tmp_path / 'out' / 'cases').iterdir()} == {'desk', 'desk_2'}
+
+
+def test_a_pose_within_the_limits_with_a_wrong_pairing_is_told_from_a_bad_pose(own_scene, tmp_path):
+    result = run_library_case(Case(str(own_scene)), tmp_path)
+    assert result_document(result, Limits())['verdict'].startswith('recognised')
+    assert result_document(result, Limits(rotation_deg=0.0))['verdict'].startswith('outside the limits')
+    wrong = replace(result, assignment=replace(result.assignment, right=result.assignment.right - 1))
+    document = result_document(wrong, Limits())
+    assert not document['passed'] and document['verdict'].startswith('a pairing or sign is wrong')
 
 
 def test_dask_runs_the_cases_or_says_that_it_is_not_installed(tmp_path):

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from .closed_form_case import Case, Limits, result_document
@@ -37,7 +38,7 @@ def main(args: list[str] | None = None) -> int:
     if options.replay:
         return _replay(options, out)
     try:
-        cases = [case for scene in scenes for case in _cases(scene, options)]
+        cases = _named_apart([case for scene in scenes for case in _cases(scene, options)])
     except (OSError, ValueError) as error:
         parser.error(str(error))
     print(f'closed-form testing of {", ".join(scenes)} into {out}/', flush=True)
@@ -46,21 +47,35 @@ def main(args: list[str] | None = None) -> int:
     passed = [_run_one(case, out / case.name, limits, options.quiet) for case in cases]
     if options.demo:
         _real_pair(out / 'chessboard01')
-    print(f'{sum(passed)} of {len(passed)} scenes passed; open {out}/<scene>/report.html')
+    page = f'{cases[0].name if len(cases) == 1 else "<scene>"}/report.html'
+    print(f'{sum(passed)} of {len(passed)} scenes passed; open {out}/{page}')
     return 0 if sum(passed) >= options.min_success * len(passed) else 1
 
 
 def _cases(scene: str, options: argparse.Namespace) -> list[Case]:
-    """The cases of one scene: one, or those of a sweep. Raises ValueError, naming the option."""
+    """The cases of one scene: one, or those of a sweep. Raises ValueError, naming the option or what is wrong with the
+    scene, and OSError where there is none."""
+    from .closed_form_scene import check_scene
     from .closed_form_sweep import pose_from_angles, sweep_cases
 
     width, height = options.size or (None, None)
     pose = None if options.pose is None else pose_from_angles(options.pose)
     case = Case(scene, width, height, options.focal, None if options.baseline is None else options.baseline * 1e-3,
                 options.antialias, options.psf, options.noise, options.seed, pose, options.clutter, options.time_limit)
+    check_scene(case, changed=bool(options.sweep))
     if not options.sweep:
         return [case]
     return sweep_cases(case, options.sweep, options.count, options.distance and options.distance * 1e-3)
+
+
+def _named_apart(cases: list[Case]) -> list[Case]:
+    """The cases, those of one name numbered: each has a folder of its own."""
+    counts: dict[str, int] = {}
+    found = []
+    for case in cases:
+        counts[case.name] = counts.get(case.name, 0) + 1
+        found.append(case if counts[case.name] == 1 else replace(case, label=f'{case.name}_{counts[case.name]}'))
+    return found
 
 
 def _batch(cases: list[Case], limits: Limits, out: Path, options: argparse.Namespace) -> int:
@@ -119,6 +134,8 @@ def _run_one(case: Case, folder: Path, limits: Limits, quiet: bool, nodes: bool 
         write_report(folder, result, document)
         progress('report')
         bar.set_postfix_str(document['verdict'])
+    if quiet and not document['passed']:
+        print(f'{case.name}: {document["verdict"]}')
     return bool(document['passed'])
 
 

@@ -22,6 +22,13 @@ COLUMNS = ('case', 'passed', 'rotation_error_deg', 'translation_error_mm', 'true
 TITLES = ('case', 'passed', 'rotation, deg', 'translation, mm', 'edges', 'recovered', 'matched', 'signs right',
           'render, ms', 'recover, ms', 'match, ms', 'verdict')
 FAILING = 'failing'
+SUMMARY_TITLES = {
+    'cases': 'cases', 'passed': 'passed', 'recognised': 'recognised, within the limits or not',
+    'rotation_error_deg_p50': 'rotation error, median, deg', 'rotation_error_deg_p90': 'rotation error, 90 %, deg',
+    'translation_error_mm_p50': 'translation error, median, mm',
+    'translation_error_mm_p90': 'translation error, 90 %, mm',
+    'render_ms_p50': 'rendering, median, ms', 'recover_ms_p50': 'recovery, median, ms',
+    'match_ms_p50': 'matching, median, ms'}
 
 
 def run_batch(cases: Sequence[Case], limits: Limits, out: Path, workers: int = 1, dask: str | None = None,
@@ -122,12 +129,15 @@ def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) ->
             cells[0] = f'<a href="{_text(page)}">{cells[0]}</a>'
         state = 'good' if document['passed'] else 'bad'
         body.append(f'<tr class="{state}">' + ''.join(f'<td>{cell}</td>' for cell in cells) + '</tr>')
-    lines = ''.join(f'<tr><td>{_text(name)}</td><td>{_text(_short(value))}</td></tr>' for name, value in totals.items())
+    lines = ''.join(f'<tr><td>{title}</td><td>{_text(_short(totals[name]))}</td></tr>'
+                    for name, title in SUMMARY_TITLES.items())
     (out / 'index.html').write_text(
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Closed-form sweep</title><style>{STYLE}</style>'
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Closed-form sweep</title><style>{STYLE}'
+        'body { max-width: 1500px } td { white-space: nowrap } td:last-child { white-space: normal }</style>'
         f'<h1>Closed-form sweep: {totals["passed"]} of {totals["cases"]} passed</h1>'
         f'<p>A pass is a pose within {limits.rotation_deg:g} deg and {1e3 * limits.translation_m:g} mm of the truth '
-        f'with every pairing and sign right. Failing cases are kept under {FAILING}/ and run again with --replay.</p>'
+        f'with every pairing and sign right. Failing cases are kept under {FAILING}/ and run again with <code>--replay '
+        f'{FAILING}/NAME</code>. The first times of every process hold the loading of compiled code.</p>'
         f'<table>{lines}</table><table><tr>{head}</tr>{"".join(body)}</table></html>\n', encoding='utf-8')
 
 
@@ -140,6 +150,9 @@ def summary(documents: list[dict[str, Any]]) -> dict[str, Any]:
     for name, values in (('rotation_error_deg', rotation), ('translation_error_mm', shift)):
         for quantile in (50, 90):
             out[f'{name}_p{quantile}'] = float(np.percentile(values, quantile)) if values else None
+    for stage in ('render', 'recover', 'match'):
+        times = [d['milliseconds'][stage] for d in documents if stage in d.get('milliseconds', {})]
+        out[f'{stage}_ms_p50'] = float(np.median(times)) if times else None
     return out
 
 

@@ -62,10 +62,10 @@ def result_document(result: CaseResult, limits: Limits) -> dict[str, Any]:
     if result.pose_error is None:
         verdict = f'not recognised: {result.reason}'
     else:
-        verdict = (f'{"recognised" if within and signs else "outside the limits"}: '
-                   f'{result.pose_error.rotation_deg:.3f} deg, {1e3 * result.pose_error.translation:.3f} mm, '
+        head = 'recognised' if within and signs else 'a pairing or sign is wrong' if within else 'outside the limits'
+        verdict = (f'{head}: {result.pose_error.rotation_deg:.3f} deg, {1e3 * result.pose_error.translation:.3f} mm, '
                    f'{result.assignment.signs_right if result.assignment else 0} of '
-                   f'{result.assignment.matched if result.assignment else 0} signs right')
+                   f'{result.assignment.matched if result.assignment else 0} pairings with their signs right')
     return {
         'scene': result.case.name, 'passed': bool(within and signs and array_machine), 'verdict': verdict,
         'model': result.model_name,

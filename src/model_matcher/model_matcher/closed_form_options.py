@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 
 from .closed_form_case import Case, Limits
 
@@ -20,11 +21,11 @@ def closed_form_parser() -> argparse.ArgumentParser:
 
     add = parser.add_argument_group('images').add_argument
     add('--size', type=_whole(1), nargs=2, metavar=('WIDTH', 'HEIGHT'), help='image size, pixels')
-    add('--focal', type=float, help='focal length, pixels')
-    add('--baseline', type=float, metavar='MM', help='distance of the eyes, mm')
+    add('--focal', type=_number(0.0, above=True), help='focal length, pixels')
+    add('--baseline', type=_number(0.0, above=True), metavar='MM', help='distance of the eyes, mm')
     add('--antialias', type=_whole(0), default=Case.antialias, help='samples along each side of a pixel')
-    add('--psf', type=float, default=Case.psf, help='blur of the sensor, pixels')
-    add('--noise', type=float, default=Case.noise, help='noise of the sensor, grey levels')
+    add('--psf', type=_number(0.0, 20.0), default=Case.psf, help='blur of the sensor, pixels')
+    add('--noise', type=_number(0.0, 100.0), default=Case.noise, help='noise of the sensor, grey levels')
     add('--seed', type=_whole(0), default=Case.seed, help='seed of noise, clutter and random poses')
 
     add = parser.add_argument_group('pose and surroundings').add_argument
@@ -32,21 +33,21 @@ def closed_form_parser() -> argparse.ArgumentParser:
         help='of the object: degrees, applied in this order, and mm')
     add('--sweep', choices=('grid', 'random', 'turntable'), help='many poses of the object')
     add('--count', type=_whole(1), default=36, help='poses of a sweep')
-    add('--distance', type=float, metavar='MM', help='of the object in a sweep')
+    add('--distance', type=_number(0.0, above=True), metavar='MM', help='of the object in a sweep')
     add('--clutter', type=_whole(0), default=Case.clutter, help='further solids beside and behind the object')
 
     add = parser.add_argument_group('running').add_argument
     add('--nodes', action='store_true', help='sweep or replay through the real nodes instead of the libraries')
     add('--workers', type=_whole(1), default=1, help='processes on this machine')
     add('--dask', metavar='ADDRESS', help='dask scheduler to run the cases on; "local" starts one here')
-    add('--time-limit', type=float, default=Case.time_limit_s, help='of one search, seconds')
+    add('--time-limit', type=_number(0.0, above=True), default=Case.time_limit_s, help='of one search, seconds')
     add('--reports', action='store_true', help='a page for every case of a sweep, not only for failing ones')
     add('--replay', metavar='FOLDER', help='run a saved case again')
 
     add = parser.add_argument_group('judgement').add_argument
-    add('--max-rotation-deg', type=float, default=Limits.rotation_deg, help='limit of a pass')
-    add('--max-translation-mm', type=float, default=1e3 * Limits.translation_m, help='limit of a pass')
-    add('--min-success', type=_share, default=1.0, help='share of passes for exit status 0')
+    add('--max-rotation-deg', type=_number(0.0), default=Limits.rotation_deg, help='limit of a pass')
+    add('--max-translation-mm', type=_number(0.0), default=1e3 * Limits.translation_m, help='limit of a pass')
+    add('--min-success', type=_number(0.0, 1.0), default=1.0, help='share of passes for exit status 0')
     return parser
 
 
@@ -59,8 +60,13 @@ def _whole(least: int):
     return whole
 
 
-def _share(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f'expected a number in 0..1, got {value:g}')
-    return value
+def _number(least: float, most: float = math.inf, above: bool = False):
+    """A number in least..most, or with ``above`` greater than least."""
+    wanted = f'> {least:g}' if above else f'in {least:g}..{most:g}' if most < math.inf else f'>= {least:g}'
+
+    def number(text: str) -> float:
+        value = float(text)
+        if not least <= value <= most or value == math.inf or (above and value == least):
+            raise argparse.ArgumentTypeError(f'expected a number {wanted}, got {text}')
+        return value
+    return number

@@ -35,7 +35,10 @@ def save_case(folder: Path, result: CaseResult, document: dict[str, Any], limits
 def load_case(folder: str | Path) -> tuple[Case, Limits]:
     """A saved case. Raises ValueError, naming the file and what is wrong with it; OSError when there is none."""
     path = Path(folder) / CASE_FILE
-    text = path.read_text(encoding='utf-8')
+    try:
+        text = path.read_text(encoding='utf-8')
+    except FileNotFoundError:
+        raise FileNotFoundError(f'{path}: no such file; a saved case is a folder of failing/ of a sweep') from None
     try:
         record = json.loads(text)
         values, limits = dict(record['case']), dict(record['limits'])

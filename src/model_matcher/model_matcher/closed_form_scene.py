@@ -24,6 +24,25 @@ CLUTTER_SIZE = (0.2, 0.6)
 CLUTTER_DEPTH = (0.9, 1.5)
 
 
+def check_scene(case: Case, changed: bool = False) -> None:
+    """Raise what would make a case unusable: OSError for no such scene, ValueError (a SceneError) for a bad one.
+
+    changed : the object will be drawn at other poses
+    """
+    scene = load_scene(find_scene(case.scene))
+    if not scene.placements:
+        raise ValueError(f'{case.scene}: draws nothing')
+    if changed or case.pose is not None or case.clutter:
+        _drawn_by_name(case, scene)
+
+
+def _drawn_by_name(case: Case, scene: Scene) -> str:
+    name = scene.placements[0].name
+    if name not in scene.definitions:
+        raise ValueError(f'{case.scene}: what it draws first has no name; write "name = ...;" and "DRAW name ...;"')
+    return name
+
+
 def case_scene(case: Case, rig: StereoRig, folder: Path) -> Path:
     """The scene file of a case; written into ``folder`` when the user's own does not do.
 
@@ -33,13 +52,11 @@ def case_scene(case: Case, rig: StereoRig, folder: Path) -> Path:
     if case.pose is None and not case.clutter:
         return path
     scene = load_scene(path)
-    placement = scene.placements[0]
-    if placement.name not in scene.definitions:
-        raise ValueError(f'{case.scene}: what it draws first has no name; write "name = ...;" and "DRAW name ...;"')
+    name = _drawn_by_name(case, scene)
     pose = case_pose(case, scene)
     included = copy_scene(path, folder)
     target = folder / SCENE_FILE
-    target.write_text(_text(case, scene, placement.name, pose, rig, included), encoding='utf-8')
+    target.write_text(_text(case, scene, name, pose, rig, included), encoding='utf-8')
     return target
 
 
