@@ -201,18 +201,20 @@ def _clutter(rng: np.random.Generator) -> Solid:
 
 @dataclass(frozen=True)
 class Kind:
-    """What to build, and from how high above its ground it is seen, degrees."""
+    """What to build, from how high above its ground it is seen, degrees, and how far it is turned to either side;
+    joined : its upright faces have one colour, because they run into each other."""
 
     build: Callable[[np.random.Generator], Solid]
     elevation: tuple[float, float] = (20.0, 60.0)
     yaw: float = np.pi
+    joined: bool = False
 
 
 KINDS = {
     'cylinder on box': Kind(_on_box), 'frustum': Kind(_frustum_on_plate), 'cone': Kind(_cone, (12.0, 45.0)),
     'one rim': Kind(_one_rim, (12.0, 30.0), 0.3), 'oblique cut': Kind(_oblique, (20.0, 50.0), 0.5),
     'tubes': Kind(_tubes), 'bores': Kind(_bores, (30.0, 70.0)), 'small': Kind(_small, (30.0, 65.0)),
-    'edge-on': Kind(_discs, (6.0, 15.0)), 'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6), 'slot': Kind(_slot),
+    'edge-on': Kind(_discs, (6.0, 15.0)), 'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6), 'slot': Kind(_slot, joined=True),
     'clutter': Kind(_clutter, (20.0, 50.0))}
 
 
@@ -225,7 +227,7 @@ def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedV
         return _view(f'{kind} {seed}', scene, placed, scene_rig(scene), imaging, seed)
     rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
     what = KINDS[kind]
-    solid = _shaded(what.build(rng), rng)
+    solid = _shaded(what.build(rng), rng, what.joined)
     depth = rng.uniform(0.18, 0.33)
     rig = StereoRig.symmetric(CAMERA, depth / 5.0)
     # z up in the model, seen from above; the camera may lean.
@@ -241,9 +243,9 @@ def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedV
     return _view(f'{kind} {seed}', scene, [(solid, pose)], rig, imaging, seed)
 
 
-def _shaded(solid: Solid, rng: np.random.Generator) -> Solid:
+def _shaded(solid: Solid, rng: np.random.Generator, joined: bool) -> Solid:
     """Each plane and each curved face its own grey: an edge between faces of one brightness shows nothing to anybody,
-    and one face that two primitives share must not show a seam."""
+    and one face that two primitives share must not show a seam. joined : upright faces run into each other smoothly."""
     greys: dict[tuple[int, ...], float] = {}
 
     def shade(leaf: Primitive) -> Primitive:
@@ -254,6 +256,8 @@ def _shaded(solid: Solid, rng: np.random.Generator) -> Solid:
         planes *= np.where(largest < 0.0, -1.0, 1.0)
         keys = [tuple(np.round(plane / [1e-3, 1e-3, 1e-3, 1e-5]).astype(int)) for plane in planes]
         keys += [(len(greys), 0)] if leaf.kind != 'BLOCK' else []
+        if joined:
+            keys = [key if len(key) == 4 and key[2] != 0 else (0,) for key in keys]
         for key in keys:
             # Far from the one before.
             greys.setdefault(key, 0.4 + 0.6 * ((0.618 * len(greys) + first) % 1.0))

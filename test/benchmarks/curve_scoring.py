@@ -98,7 +98,8 @@ class CurveScore:
         curves = recovery.curves
         self.curves += len(curves)
         taken: set[int] = set()
-        cost = np.array([[_distance(curve, rim) for curve in curves] for rim in view.rims]).reshape(len(view.rims), -1)
+        cost = np.array([[_distance(curve, rim) for curve in curves] for rim in view.rims]).reshape(
+            len(view.rims), len(curves))
         # The best pairs first.
         pair = {}
         for k in np.argsort(cost, axis=None):
@@ -189,6 +190,10 @@ class CurveScore:
                 into.ends.append(float(miss.max()) / MM)
                 inside &= bool((miss <= axes.err_par[k]).all())
             self.axis_inside.append(inside)
+            if not inside:
+                self.remarks.append(f'{view.name}: axis with {rims} rims off by {off.max() / MM:.3f} mm across, stated '
+                                    f'{axes.err_per[k] / MM:.3f}' + (f', {into.ends[-1]:.3f} mm along, stated '
+                                                                     f'{axes.err_par[k] / MM:.3f}' if rims == 2 else ''))
         for k in set(range(len(axes))) - used:
             self.false_axes += 1
             self.remarks.append(f'{view.name}: false axis of {1e3 * axes.lengths[k]:.1f} mm')

@@ -41,11 +41,13 @@ WORST_RMS = 0.45
 GOOD_RMS = 0.1
 TRIM = 0.15
 # A curve seen to this share has no mirror image that fits. Normals this parallel (cosine) are one solution; another one
-# is tried when it fits at most so many times worse. How badly, pixels rms, a curve may fit that is preferred to none.
+# is tried when it fits at most so many times worse. Between the two decide edgels that are off by less than so many of
+# their sigma and these pixels.
 WHOLE = 0.9
 SAME_PLANE = 0.995
 RIVAL = 4.0
-PLAIN_RMS = 0.5
+RIVAL_SIGMA = 3.0
+RIVAL_OFF = 0.1
 # A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
 # well, one sigma.
 LEAST_COVERAGE = 0.08
@@ -78,16 +80,24 @@ def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: floa
     index = np.flatnonzero(_without_ends(near, edgels.position))
     if len(index) == 0:
         return near, near
-    points = np.ascontiguousarray(edgels.position[index])
-    distance, bend = np.empty(len(index)), np.empty(len(index))
-    camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
-    curve_kernels.residuals(curve.centre, curve.normal, curve.first, np.asarray(curve.radii, float), points,
-                            len(index) if eye == 0.0 else 0, camera, camera, float(eye), float(blur), distance, bend)
+    distance = distances(curve, edgels.position[index], rig, eye, blur)
     usual = min(curve.rms, 1.5 * float(np.median(np.abs(distance))))
     own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.shift[index], 0.1))
     measures = np.zeros(len(edgels), bool)
     measures[index[np.abs(distance) < np.clip(GATE * np.hypot(own, usual), LEAST_CLAIM, CLAIM)]] = True
     return near, measures
+
+
+def distances(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float, blur: float) -> np.ndarray:
+    """(n,) float64, pixels: of pixels (n, 2) of the image seen from (eye, 0, 0) from the curve's picture, positive
+    outside, with the pull of the smoothing taken off."""
+    camera = rig.left if eye == 0.0 else rig.right
+    matrix = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    distance, bend = np.empty(len(points)), np.empty(len(points))
+    curve_kernels.residuals(curve.centre, curve.normal, curve.first, np.asarray(curve.radii, dtype=np.float64),
+                            np.ascontiguousarray(points), len(points) if eye == 0.0 else 0, matrix, matrix, float(eye),
+                            float(blur), distance, bend)
+    return distance
 
 
 def _without_ends(near: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -201,7 +211,7 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
         if any(item.shared_with(c) for c in found):
             continue
         curve = _best([recover_curve(start, *edgels, (item.left, item.right), rig, blur)
-                       for start in _starts(item, edgels, rig, blur)])
+                       for start in _starts(item, edgels, rig, blur)], item, edgels, rig, blur)
         if curve and _determined(curve):
             found.append(curve)
         else:
@@ -242,10 +252,17 @@ def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: fl
     return [best, other]
 
 
-def _best(curves: list[Curve | None]) -> Curve | None:
-    """The one that explains most edgels well."""
+def _best(curves: list[Curve | None], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
+          blur: float) -> Curve | None:
+    """The one that fits best to the edgels that any of them, or the arcs, claim."""
     good = [c for c in curves if c is not None]
-    return max(good, key=lambda c: (c.left.sum() + c.right.sum()) * (1.0 - (c.rms / PLAIN_RMS) ** 2)) if good else None
+    if len(good) < 2:
+        return good[0] if good else None
+    masks = (item.left | np.any([c.left for c in good], axis=0), item.right | np.any([c.right for c in good], axis=0))
+    off = [np.concatenate([np.abs(distances(c, edgels[0].position[masks[0]], rig, 0.0, blur)),
+                           np.abs(distances(c, edgels[1].position[masks[1]], rig, rig.baseline, blur))]) for c in good]
+    sigma = np.concatenate([np.hypot(e.sigma_position, e.shift)[mask] for e, mask in zip(edgels, masks)])
+    return min(zip(good, off), key=lambda pair: np.minimum(pair[1] / (RIVAL_SIGMA * sigma + RIVAL_OFF), 1.0).sum())[0]
 
 
 def _determined(curve: Curve) -> bool:
