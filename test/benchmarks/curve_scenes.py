@@ -214,8 +214,8 @@ KINDS = {
     'cylinder on box': Kind(_on_box), 'frustum': Kind(_frustum_on_plate), 'cone': Kind(_cone, (12.0, 45.0)),
     'one rim': Kind(_one_rim, (12.0, 30.0), 0.3), 'oblique cut': Kind(_oblique, (20.0, 50.0), 0.5),
     'tubes': Kind(_tubes), 'bores': Kind(_bores, (30.0, 70.0)), 'small': Kind(_small, (30.0, 65.0)),
-    'edge-on': Kind(_discs, (6.0, 15.0)), 'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6), 'slot': Kind(_slot, joined=True),
-    'clutter': Kind(_clutter, (20.0, 50.0))}
+    'edge-on': Kind(_discs, (6.0, 15.0)), 'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6),
+    'slot': Kind(_slot, joined=True), 'clutter': Kind(_clutter, (20.0, 50.0))}
 
 
 def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedView:

@@ -16,6 +16,11 @@ from .segmentation import CORRELATION_LENGTH
 # The light displaces edgels by so much (pixels, one sigma) that is the same all over one of so many sectors.
 COMMON_SHIFT = 0.02
 SECTORS = 12
+# The same for what is the same all round (how far a lens blurs is guessed), and shares of an edgel's own sigma that
+# behave so: stairs of pictures without anti-aliasing.
+EVERYWHERE_SHIFT = 0.01
+COMMON_SHARE = 0.3
+EVERYWHERE_SHARE = 0.1
 # An ellipse whose radii differ by less than so many sigma cannot be told from a circle.
 OBLONG = 4.0
 
@@ -129,7 +134,10 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
         inverse = np.linalg.inv(matrix)
         # Edgels side by side are moved together by the light: such a displacement does not average out.
         sector = _sectors(state, points, len(left), rig)
-        shared = curve_kernels.common(rows, weights, np.hypot(shift, COMMON_SHIFT), sector, 2 * SECTORS)
+        shared = curve_kernels.common(rows, weights, np.hypot(shift, COMMON_SHIFT + COMMON_SHARE * sigma), sector,
+                                      2 * SECTORS)
+        shared += curve_kernels.common(rows, weights, EVERYWHERE_SHIFT + EVERYWHERE_SHARE * sigma,
+                                       np.zeros(len(r), np.int64), 1)
         together = CORRELATION_LENGTH * max(1.0, float(weights @ (r * r)) / max(len(r) - size, 1))
         spread = matrix * together + shared
         if axle is not None:
