@@ -24,6 +24,10 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from msgs_py.transport import make_room_for_images
+
+make_room_for_images()  # as every node does
+
 TIMEOUT_S = 20.0
 DOMAINS = 100  # 1 to 100 keeps clear of ephemeral ports
 _claims = itertools.count()

@@ -18,6 +18,18 @@ def test_the_profile_is_named_and_holds_several_images(tmp_path):
     assert int(size.text) >= 8 * 2 * 512 * 512
 
 
+def test_the_profile_makes_processes_announce_themselves_often(tmp_path):
+    environment: dict[str, str] = {}
+    make_room_for_images(environment, tmp_path)
+    root = ElementTree.parse(Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE'])).getroot()
+    period, lease = ({item.tag.rpartition('}')[2]: int(item.text) for item in duration}
+                     for name in ('leaseAnnouncement', 'leaseDuration')
+                     for duration in root.iter() if duration.tag.endswith(name))
+    seconds = period['sec'] + 1e-9 * period['nanosec']
+    assert 0.1 <= seconds <= 1.0, 'a node started again waits for this at the most'
+    assert lease['sec'] >= 10 * seconds, 'a few lost announcements are no death'
+
+
 @pytest.mark.parametrize('setting', USER_SETTINGS)
 def test_a_user_who_has_arranged_the_transport_is_left_alone(setting, tmp_path):
     environment = {setting: 'mine'}

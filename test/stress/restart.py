@@ -1,0 +1,143 @@
+"""Nodes killed (SIGKILL) and started again in every order; how long until the graph gives poses again.
+
+    python test/stress/restart.py --rounds 3
+
+One round kills and restarts each node alone, and then any number of them together, started again in each order. The
+time runs from the start of the last process to the first pose of an image taken since: it holds start of Python,
+imports, discovery, one stereo pair. A pose of an image from before the kill is a failure, as are four seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from msgs_py.transport import make_room_for_images
+
+RECOVERED_S = 4.0
+START_S = 120.0  # the first start of all may compile
+SCENE = 'l_shape_v1'
+NODES = {'renderer_node': {'scene': SCENE, 'rate': '5.0', 'width': '320', 'antialias': '3'},
+         'recovery_node': {}, 'matcher_node': {'models': f"['{SCENE}']"}}
+
+
+class Failed(AssertionError):
+    """The graph did not do what it must."""
+
+
+class Restarts:
+    """The three nodes as processes, and a listener to the poses."""
+
+    def __init__(self, domain: int) -> None:
+        make_room_for_images()
+        self.environment = os.environ | {'ROS_DOMAIN_ID': str(domain)}
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node = Node('listener', context=self.context)
+        self.executor.add_node(self.node)
+        self.poses: list[PoseStamped] = []
+        self.node.create_subscription(PoseStamped, 'interpretations/l_shape', self.poses.append, 10)
+        self.running: dict[str, subprocess.Popen] = {}
+
+    def start(self, name: str) -> None:
+        executable = shutil.which(name, path=f'{Path(sys.executable).parent}{os.pathsep}{os.environ.get("PATH", "")}')
+        if executable is None:
+            raise Failed(f'{name} is not installed as an executable')
+        parameters = [item for key, value in NODES[name].items() for item in ('-p', f'{key}:={value}')]
+        self.running[name] = subprocess.Popen([executable, '--ros-args', *parameters], env=self.environment,
+                                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def spin(self, until, timeout_s: float) -> bool:
+        deadline = time.monotonic() + timeout_s
+        while not until():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def first_poses(self) -> None:
+        for name in NODES:
+            self.start(name)
+        if not self.spin(lambda: len(self.poses) >= 2, START_S):
+            raise Failed(f'no pose within {START_S:g} s of the first start')
+
+    def kill_and_restart(self, names: tuple[str, ...]) -> float:
+        """Kill all of them, start them again in this order; seconds from the last start to the first new pose."""
+        for name in names:
+            self.running[name].kill()
+        for name in names:
+            self.running[name].wait()
+        settled = time.monotonic() + 0.3  # what was published before the kill may still arrive, and is no fault
+        self.spin(lambda: time.monotonic() > settled, 1.0)
+        self.poses.clear()
+        killed = time.time()
+        for name in names:
+            self.start(name)
+        start = time.monotonic()
+        if not self.spin(lambda: self.poses, 30.0):
+            raise Failed(f'{names}: no pose within 30 s')
+        took = time.monotonic() - start
+        stamps = [pose.header.stamp.sec + 1e-9 * pose.header.stamp.nanosec for pose in self.poses]
+        if stamps != sorted(stamps) or stamps[0] < killed:
+            raise Failed(f'{names}: a pose of {killed - stamps[0]:.2f} s before the restart')
+        return took
+
+    def close(self) -> None:
+        for process in self.running.values():
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+        self.executor.remove_node(self.node)
+        self.node.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown(context=self.context)
+
+
+def orders() -> list[tuple[str, ...]]:
+    """Each node alone, then each pair and all three in each order: 3 + 6 + 6."""
+    return [order for count in range(1, len(NODES) + 1) for order in itertools.permutations(NODES, count)]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--rounds', type=int, default=3, help='each holds 15 restarts')
+    parser.add_argument('--alone', action='store_true', help='only one node at a time')
+    parser.add_argument('--allowed', type=float, default=RECOVERED_S, help='seconds that a restart may take')
+    parser.add_argument('--domain', type=int, default=101, help='DDS domain (tests use 1 to 100)')
+    arguments = parser.parse_args()
+    chosen = [order for order in orders() if len(order) == 1 or not arguments.alone]
+    restarts, took = Restarts(arguments.domain), []
+    try:
+        restarts.first_poses()
+        for order in chosen * arguments.rounds:
+            took.append(restarts.kill_and_restart(order))
+            print(f'{took[-1]:5.2f} s  {" ".join(order)}', flush=True)
+    except Failed as error:
+        print(f'FAILED: {error}')
+        return 1
+    finally:
+        restarts.close()
+    print(f'{len(took)} restarts: median {np.median(took):.2f} s, p95 {np.percentile(took, 95):.2f} s, '
+          f'longest {max(took):.2f} s (allowed {arguments.allowed:g} s), no pose from before')
+    print('ok' if max(took) < arguments.allowed else 'FAILED')
+    return int(max(took) >= arguments.allowed)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
