@@ -13,7 +13,8 @@ RESTART = Path(__file__).resolve().parent / 'stress' / 'restart.py'
 
 def test_a_killed_node_is_back_within_four_seconds_with_nothing_stale(graph):
     """Each node, killed and started again; test/stress/restart.py does it in every order, many times."""
-    command = [sys.executable, str(RESTART), '--rounds', '1', '--alone', '--domain', str(graph.domain_id)]
+    command = [sys.executable, str(RESTART), '--rounds', '1', '--alone', '--share-out',
+               '--domain', str(graph.domain_id)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=55, check=False)
     assert result.returncode == 0, result.stdout + result.stderr[-2000:]
     assert '3 restarts' in result.stdout and 'no pose from before' in result.stdout

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 RECORD = Path(__file__).with_suffix('.json')
-MODULES = ('msgs_py', 'msgs_py.codecs', 'msgs_py.config', 'msgs_py.confinement', 'msgs_py.runtime', 'dap_emulator',
-           'dap_emulator.fortran_plus', 'csg_renderer', 'stereo_recovery', 'model_matcher')
+MODULES = ('msgs_py', 'msgs_py.codecs', 'msgs_py.config', 'msgs_py.confinement', 'msgs_py.renaming', 'msgs_py.runtime',
+           'dap_emulator', 'dap_emulator.fortran_plus', 'csg_renderer', 'stereo_recovery', 'model_matcher')
 
 
 def public_names(module: Any) -> list[str]:

@@ -135,6 +135,7 @@ def tables(found: Interface) -> str:
     for spec in found.parameters:
         text = spec.description + (f' [{spec.unit}]' if spec.unit else '')
         text += '. Fixed at the start' if spec.read_only else ''
+        text += f'. Formerly {", ".join(f"`{old}`" for old in spec.formerly)}' if spec.formerly else ''
         lines.append(f'| `{spec.name}` | `{_plain(spec.default)}` | {spec.range_text} | {text} |')
     return '\n'.join([*lines, '', END])
 

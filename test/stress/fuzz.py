@@ -13,6 +13,7 @@ import copy
 import json
 import os
 import sys
+import tempfile
 import time
 from collections import Counter
 from pathlib import Path
@@ -21,79 +22,23 @@ from typing import Any
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 import numpy as np
-import rclpy
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import damage
+import services
+from harness import HANG_S, Failed, Harness
 
 import csg_renderer
 from csg_renderer.node import RendererNode
 from dap_emulator.node import EmulatorNode
 from model_matcher.node import MatcherNode
 from msgs_py import PinholeCamera, StereoRig, codecs
-from msgs_py.runtime import GraphNode, spin_once
 from stereo_recovery.node import RecoveryNode
 
-HANG_S = 2.0
 GOOD_EVERY = 10
 RIG = StereoRig.symmetric(PinholeCamera.centred(96, 80, 130.0), 0.05)
-
-
-class Failed(AssertionError):
-    """The node did not do what it must."""
-
-
-class Harness:
-    """One node under test and the fuzzer's own, in a context of their own."""
-
-    def __init__(self, node_class: type[GraphNode], parameters: dict[str, Any], domain: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.node = node_class(context=self.context, parameter_overrides=overrides)
-        self.node.get_logger().set_level(rclpy.logging.LoggingSeverity.FATAL)
-        self.tester = Node('fuzzer', context=self.context)
-        for node in (self.node, self.tester):
-            self.executor.add_node(node)
-
-    def spin(self, done, timeout_s: float) -> float | None:
-        """Spin until done() and return the seconds it took, or None."""
-        start = time.monotonic()
-        while not done():
-            if time.monotonic() - start > timeout_s:
-                return None
-            spin_once(self.node, self.executor, 0.02)
-        return time.monotonic() - start
-
-    def publishers(self, types: dict[str, type]) -> dict[str, Any]:
-        made = {topic: self.tester.create_publisher(kind, topic, 10) for topic, kind in types.items()}
-        if self.spin(lambda: all(p.get_subscription_count() for p in made.values()), 20.0) is None:
-            raise Failed('publishers found no subscriber')
-        return made
-
-    def call(self, client: Any, request: Any) -> Any:
-        future = client.call_async(request)
-        if self.spin(future.done, HANG_S + 3.0) is None:
-            raise Failed(f'{client.srv_name} did not answer {str(request)[:300]}')
-        return future.result()
-
-    def close(self) -> None:
-        for node in (self.node, self.tester):
-            self.executor.remove_node(node)
-            node.destroy_node()
-        self.executor.shutdown()
-        rclpy.try_shutdown(context=self.context)
 
 
 class TopicFuzzer:
@@ -229,76 +174,6 @@ def cloud_source():
     return good
 
 
-def fuzz_parameters(harness: Harness, rng: np.random.Generator, count: int) -> Counter[str]:
-    """Values of every type for every parameter: applied, or refused with a reason that names it."""
-    node, outcomes = harness.node, Counter()
-    names = [spec.name for spec in type(node.config).parameters()]
-    initial = node.config.as_parameters()
-    for _ in range(count):
-        name = damage.one_of(rng, [*names, 'use_sim_time', 'no_such_parameter'])
-        value = damage.parameter_value(rng)
-        start = time.monotonic()
-        try:
-            parameter = Parameter(name, value=value)
-        except (AttributeError, TypeError, ValueError):
-            continue  # rclpy itself has no message for it
-        result = node.set_parameters_atomically([parameter])
-        if time.monotonic() - start > HANG_S:
-            raise Failed(f'parameter {name} := {value!r} took {time.monotonic() - start:.1f} s')
-        if not result.successful and not result.reason:
-            raise Failed(f'parameter {name} := {value!r} refused without a reason')
-        outcomes['applied' if result.successful else 'refused with a reason'] += 1
-        if result.successful and name in initial:
-            back = list(initial[name]) if isinstance(initial[name], tuple) else initial[name]
-            kind = (Parameter.Type.STRING_ARRAY,) if isinstance(initial[name], tuple) else ()
-            restored = node.set_parameters_atomically([Parameter(name, *kind, value=back)])
-            if not restored.successful:
-                raise Failed(f'parameter {name}: {back!r} no longer accepted: {restored.reason}')
-        elif result.successful and name == 'use_sim_time':
-            node.set_parameters_atomically([Parameter(name, value=False)])
-    return outcomes
-
-
-def fuzz_emulator(harness: Harness, rng: np.random.Generator, count: int) -> Counter[str]:
-    """Requests of any names and types to ~/store, ~/run and ~/fetch."""
-    tester, outcomes = harness.tester, Counter()
-    store = tester.create_client(SetParametersAtomically, '/emulator_node/store')
-    fetch = tester.create_client(GetParameters, '/emulator_node/fetch')
-    run = tester.create_client(Trigger, '/emulator_node/run')
-    if harness.spin(lambda: all(client.service_is_ready() for client in (store, fetch, run)), 20.0) is None:
-        raise Failed('no services')
-    names = ('', '.', '/', 'a', 'a.program', 'a.entry', 'a.run_request', 'b.library', 'a.x', 'a.model', 'x' * 3000,
-             'a..b', 'a.data.X', 'a.shape.X', 'a.forget', 'a.cancel', 'a.result.1.data.X', 'b.run_request',
-             '\0', '../../etc', 'a.result.1.cycles')
-    texts = ('', '      SUBROUTINE MAIN', 'entry main\nend', 'program', 'canny', '/etc/passwd', '(' * 2000, '\0\n',
-             'x' * 20000)
-    for _ in range(count):
-        parameters = []
-        for _ in range(int(rng.integers(0, 4))):
-            value = ParameterValue(type=int(rng.integers(0, 12)))
-            value.string_value = damage.one_of(rng, texts)
-            value.integer_array_value = rng.integers(-2**60, 2**60, int(rng.integers(0, 50))).tolist()
-            value.double_array_value = [damage.one_of(rng, damage.ODD_FLOATS) for _ in range(3)]
-            value.integer_value = int(rng.integers(-2**62, 2**62))
-            value.double_value = damage.one_of(rng, damage.ODD_FLOATS)
-            parameters.append(ParameterMessage(name=damage.one_of(rng, names), value=value))
-        result = harness.call(store, SetParametersAtomically.Request(parameters=parameters)).result
-        if not result.successful and not result.reason:
-            raise Failed('store refused without a reason')
-        outcomes['stored' if result.successful else 'refused with a reason'] += 1
-        if rng.random() < 0.2:
-            answer = harness.call(run, Trigger.Request())
-            if not answer.success and not answer.message:
-                raise Failed('run failed without a reason')
-            outcomes['ran' if answer.success else 'run failed with a reason'] += 1
-        if rng.random() < 0.2:
-            wanted = [damage.one_of(rng, names) for _ in range(3)]
-            if len(harness.call(fetch, GetParameters.Request(names=wanted)).values) != 3:
-                raise Failed('fetch answered another number of values')
-            outcomes['fetched'] += 1
-    return outcomes
-
-
 def run(messages: int, seed: int, domain: int) -> dict[str, dict[str, object]]:
     """Everything, in a fixed order. Raises Failed."""
     rng = np.random.default_rng(seed)
@@ -317,17 +192,28 @@ def run(messages: int, seed: int, domain: int) -> dict[str, dict[str, object]]:
             fuzzer.check_books()
             report[f'{name}: messages'] = {'damaged': fuzzer.damaged, **fuzzer.outcomes, 'slowest_s': round(
                 fuzzer.slowest[0], 3), 'slowest_damage': fuzzer.slowest[1]}
-            report[f'{name}: parameters'] = dict(fuzz_parameters(harness, rng, messages // 20))
+            report[f'{name}: parameters'] = dict(services.fuzz_parameters(harness, rng, messages // 20))
             fuzzer.send_good()
         finally:
             harness.close()
-    for name, node_class, parameters in (('renderer_node', RendererNode, {'rate': 0.0}),
+    with tempfile.TemporaryDirectory() as folder:
+        report |= fuzz_services(rng, messages // 20, domain, Path(folder) / 'scene.csg')
+    return report
+
+
+def fuzz_services(rng: np.random.Generator, count: int, domain: int, scene: Path) -> dict[str, dict[str, object]]:
+    """Parameters and services of the nodes that are driven by requests."""
+    report: dict[str, dict[str, object]] = {}
+    scene.write_bytes(csg_renderer.scene_path('l_shape_v1').read_bytes())
+    for name, node_class, parameters in (('renderer_node', RendererNode, {'rate': 0.0, 'scene': str(scene)}),
                                          ('emulator_node', EmulatorNode, {})):
         harness = Harness(node_class, parameters, domain)
         try:
-            report[f'{name}: parameters'] = dict(fuzz_parameters(harness, rng, messages // 20))
-            if name == 'emulator_node':
-                report[f'{name}: requests'] = dict(fuzz_emulator(harness, rng, messages // 20))
+            report[f'{name}: parameters'] = dict(services.fuzz_parameters(harness, rng, count))
+            report[f'{name}: parameter services'] = dict(services.fuzz_parameter_services(harness, rng, count))
+            report[f'{name}: requests'] = dict(
+                services.fuzz_renderer(harness, rng, count, scene) if name == 'renderer_node'
+                else services.fuzz_emulator(harness, rng, count))
         finally:
             harness.close()
     return report

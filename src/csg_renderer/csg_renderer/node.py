@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from msgs_py import Pose, StereoRig
+from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
 from msgs_py.config import Config, parameter
 from msgs_py.confinement import TrustedFolders
@@ -21,7 +22,11 @@ from .frame import Frame
 from .language import SceneError, SceneFile, read_scene
 from .language.loader import models_folder
 from .pipeline import ENGINES, render_stereo, scene_rig
+from .scene import Scene
 from .sensor import SensorModel, grey
+
+# About a gigabyte for each eye; anybody on the network can set the size.
+MAX_PIXELS = 2**25
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class RendererConfig(Config):
     watch: bool = parameter(True, 'Read the scene again when one of its files changes')
 
 
-class RendererNode(GraphNode):
+class RendererNode(GraphNode[RendererConfig]):
     """Publishes left/ and right/ image_rect and camera_info, and on demand depth and ground truth."""
 
     def __init__(self, **kwargs) -> None:
@@ -72,7 +77,7 @@ class RendererNode(GraphNode):
         self._file: SceneFile | None = None
         self._read_at: dict[str, int] = {}
         self._pair_index = 0
-        self._timer = None
+        self._timer: Timer | None = None
         self._trusted = TrustedFolders([*self.config.scene_folders, models_folder()],
                                        [self.config.scene], 'scene_folders')
         self._load(self.config.scene)
@@ -132,8 +137,8 @@ class RendererNode(GraphNode):
     def _warm_up(self) -> None:
         """Compile, or load from the cache, what the first frame needs, so that it does not come seconds late."""
         if self._file is not None and self.config.engine == 'native':
-            rig = scene_rig(self._file.scene, 32, 32, baseline=self.config.baseline)
-            self._frames(rig, self._file.scene.camera_T_scene)
+            scene = self._file.scene
+            self._frames(scene, scene_rig(scene, 32, 32, baseline=self.config.baseline), scene.camera_T_scene)
 
     def _start_timer(self) -> None:
         if self._timer is not None:
@@ -163,29 +168,32 @@ class RendererNode(GraphNode):
             raise ValueError(f'no scene: {self.health.last_error}')
         scene = self._file.scene
         rig = scene_rig(scene, config.width, config.height, config.focal, config.baseline)
+        if rig.left.width * rig.left.height > MAX_PIXELS:
+            raise ValueError(f'parameters width, height: {rig.left.width} x {rig.left.height} pixels are too many, '
+                             f'expected at most {MAX_PIXELS}')
         camera_T_scene = turned(scene, config.turntable * self._pair_index)
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=config.frame_id)
-        frames = self._frames(rig, camera_T_scene)
+        frames = self._frames(scene, rig, camera_T_scene)
         for output, info in zip(self._infos, camera_infos_from_rig(rig, header)):
             output.publish(info)
         for output, image in zip(self._images, sensor_images(frames, config, self._pair_index)):
             output.publish(array_to_image(image, config.encoding, header))
         if self.wanted(self._depth):
             self._depth.publish(array_to_image(frames[0].depth, '32FC1', header))
-        self._publish_truth(camera_T_scene, rig.left, header)
+        self._publish_truth(scene, camera_T_scene, rig.left, header)
         self._pair_index += 1
         self.done(header)
 
-    def _frames(self, rig: StereoRig, camera_T_scene: Pose) -> tuple[Frame, Frame]:
+    def _frames(self, scene: Scene, rig: StereoRig, camera_T_scene: Pose) -> tuple[Frame, Frame]:
         config = self.config
-        return render_stereo(self._file.scene, rig, camera_T_scene, engine=config.engine, tiling=config.tiling,
+        return render_stereo(scene, rig, camera_T_scene, engine=config.engine, tiling=config.tiling,
                              levels=config.levels, antialias=config.antialias, shadows=config.shadows)
 
-    def _publish_truth(self, camera_T_scene: Pose, camera, header: Header) -> None:
+    def _publish_truth(self, scene: Scene, camera_T_scene: Pose, camera: PinholeCamera, header: Header) -> None:
         """Pose and visible features of the scene's first object, if anybody wants them and it has them."""
-        if not (self.wanted(self._pose) or self.wanted(self._features)) or not self._file.scene.placements:
+        if not (self.wanted(self._pose) or self.wanted(self._features)) or not scene.placements:
             return
-        placement = self._file.scene.placements[0]
+        placement = scene.placements[0]
         try:
             camera_T_model = camera_T_scene.compose(placement.pose)
         except ValueError as error:
@@ -207,7 +215,7 @@ def sensor_images(frames: tuple[Frame, Frame], config: RendererConfig, pair_inde
         grey(frame.image) if config.encoding == 'mono8' else frame.image) for eye, frame in enumerate(frames)]
 
 
-def turned(scene, degrees: float) -> Pose:
+def turned(scene: Scene, degrees: float) -> Pose:
     """camera_T_scene with the scene turned about the camera's y axis through the origin of its first object."""
     if degrees == 0.0 or not scene.placements:
         return scene.camera_T_scene

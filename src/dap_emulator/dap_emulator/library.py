@@ -21,7 +21,7 @@ def program_source(name: str) -> str:
     """Source text of a library program. Raises ValueError naming what there is."""
     if name not in program_names():
         raise ValueError(f'library: {name!r} is not there, expected one of {", ".join(program_names())}')
-    return resources.files(__package__).joinpath('programs', name + SUFFIX).read_text(encoding='utf-8')
+    return resources.files(__package__).joinpath('programs').joinpath(name + SUFFIX).read_text(encoding='utf-8')
 
 
 @lru_cache(maxsize=64)

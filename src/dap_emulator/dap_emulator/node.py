@@ -144,7 +144,7 @@ class _Finished:
         return self.future.result()
 
 
-class EmulatorNode(GraphNode):
+class EmulatorNode(GraphNode[EmulatorConfig]):
     """Serves ~/store, ~/run, ~/fetch and ~/list (see workspaces.py for the names), and image_in -> image_out."""
 
     def __init__(self, **kwargs: Any) -> None:

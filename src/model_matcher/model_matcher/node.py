@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -91,7 +92,7 @@ class MatcherConfig(Config):
             raise ValueError(f'parameter {error}') from None
 
 
-class MatcherNode(GraphNode):
+class MatcherNode(GraphNode[MatcherConfig]):
     """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
 
     def __init__(self, **kwargs) -> None:
@@ -99,8 +100,9 @@ class MatcherNode(GraphNode):
         self._array_out = self.create_output(PoseArray, TOPIC)
         self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
         self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
-        self._pose_out: dict[str, object] = {}
-        self._transforms_out = None
+        self._pose_out: dict[str, Publisher] = {}
+        self._transforms_out: Publisher | None = None
+        self._transforms_type = transform_message_type()
         self._reason = ''
         self._looked_at = time.monotonic()
         self._library = Library((), (), {})
@@ -115,7 +117,7 @@ class MatcherNode(GraphNode):
     # -- configuration -----------------------------------------------------------------------------------------
 
     def check_config(self, new: MatcherConfig) -> None:
-        if new.tf and not self.config.tf and transform_message_type() is None:
+        if new.tf and not self.config.tf and self._transforms_type is None:
             raise ValueError(NO_TF)
         for given in set(new.models) - set(self.config.models):
             try:
@@ -154,11 +156,10 @@ class MatcherNode(GraphNode):
             self._transforms_out = None
         if not self.config.tf:
             return
-        message_type = transform_message_type()
-        if message_type is None:
+        if self._transforms_type is None:
             self.problem(NO_TF)
             return
-        self._transforms_out = self.create_publisher(message_type, '/tf', 100)
+        self._transforms_out = self.create_publisher(self._transforms_type, '/tf', 100)
 
     def _look_for_changes(self) -> None:
         now = time.monotonic()
@@ -183,9 +184,9 @@ class MatcherNode(GraphNode):
             best.setdefault(one.model, one)
         for name, one in best.items():
             self._pose_out[name].publish(pose_to_stamped(one.pose, header))
-        if self._transforms_out is not None and best:
+        if self._transforms_out is not None and self._transforms_type is not None and best:
             frames = {self.config.tf_prefix + name: one.pose for name, one in best.items()}
-            self._transforms_out.publish(transform_message_type()(transforms=poses_to_transforms(frames, header)))
+            self._transforms_out.publish(self._transforms_type(transforms=poses_to_transforms(frames, header)))
         self._report_out.publish(report_from_interpretations([*result.interpretations, *result.rejected], header))
         if self.wanted(self._markers_out):
             self._markers_out.publish(self._markers(result, header))

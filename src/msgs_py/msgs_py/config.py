@@ -29,6 +29,7 @@ class ParameterSpec:
     choices: tuple = ()
     read_only: bool = False
     element: type = str
+    formerly: tuple[str, ...] = ()
 
     @property
     def kind(self) -> type:
@@ -76,11 +77,12 @@ _TYPE_NAMES = {bool: 'true or false', int: 'an integer', float: 'a number', str:
 
 def parameter(default: Any, description: str, *, name: str | None = None, unit: str = '',
               minimum: float | None = None, maximum: float | None = None, choices: tuple = (),
-              read_only: bool = False, element: type = str) -> Any:
-    """A Config field. The default gives the type; ``element`` is the type of a tuple's items."""
+              read_only: bool = False, element: type = str, formerly: tuple[str, ...] = ()) -> Any:
+    """A Config field. The default gives the type; ``element`` is the type of a tuple's items; ``formerly`` are old
+    names of the parameter, which a node accepts with a warning."""
     return field(default=default, metadata={'spec': dict(
         name=name, default=default, description=description, unit=unit, minimum=minimum, maximum=maximum,
-        choices=choices, read_only=read_only, element=element)})
+        choices=choices, read_only=read_only, element=element, formerly=formerly)})
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,11 @@ class Config:
         if unknown:
             raise ValueError(f'parameter {unknown[0]}: unknown, expected one of {", ".join(sorted(fields_by_name))}')
         return replace(self, **{fields_by_name[name]: value for name, value in values.items()})
+
+    @classmethod
+    def former_names(cls) -> dict[str, str]:
+        """Old names of parameters, and what they are called now."""
+        return {old: spec.name for spec in cls.parameters() for old in spec.formerly}
 
     def as_parameters(self) -> dict[str, Value]:
         """ROS parameter names to values."""

@@ -6,12 +6,13 @@ With codecs this is the only part of the package that needs ROS, and the only on
 from __future__ import annotations
 
 import copy
+import difflib
 import sys
 import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar, cast
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -30,6 +31,7 @@ from std_srvs.srv import Trigger
 
 from .config import Config, ParameterSpec
 from .health import Health, SequenceGaps, shortened
+from .renaming import notice
 from .stamp_sync import NANOSECONDS, StampSync
 from .transport import make_room_for_images
 
@@ -45,6 +47,8 @@ STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'rig
 _ARRAY_TYPES = {str: Parameter.Type.STRING_ARRAY, int: Parameter.Type.INTEGER_ARRAY,
                 float: Parameter.Type.DOUBLE_ARRAY, bool: Parameter.Type.BOOL_ARRAY}
 
+_C = TypeVar('_C', bound=Config)
+
 
 @dataclass(frozen=True)
 class StereoMessages:
@@ -56,16 +60,22 @@ class StereoMessages:
     right_info: CameraInfo
 
 
-class GraphNode(Node):
-    """A node of the recognition graph. ``kwargs`` (context, namespace, parameter_overrides, ...) go to rclpy's Node."""
+class GraphNode(Node, Generic[_C]):
+    """A node of the recognition graph, ``GraphNode[ItsConfig]``.
 
-    def __init__(self, name: str, config_class: type[Config], **kwargs: Any) -> None:
+    ``kwargs`` (context, namespace, parameter_overrides, ...) go to rclpy's Node.
+    """
+
+    def __init__(self, name: str, config_class: type[_C], **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.health = Health(time.monotonic())
         self._sync: StampSync | None = None
         self._received: dict[str, int] = {}
         self._callback_start = time.monotonic()
         self._silence_logged = -SILENCE_LOG_S
+        self._old_names: list[str] = []
+        self._ignored: list[str] | None = None
+        self._accept_old_names(config_class)
         self._config = self._declare(config_class)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
@@ -77,10 +87,10 @@ class GraphNode(Node):
 
     # -- to be overridden --------------------------------------------------------------------------------------
 
-    def check_config(self, new: Config) -> None:
+    def check_config(self, new: _C) -> None:
         """Refuse a configuration: raise ValueError with what was expected. No side effects."""
 
-    def on_config(self, old: Config, new: Config) -> None:
+    def on_config(self, old: _C, new: _C) -> None:
         """The configuration has changed from old to new."""
 
     def reset(self) -> str:
@@ -98,11 +108,42 @@ class GraphNode(Node):
     # -- parameters --------------------------------------------------------------------------------------------
 
     @property
-    def config(self) -> Any:
-        """The current configuration (an instance of the node's Config class)."""
+    def config(self) -> _C:
+        """The current configuration."""
         return self._config
 
-    def _declare(self, config_class: type[Config]) -> Config:
+    @property
+    def _overrides(self) -> dict[str, Parameter]:
+        """Values given at the start; rclpy has no public view of them."""
+        return getattr(self, '_parameter_overrides', {})
+
+    def _accept_old_names(self, config_class: type[_C]) -> None:
+        """Values given under a parameter's old name count for the new one, unless that is given too."""
+        for old, new in config_class.former_names().items():
+            given = self._overrides.pop(old, None)
+            if given is not None:
+                self._old_name_used('parameter', old, new)
+                self._overrides.setdefault(new, Parameter(new, given.type_, given.value))
+
+    def _old_name_used(self, kind: str, old: str, new: str) -> None:
+        """Say so, once, in the log, and from now on in the diagnostics."""
+        text = notice(kind, old, new)
+        if text not in self._old_names:
+            self._old_names.append(text)
+            self.get_logger().warning(text)
+
+    def _ignored_overrides(self) -> list[str]:
+        """What was given at the start and no parameter has taken: ROS says nothing of a misspelt name."""
+        if self._ignored is None:
+            known = [*self._parameters, *type(self._config).former_names()]
+            self._ignored = [name for name in self._overrides if not self.has_parameter(name)]
+            for name in self._ignored:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f'; did you mean {near[0]}?' if near else ''
+                self.get_logger().warning(f'parameter {name}: unknown to {self.get_name()}, ignored{hint}')
+        return self._ignored
+
+    def _declare(self, config_class: type[_C]) -> _C:
         """Declare every parameter. An unusable start-up value is reported, and the default taken instead."""
         config = config_class()
         for spec in config_class.parameters():
@@ -150,7 +191,7 @@ class GraphNode(Node):
         value = self.get_parameter(spec.name).value
         return list(value) if spec.kind is tuple else value
 
-    def _candidate(self, parameters: list[Parameter]) -> Config:
+    def _candidate(self, parameters: list[Parameter]) -> _C:
         """The configuration with these changes; parameters that are not ours (QoS, use_sim_time) are left alone."""
         names = {spec.name for spec in type(self._config).parameters()}
         ours = {p.name: p.value for p in parameters if p.name in names}
@@ -160,7 +201,12 @@ class GraphNode(Node):
         return candidate
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """As rclpy's, which forgets to say which name it does not know."""
+        """As rclpy's, which forgets to say which name it does not know; old names are taken for the new ones."""
+        former = type(self._config).former_names()
+        for old in [p.name for p in parameter_list if p.name in former]:
+            self._old_name_used('parameter', old, former[old])
+        parameter_list = [Parameter(former[p.name], p.type_, p.value) if p.name in former else p
+                          for p in parameter_list]
         unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if unknown:
             reason = f'parameter {unknown[0]}: unknown to {self.get_name()}'
@@ -184,17 +230,36 @@ class GraphNode(Node):
 
     # -- topics ------------------------------------------------------------------------------------------------
 
-    def create_output(self, message_type: type, topic: str) -> Publisher:
-        """A publisher, reliable and shallow, QoS overridable by parameters."""
-        return self.create_publisher(message_type, topic, OUTPUT_QOS,
-                                     qos_overriding_options=QoSOverridingOptions.with_default_policies())
+    def create_output(self, message_type: type, topic: str, formerly: tuple[str, ...] = ()) -> Publisher:
+        """A publisher, reliable and shallow, QoS overridable by parameters.
+
+        formerly : old names of the topic; who still listens there is served, and named in a warning.
+        """
+        def publisher(name: str) -> Publisher:
+            return self.create_publisher(message_type, name, OUTPUT_QOS,
+                                         qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+        if not formerly:
+            return publisher(topic)
+        return cast(Publisher, _AlsoUnderOldNames(
+            publisher(topic), {old: publisher(old) for old in formerly},
+            lambda old: self._old_name_used('topic', old, topic)))
 
     def wanted(self, publisher: Publisher) -> bool:
         """Whether anybody listens; heavy outputs are made only then."""
         return publisher.get_subscription_count() > 0
 
-    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None]) -> Subscription:
-        """A subscription whose callback may raise: that is reported, and the node lives on."""
+    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None],
+               formerly: tuple[str, ...] = ()) -> Subscription:
+        """A subscription whose callback may raise: that is reported, and the node lives on.
+
+        formerly : old names of the topic; what comes there is taken too, with a warning.
+        """
+        for old in formerly:
+            def on_old(message: Any, old: str = old) -> None:
+                self._old_name_used('topic', old, topic)
+                guarded(message)
+            self.create_subscription(message_type, old, on_old, INPUT_QOS)
         self._received.setdefault(topic, 0)
         guarded = self._guard(topic, callback)
         gaps = SequenceGaps()
@@ -291,11 +356,15 @@ class GraphNode(Node):
                 self.get_logger().warning(silence)
         elif recent:
             status.level, status.message = DiagnosticStatus.WARN, self.health.last_error
+        elif self._old_names:
+            status.level, status.message = DiagnosticStatus.WARN, '; '.join(self._old_names)
         values = self.health.values(now)
         if self._sync is not None:
             counters = self._sync.counters
             values |= {'stereo_pairs': counters.sets, 'unmatched_stamps': counters.unmatched,
                        'late_stamps': counters.late, 'clock_jumps': counters.clock_jumps}
+        values |= {'old_names_in_use': '; '.join(self._old_names),
+                   'ignored_parameters': ', '.join(self._ignored_overrides())}
         values |= self.report_values()
         status.values = [KeyValue(key=str(key), value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
@@ -312,6 +381,26 @@ class GraphNode(Node):
             response.success, response.message = False, f'{type(error).__name__}: {error}'
             self.problem(f'reset: {response.message}')
         return response
+
+
+class _AlsoUnderOldNames:
+    """A publisher that serves who still listens to the topic's old names, too."""
+
+    def __init__(self, publisher: Publisher, former: dict[str, Publisher], warn: Callable[[str], None]) -> None:
+        self._publisher, self._former, self._warn = publisher, former, warn
+
+    def publish(self, message: Any) -> None:
+        self._publisher.publish(message)
+        for old, publisher in self._former.items():
+            if publisher.get_subscription_count():
+                self._warn(old)
+                publisher.publish(message)
+
+    def get_subscription_count(self) -> int:
+        return sum(p.get_subscription_count() for p in (self._publisher, *self._former.values()))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._publisher, name)
 
 
 def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) -> None:

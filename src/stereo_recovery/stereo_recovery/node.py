@@ -58,7 +58,7 @@ class RecoveryConfig(Config):
                               self.rectification_sigma)
 
 
-class RecoveryNode(GraphNode):
+class RecoveryNode(GraphNode[RecoveryConfig]):
     """Publishes ``features``, and on demand ``features/markers`` and ``debug_image``."""
 
     def __init__(self, **kwargs) -> None:
