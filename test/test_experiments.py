@@ -117,9 +117,24 @@ def test_the_table_shows_ratios_to_peers_and_to_the_last_run():
     assert '-50 % (better)' in text and 'ours is 10.0 times better' in text and 'not installed' in text
 
 
+def test_a_slower_machine_is_told_and_its_times_are_not_judged():
+    measure = sys.modules['measure']
+    rows = [measure.Measurement('render', 20.0), measure.Measurement('recall', 50.0, '%', lower_is_better=False)]
+    before = [{'what': 'render', 'by': 'ours', 'value': 10.0}, {'what': 'recall', 'by': 'ours', 'value': 90.0}]
+    text = benchmarks.table('renderer', rows, [], before, machine_slower=2.0)
+    assert '2.0 times as slow' in text and '+100 %\n' in text and '-44 % (WORSE)' in text
+    assert '+100 % (WORSE)' in benchmarks.table('renderer', rows, [], before)
+    assert 0.01 < measure.yardstick(3) < 1e4
+
+
 def test_a_run_is_saved_and_the_next_compares_with_it(tmp_path, capsys):
     arguments = ['--quick', '--only', 'codecs', '--out', str(tmp_path)]
     assert benchmarks.main(arguments) == 0
     document = json.loads(next(tmp_path.glob('*.json')).read_text())
     assert document['machine']['cores'] and document['versions']['numpy'] and document['benchmarks']['codecs']
-    assert benchmarks.last_run(tmp_path, None)['when'] == document['when']
+    assert document['yardstick_ms']['codecs'] > 0.0
+    (run,) = benchmarks.earlier_runs(tmp_path, None, quick=True)
+    assert run['when'] == document['when'] and not benchmarks.earlier_runs(tmp_path, None, quick=False)
+    capsys.readouterr()
+    assert benchmarks.main([*arguments, '--against', str(next(tmp_path.glob('*.json')))]) == 0
+    assert f'compared with {document["when"]}' in capsys.readouterr().out

@@ -6,12 +6,16 @@ that is a plain script instead is run as such and its printed rows are read by :
 
 from __future__ import annotations
 
+import os
 import re
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
+
+import numpy as np
 
 OURS = 'ours'
 
@@ -66,6 +70,20 @@ def interleaved(functions: Sequence[Callable[[], Any]], budget_s: float = 1.0, l
             function()
             taken.append(1e3 * (time.perf_counter() - started))
     return [statistics.median(taken[1:]) for taken in times]
+
+
+def yardstick(repeats: int = 15) -> float:
+    """Median time, ms, of work that never changes: sorting on every core at once, then a plain loop."""
+    cores = os.cpu_count() or 1
+    numbers = [np.random.default_rng(k).random(100_000) for k in range(cores)]
+    times = []
+    with ThreadPoolExecutor(cores) as pool:
+        for _ in range(repeats):
+            started = time.perf_counter()
+            list(pool.map(np.sort, numbers))
+            sum(k * k for k in range(50_000))
+            times.append(1e3 * (time.perf_counter() - started))
+    return statistics.median(times)
 
 
 _TIME = re.compile(r'(?:(\w+)\s+)?(\d+(?:\.\d+)?)\s*(ms|us|s|Hz)\b')
