@@ -1,4 +1,4 @@
-"""The native engine: four scenes of the renderer's bars at 512 x 512, brute force beside tiling, POV-Ray beside both.
+"""The native engine: four scenes of the renderer's bars at 512 x 512, brute force beside tiling, POV-Ray and Embree beside both.
 
 All times are whole render() calls, warm: depth, ids, normals and Phong's light of every light.
 """
@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 
+import embree
 import numpy as np
 import povray
 from measure import Absent, Measurement, interleaved, milliseconds
@@ -127,6 +128,7 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     budget = 0.5 if quick else 3.0
     camera = default_camera()
     traces = povray.available()
+    no_embree = embree.missing()
     for name, (build, bar) in SCENES.items():
         scene = build()
         rig = default_rig(scene, camera, 0.05)
@@ -141,6 +143,9 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
                                f'{untiled.intersections / tiled.intersections:.1f}')
         if traces:
             yield _trace(name, scene, 1, False)
+        if no_embree is None:
+            spent, share, triangles = embree.cast_time(scene, camera, budget)
+            yield Measurement(name, spent, by='Embree', note=f'hits of {triangles} triangles, one thread, no shading')
     scene = table()
     for levels, shadows in ((1, False), (2, True), (6, True)):
         what = f'table, 100 primitives, {levels} levels' + (', shadows' if shadows else '')
@@ -156,6 +161,8 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     yield Measurement('new process to image', min(_process() for _ in range(1 if quick else 3)), note='bar 800 ms')
     if not traces:
         yield Absent('POV-Ray', 'povray is not installed')
+    if no_embree is not None:
+        yield Absent('Embree', no_embree)
 
 
 def _trace(name: str, scene: Scene, levels: int, shadows: bool) -> Measurement:
