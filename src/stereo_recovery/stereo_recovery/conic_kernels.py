@@ -89,3 +89,82 @@ def fit(points, rounds):
     out = np.array([a0, b0, c0, d0 - 2.0 * a0 * mx - b0 * my, e0 - 2.0 * c0 * my - b0 * mx,
                     q[5] - d0 * mx - e0 * my + a0 * mx * mx + b0 * mx * my + c0 * my * my])
     return out, rms
+
+
+@njit(cache=True)
+def radii(q):
+    """Major and minor radius, pixels, of the ellipse of :func:`fit`'s six numbers; (0, 0) when they are of none."""
+    a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
+    small = a * c - b * b
+    whole = a * (c * f - e * e) - b * (b * f - e * d) + d * (b * e - c * d)
+    # A real ellipse has its centre inside.
+    if not (small > 0.0 and whole < 0.0):
+        return 0.0, 0.0
+    middle, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
+    level = -whole / small
+    return np.sqrt(level / max(middle - half, 1e-300)), np.sqrt(level / (middle + half))
+
+
+@njit(cache=True)
+def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, least_edgels, least_radius):
+    """The longest stretches of a run of pieces that one ellipse explains each; writes their labels into ``arc``.
+
+    pieces : (k,) int64, twice in a row for a closed string; turns : (k - 1,) radians between them; position : (n, 2);
+    limit : (n,) pixels an edgel may stand off; label : the first new one. Returns conics (m, 6) and rms (m,), pixels.
+    """
+    k = len(pieces)
+    total = 0
+    for i in range(k):
+        total += bounds[pieces[i], 1] - bounds[pieces[i], 0]
+    points, slack = np.empty((total, 2)), np.empty(total)
+    conics, errors = np.empty((k, 6)), np.empty(k)
+    found = 0
+    first = 0
+    while first + 1 < k:
+        taken = False
+        for last in range(k - 1, first, -1):
+            free = last - first <= 40
+            turn = 0.0
+            bends = 0
+            for i in range(first, last + 1):
+                free = free and arc[pieces[i]] < 0 and (i == first or pieces[i] != pieces[first])
+                turn += turns[i] if i < last else 0.0
+                bends += 1 if bow[pieces[i]] > 0.0 else -1
+            if not free or abs(turn) < least_turn:
+                continue
+            # Two straight pieces make a corner unless both bend the same way.
+            if last - first < 3 and abs(bends) < last - first + 1:
+                continue
+            n = 0
+            for i in range(first, last + 1):
+                for j in range(bounds[pieces[i], 0], bounds[pieces[i], 1]):
+                    points[n, 0], points[n, 1], slack[n] = position[j, 0], position[j, 1], limit[j]
+                    n += 1
+            if n < least_edgels:
+                break
+            tolerance = np.median(slack[:n])
+            q, rms = fit(points[:n], 2)
+            if not rms < 0.6 * tolerance:
+                continue
+            q, rms = fit(points[:n], 4)
+            major, minor = radii(q)
+            if not (rms < 0.45 * tolerance and minor > least_radius):
+                continue
+            u, v = points[:n, 0], points[:n, 1]
+            if major > 4.0 * max(u.max() - u.min(), v.max() - v.min()):
+                continue
+            gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
+            value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
+            off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + 1e-24))
+            if off[int(0.95 * (n - 1))] > tolerance:
+                continue
+            for i in range(first, last + 1):
+                arc[pieces[i]] = label + found
+            conics[found], errors[found] = q, rms
+            found += 1
+            first = last
+            taken = True
+            break
+        if not taken:
+            first += 1
+    return conics[:found], errors[:found]

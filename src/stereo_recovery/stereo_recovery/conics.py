@@ -54,14 +54,19 @@ def fit_ellipse(points: np.ndarray, rounds: int = 4) -> Ellipse | None:
     """
     if len(points) < 6:
         return None
-    (a, b, c, d, e, f), rms = conic_kernels.fit(np.ascontiguousarray(points, dtype=np.float64), rounds)
+    numbers, rms = conic_kernels.fit(np.ascontiguousarray(points, dtype=np.float64), rounds)
     if not np.isfinite(rms):
         return None
-    conic = np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
+    conic = _symmetric(numbers)
     # A real ellipse has its centre inside.
     if not np.isfinite(conic).all() or np.linalg.det(conic) >= 0.0:
         return None
     return Ellipse(conic, float(rms))
+
+
+def _symmetric(numbers: np.ndarray) -> np.ndarray:
+    a, b, c, d, e, f = numbers
+    return np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
 
 
 def find_arcs(position: np.ndarray, limit: np.ndarray, bounds: np.ndarray, string: np.ndarray, closed: np.ndarray,
@@ -90,8 +95,10 @@ def find_arcs(position: np.ndarray, limit: np.ndarray, bounds: np.ndarray, strin
             join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
             turns = np.concatenate([turns, [join], turns])
         for run in _runs(turns):
-            _claim(pieces[run[0]:run[1] + 1], turns[run[0]:run[1]], position, limit, bounds, bow, arc,
-                   ellipses)
+            conics, errors = conic_kernels.claim(
+                np.ascontiguousarray(pieces[run[0]:run[1] + 1]), np.ascontiguousarray(turns[run[0]:run[1]]), position,
+                limit, bounds, bow, arc, len(ellipses), LEAST_TURN, LEAST_EDGELS, LEAST_RADIUS)
+            ellipses += [Ellipse(_symmetric(q), float(rms)) for q, rms in zip(conics, errors)]
     return arc, ellipses
 
 
@@ -110,41 +117,3 @@ def _runs(turns: np.ndarray) -> list[tuple[int, int]]:
         runs.append((k, end + 1))
         k = end + 1
     return runs
-
-
-def _claim(pieces: np.ndarray, turns: np.ndarray, position: np.ndarray, limit: np.ndarray, bounds: np.ndarray,
-           bow: np.ndarray, arc: np.ndarray, ellipses: list[Ellipse]) -> None:
-    """Find the longest stretches of a run that are arcs and write them down."""
-    first = 0
-    while first + 1 < len(pieces):
-        found = False
-        # A whole circuit of a closed string would come twice.
-        for last in range(len(pieces) - 1, first, -1):
-            chosen = pieces[first:last + 1]
-            if len(np.unique(chosen)) < len(chosen) or (arc[chosen] >= 0).any():
-                continue
-            if abs(turns[first:last].sum()) < LEAST_TURN or last - first > 40:
-                continue
-            # Two straight pieces make a corner unless both bend the same way.
-            if last - first < 3 and not (np.sign(bow[chosen]) == np.sign(bow[chosen[0]])).all():
-                continue
-            points = np.concatenate([position[bounds[k, 0]:bounds[k, 1]] for k in chosen])
-            if len(points) < LEAST_EDGELS:
-                break
-            tolerance = float(np.median(np.concatenate([limit[bounds[k, 0]:bounds[k, 1]] for k in chosen])))
-            ellipse = fit_ellipse(points, rounds=2)
-            if ellipse is None or ellipse.rms > 0.6 * tolerance:
-                continue
-            ellipse = fit_ellipse(points)
-            if ellipse is None or ellipse.rms > 0.45 * tolerance or min(ellipse.radii) < LEAST_RADIUS:
-                continue
-            off = np.abs(sampson(ellipse.conic, points))
-            extent = np.ptp(points, axis=0).max()
-            if np.quantile(off, 0.95) > tolerance or max(ellipse.radii) > 4.0 * extent:
-                continue
-            arc[chosen] = len(ellipses)
-            ellipses.append(ellipse)
-            first, found = last, True
-            break
-        if not found:
-            first += 1

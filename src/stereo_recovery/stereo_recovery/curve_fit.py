@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from msgs_py import StereoRig
 
 from . import curve_kernels
-from .curve import Curve, angles
+from .curve import Curve, angles, cross
 from .edgels import Edgels
 from .segmentation import CORRELATION_LENGTH
 
@@ -46,7 +47,7 @@ class Axle:
         """(4, 5): of the residual by a curve's centre and its two tilts."""
         rows = np.zeros((4, 5))
         sign = np.sign(self.direction @ normal)
-        rows[:2, 3], rows[:2, 4] = sign * self._across @ np.cross(normal, first), -sign * self._across @ first
+        rows[:2, 3], rows[:2, 4] = sign * self._across @ cross(normal, first), -sign * self._across @ first
         rows[2:, :3] = self._across
         return rows
 
@@ -58,11 +59,11 @@ class Axle:
         result[2:, 2:] = self._across @ self.spread @ self._across.T + (self.tilt * reach) ** 2 * np.eye(2)
         return result
 
-    @property
+    @cached_property
     def _across(self) -> np.ndarray:
-        first = np.cross(self.direction, np.eye(3)[np.argmin(np.abs(self.direction))])
+        first = cross(self.direction, np.eye(3)[np.argmin(np.abs(self.direction))])
         first = first / np.linalg.norm(first)
-        return np.stack([first, np.cross(self.direction, first)])
+        return np.stack([first, cross(self.direction, first)])
 
 
 def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: float, circle: bool,
@@ -160,7 +161,7 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
         return None
     if radii[0] < radii[1]:
         # The tilts are about the radii.
-        first, radii = np.cross(normal, first), radii[::-1].copy()
+        first, radii = cross(normal, first), radii[::-1].copy()
         turn = np.eye(6)
         turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
         covariance = turn @ covariance @ turn.T

@@ -13,7 +13,7 @@ import numpy as np
 from msgs_py import StereoRig
 
 from .conics import Ellipse
-from .curve import Curve
+from .curve import Curve, cross
 from .matching import Matches
 from .segmentation import Pieces
 
@@ -93,7 +93,7 @@ def mirrored(curve: Curve) -> Curve:
     first = curve.first - normal * (curve.first @ normal)
     length = np.linalg.norm(first)
     if length < 0.1:
-        first = np.cross(normal, sight)
+        first = cross(normal, sight)
         length = np.linalg.norm(first)
     return replace(curve, normal=normal, first=first / max(length, 1e-12))
 

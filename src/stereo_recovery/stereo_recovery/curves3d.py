@@ -35,6 +35,9 @@ CORNER_EDGELS = 2
 # A circle is an ellipse unless the ellipse lowers the sum of squares by this factor, and its radii differ by this much.
 ELLIPSE_GAIN = 1.3
 ELLIPSE_RATIO = 0.985
+# A circle that fits this well, pixels rms and times what its edgels state, is one.
+ROUND_RMS = 0.06
+ROUND_MISFIT = 1.3
 # A curve whose edgels stand off more than this, pixels rms, was never one.
 WORST_RMS = 0.45
 # Where a first fit stops trying, pixels rms, and what it leaves out at either end of arcs that fit worse.
@@ -168,7 +171,8 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
         if again is None:
             return None
         curve = replace(again, left=on_left, right=on_right)
-        if axle is None and curve.radii[0] == curve.radii[1]:
+        doubtful = curve.rms > ROUND_RMS or curve.misfit > ROUND_MISFIT
+        if axle is None and curve.radii[0] == curve.radii[1] and doubtful:
             ellipse = refine(curve, *mine, rig, blur, circle=False, rounds=6)
             if (ellipse is not None and ellipse.rms ** 2 * ELLIPSE_GAIN < curve.rms ** 2
                     and ellipse.radii[1] < ELLIPSE_RATIO * ellipse.radii[0]):
