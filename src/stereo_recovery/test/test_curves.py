@@ -86,6 +86,40 @@ def test_outlines_and_rims_are_no_edges(synthetic, cylinder_pair):
         assert ((np.abs(lines @ direction) > 0.98) & (off < 0.003)).any()
 
 
+@pytest.fixture(scope='module')
+def rounded_block(synthetic):
+    """A block with rounded ends: two half cylinders of 16 mm radius joined by faces of 30 mm, 15 mm high."""
+    box = synthetic.prism(np.array([(-0.015, -0.016), (0.015, -0.016), (0.015, 0.016), (-0.015, 0.016)]), 0.015)
+    can = synthetic.cylinder(0.016, 0.015)
+    whole = box + can.at(Pose(np.eye(3), [-0.015, 0, 0])) + can.at(Pose(np.eye(3), [0.015, 0, 0]))
+    pose = upright(0.8, 0.4, 0.25)
+    rig = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
+    return pose, recover(*synthetic.render_pair(whole.at(pose), rig), rig).features
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_edges_that_run_into_arcs_smoothly_are_edges(rounded_block, side):
+    pose, features = rounded_block
+    edges = features.of_kind(FeatureKind.EDGE)
+    ends = pose.apply(np.array([[-0.015, side * 0.016, 0.015], [0.015, side * 0.016, 0.015]]))
+    true = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    off = [max(np.linalg.norm(np.cross(p - ends[0], true)) for p in pair) for pair in zip(edges.start, edges.end)]
+    k = int(np.argmin(off))
+    assert off[k] < 0.2e-3
+    assert edges.lengths[k] == pytest.approx(0.030, abs=0.006)
+
+
+def test_arcs_that_run_into_edges_are_arcs_and_nothing_else_is(rounded_block):
+    pose, features = rounded_block
+    curves = features.of_kind(FeatureKind.CURVE)
+    true = pose.apply(np.array([[x, 0.0, z] for x in (-0.015, 0.015) for z in (0.0, 0.015)]))
+    distance = np.linalg.norm(curves.start[:, None] - true[None], axis=2)
+    assert len(curves) >= 3
+    assert (distance.min(axis=1) < 0.5e-3).all()
+    assert np.allclose(curves.radii, 0.016, atol=0.3e-3)
+    assert len(set(distance.argmin(axis=1))) == len(curves)
+
+
 @given(st.floats(5, 80), st.floats(0.2, 1.0), st.floats(0, np.pi), st.floats(0.35, 1.0), st.floats(0, 2 * np.pi))
 @settings(max_examples=40, deadline=None)
 def test_ellipse_through_exact_points_is_exact(major, ratio, turn, share, start):

@@ -1,0 +1,258 @@
+"""Curves and axes against closed forms: exact pictures of known circles, ellipses, cylinders and cones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from msgs_py import PinholeCamera, Pose, StereoRig
+from stereo_recovery.axes import find_axes
+from stereo_recovery.conics import sampson
+from stereo_recovery.curve import Curve, picture, turned
+from stereo_recovery.curve_fit import Axle, refine
+from stereo_recovery.curve_starts import mirrored
+from stereo_recovery.edgels import Edgels, detect
+from stereo_recovery.facing import on_faces
+from stereo_recovery.outlines import tangents
+from stereo_recovery.segmentation import Pieces
+
+RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
+EYES = ((RIG.left, 0.0), (RIG.right, RIG.baseline))
+NONE = np.zeros(0, bool)
+WHOLE = (0.0, 2.0 * np.pi)
+
+
+def curve(centre, normal, major=0.015, minor=None, arc=WHOLE, spread=1e-5) -> Curve:
+    normal = np.asarray(normal, float) / np.linalg.norm(normal)
+    first = np.cross(normal, [0.3, 0.1, 0.9])
+    return Curve(np.asarray(centre, float), normal, first / np.linalg.norm(first), np.array([major, minor or major]),
+                 np.diag([spread, spread, spread, 1e-3, 1e-3, spread]) ** 2, 0.01, NONE, NONE, arc)
+
+
+def points_of(c: Curve, count: int, arc=WHOLE) -> np.ndarray:
+    angle = arc[0] + arc[1] * (np.arange(count) + 0.5) / count
+    return (c.centre + np.cos(angle)[:, None] * c.radii[0] * c.first + np.sin(angle)[:, None] * c.radii[1] * c.second)
+
+
+def edgels_of(c: Curve, camera, eye, count=120, arc=WHOLE, noise=0.0, seed=0) -> Edgels:
+    """Edgels exactly on the curve's picture, or off it by Gaussian noise."""
+    at = camera.project(points_of(c, count, arc) - [eye, 0, 0])
+    conic = picture(c, camera.matrix, eye)
+    h = at @ conic[:2, :2] + conic[:2, 2]
+    across = h / np.linalg.norm(h, axis=1, keepdims=True)
+    at = at + noise * np.random.default_rng(seed).normal(size=(count, 1)) * across
+    sigma = np.full(count, max(noise, 0.01))
+    return Edgels(at, np.arctan2(across[:, 1], across[:, 0]), np.full(count, 40.0), sigma, sigma, np.ones(count),
+                  np.zeros(count))
+
+
+def both(c: Curve, **options) -> tuple[Edgels, Edgels]:
+    return edgels_of(c, *EYES[0], seed=2, **options), edgels_of(c, *EYES[1], seed=3, **options)
+
+
+def pieces_of(segments) -> Pieces:
+    """Straight pieces between given pixels (n, 2, 2)."""
+    ends = np.asarray(segments, float).reshape(-1, 2, 2)
+    n = len(ends)
+    run = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(run, axis=1)
+    reach = np.stack([-0.5 * length, 0.5 * length], axis=1)
+    return Pieces(np.tile([0, 20], (n, 1)), np.arange(n), ends.mean(axis=1), run / length[:, None], reach,
+                  np.full(n, 0.01), np.zeros(n), np.full(n, 20.0), np.tile([0.01, 0.001], (n, 1)), np.full(n, 40.0),
+                  np.full(n, -1, np.int32))
+
+
+def angle_between(a, b) -> float:
+    return float(np.degrees(np.arccos(min(1.0, abs(np.asarray(a) @ b) / np.linalg.norm(a) / np.linalg.norm(b)))))
+
+
+directions = st.tuples(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8)).map(lambda xy: np.array([*xy, -1.0]))
+
+
+@given(directions, st.floats(0.005, 0.025), st.floats(0.18, 0.9))
+@settings(max_examples=25, deadline=None)
+def test_an_exact_circle_is_recovered_exactly_from_a_rough_start(normal, radius, depth):
+    true = curve([0.02, 0.01, depth], normal, radius)
+    tilted = true.normal + [0.15, -0.1, 0.0]
+    start = curve(true.centre * 1.03, tilted, 1.1 * radius)
+    found = refine(start, *both(true), RIG, 0.0, circle=True, rounds=30)
+    assert found is not None
+    assert np.linalg.norm(found.centre - true.centre) < 1e-6
+    assert angle_between(found.normal, true.normal) < 1e-3
+    assert abs(found.radii[0] - radius) < 1e-7
+
+
+@given(directions, st.floats(0.4, 0.9))
+@settings(max_examples=15, deadline=None)
+def test_an_exact_ellipse_in_space_is_recovered_with_its_axes(normal, ratio):
+    true = curve([0.02, 0.0, 0.25], normal, 0.018, 0.018 * ratio)
+    start = replace(true, centre=true.centre * 1.01, radii=true.radii * [1.05, 0.97])
+    found = refine(start, *both(true), RIG, 0.0, circle=False, rounds=30)
+    assert found is not None
+    assert np.allclose(found.radii, true.radii, rtol=1e-4)
+    assert angle_between(found.first, true.first) < 0.05
+    assert angle_between(found.normal, true.normal) < 0.01
+
+
+def test_a_circle_is_not_taken_for_an_ellipse():
+    true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0])
+    assert refine(true, *both(true, noise=0.03), RIG, 0.0, circle=False) is None
+
+
+def test_stated_errors_of_a_fit_are_true():
+    """Of 60 noisy arcs nearly all lie within three sigma, and the sigma is not more than twice too wide. The edgels'
+    noise is independent here, while that of a picture is not: neighbours count as one, so bounds are wide by design."""
+    true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0])
+    ratio = []
+    for seed in range(60):
+        mine = [edgels_of(true, camera, eye, arc=(0.3, 3.5), noise=0.05, seed=2 * seed + k)
+                for k, (camera, eye) in enumerate(EYES)]
+        found = refine(true, *mine, RIG, 0.0, circle=True)
+        assert found is not None
+        ratio.append(np.radians(angle_between(found.normal, true.normal)) / found.tilt)
+    assert np.mean(np.array(ratio) < 3.0) > 0.97
+    assert np.median(ratio) > 0.2
+
+
+def test_the_mirror_image_of_a_circle_looks_alike_to_one_eye_only():
+    true = curve([0.0, 0.0, 0.25], [0.1, 0.7, -1.0], 0.008)
+    other = mirrored(true)
+    assert angle_between(other.normal, true.normal) > 30.0
+    assert np.allclose(mirrored(other).normal, true.normal)
+    off = [np.abs(sampson(picture(other, camera.matrix, eye), camera.project(points_of(true, 50) - [eye, 0, 0]))).max()
+           for camera, eye in EYES]
+    assert off[0] < 0.8
+    assert off[1] > 2.0 * off[0]
+
+
+def test_an_arc_that_says_little_is_held_by_the_axis_of_a_known_rim():
+    true = curve([0.02, 0.01, 0.25], [0.1, 0.6, -1.0])
+    short = both(true, arc=(0.5, 0.6), noise=0.04, count=40)
+    alone = refine(true, *short, RIG, 0.0, circle=True)
+    assert alone is not None and np.degrees(alone.tilt) > 2.0
+    axle = Axle(true.centre + 0.03 * true.normal, true.normal, 1e-12 * np.eye(3), np.radians(0.02))
+    held = refine(true, *short, RIG, 0.0, circle=True, axle=axle)
+    assert held is not None and np.degrees(held.tilt) < 0.05
+    assert angle_between(held.normal, true.normal) < 3.0 * np.degrees(held.tilt)
+    assert np.linalg.norm(held.centre - true.centre) < 0.5e-3
+
+
+@given(directions, st.floats(0.02, 0.05))
+@settings(max_examples=25, deadline=None)
+def test_outlines_touch_the_rim_and_pass_the_apex(normal, height):
+    rim = curve([0.01, 0.02, 0.3], normal)
+    conic = picture(rim, RIG.left.matrix, 0.0)
+    apex = RIG.left.matrix @ (rim.centre + height * np.cross(rim.normal, [1.0, 0.0, 0.2]))
+    lines = tangents(conic, apex)
+    assert len(lines) in (0, 2)
+    for line in lines:
+        assert abs(line @ apex) / apex[2] < 1e-6
+        dual = np.linalg.inv(conic)
+        assert abs(line @ dual @ line) < 1e-9 * abs(dual).max() * (line @ line)
+
+
+def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[np.ndarray]:
+    """The two outline segments in an image: where the surface's normal is square to the line of sight."""
+    towards = np.array([eye, 0.0, 0.0]) - rim.centre
+    a, b = towards @ rim.first, towards @ rim.second
+    middle, half = np.arctan2(b, a), np.arccos(rim.radii[0] / np.hypot(a, b))
+    result = []
+    for angle in (middle + half, middle - half):
+        foot = rim.centre + rim.radii[0] * (np.cos(angle) * rim.first + np.sin(angle) * rim.second)
+        result.append(camera.project(np.stack([foot, foot + length * rim.normal]) - [eye, 0.0, 0.0]))
+    return result
+
+
+def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
+    rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
+    # The rim's normal is known to a degree only; the outlines know better.
+    off = Pose.from_rotation_vector([0.01, 0.0, 0.008]).rotation
+    seen = replace(rim, normal=off @ rim.normal, first=off @ rim.first,
+                   covariance=np.diag([1e-5, 1e-5, 1e-5, 0.01, 0.01, 1e-5]) ** 2)
+    pieces = tuple(pieces_of(outline_of_cylinder(rim, 0.03, camera, eye)) for camera, eye in EYES)
+    axes, _ = find_axes([seen], pieces, RIG)
+    assert len(axes) == 1
+    run = axes[0].end - axes[0].start
+    assert angle_between(run, rim.normal) < 0.6 * angle_between(seen.normal, rim.normal)
+    assert np.linalg.norm(run) == pytest.approx(0.03, rel=0.03)
+    assert np.linalg.norm(np.cross(axes[0].end - rim.centre, rim.normal)) < axes[0].err_per
+
+
+def test_the_apex_of_a_cone_from_its_base_and_outlines():
+    base = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.6], 0.018)
+    apex = base.centre - 0.035 * base.normal
+    segments = []
+    for camera, eye in EYES:
+        lines = tangents(picture(base, camera.matrix, eye), camera.matrix @ (apex - [eye, 0, 0]))
+        touch = np.linalg.solve(picture(base, camera.matrix, eye), lines.T).T
+        tip = camera.project((apex - [eye, 0, 0])[None])[0]
+        segments.append([np.stack([t[:2] / t[2] + 0.02 * (tip - t[:2] / t[2]), tip]) for t in touch])
+    axes, surfaces = find_axes([base], (pieces_of(segments[0]), pieces_of(segments[1])), RIG)
+    assert len(axes) == 1
+    assert np.linalg.norm(axes[0].start - apex) < 1e-5
+    assert np.linalg.norm(axes[0].end - base.centre) < 1e-12
+    assert any(np.allclose(where, [*apex, 1.0], atol=1e-5) for _, where in surfaces)
+
+
+def test_rims_of_one_end_count_once_and_neighbouring_ends_have_an_axis_each():
+    low = curve([0.0, 0.0, 0.3], [0.0, 1.0, 0.0], 0.02)
+    rims = [low, replace(low, centre=low.centre + [0.0, 0.01, 0.0]),
+            replace(low, centre=low.centre + [0.0, 0.01, 0.0], radii=np.full(2, 0.01)),
+            replace(low, centre=low.centre + [0.0, 0.04, 0.0], radii=np.full(2, 0.01)),
+            curve([0.05, 0.0, 0.3], [0.0, 1.0, 0.0], 0.01)]
+    nothing = (pieces_of([]), pieces_of([]))
+    axes, _ = find_axes(rims, nothing, RIG)
+    heights = sorted(tuple(sorted((round(a.start[1], 4), round(a.end[1], 4)))) for a in axes)
+    assert heights == [(0.0, 0.01), (0.01, 0.04)]
+
+
+def test_two_rims_of_a_frustum_tell_where_its_sides_meet():
+    low = curve([0.0, 0.0, 0.3], [0.0, 1.0, 0.0], 0.02)
+    high = replace(low, centre=low.centre + [0.0, 0.03, 0.0], radii=np.full(2, 0.01))
+    _, surfaces = find_axes([low, high], (pieces_of([]), pieces_of([])), RIG)
+    assert any(np.allclose(apex, [0.0, 0.06, 0.3, 1.0], atol=1e-9) for _, apex in surfaces)
+
+
+def near_half() -> Curve:
+    """A rim in a level plane below us of which the near half is seen; as yet taken to face away."""
+    level = curve([0.0, 0.05, 0.25], [0.0, 1.0, 0.0])
+    nearest = np.array([0.0, 0.0, -1.0])
+    middle = np.arctan2(nearest @ level.second, nearest @ level.first)
+    return replace(level, arc=(middle - 1.5, 3.0))
+
+
+@pytest.mark.parametrize('behind, faces_us', [(0.03, True), (-0.03, False)])
+def test_a_foot_faces_us_when_its_plane_is_seen_behind_it(behind, faces_us):
+    rim = near_half()
+    edge = np.array([[[-0.03, 0.05, 0.25 + behind], [0.03, 0.05, 0.25 + behind]]])
+    normal = on_faces([rim], edge, np.array([1e-4]))[0].normal
+    assert (normal @ rim.centre < 0.0) == faces_us
+
+
+def test_an_edge_in_another_plane_says_nothing_of_a_rims_face():
+    rim = near_half()
+    edge = np.array([[[-0.03, 0.06, 0.28], [0.03, 0.06, 0.28]]])
+    assert on_faces([rim], edge, np.array([1e-4]))[0].normal @ rim.centre > 0.0
+
+
+def test_turning_a_curve_over_keeps_its_points():
+    true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0], 0.02, 0.01)
+    part = replace(true, arc=(0.4, 1.2))
+    other = turned(part)
+    assert np.allclose(other.normal, -part.normal)
+    assert np.allclose(points_of(other, 30, other.arc), points_of(part, 30, part.arc)[::-1])
+    assert np.allclose(turned(other).covariance, part.covariance)
+
+
+def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
+    noise = np.random.default_rng(1).normal(0, 2, (80, 80))
+    slope = np.tile(5.0 * np.arange(80.0), (80, 1)) * 0.6
+    grey = (slope + noise).astype(np.float32)
+    stepped = grey + np.float32(30.0) * (np.arange(80)[None, :] >= 40)
+    found, at_step = (detect(image, sigma=0.8, threshold=4.0) for image in (grey, stepped))
+    assert len(found) < 0.03 * grey.size
+    assert np.sum(np.abs(at_step.position[:, 0] - 39.5) < 0.5) > 60
