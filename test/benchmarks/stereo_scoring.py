@@ -130,7 +130,7 @@ class Score:
 
 
 def peer(left: np.ndarray, right: np.ndarray, shortest: float = 12.0, lowest: float = 60.0,
-         highest: float = 250.0) -> FeatureSet:
+         highest: float = 250.0, rig: StereoRig = RIG) -> FeatureSet:
     """The usual recipe: LSD in both images, epipolar matching of the segments by overlap, slope and contrast, and
     triangulation of the common rows. Segments within 8 degrees of the rows are dropped, as everyone does."""
     found = []
@@ -164,6 +164,6 @@ def peer(left: np.ndarray, right: np.ndarray, shortest: float = 12.0, lowest: fl
             continue
         used_a.add(i)
         used_b.add(j)
-        ends.append(RIG.triangulate(pixels, x))
+        ends.append(rig.triangulate(pixels, x))
     points = np.array(ends).reshape(-1, 2, 3)
     return FeatureSet.from_edges(points[:, 0], points[:, 1])
