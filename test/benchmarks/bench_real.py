@@ -1,6 +1,6 @@
 """Stereo recovery on real pairs, beside the recipe of LSD, epipolar matching and triangulation: recall, errors, speed.
 
-A row per pair. Pairs that are not on this machine are named as absent; see real_scoring.py for where they are looked for.
+A row per pair. Pairs that are not on this machine are named as absent; real_scoring.py says where they are looked for.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ def _boards(pairs: list[RealPair], by: str) -> Iterator[Measurement]:
         if len(score.angles):
             yield Measurement(f'{pair.name}: direction of grid edges', float(np.median(score.angles)), 'deg', by,
                               note=f'p90 {np.quantile(score.angles, 0.9):.2g}')
-            yield Measurement(f'{pair.name}: distance of ends from the line', float(np.median(score.offsets)), 'squares',
-                              by, note=f'p90 {np.quantile(score.offsets, 0.9):.2g}')
-        yield Measurement(f'{pair.name}: time', milliseconds(partial(method, pair.left, pair.right), 0.5, 3, 9), 'ms', by)
+            yield Measurement(f'{pair.name}: distance of ends from the line', float(np.median(score.offsets)),
+                              'squares', by, note=f'p90 {np.quantile(score.offsets, 0.9):.2g}')
+        yield Measurement(f'{pair.name}: time', _time(method, pair), 'ms', by)
 
 
 def _boxes(pairs: list[RealPair], by: str) -> Iterator[Measurement]:
@@ -70,9 +70,14 @@ def _boxes(pairs: list[RealPair], by: str) -> Iterator[Measurement]:
         if found.any():
             yield Measurement(f'{pair.name}: direction', float(np.median(score.angle[found])), 'deg', by,
                               note=f'max {score.angle[found].max():.2g}')
-            yield Measurement(f'{pair.name}: distance of ends from the line', float(1e3 * np.median(score.across[found])),
-                              'mm', by, note=f'max {1e3 * score.across[found].max():.2g}')
-        yield Measurement(f'{pair.name}: time', milliseconds(partial(method, pair.left, pair.right), 0.5, 3, 9), 'ms', by)
+            across = 1e3 * score.across[found]
+            yield Measurement(f'{pair.name}: distance of ends from the line', float(np.median(across)), 'mm', by,
+                              note=f'max {across.max():.2g}')
+        yield Measurement(f'{pair.name}: time', _time(method, pair), 'ms', by)
+
+
+def _time(method, pair: RealPair) -> float:
+    return milliseconds(partial(method, pair.left, pair.right), 0.5, 3, 9)
 
 
 def _shares(score: BoxScore) -> str:

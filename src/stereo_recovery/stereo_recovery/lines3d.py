@@ -14,13 +14,17 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from . import flat_edges, wireframe
+from . import broken_edges, flat_edges, wireframe
 from .matching import Matches
 from .parallels import borrow
-from .segmentation import Corners, Pieces
+from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces
 
 # An edge whose disparity is known better than this at its ends, pixels, need not be told by others.
 WELL_MEASURED = 0.3
+# Two pieces show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
+# much at least is not its bow's.
+SAME_EXTENT = 0.15
+LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +91,7 @@ def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: 
     a = matches.disparity[:, 1] - b * middle
     p = (cl[:, 0] - a - cr[:, 0]) * tr[:, 0] + (cl[:, 1] - cr[:, 1]) * tr[:, 1]
     q = (tl[:, 0] - b) * tr[:, 0] + tl[:, 1] * tr[:, 1]
-    sl, sr = left.sigma[i], right.sigma[j]
+    sl, sr = _without_common_bow(left, right, i, j, b)
     covariance = np.empty((len(i), 2, 2))
     covariance[:, 0, 0] = (sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2
                            + (tr[:, 0] * rectification_sigma) ** 2)
@@ -104,6 +108,28 @@ def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: 
         information += np.einsum('ni,nj->nij', row, row) * weight[:, None, None]
         vector += row * (matches.disparity[:, column] * weight)[:, None]
     return information, vector
+
+
+def _without_common_bow(left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarray,
+                        slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sigma (n, 2) of the pieces i and j: an edge that bows alike in both images is bent in space, and its chord is as
+    well measured as a straight edge; only what they do not share makes the disparity vague.
+
+    slope : (n,) of disparity along the left piece.
+    """
+    same_way = (left.direction[i] * right.direction[j]).sum(axis=1) > 0.0
+    bows = left.bow[i], np.where(same_way, 1.0, -1.0) * right.bow[j]
+    shrink = np.hypot(left.direction[i, 0] - slope, left.direction[i, 1])
+    seen_alike = np.abs(right.length[j] / np.maximum(left.length[i] * shrink, 1.0) - 1.0) < SAME_EXTENT
+    common = np.where(seen_alike & (bows[0] * bows[1] > 0.0), np.minimum(np.abs(bows[0]), np.abs(bows[1])), 0.0)
+    result = []
+    for side, index, bow in ((left, i, bows[0]), (right, j, bows[1])):
+        length = np.maximum(side.length[index], 1.0)
+        excess = np.stack([BOW_OFFSET * np.ones(len(index)), BOW_SLOPE / length], axis=1) ** 2
+        left_over = (np.abs(bow) - common) ** 2 - bow ** 2
+        result.append(np.sqrt(np.maximum(side.sigma[index] ** 2 + excess * left_over[:, None],
+                                         LEAST_SHARE * side.sigma[index] ** 2)))
+    return result[0], result[1]
 
 
 def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -> np.ndarray:
@@ -134,8 +160,9 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
 
 
 def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
-          rectification_sigma: float, offset: float = 0.0) -> Lines3D:
-    """All straight edges of a pair of segmented images.
+          rectification_sigma: float, offset: float = 0.0) -> tuple[Lines3D, Pieces]:
+    """All straight edges of a pair of segmented images, and the left pieces, where those of one broken edge have become
+    its line.
 
     rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points.
     """
@@ -149,7 +176,7 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     i, j = matches.left, matches.right
     joints = meetings(matches, left, met, right_met)
     coefficient, covariance, known = wireframe.solve_measured(information, vector, joints, left.reach[i], WELL_MEASURED)
-    far, far_ends = flat_edges.far_corners(matches, left, right, met)
+    far, _ = flat_edges.far_corners(matches, left, right, met)
     joints, far = (rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_met)]
                    for rows in (joints, far))
     joints = joints[~(known[joints[:, 0].astype(int)] & known[joints[:, 2].astype(int)])]
@@ -157,6 +184,11 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         information, vector, known, coefficient, covariance,
         np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)]),
         flat_edges.shared_corners(matches, left, right, met, right_met, spread_v))
+    whole = broken_edges.complete(matches, left, right, coefficient, covariance)
+    if whole:
+        matches, left, coefficient, covariance, ends_sigma = broken_edges.with_whole(
+            whole, matches, left, coefficient, covariance, ends_sigma)
+        i, j = matches.left, matches.right
     coefficient, covariance = borrow(matches, left, coefficient, covariance, ends_sigma, offset)
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
@@ -178,7 +210,10 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     reach = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
     sigma = np.where(cut, np.where(right_other >= 0, right_sigma, 1.5), sigma)
-    return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed & ~cut)
+    fixed &= ~cut
+    for row, edge in enumerate(whole, len(i) - len(whole)):
+        reach[row], sigma[row], fixed[row] = edge.reach, edge.end_sigma, edge.fixed
+    return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed), left
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,9 @@ from .segmentation import Pieces
 # Sigma of disparity at an edge's ends, pixels: edges better than the first lend their direction, edges worse than
 # the second borrow one.
 LENDER, BORROWER = 0.15, 0.4
+# Edges that are not quite as good lend to what is much worse, when they are long: worst sigma, share of the borrower's
+# sigma, share of its length.
+LONG_LENDER, BETTER, LENGTH_SHARE = 0.6, 0.4, 0.4
 # Only edges flatter than this (sine) borrow.
 FLAT = 0.15
 # How far, as a sine, parallel edges miss their vanishing point beyond the sigma of their lines, and the share of
@@ -37,17 +40,19 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
     offset : pixels, disparity of infinitely far points.
     """
     c, t, reach = left.centre[matches.left], left.direction[matches.left], left.reach[matches.left]
-    slope_sigma = left.sigma[matches.left, 1]
+    slope_sigma, length = left.sigma[matches.left, 1], left.length[matches.left]
     ends = np.stack([np.ones_like(reach), reach], axis=-1)
     worst = np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1)
     straight = left.arc[matches.left] < 0
-    lenders = np.flatnonzero((worst < LENDER) & straight)
+    lenders = np.flatnonzero((worst < LONG_LENDER) & straight)
     borrowers = np.flatnonzero((worst > BORROWER) & straight & (np.abs(t[:, 1]) < FLAT))
     coefficient, covariance = coefficient.copy(), covariance.copy()
     if len(lenders) == 0:
         return coefficient, covariance
     a, b, spread = coefficient[lenders, 0] - offset, coefficient[lenders, 1], covariance[lenders]
     for f in borrowers:
+        able = (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[f])
+                                            & (length[lenders] > LENGTH_SHARE * length[f]))
         # Towards each lender's vanishing point, homogeneous; and how that moves with the lender's coefficients.
         away = c[lenders] - c[f]
         toward = b[:, None] * away - a[:, None] * t[lenders]
@@ -59,7 +64,7 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
         variance = (np.einsum('ni,nij,nj->n', bend, spread, bend) + slope_sigma[lenders] ** 2 + slope_sigma[f] ** 2
                     + WANDER ** 2)
         along = toward @ t[f]
-        good = (miss ** 2 < GATE ** 2 * variance) & (np.abs(along) > 0.5 * norm)
+        good = able & (miss ** 2 < GATE ** 2 * variance) & (np.abs(along) > 0.5 * norm)
         if not good.any():
             continue
         along = along[good]

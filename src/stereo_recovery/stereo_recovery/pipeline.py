@@ -16,6 +16,7 @@ from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .facing import on_faces
+from .joining import join_matched
 from .lines3d import edges, to_space
 from .matching import match
 from .outlines import contours
@@ -126,8 +127,11 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
         if len(match(greys[1], greys[0], pieces[1], pieces[0], lowest, highest, params.support_radius)) >= 3:
             reason = 'edges match only with left and right exchanged: are the images swapped?'
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
+    matches, *joined = join_matched(matches, *pieces)
+    pieces = joined[0], joined[1]
     met, right_met = corners(pieces[0]), corners(pieces[1])
-    lines = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
+    lines, left_pieces = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
+    pieces = left_pieces, pieces[1]
     lap('lines')
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig,
                             params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE)

@@ -1,0 +1,301 @@
+"""Long edges along the rows, broken by print or by a background that changes, from the corners at their ends.
+
+An edge along the rows has no depth of its own, and each image breaks it at other places, so that its pieces have no
+partners. But its ends are corners: edges that leave the rows run into them and know their depth. Both images must show
+the line between the two corners; then the edge is the line between two points in space (thesis 3.10: figural
+continuity). An end without such an edge counts as seen where the line stops in both images, with a wide sigma.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .joining import JoinedLine, joined_line, with_line
+from .matching import Matches
+from .segmentation import Pieces
+
+# A piece flatter than the first sine has no depth of its own; one steeper than the second can tell its depth.
+FLAT, STEEP = 0.15, 0.3
+# The shortest piece that starts a line, pixels, and the shortest that continues one.
+SEED, SCRAP = 20.0, 8.0
+# Pieces of one broken line: both ends within this share of its length of it (within these bounds, pixels), across
+# gaps of at most this share, or so many pixels.
+STRAIGHTNESS, LEAST_MISS, MOST_MISS = 0.012, 0.7, 2.0
+GAP_SHARE, LEAST_GAP = 0.3, 15.0
+# How far beyond the line's end, and beyond the other edge's, a corner may lie: shares of their lengths, and pixels.
+END_SHARE, END_LEAST, INSIDE = 0.25, 12.0, 8.0
+# An edge tells a corner's disparity when it knows it this well there, pixels.
+KNOWN = 1.5
+# Disparity, pixels, by which edges miss each other at a real, rounded corner; and where a line just stops.
+ROUNDED, STOPPED = 0.4, 4.0
+# The share of the line that each image has to show, and how much may go on beyond its ends, pixels.
+SHOWN, BEYOND = 0.6, 12.0
+# The largest slope of disparity along such an edge, pixels a pixel.
+STEEPEST = 0.15
+# Only edges whose disparity is worse than this at an end, pixels, are replaced.
+VAGUE = 2.0
+GATE = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class FlatEdge:
+    """One edge along the rows.
+
+    members : (k,) left pieces it consists of; partner : a right piece of it; line : through the left pieces;
+    reach : (2,) pixels along the line: its corners; coefficient (2,), covariance (2, 2) : of disparity along it;
+    end_sigma, fixed : (2,) as in :class:`.lines3d.Lines3D`
+    """
+
+    members: np.ndarray
+    partner: int
+    line: JoinedLine
+    reach: np.ndarray
+    coefficient: np.ndarray
+    covariance: np.ndarray
+    end_sigma: np.ndarray
+    fixed: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Corner:
+    """place : pixels along the line; disparity, sigma : pixels."""
+
+    place: float
+    disparity: float
+    sigma: float
+
+
+def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
+    """Flat straight pieces, those that lie on one line together: indices and the line through them, longest first."""
+    flat = np.flatnonzero((np.abs(pieces.direction[:, 1]) < FLAT) & (pieces.arc < 0) & (pieces.length > SCRAP))
+    flat = flat[np.argsort(-pieces.length[flat], kind='stable')]
+    start, end, used = pieces.start, pieces.end, np.zeros(len(pieces), bool)
+    result = []
+    for seed in flat:
+        if pieces.length[seed] < SEED or used[seed]:
+            continue
+        members = np.array([seed])
+        line = joined_line(pieces, members, np.array([1.0, 0.0]))
+        refused = used.copy()
+        refused[seed] = True
+        while True:
+            span = line.reach[1] - line.reach[0]
+            others = flat[~refused[flat]]
+            ends = np.stack([start[others], end[others]], axis=1) - line.centre
+            off = np.abs(ends @ [-line.direction[1], line.direction[0]]).max(axis=1)
+            place = ends @ line.direction
+            gap = np.maximum(place.min(axis=1) - line.reach[1], line.reach[0] - place.max(axis=1))
+            near = ((off < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
+                    & (gap < max(LEAST_GAP, GAP_SHARE * span)))
+            if not near.any():
+                break
+            chosen = others[near][np.argmin(np.maximum(gap[near], 0.0) + 5.0 * off[near])]
+            refused[chosen] = True
+            grown = np.append(members, chosen)
+            longer = joined_line(pieces, grown, line.direction)
+            if longer.miss < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS):
+                members, line = grown, longer
+        used[members] = True
+        result.append((members, line))
+    return result
+
+
+def complete(matches: Matches, left: Pieces, right: Pieces, coefficient: np.ndarray,
+             covariance: np.ndarray) -> list[FlatEdge]:
+    """The flat edges of which at least one end is a corner with an edge that tells its depth.
+
+    coefficient (n, 2), covariance (n, 2, 2) : of the matched edges, see :class:`.lines3d.Lines3D`.
+    """
+    i = matches.left
+    steep = np.flatnonzero((np.abs(left.direction[i, 1]) > STEEP) & (left.arc[i] < 0) & (left.length[i] > SCRAP))
+    if len(steep) == 0:
+        return []
+    teller = left.select(i[steep])
+    known = coefficient[steep], covariance[steep]
+    worst = np.full(len(left), np.inf)
+    ends = np.stack([np.ones((len(i), 2)), left.reach[i]], axis=-1)
+    np.minimum.at(worst, i, np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1))
+    common = np.zeros(len(left))
+    np.maximum.at(common, i, np.minimum(left.length[i], right.length[matches.right]))
+    flat_right = np.flatnonzero((np.abs(right.direction[:, 1]) < FLAT) & (right.length > SCRAP))
+    result = []
+    for members, line in broken_lines(left):
+        if common[members[worst[members] < VAGUE]].sum() > 0.6 * left.length[members].sum():
+            continue
+        corners = _corners(line, teller, *known)
+        if not any(corners):
+            continue
+        signs = {bool(left.direction[k] @ line.direction > 0.0) for k in members}
+        partners = np.array([j for j in flat_right if bool(right.direction[j] @ line.direction > 0.0) in signs], int)
+        edge = _between(members, line, corners, left, right, partners)
+        if edge is not None:
+            result.append(edge)
+    return result
+
+
+def with_whole(whole: list[FlatEdge], matches: Matches, left: Pieces, coefficient: np.ndarray,
+               covariance: np.ndarray,
+               ends_sigma: np.ndarray) -> tuple[Matches, Pieces, np.ndarray, np.ndarray, np.ndarray]:
+    """Matches, left pieces, coefficients, covariances and what the match knows of the ends (see
+    :func:`.flat_edges.ends_sigma`), with these edges, last, in the place of their pieces."""
+    keep = ~np.isin(matches.left, np.concatenate([edge.members for edge in whole]))
+    for edge in whole:
+        left = with_line(left, int(edge.members[0]), edge.line)
+    disparity = [edge.coefficient[0] + edge.coefficient[1] * np.array([a, 0.5 * (a + b), b])
+                 for edge in whole for a, b in [edge.line.reach]]
+    rows = [np.sort(edge.line.centre[1] + edge.line.reach * edge.line.direction[1]) for edge in whole]
+    matches = Matches(np.append(matches.left[keep], [edge.members[0] for edge in whole]).astype(np.int32),
+                      np.append(matches.right[keep], [edge.partner for edge in whole]).astype(np.int32),
+                      np.concatenate([matches.disparity[keep], disparity]),
+                      np.concatenate([matches.rows[keep], rows]), np.append(matches.belief[keep], np.ones(len(whole))))
+    return (matches, left, np.concatenate([coefficient[keep], [edge.coefficient for edge in whole]]),
+            np.concatenate([covariance[keep], [edge.covariance for edge in whole]]),
+            np.concatenate([ends_sigma[keep], [np.where(edge.fixed, ROUNDED, 1.5 * STOPPED) for edge in whole]]))
+
+
+def _corners(line: JoinedLine, teller: Pieces, coefficient: np.ndarray,
+             covariance: np.ndarray) -> tuple[list[_Corner], list[_Corner]]:
+    """What the steep edges that end at the line's two ends know about the disparity there."""
+    sine = line.direction[0] * teller.direction[:, 1] - line.direction[1] * teller.direction[:, 0]
+    away = teller.centre - line.centre
+    with np.errstate(divide='ignore', invalid='ignore'):
+        place = (away[:, 0] * teller.direction[:, 1] - away[:, 1] * teller.direction[:, 0]) / sine
+        own = (away[:, 0] * line.direction[1] - away[:, 1] * line.direction[0]) / sine
+    row = np.stack([np.ones_like(own), own], axis=1)
+    disparity = (row * coefficient).sum(axis=1)
+    # The corner is known along the steep edge to about a pixel.
+    sigma = np.sqrt(np.einsum('ni,nij,nj->n', row, covariance, row) + coefficient[:, 1] ** 2)
+    beyond = np.maximum(teller.reach[:, 0] - own, own - teller.reach[:, 1])
+    good = (np.abs(sine) > STEEP) & (beyond > -INSIDE) & (sigma < KNOWN)
+    good &= beyond < np.maximum(END_LEAST, END_SHARE * teller.length)
+    span = line.reach[1] - line.reach[0]
+    far = max(END_LEAST, END_SHARE * span)
+    at = []
+    for out in (line.reach[0] - place, place - line.reach[1]):
+        here = np.flatnonzero(good & (out > -min(INSIDE, 0.1 * span)) & (out < far))
+        at.append([_Corner(float(place[k]), float(disparity[k]), float(sigma[k])) for k in here])
+    return at[0], at[1]
+
+
+def _between(members: np.ndarray, line: JoinedLine, corners: tuple[list[_Corner], list[_Corner]], left: Pieces,
+             right: Pieces, partners: np.ndarray) -> FlatEdge | None:
+    """The edge between the two corners that the right image shows best; None when it shows none well enough."""
+    best: tuple[float, list[_Corner]] | None = None
+    nobody: list[_Corner | None] = [None]
+    for first in corners[0] or nobody:
+        for last in corners[1] or nobody:
+            ends = _with_stop(line, first, last, right, partners)
+            if ends is None:
+                continue
+            shown = _shown(line, ends, left, members, right, partners)
+            if shown < SHOWN:
+                continue
+            score = shown - 0.05 * sum(end.sigma for end in ends)
+            score += 0.05 * sum(_agrees(end, ends) for side in corners for end in side)
+            if best is None or score > best[0]:
+                best = score, ends
+    if best is None:
+        return None
+    ends = best[1]
+    # All edges at the two corners that tell the same.
+    told = [[end for end in side if _agrees(end, ends)] for side in corners]
+    told = [side or [end] for side, end in zip(told, ends)]
+    rows = np.array([[1.0, end.place] for side in told for end in side])
+    values = np.array([end.disparity for side in told for end in side])
+    weight = np.array([1.0 / (end.sigma ** 2 + ROUNDED ** 2) for side in told for end in side])
+    covariance = np.linalg.inv(rows.T @ (rows * weight[:, None]))
+    coefficient = covariance @ (rows.T @ (weight * values))
+    if len(values) > 2:
+        misses = (values - rows @ coefficient) ** 2 * weight
+        covariance = covariance * max(1.0, float(misses.sum()) / (len(values) - 2))
+    reach = np.array([np.average([end.place for end in side], weights=[1.0 / end.sigma ** 2 for end in side])
+                      for side in told])
+    # Where nothing tells the end, it is where the line stops.
+    fixed = np.array([bool(side) for side in corners])
+    partner = partners[np.argmax(_overlap(line, ends, right, partners))]
+    return FlatEdge(members, int(partner), line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed)
+
+
+def _agrees(corner: _Corner, ends: list[_Corner]) -> bool:
+    first, last = ends
+    share = (corner.place - first.place) / (last.place - first.place)
+    expected = first.disparity + share * (last.disparity - first.disparity)
+    allowed = corner.sigma ** 2 + ROUNDED ** 2 + ((1 - share) * first.sigma) ** 2 + (share * last.sigma) ** 2
+    near = 0.5 - abs(share - 0.5) < 0.1
+    return bool(near and (corner.disparity - expected) ** 2 < GATE ** 2 * allowed)
+
+
+def _with_stop(line: JoinedLine, first: _Corner | None, last: _Corner | None, right: Pieces,
+               partners: np.ndarray) -> list[_Corner] | None:
+    """Both ends; the one nobody tells about is where the line stops in the left and in the right image."""
+    if first is not None and last is not None:
+        return [first, last] if last.place - first.place > SEED else None
+    known = first or last
+    assert known is not None
+    # From the corner along the line, which has nearly the same slope in the right image.
+    run = (1.0 if first is not None else -1.0) * line.direction
+    corner = line.centre + known.place * line.direction - [known.disparity, 0.0]
+    points = np.stack([right.start[partners], right.end[partners]], axis=1) - corner
+    place = points[..., 0] / run[0]
+    off = np.abs(points[..., 1] - place * run[1]) - STEEPEST * np.abs(place * run[1])
+    span = line.reach[1] - line.reach[0]
+    place = place[off.max(axis=1) < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS)]
+    stop = float(line.reach[1] - known.place if first is not None else known.place - line.reach[0])
+    front, nearest = 0.0, np.inf
+    for near, far in sorted(np.sort(place, axis=1).tolist()):
+        if far > front and near < front + max(LEAST_GAP, GAP_SHARE * front):
+            front = far
+            nearest = front if abs(stop - front) < abs(stop - nearest) else nearest
+    if stop < SEED or abs(stop - nearest) > STEEPEST * span:
+        return None
+    # Where both stop is one point.
+    disparity = known.disparity + (stop - nearest) * run[0]
+    end = _Corner(float(line.reach[1] if first is not None else line.reach[0]), float(disparity), STOPPED)
+    return [known, end] if first is not None else [end, known]
+
+
+def _overlap(line: JoinedLine, ends: list[_Corner], right: Pieces, partners: np.ndarray) -> np.ndarray:
+    """(k,) pixels that each right piece shows of the edge between two corners."""
+    places = _along(line, ends, right, partners)
+    first, last = ends[0].place, ends[1].place
+    return np.maximum(np.nan_to_num(np.minimum(places[:, 1], last) - np.maximum(places[:, 0], first)), 0.0)
+
+
+def _along(line: JoinedLine, ends: list[_Corner], right: Pieces, partners: np.ndarray) -> np.ndarray:
+    """(k, 2) ends of right pieces as places along the left line, by the disparity of the edge; NaN for those off it."""
+    corner = [line.centre + end.place * line.direction - [end.disparity, 0.0] for end in ends]
+    run = corner[1] - corner[0]
+    length = max(float(np.hypot(*run)), 1e-9)
+    run = run / length
+    points = np.stack([right.start[partners], right.end[partners]], axis=1) - corner[0]
+    off = np.abs(points @ [-run[1], run[0]]).max(axis=1)
+    share = np.sort(points @ run, axis=1) / length
+    places = ends[0].place + share * (ends[1].place - ends[0].place)
+    places[off > np.clip(STRAIGHTNESS * length, LEAST_MISS, MOST_MISS)] = np.nan
+    return places
+
+
+def _shown(line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndarray, right: Pieces,
+           partners: np.ndarray) -> float:
+    """The smaller of the shares of the edge that the left and the right image show; 0 when either shows that the line
+    goes on beyond its ends."""
+    if len(partners) == 0:
+        return 0.0
+    corner = [line.centre + end.place * line.direction - [end.disparity, 0.0] for end in ends]
+    if (corner[1] - corner[0]) @ line.direction < SEED:
+        return 0.0
+    points = np.stack([left.start[members], left.end[members]], axis=1) - line.centre
+    first, last = ends[0].place, ends[1].place
+    sample = first + (np.arange(100) + 0.5) / 100 * (last - first)
+    shares = []
+    for places in (np.sort(points @ line.direction, axis=1), _along(line, ends, right, partners)):
+        places = places[np.isfinite(places).all(axis=1)]
+        hit = ((sample >= places[:, :1] - 1.0) & (sample <= places[:, 1:] + 1.0)).any(axis=0)
+        shares.append(float(hit.mean()))
+        for outside in (np.maximum(np.minimum(places[:, 1], first) - np.maximum(places[:, 0], first - 2 * BEYOND), 0.0),
+                        np.maximum(np.minimum(places[:, 1], last + 2 * BEYOND) - np.maximum(places[:, 0], last), 0.0)):
+            if outside.sum() > BEYOND:
+                return 0.0
+    return min(shares)
