@@ -20,9 +20,10 @@ from .segmentation import Pieces
 FLAT, STEEP = 0.15, 0.3
 # The shortest piece that starts a line, pixels, and the shortest that continues one.
 SEED, SCRAP = 20.0, 8.0
-# Pieces of one broken line: both ends within this share of its length of it (within these bounds, pixels), across
+# Pieces of one broken line: both ends within this share of its length of it (within these bounds, pixels), turned by
+# at most this (sine), across
 # gaps of at most this share, or so many pixels.
-STRAIGHTNESS, LEAST_MISS, MOST_MISS = 0.012, 0.7, 2.0
+STRAIGHTNESS, LEAST_MISS, MOST_MISS, ONE_DIRECTION = 0.012, 0.7, 2.0, 0.06
 GAP_SHARE, LEAST_GAP = 0.3, 15.0
 # How far beyond the line's end, and beyond the other edge's, a corner may lie: shares of their lengths, and pixels.
 END_SHARE, END_LEAST, INSIDE = 0.25, 12.0, 8.0
@@ -45,7 +46,7 @@ class FlatEdge:
 
     members : (k,) left pieces it consists of; partner : a right piece of it; line : through the left pieces;
     reach : (2,) pixels along the line: its corners; coefficient (2,), covariance (2, 2) : of disparity along it;
-    end_sigma, fixed : (2,) as in :class:`.lines3d.Lines3D`
+    end_sigma, fixed : (2,) as in :class:`.lines3d.Lines3D`; told : (2,) pixels, sigma of disparity at the ends
     """
 
     members: np.ndarray
@@ -56,6 +57,7 @@ class FlatEdge:
     covariance: np.ndarray
     end_sigma: np.ndarray
     fixed: np.ndarray
+    told: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,8 @@ def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
             off = np.abs(ends @ [-line.direction[1], line.direction[0]]).max(axis=1)
             place = ends @ line.direction
             gap = np.maximum(place.min(axis=1) - line.reach[1], line.reach[0] - place.max(axis=1))
-            near = ((off < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
+            turn = np.abs(pieces.direction[others] @ [-line.direction[1], line.direction[0]])
+            near = ((turn < ONE_DIRECTION) & (off < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
                     & (gap < max(LEAST_GAP, GAP_SHARE * span)))
             if not near.any():
                 break
@@ -152,7 +155,7 @@ def with_whole(whole: list[FlatEdge], matches: Matches, left: Pieces, coefficien
                       np.concatenate([matches.rows[keep], rows]), np.append(matches.belief[keep], np.ones(len(whole))))
     return (matches, left, np.concatenate([coefficient[keep], [edge.coefficient for edge in whole]]),
             np.concatenate([covariance[keep], [edge.covariance for edge in whole]]),
-            np.concatenate([ends_sigma[keep], [np.where(edge.fixed, ROUNDED, 1.5 * STOPPED) for edge in whole]]))
+            np.concatenate([ends_sigma[keep], [1.5 * edge.told for edge in whole]]))
 
 
 def _corners(line: JoinedLine, teller: Pieces, coefficient: np.ndarray,
@@ -192,7 +195,7 @@ def _between(members: np.ndarray, line: JoinedLine, corners: tuple[list[_Corner]
             shown = _shown(line, ends, left, members, right, partners)
             if shown < SHOWN:
                 continue
-            score = shown - 0.05 * sum(end.sigma for end in ends)
+            score = shown - 0.05 * sum(min(end.sigma, STOPPED) for end in ends)
             score += 0.05 * sum(_agrees(end, ends) for side in corners for end in side)
             if best is None or score > best[0]:
                 best = score, ends
@@ -215,7 +218,8 @@ def _between(members: np.ndarray, line: JoinedLine, corners: tuple[list[_Corner]
     # Where nothing tells the end, it is where the line stops.
     fixed = np.array([bool(side) for side in corners])
     partner = partners[np.argmax(_overlap(line, ends, right, partners))]
-    return FlatEdge(members, int(partner), line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed)
+    return FlatEdge(members, int(partner), line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed,
+                    np.array([end.sigma for end in ends]))
 
 
 def _agrees(corner: _Corner, ends: list[_Corner]) -> bool:
@@ -248,11 +252,13 @@ def _with_stop(line: JoinedLine, first: _Corner | None, last: _Corner | None, ri
         if far > front and near < front + max(LEAST_GAP, GAP_SHARE * front):
             front = far
             nearest = front if abs(stop - front) < abs(stop - nearest) else nearest
-    if stop < SEED or abs(stop - nearest) > STEEPEST * span:
+    if stop < SEED or front < SEED:
         return None
-    # Where both stop is one point.
-    disparity = known.disparity + (stop - nearest) * run[0]
-    end = _Corner(float(line.reach[1] if first is not None else line.reach[0]), float(disparity), STOPPED)
+    # Where both stop is one point. Lines that stop at places of their own only tell that disparity hardly changes.
+    miss, sigma = (stop - nearest) * run[0], STOPPED
+    if abs(miss) > 2.0 * STOPPED:
+        miss, sigma = 0.0, 0.5 * STEEPEST * stop
+    end = _Corner(float(line.reach[1] if first is not None else line.reach[0]), float(known.disparity + miss), sigma)
     return [known, end] if first is not None else [end, known]
 
 

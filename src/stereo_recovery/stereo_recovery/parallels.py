@@ -18,7 +18,7 @@ from .segmentation import Pieces
 LENDER, BORROWER = 0.15, 0.4
 # Edges that are not quite as good lend to what is much worse, when they are long: worst sigma, share of the borrower's
 # sigma, share of its length.
-LONG_LENDER, BETTER, LENGTH_SHARE = 0.6, 0.4, 0.4
+LONG_LENDER, BETTER, LENGTH_SHARE = 1.0, 0.4, 0.4
 # Only edges flatter than this (sine) borrow.
 FLAT = 0.15
 # How far, as a sine, parallel edges miss their vanishing point beyond the sigma of their lines, and the share of

@@ -19,6 +19,7 @@ from .facing import on_faces
 from .joining import join_matched
 from .lines3d import edges, to_space
 from .matching import match
+from .matching_kernels import STEEPEST
 from .outlines import contours
 from .params import RecoveryParams
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
@@ -140,6 +141,10 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
     keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
     keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
+    # Corners that were none may tell more than any match was allowed to.
+    run = pieces[0].direction[lines.left]
+    slope = lines.coefficient[:, 1]
+    keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
     # A piece of an arc in both images is none, whether its curve was recovered or not.
     keep &= (pieces[0].arc[lines.left] < 0) | (pieces[1].arc[lines.right] < 0)
     axes, surfaces = find_axes(curves, pieces, rig)
