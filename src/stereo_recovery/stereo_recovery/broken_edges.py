@@ -33,8 +33,10 @@ KNOWN = 1.5
 ROUNDED, STOPPED = 0.4, 4.0
 # The share of the line that each image has to show, and how much may go on beyond its ends, pixels.
 SHOWN, BEYOND = 0.6, 12.0
-# The largest slope of disparity along such an edge, pixels a pixel.
-STEEPEST = 0.15
+# How differently far from a corner the two images' strings may stop, pixels and as a share of the edge.
+LEAST_APART, APART_SHARE = 4.0, 0.07
+# The largest slope of disparity along such an edge, pixels a pixel; where only one corner is known.
+RECEDING, STEEPEST = 0.3, 0.15
 # Only edges whose disparity is worse than this at an end, pixels, are replaced.
 VAGUE = 2.0
 GATE = 3.0
@@ -235,7 +237,8 @@ def _with_stop(line: JoinedLine, first: _Corner | None, last: _Corner | None, ri
                partners: np.ndarray) -> list[_Corner] | None:
     """Both ends; the one nobody tells about is where the line stops in the left and in the right image."""
     if first is not None and last is not None:
-        return [first, last] if last.place - first.place > SEED else None
+        apart = last.place - first.place
+        return [first, last] if apart > SEED and abs(last.disparity - first.disparity) < RECEDING * apart else None
     known = first or last
     assert known is not None
     # From the corner along the line, which has nearly the same slope in the right image.
@@ -295,13 +298,21 @@ def _shown(line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndar
     points = np.stack([left.start[members], left.end[members]], axis=1) - line.centre
     first, last = ends[0].place, ends[1].place
     sample = first + (np.arange(100) + 0.5) / 100 * (last - first)
-    shares = []
+    shares, stops = [], []
     for places in (np.sort(points @ line.direction, axis=1), _along(line, ends, right, partners)):
-        places = places[np.isfinite(places).all(axis=1)]
+        places = places[np.isfinite(places).all(axis=1) & (places[:, 1] > first) & (places[:, 0] < last)]
+        if len(places) == 0:
+            return 0.0
+        stops.append((places.min(), places.max()))
         hit = ((sample >= places[:, :1] - 1.0) & (sample <= places[:, 1:] + 1.0)).any(axis=0)
         shares.append(float(hit.mean()))
         for outside in (np.maximum(np.minimum(places[:, 1], first) - np.maximum(places[:, 0], first - 2 * BEYOND), 0.0),
                         np.maximum(np.minimum(places[:, 1], last + 2 * BEYOND) - np.maximum(places[:, 0], last), 0.0)):
             if outside.sum() > BEYOND:
                 return 0.0
+    # Both images' strings stop about as far from a corner.
+    apart = np.abs(np.array(stops[0]) - np.array(stops[1]))
+    if any(end.sigma < KNOWN and miss > max(LEAST_APART, APART_SHARE * (last - first))
+           for end, miss in zip(ends, apart)):
+        return 0.0
     return min(shares)

@@ -234,6 +234,56 @@ def truth_rims(shape: Shape, rig: StereoRig) -> list[tuple[np.ndarray, np.ndarra
     return result
 
 
+@dataclass
+class PrintedBox:
+    """shape : to render; edges (n, 2, 3) : of the ideal box, those that both eyes see, left optical frame, metres;
+    pose : left_T_box; size (3,) metres: the box reaches from the origin to it."""
+
+    shape: Shape
+    edges: np.ndarray
+    pose: Pose
+    size: np.ndarray
+
+
+def printed_box(seed: int, fold: float = 1.5e-3, prints: int = 40) -> PrintedBox:
+    """A cardboard box on end or lying, its long edges along the rows: rounded folds of this radius along them, and
+    patches of other brightness on its faces, many with sides along the edges."""
+    rng = np.random.default_rng(seed)
+    size = np.array([rng.uniform(0.12, 0.18), rng.uniform(0.06, 0.09), rng.uniform(0.05, 0.08)])
+    _, b, c = size
+    bend = np.radians(np.arange(0, 91, 22.5))
+    outline = [(x + fold * np.cos(t + q), y + fold * np.sin(t + q)) for x, y, q in
+               ((b - fold, c - fold, 0.0), (fold, c - fold, 0.5 * np.pi), (fold, fold, np.pi),
+                (b - fold, fold, 1.5 * np.pi)) for t in bend]
+    # The prism's outline lies in y and z, its height along x.
+    shape = prism(np.array(outline), size[0]).at(Pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.zeros(3)))
+    for axis in range(3):
+        along = [k for k in range(3) if k != axis]
+        for side in (0.0, 1.0):
+            for k in range(prints if axis else prints // 4):
+                margin = 2 * fold
+                low = margin + rng.uniform(0, 0.9, 2) * (size[along] - 2 * margin)
+                high = np.minimum(low + rng.uniform(0.002, 0.5, 2) ** 1.5 * size[along], size[along] - margin)
+                patch = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
+                if k % 3 == 0:
+                    centre, turn = patch.mean(axis=0), Pose.from_rotation_vector([0, 0, rng.uniform(0, 3)]).rotation
+                    patch = np.clip(centre + (patch - centre) @ turn[:2, :2], margin, size[along] - margin)
+                points = np.empty((4, 3))
+                points[:, along] = patch
+                normal = np.zeros(3)
+                normal[axis] = 2.0 * side - 1.0
+                points[:, axis] = side * size[axis] + (2 * side - 1) * (1e-5 + 1e-6 * k)
+                shape.faces.append(Face('polygon', points, normal, albedo=rng.uniform(0.2, 1.3)))
+    tilt = Pose.from_rotation_vector([np.radians(rng.uniform(35, 60)), 0, 0]).rotation
+    yaw = Pose.from_rotation_vector([0, 0, rng.uniform(-0.03, 0.03)]).rotation
+    swing = Pose.from_rotation_vector([0, rng.uniform(-0.08, 0.08), 0]).rotation
+    turn = yaw @ tilt @ swing
+    pose = Pose(turn, np.array([0.03, 0.0, rng.uniform(0.38, 0.46)]) - turn @ (0.5 * size))
+    plain = convex(np.array(np.meshgrid(*[[0.0, x] for x in size])).reshape(3, -1).T).at(pose)
+    rig = StereoRig.symmetric(PinholeCamera.centred(512, 448, 640.0), 0.06)
+    return PrintedBox(shape.at(pose), truth_edges(plain, rig, 0.02), pose, size)
+
+
 def solids() -> dict[str, Shape]:
     """A few solids of 60 to 70 mm, in metres, centred near their origin."""
     mm = 1e-3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from stereo_recovery.recover_cli import main
 from stereo_recovery.rectification import Rectifier
 
 DATA = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
-REAL = Path(__file__).resolve().parents[3].parent / 'shared' / 'real'
+REAL = Path(os.environ.get('STEREO_REAL_DATA') or Path(__file__).resolve().parents[3].parent / 'shared' / 'real')
 SIZE = (640, 480)
 
 
@@ -86,7 +87,7 @@ def test_the_packaged_chessboard():
 
 def test_the_other_chessboards():
     if not (REAL / 'chessboard').is_dir():
-        pytest.skip('no real data beside the project (../shared/real)')
+        pytest.skip('no real data in STEREO_REAL_DATA or beside the project (../shared/real)')
     errors = [check_board(REAL / 'chessboard', pair) for pair in ('02', '03', '04', '05', '06', '07')]
     assert max(errors) < 0.5
     assert np.median(errors) < 0.25

@@ -1,0 +1,96 @@
+"""Edges that print, folds or a changing background break: closed forms, and boxes with print on their faces."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from msgs_py import FeatureKind, PinholeCamera, StereoRig
+from stereo_recovery import broken_edges, recover
+from stereo_recovery.joining import join_matched, joined_line
+from stereo_recovery.matching import Matches
+from stereo_recovery.segmentation import Pieces
+
+
+def pieces(*segments) -> Pieces:
+    """Straight pieces from (start, end) pairs, pixels."""
+    ends = np.array(segments, float)
+    run = ends[:, 1] - ends[:, 0]
+    length = np.hypot(*run.T)
+    n, zeros = len(ends), np.zeros(len(ends))
+    return Pieces(np.zeros((n, 2), int), np.zeros(n, int), ends.mean(axis=1), run / length[:, None],
+                  0.5 * np.column_stack([-length, length]), zeros, zeros, length, np.full((n, 2), 0.02), zeros + 20.0,
+                  np.full(n, -1, np.int32))
+
+
+def matched(*pairs, disparity) -> Matches:
+    left, right = np.array(pairs, np.int32).T
+    return Matches(left, right, np.array(disparity, float), np.zeros((len(left), 2)), np.ones(len(left)))
+
+
+def test_the_line_through_parts_of_a_line_is_that_line():
+    parts = pieces(((0, 0), (30, 3)), ((40, 4), (100, 10)))
+    line = joined_line(parts, np.arange(2), np.array([1.0, 0.0]))
+    assert np.allclose(line.direction, [10 / np.hypot(10, 1), 1 / np.hypot(10, 1)], atol=1e-9)
+    assert np.allclose(line.centre + line.reach[:, None] * line.direction, [[0, 0], [100, 10]], atol=1e-9)
+    assert line.miss < 1e-9 and abs(line.bow) < 1e-9
+
+
+@pytest.mark.parametrize('bend, joined', [(0.8, True), (6.0, False)])
+def test_what_the_other_eye_sees_as_one_is_one_if_it_is_nearly_straight(bend, joined):
+    left = pieces(((50 + bend, 0), (50, 40)), ((50, 42), (50 + bend, 90)))
+    right = pieces(((20, 0), (20, 90)))
+    matches, left, right = join_matched(matched((0, 0), (1, 0), disparity=[[30, 30, 30]] * 2), left, right)
+    assert len(left) == (1 if joined else 2)
+    assert len(matches) == len(left) and len(right) == 1
+    if joined:
+        assert left.length[0] == pytest.approx(90, abs=0.1)
+
+
+def test_parts_that_match_elsewhere_too_stay_apart():
+    left = pieces(((50, 0), (50, 40)), ((50, 42), (50, 90)))
+    right = pieces(((20, 0), (20, 90)), ((10, 42), (10, 90)))
+    matches, left, right = join_matched(matched((0, 0), (1, 0), (1, 1), disparity=[[30, 30, 30]] * 3), left, right)
+    assert len(left) == 2 and len(matches) == 3
+
+
+def broken_edge(right_shift: float = 0.0):
+    """A flat edge broken at other places in the two images, between posts of disparity 40 and 50 at its ends."""
+    left = pieces(((100, 20), (100, 98)), ((300, 20), (300, 98)), ((105, 100), (190, 100)), ((200, 100), (294, 100)))
+    right = pieces(((60, 20), (60, 98)), ((250, 20), (250, 98)), ((64 + right_shift, 100), (120 + right_shift, 100)),
+                   ((128 + right_shift, 100), (245 + right_shift, 100)))
+    matches = matched((0, 0), (1, 1), disparity=[[40] * 3, [50] * 3])
+    coefficient, covariance = np.array([[40.0, 0], [50.0, 0]]), np.array([np.diag([1e-3, 1e-7])] * 2)
+    return broken_edges.complete(matches, left, right, coefficient, covariance)
+
+
+def test_a_broken_flat_edge_runs_between_the_posts_that_tell_its_ends():
+    edge, = broken_edge()
+    assert set(edge.members) == {2, 3} and edge.fixed.all()
+    ends = edge.line.centre + edge.reach[:, None] * edge.line.direction
+    assert np.allclose(ends, [[100, 100], [300, 100]], atol=1e-6)
+    assert np.allclose(edge.coefficient[0] + edge.coefficient[1] * edge.reach, [40, 50], atol=1e-6)
+
+
+def test_a_line_that_the_right_image_has_elsewhere_is_no_edge_between_them():
+    assert broken_edge(right_shift=30.0) == []
+
+
+@pytest.mark.parametrize('seed', [1, 4, 7])
+def test_long_edges_of_a_printed_box_along_the_rows_are_found(synthetic, seed):
+    box = synthetic.printed_box(seed)
+    rig = StereoRig.symmetric(PinholeCamera.centred(512, 448, 640.0), 0.06)
+    left, right = synthetic.render_pair(box.shape, rig, seed=seed, background=120.0)
+    found = recover(left, right, rig).features.of_kind(FeatureKind.EDGE)
+    flat = [SimpleNamespace(a=a, b=b) for a, b in box.edges if abs((b - a)[0]) > 0.9 * np.linalg.norm(b - a)]
+    hit = 0
+    for edge in flat:
+        length = np.linalg.norm(edge.b - edge.a)
+        line = (edge.b - edge.a) / length
+        places = [np.sort((np.stack([s, e]) - edge.a) @ line) for s, e in zip(found.start, found.end)
+                  if np.linalg.norm(np.cross(np.stack([s, e]) - edge.a, line), axis=1).max() < 4e-3]
+        samples = np.linspace(0, length, 100)
+        hit += np.mean([any(p[0] <= x <= p[1] for p in places) for x in samples]) > 0.5
+    assert len(flat) == 3 and hit >= 2
