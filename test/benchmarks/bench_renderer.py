@@ -1,4 +1,4 @@
-"""The native engine: four scenes of the renderer's bars at 512 x 512, brute force beside tiling, POV-Ray and Embree beside both.
+"""The native engine: four scenes of the renderer's bars at 512 x 512, brute force beside tiling, and peers beside both.
 
 All times are whole render() calls, warm: depth, ids, normals and Phong's light of every light.
 """
