@@ -43,7 +43,7 @@ def constraints(setting: Setting) -> Outcome:
                      f'{counted["all"][0]:.1f} % ({100 * all_on / potential:.1f} %), with our own errors '
                      f'{counted["all"][1]:.2f} %')
         titles = [row[0] for row in table.rows]
-        plots.append(Plot(f'{name}: what each constraint leaves', '', '% of potential matches', [
+        plots.append(Plot(f'{name}: what each constraint leaves', 'constraints in use', '% of potential matches', [
             Line('thesis', titles, [row[1] for row in table.rows], 'bar'),
             Line('ours, errors of the thesis', titles, [row[2] for row in table.rows], 'bar'),
             Line('ours, errors as recovered', titles, [row[3] for row in table.rows], 'bar')]))

@@ -74,7 +74,7 @@ def poses(setting: Setting) -> Outcome:
                 f'{", ".join(f"{v:.3f}" for v in median_mm)} mm: five times below the thesis\' means (0.5 deg; 0.31, '
                 '0.31, '
                 f'1.57 mm) is {"met" if bars else "NOT met"}.')
-    plot = Plot('Rotation error', '', 'degrees', [
+    plot = Plot('Rotation error', 'view', 'degrees', [
         Line('thesis', names, [VIEWS[n].rotation_error_deg for n in names], 'bar'),
         Line('ours', names, [row[2] for row in found.rows[:len(names)]], 'bar')], log_y=True)
     return Outcome(sentence, [data, found], [plot], [
@@ -123,7 +123,7 @@ def curves(setting: Setting) -> Outcome:
                    'the '
                    'thesis gave one answer for the first four and two for the Tubes, of which validation could '
                    'complete '
-                   'neither.', [table], [Plot('Matching time', '', 'ms', [
+                   'neither.', [table], [Plot('Matching time', 'view', 'ms', [
                        Line('tree', names, [r[3] for r in table.rows], 'bar'),
                        Line('pair hypotheses', names, [r[4] for r in table.rows], 'bar')], log_y=True)])
 

@@ -101,7 +101,7 @@ def stereo_times(setting: Setting) -> Outcome:
     lines = [L('thesis', [r[0] for r in table.rows], [r[1] for r in table.rows], 'bar')]
     if average is not None:
         lines.append(L('ours, emulated', [r[0] for r in table.rows], [r[2] for r in table.rows], 'bar'))
-    return Outcome(sentence, [table], [Plot('Stereo pair on the DAP 510', '', 'seconds', lines)])
+    return Outcome(sentence, [table], [Plot('Stereo pair on the DAP 510', 'view', 'seconds', lines)])
 
 
 def _views(setting: Setting) -> list[str]:

@@ -147,11 +147,11 @@ def tiling(setting: Setting) -> Outcome:
              f'The thesis prints that a tile\'s tree holds {TILING_SAVED["tile_tree_percent"]} % of the scene\'s '
              f'primitives on average; ours {_mean(counts, 8):.1f} %.']
     scenes = [r[0] for r in speed.rows]
-    plots = [Plot('Brute force / tiling', '', 'times faster', [
+    plots = [Plot('Brute force / tiling', 'scene', 'times faster', [
         Line('ours on this machine', scenes, [r[3] for r in speed.rows], 'bar'),
         Line('ours emulated', scenes, [r[2] for r in speed.rows], 'bar'),
         Line('thesis', scenes, [r[1] for r in speed.rows], 'bar')]),
-        Plot('Profile of brute force (left) and tiling (right) on the emulated DAP', '', '% of the time', [
+        Plot('Profile of brute force and of tiling on the emulated DAP', 'scene and method', '% of the time', [
             Line(part, [f'{name} {how}' for name in names for how in ('brute', 'tiling')],
                  [bar[k] for bar in bars], 'bar') for k, part in enumerate(PARTS) if k])]
     return Outcome(sentence, [counts, work, speed, matrices, profile], plots, notes)

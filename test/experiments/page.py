@@ -23,7 +23,7 @@ td:first-child, th:first-child { text-align: left } td.ours { background: #eef6e
 .failed { color: #c11 } .wide { overflow-x: auto } nav a { margin-right: .9em; white-space: nowrap }
 """
 # What RESULTS.md quotes in full; the others with their sentence and the page.
-SHORT_ROWS, SHORT_COLUMNS = 20, 11
+SHORT_ROWS, SHORT_COLUMNS = 20, 13
 
 
 def write_page(folder: Path, documents: list[dict[str, Any]]) -> None:
@@ -66,7 +66,7 @@ def _section(folder: Path, document: dict[str, Any]) -> str:
 def draw(plot: dict[str, Any], path: Path) -> None:
     """One saved plot as a PNG; missing values leave gaps."""
     bars = [line for line in plot['lines'] if line['style'] == 'bar']
-    figure, axes = plt.subplots(figsize=(8.5, 3.9), dpi=110)
+    figure, axes = plt.subplots(figsize=(10.0, 3.9), dpi=110)
     for number, line in enumerate(bars):
         width = 0.8 / len(bars)
         values = [math.nan if y is None else y for y in line['y']]
@@ -89,7 +89,7 @@ def draw(plot: dict[str, Any], path: Path) -> None:
     axes.set(title=plot['title'], xlabel=plot['x_label'], ylabel=plot['y_label'])
     axes.grid(True, axis='y', alpha=0.3)
     if len(plot['lines']) > 1:
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc='upper left', bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     figure.tight_layout()
     figure.savefig(path)
     plt.close(figure)
