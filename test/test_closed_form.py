@@ -13,7 +13,7 @@ import pytest
 
 from csg_renderer import load_scene, scene_path
 from model_matcher.closed_form import main
-from model_matcher.closed_form_batch import run_batch
+from model_matcher.closed_form_batch import brought_home, files_of, run_batch, run_far
 from model_matcher.closed_form_case import Case, Limits, result_document
 from model_matcher.closed_form_library import run_library_case
 from model_matcher.closed_form_run import case_rig
@@ -206,6 +206,27 @@ def test_a_pose_within_the_limits_with_a_wrong_pairing_is_told_from_a_bad_pose(o
     wrong = replace(result, assignment=replace(result.assignment, right=result.assignment.right - 1))
     document = result_document(wrong, Limits())
     assert not document['passed'] and document['verdict'].startswith('a pairing or sign is wrong')
+
+
+def test_a_case_for_another_machine_takes_its_scene_along_and_brings_its_results_back(tmp_path, monkeypatch):
+    mine, elsewhere = tmp_path / 'mine', tmp_path / 'elsewhere'
+    (mine / 'lib' / 'steel').mkdir(parents=True)
+    elsewhere.mkdir()
+    (mine / 'lib' / 'steel' / 'foot.csg').write_text('foot = BLOCK (60, 10, 40);\n')
+    (mine / 'lib' / 'part.csg').write_text(
+        'INCLUDE "steel/foot.csg";\npart = (foot UNION BLOCK (10, 50, 40)) PAINT FACES;\n')
+    (mine / 'desk.csg').write_text('INCLUDE "lib/part.csg";\nAMBIENT (0.9);\nLIGHT (0, -300, 0) COLOUR (0.1);\n'
+                                   'DRAW part YROT (35) XROT (25) AT (-20, -10, 230);\n')
+    monkeypatch.chdir(mine)
+    (case,) = sweep_cases(Case('desk.csg', width=256, antialias=2), 'turntable', 1)
+    job, files = (0, case, Limits(rotation_deg=0.0), str(tmp_path / 'out'), False, False), files_of(case)
+    monkeypatch.chdir(elsewhere)
+    _, document = brought_home(*run_far(job, files))
+    assert document['case'] == 'desk_turntable_0' and document['rotation_error_deg'] < 1.0
+    folder = tmp_path / 'out' / document['saved']
+    assert main(['--replay', str(folder), '-o', str(tmp_path / 'again'), '-q']) == 1
+    again = json.loads((tmp_path / 'again' / 'desk_turntable_0' / 'result.json').read_text())
+    assert again['rotation_error_deg'] == pytest.approx(document['rotation_error_deg'], rel=1e-6)
 
 
 def test_dask_runs_the_cases_or_says_that_it_is_not_installed(tmp_path):

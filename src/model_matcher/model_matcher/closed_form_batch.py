@@ -7,8 +7,10 @@ import html
 import json
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ COLUMNS = ('case', 'passed', 'rotation_error_deg', 'translation_error_mm', 'true
 TITLES = ('case', 'passed', 'rotation, deg', 'translation, mm', 'edges', 'recovered', 'matched', 'signs right',
           'render, ms', 'recover, ms', 'match, ms', 'verdict')
 FAILING = 'failing'
+# Number, case, limits, folder of the results, through the nodes, a page for every case.
+Job = tuple[int, Case, Limits, str, bool, bool]
 SUMMARY_TITLES = {
     'cases': 'cases', 'passed': 'passed', 'recognised': 'recognised, within the limits or not',
     'rotation_error_deg_p50': 'rotation error, median, deg', 'rotation_error_deg_p90': 'rotation error, 90 %, deg',
@@ -55,7 +59,7 @@ def run_batch(cases: Sequence[Case], limits: Limits, out: Path, workers: int = 1
     return done
 
 
-def run_one(job: tuple[int, Case, Limits, str, bool, bool]) -> tuple[int, dict[str, Any]]:
+def run_one(job: Job) -> tuple[int, dict[str, Any]]:
     """One case, in whatever process; an unusable case is a document with its error as the verdict."""
     from .closed_form_library import run_library_case
     from .closed_form_run import run_case
@@ -81,6 +85,45 @@ def run_one(job: tuple[int, Case, Limits, str, bool, bool]) -> tuple[int, dict[s
     return index, document
 
 
+def run_far(job: Job, files: dict[str, bytes]) -> tuple[int, dict[str, Any], str, dict[str, bytes]]:
+    """As run_one, on a machine that shares no folder with this one: the scene's files come along, and what is written
+    goes back."""
+    index, case, limits, out, nodes, reports = job
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in files.items():
+            (Path(folder) / name).parent.mkdir(parents=True, exist_ok=True)
+            (Path(folder) / name).write_bytes(data)
+        here = Path(folder) / 'out'
+        if files:
+            case = replace(case, scene=str(Path(folder) / next(iter(files))), label=case.name)
+        _, document = run_one((index, case, limits, str(here), nodes, reports))
+        written = {str(path.relative_to(here)): path.read_bytes() for path in here.rglob('*') if path.is_file()}
+    return index, document, out, written
+
+
+def files_of(case: Case) -> dict[str, bytes]:
+    """The contents of a case's scene and what it includes, the scene's first; nothing for an unusable one."""
+    from csg_renderer.language import find_scene
+
+    from .closed_form_scene import scene_files
+
+    try:
+        (_, scene), *included = scene_files(find_scene(case.scene)).items()
+        return {scene.name: scene.read_bytes(), **{name: path.read_bytes() for name, path in included}}
+    except (OSError, ValueError):
+        return {}  # an unusable scene is the case's own result
+
+
+def brought_home(index: int, document: dict[str, Any], out: str, written: dict[str, bytes],
+                 ) -> tuple[int, dict[str, Any]]:
+    """What run_far returned, its files in the folder of the results."""
+    shutil.rmtree(Path(out) / FAILING / document['case'], ignore_errors=True)
+    for name, data in written.items():
+        (Path(out) / name).parent.mkdir(parents=True, exist_ok=True)
+        (Path(out) / name).write_bytes(data)
+    return index, document
+
+
 @contextmanager
 def _runner(workers: int, dask: str | None) -> Iterator[Any]:
     """A function that maps run_one over jobs and yields results as they come."""
@@ -95,7 +138,8 @@ def _runner(workers: int, dask: str | None) -> Iterator[Any]:
                     yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
             return
         with Client(dask) as client:
-            yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
+            yield lambda jobs: (brought_home(*future.result()) for future in as_completed(
+                client.map(run_far, *zip(*((job, files_of(job[1])) for job in jobs)), pure=False)))
     elif workers > 1:
         import multiprocessing
         from concurrent.futures import ProcessPoolExecutor

@@ -6,6 +6,7 @@ and copies of what it includes, so that the folder alone is enough to run the ca
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -76,13 +77,24 @@ def model_centre(scene: Scene) -> tuple[np.ndarray, float]:
 
 
 def copy_scene(path: Path, folder: Path) -> str:
-    """Copy a scene and its includes into folder, flat; the name of the scene's copy."""
-    folder.mkdir(parents=True, exist_ok=True)
-    name = f'original_{path.name}'
-    for file in read_scene(str(path)).files:
-        file = Path(file)
-        shutil.copyfile(file, folder / (name if file.resolve() == path.resolve() else file.name))
-    return name
+    """Copy a scene and its includes into folder, as they lie to each other; the name of the scene's copy there."""
+    found = scene_files(path)
+    for name, file in found.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, folder / name)
+    return next(iter(found))
+
+
+def scene_files(path: Path) -> dict[str, Path]:
+    """A scene's file and those it includes, by where they lie below the folder that holds all; the scene's is first.
+
+    The scene is called original_..., so that another may be written beside it.
+    """
+    files = dict.fromkeys([path.resolve(), *(Path(file).resolve() for file in read_scene(str(path)).files)])
+    root = Path(os.path.commonpath([file.parent for file in files]))
+    names = {str(file.relative_to(root)): file for file in list(files)[1:]}
+    main = path.resolve().relative_to(root)
+    return {str(main.with_name(f'original_{main.name}')): path.resolve(), **names}
 
 
 def _text(case: Case, scene: Scene, name: str, pose: Pose, rig: StereoRig, included: str) -> str:
