@@ -51,7 +51,7 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         result = match_by_tree(problem, params, started)
     if params.prove and result.best is not None:
         from .proof import certify
-        result = certify(problem.index, problem.data, result, params, started)
+        result = certify(problem, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
 

@@ -1,173 +1,408 @@
-"""Certificate that no larger interpretation exists: pruning by cores, then a tree with a bound by domains.
+"""Certificate that no larger interpretation exists.
 
-Larger means: more data features matched, every two of them consistent under the pairwise constraints of the look-up
-tables (direction signs left out, which only makes the claim stronger). What cannot be among K + 1 mutually supporting
-data features is taken away first (thesis 7.4). In the tree that is left, a node is worth no more than its matched data
-plus the unassigned data that still have a candidate: counting those instead of features in the bin ends the growth of
-the tree with the number of spurious features.
+What it says, exactly. An interpretation pairs each data feature with one model feature at most, and there is a rigid
+motion, its pose, under which every paired data feature lies on its model feature: end points within the tolerances
+across and along, direction within its cone, radii within curvedev (kernels.fit_one, width 1). ``proven``: no
+interpretation of this data, whatever its pose, pairs more data features than this one. Clutter, occlusion, symmetry
+and the seed play no part in that; the tolerances do. An equally large one may exist.
+
+How it is shown. Pairings (nodes) that cannot be among K + 1 consistent ones go first, by the exact pair test
+(supports.py, pair_test.py). The tree over what is left is bounded by the data features that still have a node. A set of
+K + 1 out of K + 1 + s data features leaves out at most s, so of any s + 1 disjoint groups it holds one whole: the tree
+branches on which. A whole group fixes the pose, and what no pose near it explains is taken away (rigidity.py). Subsets
+of what remains that have no common pose are conflicts: each leaves out one of its own, so more than s disjoint ones end
+a branch, and otherwise the tree branches on whom one leaves out. A set larger than what is known that has a common pose
+becomes the new bound, until the tree is exhausted or time is up.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
-from numba import njit
 
-from msgs_py import BIN, FeatureSet
+from msgs_py import BIN, FeatureSet, Interpretation
 
-from .model_index import ModelIndex
+from .finishing import Problem, Refined, _interpretation, as_pose, make_problem
+from .model_index import ModelIndex, index_model
 from .params import MatchParams, MatchResult
-from .tables import Tables, build_tables
-from .tree import core_numbers, largest_core
+from .symmetry import symmetric_poses
 
-MOST_NODES = 200_000
+STEEP = 0.3  # sine of two features that may fix a first pose
+WIDE = 24  # a data feature with more nodes than this is of no use but as one more
+GROUP = 4  # data features that fix a pose well
 
 
 @dataclass(frozen=True)
 class Proof:
     """What an exhaustive search says.
 
-    proven : no pairwise-consistent interpretation matches more data than was asked about
-    assignment : (n,) int32, a larger one, or None; nodes : of the tree, 0 when pruning was enough
+    proven : no interpretation matches more data than asked about, or than ``assignment`` if there is one
+    assignment : (n,) int32, the largest interpretation found beyond what was asked about, or None
+    motion : (12,) a pose that explains it, or None
+    nodes : branches of the tree, 0 when pruning was enough; pairings : left by the pruning
     reason : None when proven, otherwise why not
-    seconds : tables, pruning and tree
+    seconds : all of it
     """
 
     proven: bool
-    assignment: np.ndarray | None
-    nodes: int
-    reason: str | None
+    assignment: np.ndarray | None = None
+    motion: np.ndarray | None = None
+    nodes: int = 0
+    pairings: int = 0
+    reason: str | None = None
     seconds: float = 0.0
 
 
-def prove(index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams) -> Proof:
-    """Whether no interpretation of usable data (no feature without length) matches more than ``matched`` features.
+@cache
+def compile_kernels() -> None:
+    """Compile, or load from numba's cache, what a proof needs: no time limit is to pay for that."""
+    corner = np.eye(3) * [0.2, 0.3, 0.4]
+    edges = FeatureSet.from_edges(np.concatenate([corner, corner]), np.concatenate([np.roll(corner, 1, axis=0),
+                                                                                   np.zeros((3, 3))]))
+    problem = make_problem(index_model(edges), edges, MatchParams())
+    tree = _Tree(problem, 3, np.inf)
+    tree.prune()
+    nodes = np.arange(6)
+    motion = np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0.1])
+    tested, weights = tree.tested, np.ones(6)
+    tested.common_pose(motion.copy(), nodes, nodes, *tree.sample, weights)
+    tested.conflict(motion, nodes, nodes, weights, *tree.sample)
+    tested.can_join(motion, nodes[:3], nodes[:3], nodes, nodes, *tree.sample)
+    tested.deviations(motion, nodes, nodes, *tree.sample)
+    tested.all_fit(motion, nodes, nodes, *tree.sample, tree.kind_m, tree.radius_tol)
+    tested.fit(motion, nodes.astype(np.int32), np.zeros(6, np.int8), *tree.sample, np.empty((6, 6)), np.empty(5))
+    tree.poses(nodes[:2], 2, None)
 
-    With tables that do not fit into memory, or a tree that is too large, the answer is not proven, with the reason.
-    """
-    started = time.perf_counter()
-    try:
-        tables = build_tables(index, data, params)
-    except ValueError as error:
-        return Proof(False, None, 0, str(error))
-    found = prove_tables(tables, matched)
-    return Proof(found.proven, found.assignment, found.nodes, found.reason, time.perf_counter() - started)
 
+def certify(problem: Problem, result: MatchResult, params: MatchParams, started: float) -> MatchResult:
+    """The result with its best interpretation marked as proven when it is; stats say why it is not.
 
-def certify(index: ModelIndex, data: FeatureSet, result: MatchResult, params: MatchParams,
-            started: float) -> MatchResult:
-    """The result with its best interpretation marked as proven when it is; stats tell why it is not.
-
-    data : the usable features that were searched; started : perf_counter() at the start of the match, which has
-    params.time_limit_s altogether
+    A larger interpretation that the proof comes across takes the place of the best one, unless it explains fewer
+    distinct model features, by which interpretations are ranked: then nothing is proven.
+    started : perf_counter() at the start of the match, which has params.time_limit_s altogether
     """
     best = result.best
     if best is None:
         return result
-    if time.perf_counter() - started > params.time_limit_s:
+    left = params.time_limit_s - (time.perf_counter() - started)
+    compile_kernels()
+    if left <= 0.0:
         result.stats['unproven'] = 'time limit'
         return result
-    proof = prove(index, data, best.matched, params)
-    result.stats['proof_nodes'] = proof.nodes
-    if not proof.proven:
-        result.stats['unproven'] = proof.reason
-        return result
-    return replace(result, interpretations=(replace(best, proven=True), *result.interpretations[1:]))
+    proof = prove_problem(problem, best.matched, params, left)
+    result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
+    reason = proof.reason
+    if proof.assignment is not None and proof.motion is not None:
+        larger = _as_interpretation(problem, proof.assignment, proof.motion)
+        distinct, known = (len(np.unique(one.assignment[one.assignment != BIN])) for one in (larger, best))
+        if distinct >= known:
+            best = larger
+        else:
+            reason = (f'another interpretation matches {larger.matched} data features, but only {distinct} distinct '
+                      f'model features; the best matches {best.matched} and {known}')
+    if reason is None:
+        best = replace(best, proven=True)
+    else:
+        result.stats['unproven'] = reason
+    return replace(result, interpretations=(best, *result.interpretations[1:]))
 
 
-def prove_tables(tables: Tables, matched: int, most_nodes: int = MOST_NODES) -> Proof:
-    """As :func:`prove`, for tables that are there already."""
-    n = tables.unary.shape[0]
-    if matched >= n:
-        return Proof(True, None, 0, None)
-    core = core_numbers(tables)
-    if largest_core(core) <= matched:
-        return Proof(True, None, 0, None)
-    alive = core > matched
-    left = np.flatnonzero(alive.any(axis=1))
-    assignment = np.full(n, BIN, np.int32)
-    inner, nodes, outcome = _search(tables.code, alive[left], left, n, matched, most_nodes)
-    if outcome == 0:
-        return Proof(True, None, int(nodes), None)
-    if outcome == 2:
-        return Proof(False, None, int(nodes), f'the tree has more than {most_nodes} nodes')
-    assignment[left] = inner
-    size = int((assignment != BIN).sum())
-    return Proof(False, assignment, int(nodes), f'{size} data features are pairwise consistent, {matched} are matched')
+def _as_interpretation(problem: Problem, assignment: np.ndarray, motion: np.ndarray) -> Interpretation:
+    """A set of pairings as an interpretation, with its least-squares pose."""
+    from . import rigidity
+    fit: Any = rigidity.fit
+    pose, sign = motion.copy(), np.zeros(len(assignment), np.int8)
+    normal, figures = np.zeros((6, 6)), np.zeros(5)
+    fit(pose, assignment, sign, *problem.sample, problem.index.rows, normal, figures)
+    refined = Refined(pose[None], assignment[None], sign[None], normal[None],
+                      np.array([[0.0, figures[0], figures[1], *figures[2:], 0.0, 0.0]]))
+    return _interpretation(problem, refined, 0, symmetric_poses(problem.index, as_pose(pose)), None)
 
 
-@njit(cache=True)
-def _search(code, alive, left, n, matched, most_nodes):
-    """Depth first for an assignment of more than ``matched`` of the m data features ``left``, smallest domain first.
+class _GivenUp(Exception):
+    """The proof has no answer; says why."""
 
-    alive : (m, e) bool. Returns the assignment (m,), -1 for the bin; nodes; and 0: there is none, 1: found, 2: too many
-    nodes.
+
+class _Larger(Exception):
+    """A larger interpretation has been found."""
+
+
+def prove(index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams,
+          seconds: float | None = None) -> Proof:
+    """Whether no interpretation of the data matches more than ``matched`` features (see above).
+
+    data : camera frame; features without length take no part, but are counted in the answer's assignment
+    seconds : time limit, params.time_limit_s when not given
     """
-    m, e = alive.shape
-    open_to = np.zeros((m + 1, m, e), np.bool_)
-    open_to[0] = alive
-    done = np.zeros((m + 1, m), np.bool_)
-    chosen = np.zeros(m + 1, np.int64)
-    candidate = np.zeros(m + 1, np.int64)
-    counts = np.zeros(m + 1, np.int64)  # matched when a level is entered
-    assignment = np.full(m, -1, np.int32)
-    nodes = 0
-    level = 0
-    entering = True
-    while level >= 0:
-        if entering:
-            nodes += 1
-            if nodes > most_nodes:
-                return assignment, nodes, 2
-            smallest, which, hopeful = e + 1, -1, 0
-            for k in range(m):
-                if done[level, k]:
-                    continue
-                size = 0
-                for j in range(e):
-                    if open_to[level, k, j]:
-                        size += 1
-                if size > 0:
-                    hopeful += 1
-                    if size < smallest:
-                        smallest, which = size, k
-            if counts[level] > matched:
-                return assignment, nodes, 1
-            if counts[level] + hopeful <= matched:
-                level -= 1
-                entering = False
+    problem = make_problem(index, data, params)
+    found = prove_problem(problem, matched, params, seconds)
+    if found.assignment is None:
+        return found
+    assignment = np.full(problem.n_data, BIN, np.int32)
+    assignment[problem.keep] = found.assignment
+    return replace(found, assignment=assignment)
+
+
+def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: float | None = None) -> Proof:
+    """As :func:`prove`; the assignment is of the problem's usable features."""
+    if params.scale != 'known':
+        return Proof(False, reason="only data of known scale can be proven, not scale='free'")
+    compile_kernels()
+    started = time.perf_counter()
+    tree = _Tree(problem, matched, started + (params.time_limit_s if seconds is None else seconds))
+    reason = None
+    try:
+        tree.prune()
+        while True:
+            try:
+                tree.search()
+                break
+            except _Larger:
                 continue
-            chosen[level] = which
-            candidate[level] = 0
-        which = chosen[level]
-        assignment[which] = -1
-        j = candidate[level]
-        while j < e and not open_to[level, which, j]:
-            j += 1
-        if j > e:
-            level -= 1
-            entering = False
-            continue
-        candidate[level] = j + 1
-        done[level + 1] = done[level]
-        done[level + 1, which] = True
-        open_to[level + 1] = open_to[level]
-        counts[level + 1] = counts[level]
-        if j < e:
-            assignment[which] = j
-            counts[level + 1] += 1
-            a = left[which]
-            for k in range(m):
-                if done[level + 1, k]:
+    except _GivenUp as why:
+        reason = str(why)
+    return Proof(reason is None, tree.assignment, tree.motion, tree.branches, len(tree.nodes_a), reason,
+                 time.perf_counter() - started)
+
+
+class _Tree:
+    """The nodes that pruning leaves and the tree over them; ``most`` is the largest size known."""
+
+    def __init__(self, problem: Problem, most: int, deadline: float) -> None:
+        from . import pair_test, rigidity, supports
+        self.most, self.deadline = most, deadline
+        self.tested: Any = rigidity
+        self.supports: Any = supports
+        self.pairs: Any = pair_test
+        self.model, self.kind_m, self.radius_tol = problem.index.rows, problem.index.kind, problem.radius_tol
+        self.data, self.kind_d, self.tols = problem.sample
+        self.nodes_a = self.nodes_i = np.zeros(0, np.int64)
+        self.refuted: list[frozenset[int]] = []  # data features that are not all in a larger interpretation
+        self.assignment: np.ndarray | None = None
+        self.motion: np.ndarray | None = None
+        self.branches = 0
+
+    @property
+    def sample(self) -> tuple:
+        return self.data, self.kind_d, self.tols, self.model
+
+    def check_time(self) -> None:
+        if time.perf_counter() > self.deadline:
+            raise _GivenUp('time limit')
+
+    # -- pruning -----------------------------------------------------------------------------------------------
+
+    def prune(self) -> None:
+        """Find the nodes that may be in an interpretation larger than ``most``."""
+        if len(self.data) <= self.most:
+            return
+        lists, counts = self.supports.listed(self.pairs.possible(self.data, self.kind_d, self.tols, self.model,
+                                                                 self.kind_m, self.radius_tol))
+        relations = self.pairs.model_relations(self.model)
+        mids = np.ascontiguousarray(relations[:, :, self.pairs.MIDS])
+        margins, halves = self.pairs.margins_of(self.data, self.tols), self.model[:, 6].copy()
+        self.agreement = (self.data, self.tols, self.model, margins, halves, relations)
+        before = -1
+        while before != counts.sum():
+            before = counts.sum()
+            # What is refused early makes the rest cheaper: long features first, they have few model features to be on.
+            for a in np.lexsort((-self.data[:, 6], counts)):
+                if counts[a] == 0:
                     continue
-                b = left[k]
-                lo, hi = min(a, b), max(a, b)
-                table = code[lo * n - lo * (lo + 1) // 2 + hi - lo - 1]
-                for i in range(e):
-                    if open_to[level + 1, k, i] and not (table[j, i] if a < b else table[i, j]):
-                        open_to[level + 1, k, i] = False
-        level += 1
-        entering = True
-    return assignment, nodes, 0
+                self.check_time()
+                alive = np.flatnonzero(counts)
+                if len(alive) <= self.most:
+                    return
+                others = alive[np.argsort(counts[alive], kind='stable')]
+                self.supports.thin(a, others[others != a], self.data, margins, lists, counts, halves, relations, mids,
+                                   self.most, WIDE)
+        self.nodes_a = np.repeat(np.arange(len(counts)), counts)
+        self.nodes_i = np.concatenate([lists[a, :counts[a]] for a in range(len(counts))])
+
+    # -- the tree ----------------------------------------------------------------------------------------------
+
+    def search(self) -> None:
+        """Refute every interpretation larger than ``most``. Raises _Larger when there is one, _GivenUp at the limit."""
+        free = np.arange(len(self.nodes_a))
+        features, domains = np.unique(self.nodes_a, return_counts=True)
+        spare = len(features) - self.most - 1
+        if spare < 0:
+            return
+        for group in self.groups(features[np.lexsort((self.tols[features, 2], domains > WIDE))], spare + 1):
+            if frozenset(group) not in self.refuted:
+                self.assign(group, np.zeros(0, np.int64), free, None)
+                self.refuted.append(frozenset(group))
+
+    def groups(self, features: np.ndarray, count: int) -> list[list[int]]:
+        """Disjoint groups of data features, the firm ones first in each, with two that cross where possible."""
+        left = [int(a) for a in features]
+        groups = [[left.pop(0)] for _ in range(count)]
+        for size in range(1, GROUP):
+            for group in groups:
+                if not left or len(left) < count and size > 1:
+                    return groups
+                lead = self.data[group[0], 3:6]
+                crossing = (k for k, a in enumerate(left) if np.linalg.norm(np.cross(lead, self.data[a, 3:6])) > STEEP)
+                group.append(left.pop(next(crossing, 0) if size == 1 else 0))
+        return groups
+
+    def assign(self, group: list[int], forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None) -> None:
+        """Explore every way to have the whole group, besides the forced nodes."""
+        if not group:
+            self.explore(forced, free, motion, self.refuted)
+            return
+        mine = self.nodes_a[free] == group[0]
+        for node in free[mine]:
+            for pose in self.poses(forced, node, motion):
+                self.assign(group[1:], np.append(forced, node), free[~mine], pose)
+
+    def poses(self, forced: np.ndarray, node: int, motion: np.ndarray | None) -> list[np.ndarray | None]:
+        """What poses the forced nodes and one more may have: none, [None] while too few to tell, or starts."""
+        self.check_time()
+        a, i = self.nodes_a[forced], self.nodes_i[forced]
+        all_a, all_i = np.append(a, self.nodes_a[node]), np.append(i, self.nodes_i[node])
+        unused = np.empty(len(all_a))
+        starts: list[np.ndarray | None] = [motion]
+        if motion is None:
+            if not self.supports.agree(self.nodes_a[node], self.nodes_i[node], a, i, *self.agreement):
+                return []
+            starts = [*self.first_poses(all_a, all_i)] or [None]
+        allowed: list[np.ndarray | None] = []
+        for start in starts:
+            pose = None if start is None else start.copy()
+            if pose is None or self.tested.common_pose(pose, all_a, all_i, *self.sample,
+                                                       unused) != self.tested.INFEASIBLE:
+                allowed.append(pose)
+        return allowed
+
+    def first_poses(self, a: np.ndarray, i: np.ndarray) -> list[np.ndarray]:
+        """Every pose that the two features which fix it best may have; none when all are nearly parallel."""
+        from .hypotheses import _pose_of_pair
+        from .kernels import pair_geometry
+        pose_of_pair: Any = _pose_of_pair
+        geometry: Any = pair_geometry
+        data, model = self.data[a], self.model[i]
+        cosines = np.maximum(np.abs(data[:, 3:6] @ data[:, 3:6].T), np.abs(model[:, 3:6] @ model[:, 3:6].T))
+        sines = np.sqrt(np.maximum(1.0 - cosines ** 2, 0.0))
+        cones = np.maximum(self.tols[a, 2], 1e-6)
+        worth = np.where(sines >= STEEP, sines / np.maximum(cones[:, None], cones), 0.0)
+        p, q = (int(v) for v in np.unravel_index(int(np.argmax(worth)), worth.shape))
+        if worth[p, q] <= 0.0:
+            return []
+        c, s, _, foot_a, foot_b, flip = geometry(data[p], data[q])
+        model_c, model_s, _, foot_i, foot_j, model_flip = geometry(model[p], model[q])
+        angle, model_angle = np.arctan2(s, c), np.arctan2(model_s, model_c)
+        poses = []
+        for other in (1.0, -1.0):
+            if abs(angle - (model_angle if other > 0.0 else np.pi - model_angle)) > cones[p] + cones[q]:
+                continue
+            for turn in (1.0, -1.0):
+                motion = np.empty(12)
+                pose_of_pair(data[p], data[q], flip, foot_a, foot_b, model[p], model[q], other * model_flip, foot_i,
+                             other * foot_j, turn, np.empty(9), np.empty(9), motion)
+                poses.append(motion)
+        return poses
+
+    def explore(self, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None,
+                refuted: list[frozenset[int]]) -> None:
+        """Refute every interpretation larger than ``most`` that has all ``forced`` nodes and otherwise ``free`` ones.
+
+        motion : (12,) a pose of the forced nodes, None when they are too few to have one
+        refuted : sets of data features of which one at least is left out
+        """
+        self.branches += 1
+        self.check_time()
+        if motion is not None:
+            free = free[self.tested.can_join(motion, self.nodes_a[forced], self.nodes_i[forced], self.nodes_a[free],
+                                             self.nodes_i[free], *self.sample)]
+        features, domains = np.unique(self.nodes_a[free], return_counts=True)
+        spare = len(forced) + len(features) - self.most - 1
+        if spare < 0:
+            return
+        singles = free[np.isin(self.nodes_a[free], features[domains == 1])]
+        sets: list[np.ndarray] = []
+        if motion is not None:
+            packed, sets = self.conflicts(forced, free, singles, motion, refuted, spare)
+            if packed > spare:
+                return
+            refuted = refuted + [frozenset(self.nodes_a[nodes].tolist()) for nodes in sets]
+            self.try_nearest(forced, free, motion)
+            if not sets:
+                here = (known - set(self.nodes_a[forced].tolist()) for known in refuted)
+                sets = [singles[np.isin(self.nodes_a[singles], list(known))] for known in here
+                        if known <= set(self.nodes_a[singles].tolist())]
+        if sets:
+            self.leave_one_out(min(sets, key=len), forced, free, motion, refuted)
+        elif len(features) == 0 or (motion is not None and len(singles) == len(features)):
+            raise _GivenUp('some pairings are too near their tolerances to decide on')
+        else:
+            open_to = np.where(domains > 1, domains, domains.max() + (motion is not None))
+            chosen = self.nodes_a[free] == features[np.argmin(open_to)]
+            for node in free[chosen]:
+                for pose in self.poses(forced, node, motion):
+                    self.explore(np.append(forced, node), free[~chosen], pose, refuted)
+            self.explore(forced, free[~chosen], motion, refuted)
+
+    def conflicts(self, forced: np.ndarray, free: np.ndarray, singles: np.ndarray, motion: np.ndarray,
+                  refuted: list[frozenset[int]], spare: int) -> tuple[int, list[np.ndarray]]:
+        """How many disjoint sets of data features each leave one out, up to spare + 1, and new such sets of nodes.
+
+        The new ones have no common pose with the forced nodes. spare + 1 when the forced nodes have none themselves.
+        """
+        have = set(self.nodes_a[forced].tolist())
+        can = set(self.nodes_a[free].tolist())
+        used: set[int] = set()
+        packed = 0
+        for known in refuted:
+            open_ones = known - have
+            if not open_ones:
+                return spare + 1, []
+            if open_ones <= can and not open_ones & used:
+                used |= open_ones
+                packed += 1
+        found: list[np.ndarray] = []
+        while packed <= spare:
+            left = singles[~np.isin(self.nodes_a[singles], list(used))]
+            nodes = np.concatenate([forced, left])
+            a, i = self.nodes_a[nodes], self.nodes_i[nodes]
+            weights = np.empty(len(nodes))
+            if self.tested.common_pose(motion.copy(), a, i, *self.sample, weights) != self.tested.INFEASIBLE:
+                break
+            members = nodes[self.tested.conflict(motion, a, i, weights, *self.sample)]
+            members = members[~np.isin(members, forced)]
+            if len(members) == 0:
+                return spare + 1, []
+            found.append(members)
+            used |= set(self.nodes_a[members].tolist())
+            packed += 1
+        return packed, found
+
+    def leave_one_out(self, members: np.ndarray, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None,
+                      refuted: list[frozenset[int]]) -> None:
+        """Explore what leaves out each member of a conflict in turn, and has those before it."""
+        for k, node in enumerate(members):
+            rest = free[~np.isin(self.nodes_a[free], self.nodes_a[members[:k + 1]])]
+            self.explore(forced, rest, motion, refuted)
+            poses = self.poses(forced, node, motion)
+            if not poses:
+                return
+            forced, motion = np.append(forced, node), poses[0]
+
+    def try_nearest(self, forced: np.ndarray, free: np.ndarray, motion: np.ndarray) -> None:
+        """The forced nodes with the nearest node of every free feature: raises _Larger when they have a common pose."""
+        gaps = self.tested.deviations(motion, self.nodes_a[free], self.nodes_i[free], *self.sample)
+        order = np.lexsort((gaps, self.nodes_a[free]))
+        _, first = np.unique(self.nodes_a[free][order], return_index=True)
+        nodes = np.concatenate([forced, free[order[first]]])
+        a, i = self.nodes_a[nodes], self.nodes_i[nodes]
+        pose = motion.copy()
+        if self.tested.common_pose(pose, a, i, *self.sample, np.empty(len(nodes))) == self.tested.FEASIBLE and \
+                self.tested.all_fit(pose, a, i, *self.sample, self.kind_m, self.radius_tol):
+            self.assignment = np.full(len(self.data), BIN, np.int32)
+            self.assignment[a] = i
+            self.most, self.motion = len(nodes), pose
+            raise _Larger

@@ -24,7 +24,7 @@ class Interpretation:
     residual_rms : float, metres, distance of matched data end points from their model features
     covariance : (6, 6) float64 or None, of (x, y, z, rx, ry, rz), metres and radians, camera frame
     symmetric_poses : other poses that explain the data equally well (symmetry or ambiguity)
-    proven : True when an exhaustive search has shown that no larger interpretation exists
+    proven : True when an exhaustive search has shown that no pose explains more data features within the tolerances
     rejected_reason : None when accepted, otherwise why not
     """
 

@@ -1,0 +1,48 @@
+"""No pairwise test refuses two pairings that one pose explains: the promise that look-up tables and proof rest on."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model_matcher import MatchParams, index_model
+from model_matcher.kernels import fit_one
+from model_matcher.model_index import data_tolerances, feature_rows
+from model_matcher.pair_test import margins_of, model_relations, pair_fits, possible, relation
+from model_matcher.supports import agree
+from model_matcher.synthetic import MODELS, fragment, random_pose
+from model_matcher.tables import build_tables
+
+NAMES = ('chair', 'plug', 'lamp', 'tubes', 'wedge', 'cylinder_box')
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from(NAMES), st.floats(-5.0, -2.5), st.floats(-3.0, -1.5))
+def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, log_sigma, log_fracdev):
+    rng = np.random.default_rng(seed)
+    model = MODELS[name]()
+    index, params = index_model(model, name), MatchParams(fracdev=float(10 ** log_fracdev))
+    pose = random_pose(rng)
+    data, _, _ = fragment(model.transformed(pose), rng, 0.8, break_chance=0.5, sigma=10 ** log_sigma)
+    rows = feature_rows(data)
+    tols = data_tolerances(data, rows, index.size, params)
+    radius_tol = params.curvedev * index.max_radius
+    mids, directions = pose.inverse().apply(rows[:, :3]), rows[:, 3:6] @ pose.rotation
+    fitting = [(a, i) for a in range(len(data)) for i in range(len(index))
+               if fit_one(rows[a], data.kind[a], tols[a], index.rows[i], index.kind[i], *mids[a], *directions[a], 1.0,
+                          radius_tol) >= 0.0]
+    relations, margins, halves = model_relations(index.rows), margins_of(rows, tols), index.rows[:, 6].copy()
+    alone = possible(rows, data.kind, tols, index.rows, index.kind, radius_tol)
+    tables = build_tables(index, data, params)
+    rel = np.empty((1, 10))
+    for a, i in fitting:
+        assert alone[a, i] and tables.unary[a, i]
+    for p in rng.permutation(len(fitting))[:25]:
+        for q in rng.permutation(len(fitting))[:25]:
+            (a, i), (b, j) = fitting[p], fitting[q]
+            if a == b:
+                continue
+            relation(rows[a], rows[b], rel[0])
+            assert pair_fits(rel, 0, margins, a, b, halves, relations, i, j)
+            assert agree(a, i, np.array([b]), np.array([j]), rows, tols, index.rows, margins, halves, relations)
+            if a < b:
+                assert tables.code[tables.number(a, b), i, j]
