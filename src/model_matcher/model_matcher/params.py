@@ -37,7 +37,7 @@ class MatchParams:
     false_alarm_rate : accepted probability that an absent model is reported, in the model of clutter of evidence.py;
         below 1e-12 counts as 1e-12, 1 accepts whatever has min_matched features
     scale : 'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated)
-    prove : certify that no pose explains more data features within the tolerances (proof.py says exactly what that means)
+    prove : certify that no pose explains more data features within the tolerances (proof.py says it exactly)
     time_limit_s : seconds, the best so far is returned then, unproven
     seed : of the few random choices; the result depends on nothing else
     """
