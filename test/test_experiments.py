@@ -70,6 +70,22 @@ def test_a_tiny_result_does_not_stand_for_a_full_one(tmp_path):
     assert not experiments.is_done(path, tiny=True)
 
 
+def test_stopped_by_hand_the_same_command_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
+    conduct, begun = experiments.conduct, []
+
+    def until_the_second(item, tiny):
+        begun.append(item.name)
+        if len(begun) == 2:
+            raise KeyboardInterrupt
+        return conduct(item, tiny)
+
+    arguments = ['--tiny', '--only', 'complexity', 'visibility', '--out', str(tmp_path)]
+    monkeypatch.setattr(experiments, 'conduct', until_the_second)
+    assert experiments.main(arguments) == 130 and 'goes on' in capsys.readouterr().out
+    assert (tmp_path / 'complexity.json').exists() and (tmp_path / 'index.html').exists()
+    assert experiments.main(arguments) == 0 and begun == ['complexity', 'visibility', 'visibility']
+
+
 def test_a_missing_capability_is_said_plainly(tmp_path):
     lab = sys.modules['lab']
 

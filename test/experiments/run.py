@@ -55,17 +55,23 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = [known[name] for name in options.only] or list(known.values())
     started = time.perf_counter()
     failed = []
-    with tqdm(chosen, desc='experiments', unit='', file=sys.stdout) as bar:
-        for item in bar:
-            path = options.out / f'{item.name}.json'
-            if path.exists() and not options.force and is_done(path, options.tiny):
-                continue
-            bar.set_postfix_str(item.name)
-            document = conduct(item, options.tiny)
-            path.write_text(json.dumps(document, indent=1, default=plain) + '\n')
-            if document['status'] == 'failed':
-                failed.append(item.name)
-                tqdm.write(document['why'], file=sys.stderr)
+    stopped = False
+    try:
+        with tqdm(chosen, desc='experiments', unit='', file=sys.stdout) as bar:
+            for item in bar:
+                path = options.out / f'{item.name}.json'
+                if not options.force and is_done(path, options.tiny):
+                    continue
+                bar.set_postfix_str(item.name)
+                document = conduct(item, options.tiny)
+                whole = path.with_suffix('.part')  # who is killed while writing leaves no half of a result
+                whole.write_text(json.dumps(document, indent=1, default=plain) + '\n')
+                whole.replace(path)
+                if document['status'] == 'failed':
+                    failed.append(item.name)
+                    tqdm.write(document['why'], file=sys.stderr)
+    except KeyboardInterrupt:
+        stopped = True
     documents = [json.loads(path.read_text()) for item in known.values()
                  if (path := options.out / f'{item.name}.json').exists()]
     write_page(options.out, documents)
@@ -74,6 +80,9 @@ def main(arguments: list[str] | None = None) -> int:
     states = [document['status'] for document in documents]
     print(f'{states.count("done")} done, {states.count("not available yet")} not available yet, '
           f'{states.count("failed")} failed; {time.perf_counter() - started:.0f} s; open {options.out}/index.html')
+    if stopped:
+        print('stopped; the same command goes on with the next experiment')
+        return 130
     return 1 if failed else 0
 
 
@@ -98,10 +107,10 @@ def conduct(item: Experiment, tiny: bool) -> dict[str, Any]:
 
 
 def is_done(path: Path, tiny: bool) -> bool:
-    """A result that stands: complete, and no smaller than what is asked for."""
+    """A result that stands: there, complete, and no smaller than what is asked for."""
     try:
         document = json.loads(path.read_text())
-    except ValueError:
+    except (OSError, ValueError):
         return False
     return document['status'] == 'done' and (tiny or not document['tiny'])
 
