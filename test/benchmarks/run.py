@@ -123,8 +123,10 @@ def table(name: str, rows: list[Measurement], absent: list[Absent], before: list
         how = (f'{machine_slower:.1f} times as slow' if machine_slower > 1.0 else
                f'{1.0 / machine_slower:.1f} times as fast')
         lines.append(f'the machine itself is {how} as in the last run: changes of times are not judged')
-    lines.append(f'{"figure [by whom, if not us]":<62} {"value":>10} {"":<4} to peers; to the last run; notes')
-    for row in rows:
+    names = [row.what + ('' if row.by == OURS else f' [{row.by}]') for row in rows]
+    width = min(100, max([62, *map(len, names)]))
+    lines.append(f'{"figure [by whom, if not us]":<{width}} {"value":>10} {"":<4} to peers; to the last run; notes')
+    for row, name in zip(rows, names):
         remarks = []
         mine = ours.get(row.what)
         if row.by != OURS and mine is not None and mine.value > 0.0 and row.value > 0.0:
@@ -138,9 +140,8 @@ def table(name: str, rows: list[Measurement], absent: list[Absent], before: list
             judged = '' if row.unit in TIMES and not steady else ' (better)' if better else ' (WORSE)'
             remarks.append('as before' if abs(change) < NOISE else f'{100 * change:+.0f} %{judged}')
         remarks += [row.note] if row.note else []
-        who = '' if row.by == OURS else f' [{row.by}]'
-        lines.append(f'{row.what + who:<62} {row.value:>10.4g} {row.unit:<4} {"; ".join(remarks)}'.rstrip())
-    lines += [f'{item.what:<62} {"-":>10} {"":<4} {item.why}' for item in absent]
+        lines.append(f'{name:<{width}} {row.value:>10.4g} {row.unit:<4} {"; ".join(remarks)}'.rstrip())
+    lines += [f'{item.what:<{width}} {"-":>10} {"":<4} {item.why}' for item in absent]
     return '\n'.join(lines)
 
 
