@@ -24,6 +24,9 @@ BOW_SLOPE = 2.0
 WIDEST_GAP = 15.0
 # How far the lines of such pieces may miss each other beyond their own sigma, as a share of the tolerance.
 WOBBLE = 0.4
+# An end of a joined piece may stand off the common line by so many tolerances, unless the piece is shorter, pixels.
+BENT = 3.0
+SHORT = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,16 +109,16 @@ def split(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) ->
     arc, ellipses = find_arcs(e.position, limit, bounds, string, strings.closed, pieces.bow, pieces.direction)
     pieces = replace(pieces, arc=arc)
     for _ in range(2):
-        e, pieces = _joined(e, pieces, sigma, WOBBLE * tolerance)
+        e, pieces = _joined(e, pieces, sigma, tolerance)
     return e, pieces, ellipses
 
 
-def _joined(e: Edgels, pieces: Pieces, sigma: float, wobble: float) -> tuple[Edgels, Pieces]:
+def _joined(e: Edgels, pieces: Pieces, sigma: float, tolerance: float) -> tuple[Edgels, Pieces]:
     """Straight pieces that continue each other on one line become one."""
     straight = np.flatnonzero(pieces.arc < 0)
     successor = np.full(len(pieces), -1)
     found = segment_kernels.continuations(line_table(pieces.select(straight)), WIDEST_GAP, np.radians(6.0),
-                                          wobble)
+                                          WOBBLE * tolerance)
     successor[straight[found >= 0]] = straight[found[found >= 0]]
     if (successor < 0).all():
         return e, pieces
@@ -126,10 +129,32 @@ def _joined(e: Edgels, pieces: Pieces, sigma: float, wobble: float) -> tuple[Edg
         while successor[chain[-1]] >= 0:
             chain.append(int(successor[chain[-1]]))
         chains.append(chain)
+    whole = fit_chains(e, pieces, chains, sigma)[1]
+    # Two edges that meet at a slight angle, with a scrap between them that could belong to either, are two edges.
+    bent = _bent(pieces, whole, chains, BENT * tolerance)
+    chains = [part for chain, apart in zip(chains, bent) for part in ([[k] for k in chain] if apart else [chain])]
+    return fit_chains(e, pieces, chains, sigma)
+
+
+def _bent(pieces: Pieces, whole: Pieces, chains: list[list[int]], limit: float) -> np.ndarray:
+    """(m,) bool: chains of pieces some end of which is farther than this, pixels, from the line through all of them."""
+    member = np.concatenate(chains)
+    chain = np.repeat(np.arange(len(chains)), [len(c) for c in chains])
+    across = np.stack([-whole.direction[chain, 1], whole.direction[chain, 0]], axis=1)
+    off = np.maximum(*(np.abs(((end[member] - whole.centre[chain]) * across).sum(axis=1))
+                       for end in (pieces.start, pieces.end)))
+    # The ends of a short piece say little.
+    off[pieces.length[member] < SHORT] = 0.0
+    return np.bincount(chain, off > limit) > 0
+
+
+def fit_chains(e: Edgels, pieces: Pieces, chains: list[list[int]], sigma: float) -> tuple[Edgels, Pieces]:
+    """One piece for each chain of pieces: the edgels in the new order, and the fitted lines."""
     runs = [np.concatenate([np.arange(*pieces.bounds[k]) for k in chain]) for chain in chains]
     last = np.cumsum([len(run) for run in runs])
     bounds = np.stack([np.concatenate([[0], last[:-1]]), last], axis=1)
     e = e.select(np.concatenate(runs))
+    heads = [chain[0] for chain in chains]
     return e, replace(fit_pieces(e, bounds, pieces.string[heads], sigma), arc=pieces.arc[heads])
 
 
