@@ -22,6 +22,7 @@ from .matching import match
 from .matching_kernels import STEEPEST
 from .outlines import contours
 from .params import RecoveryParams
+from .profiles import taken_apart
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link
 
@@ -75,6 +76,7 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     strings = link(found, grey.shape, high)
     tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
     ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
+    pieces = taken_apart(edgel_module.gradient(grey, 'canny', params.sigma), ordered, pieces, params.sigma)
     return _View(grey, ordered, pieces, ellipses)
 
 
