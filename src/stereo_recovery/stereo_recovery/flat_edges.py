@@ -20,7 +20,7 @@ ONE_DIRECTION = 0.025
 WIDEST_BREAK = 60.0
 # What the match itself says about disparity at a piece's ends, pixels: enough to keep flat edges finite. Less where
 # the string ends without a corner, and next to nothing where something hides its end.
-MATCH_SIGMA, STRAY_SIGMA, HIDDEN_SIGMA = 4.0, 15.0, 60.0
+MATCH_SIGMA, STRAY_SIGMA, HIDDEN_SIGMA = 3.0, 15.0, 60.0
 # Heights of one corner in the two images differ by less than this, pixels.
 SAME_HEIGHT = 0.6
 # A string may be lost before its corner (a thin face beside it, blur): its line must then hit the end of the same edge
@@ -34,18 +34,26 @@ BEYOND, BEFORE = 4.0, 18.0
 SAME_CORNER = 1.5
 
 
-def ends_sigma(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners) -> np.ndarray:
-    """(n, 2) float64, pixels: how well the match knows the disparity at the left piece's ends.
+def rough_ends(matches: Matches, left: Pieces, right: Pieces, met: Corners,
+               right_met: Corners) -> tuple[np.ndarray, np.ndarray]:
+    """Disparity at the left piece's ends as the match has it, and its sigma: (n, 2) float64, pixels.
 
-    An end that runs into the middle of another edge is hidden there, in each eye at another place.
+    Strings of flat edges end at different places in the two images; where both run into a corner, the corners count. An
+    end that runs into the middle of another edge is hidden there, in each eye at another place.
     """
     i, j = matches.left, matches.right
     flip = (left.direction[i] * right.direction[j]).sum(axis=1) < 0.0
     turned = np.where(flip[:, None], [1, 0], [0, 1])
-    other, through = (np.take_along_axis(a[j], turned, axis=1) for a in (right_met.other, right_met.through))
-    sigma = np.where((met.other[i] >= 0) & (other >= 0), MATCH_SIGMA, STRAY_SIGMA)
+    place, other, through = (np.take_along_axis(a[j], turned, axis=1)
+                             for a in (right_met.place, right_met.other, right_met.through))
+    flat = np.abs(left.direction[i, 1:2]) < FLAT
+    both = (met.other[i] >= 0) & (other >= 0)
+    sigma = np.where(both, MATCH_SIGMA, STRAY_SIGMA)
     sigma = np.where(met.through[i] | through, HIDDEN_SIGMA, sigma)
-    return np.where(np.abs(left.direction[i, 1:2]) < FLAT, sigma, MATCH_SIGMA)
+    x = left.centre[i, :1] + met.place[i] * left.direction[i, :1]
+    y = right.centre[j, :1] + place * right.direction[j, :1]
+    disparity = np.where(flat & both, x - y, matches.disparity[:, [0, 2]])
+    return disparity, np.where(flat, sigma, MATCH_SIGMA)
 
 
 def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,

@@ -8,7 +8,7 @@ disparity at their corner (figural continuity). One linear least squares per con
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -171,7 +171,8 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     spread_v = max(rectification_sigma, spread_v - 0.05)
     if abs(offset_v) < spread_v:
         offset_v = 0.0
-    ends_sigma = flat_edges.ends_sigma(matches, left, right, met, right_met)
+    rough, ends_sigma = flat_edges.rough_ends(matches, left, right, met, right_met)
+    matches = replace(matches, disparity=np.column_stack([rough[:, 0], rough.mean(axis=1), rough[:, 1]]))
     information, vector = measure(matches, left, right, spread_v, offset_v, ends_sigma)
     i, j = matches.left, matches.right
     joints = meetings(matches, left, met, right_met)

@@ -97,15 +97,15 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
                                                   ground, contrast)
         if len(node) == 0:
             return nothing
-        strength, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn else FIRST_ROUNDS)
-        chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief), table, right_table)
+        standing, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn else FIRST_ROUNDS)
+        chosen = _unique(node, value, standing, np.flatnonzero(belief >= least_belief), table, right_table)
         if turn == 0:
             contrast = _contrast(table, right_table, node[chosen])
     # What lost against a candidate that is now out of the game gets a second hearing.
     kept = matching_kernels.compatible(node, value, chosen, table, right_table)
     node, value = node[kept], value[kept]
-    strength, belief = _relaxed(node, value, left, right, near, flat_sine, 4)
-    chosen = _unique(node, value, strength * belief, np.flatnonzero(belief >= least_belief), table, right_table)
+    standing, belief = _relaxed(node, value, left, right, near, flat_sine, 4)
+    chosen = _unique(node, value, standing, np.flatnonzero(belief >= least_belief), table, right_table)
     return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
 
 
@@ -119,7 +119,7 @@ def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
 
 def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float,
              rounds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Strength and belief of every candidate."""
+    """How strong every candidate is when its turn comes, and its belief."""
     first = np.searchsorted(node[:, 0], np.arange(len(left) + 1))
     right_of = np.argsort(node[:, 1], kind='stable')
     right_first = np.searchsorted(node[right_of, 1], np.arange(len(right) + 1))
@@ -127,8 +127,9 @@ def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, n
     common = (value[:, 4] - value[:, 3]) / np.maximum(sine, flat_sine)
     length = np.minimum(np.where(sine < flat_sine, left.length[node[:, 0]], common), 80.0)
     other, gap, place, weight = near
-    return matching_kernels.relax(node, value, first, other, gap, place, weight, length, right_of, right_first,
-                                  rounds)
+    strength, belief = matching_kernels.relax(node, value, first, other, gap, place, weight, length, right_of,
+                                              right_first, rounds)
+    return matching_kernels.standing(node, value, strength, belief, first, right_of, right_first), belief
 
 
 def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray,

@@ -27,7 +27,7 @@ BACKDROP_WEIGHT = 0.05
 BACKDROP_WIDTH = 6.0
 # An eye that sees past an object's side sees one edge more there, outside the one both eyes see. Of two candidates a
 # few pixels apart the nearer is therefore the true one, and the farther counts less.
-BESIDE = 20.0
+LEAST_BESIDE, BESIDE = 1.0, 20.0
 FARTHER = 0.5
 # A change of the contrast's sign is rare, and only believed when one side stays equal to within this.
 FLIP_CONTRAST = 8.0
@@ -235,7 +235,7 @@ def neighbours(left, radius, most):
 @njit(cache=True)
 def _rival(strength, nearer):
     """Strength of a competitor that is nearer by this disparity."""
-    return strength * FARTHER if -BESIDE < nearer < -1.5 else strength
+    return strength * FARTHER if -BESIDE < nearer < -LEAST_BESIDE else strength
 
 
 @njit(cache=True)
@@ -289,6 +289,25 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
             ratio = strength[a] / top if top > 0.0 else 0.0
             belief[a] = ratio * ratio
     return strength, belief
+
+
+@njit(cache=True)
+def standing(node, value, strength, belief, first, right_of, right_first):
+    """(k,) float64: how strong every candidate is when its turn comes: a farther one waits for a nearer one, a few
+    pixels beside it, that is at least nearly as strong."""
+    result = strength * belief
+    for a in range(len(node)):
+        for side in range(2):
+            low, high = ((first[node[a, 0]], first[node[a, 0] + 1]) if side == 0 else
+                         (right_first[node[a, 1]], right_first[node[a, 1] + 1]))
+            for q in range(low, high):
+                b = q if side == 0 else right_of[q]
+                nearer = value[b, 1] - value[a, 1]
+                if LEAST_BESIDE < nearer < BESIDE and belief[b] > 0.5 and strength[b] > FARTHER * strength[a]:
+                    common = min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3])
+                    if common > 0.3 * (value[a, 4] - value[a, 3]):
+                        result[a] = FARTHER * strength[a] * belief[a]
+    return result
 
 
 @njit(cache=True)

@@ -107,6 +107,6 @@ def _known(pieces: Pieces, k: int, line: dict[str, np.ndarray]) -> bool:
     places = np.sort(np.stack([end @ t for end in ends], axis=1), axis=1)
     low, high = line['reach']
     common = np.minimum(places[:, 1], high) - np.maximum(places[:, 0], low)
-    same = (off < SAME) & (common > 0.5 * np.minimum(high - low, pieces.length)) & (pieces.direction @ t > 0.9)
+    same = (off < SAME) & (common > 0.5 * (high - low)) & (pieces.direction @ t > 0.9)
     same[k] = False
     return bool(same.any())
