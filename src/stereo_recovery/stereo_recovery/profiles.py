@@ -13,21 +13,16 @@ import numpy as np
 
 from . import profile_kernels
 from .edgels import Edgels
-from .segmentation import CORNER_REACH, CORRELATION_LENGTH, Pieces
+from .segmentation import CORNER_REACH, CORRELATION_LENGTH, Pieces, unusual
 
-# A string is suspect when it is narrower or wider than this share of the usual width, or than so many robust deviations
-# of the picture's pieces.
-UNUSUAL = 0.05
-DEVIATIONS = 4.0
 # Shorter pieces, pixels, say too little; of more than this many suspects the longest are looked at.
 SHORTEST = 10.0
 MOST = 12
 # Two steps are believed when they leave so much less than one does (squared residual), and little of the height.
 LEAST_GAIN = 0.12
 LEAST_LEFT = 0.02
-# What is left of the error of a place, pixels, at either end of a piece that was taken apart, and of one that should
-# have been: so much times the root of how unusual its width is.
-APART, BLURRED = 0.06, 1.0
+# What is left of the error of a place, pixels, of a piece that was taken apart.
+APART = 0.06
 # A piece within this distance, pixels, already is the other edge.
 SAME = 1.0
 
@@ -40,19 +35,13 @@ def taken_apart(gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, pieces
     if len(pieces) == 0:
         return pieces
     usual = float(np.median(edgels.width))
-    width = np.array([np.median(edgels.width[a:b]) for a, b in pieces.bounds]) / usual
-    off = np.abs(width - 1.0)
-    limit = max(UNUSUAL, DEVIATIONS * 1.4826 * float(np.median(off[pieces.length >= SHORTEST]))) if (
-        pieces.length >= SHORTEST).any() else UNUSUAL
-    suspects = np.flatnonzero((off > limit) & (pieces.length >= SHORTEST) & (pieces.arc < 0))
+    suspects = np.flatnonzero((unusual(edgels, pieces.bounds) > 0.0) & (pieces.length >= SHORTEST) & (pieces.arc < 0))
     suspects = suspects[np.argsort(-pieces.length[suspects])]
     values = {f.name: getattr(pieces, f.name).copy() for f in fields(pieces)}
     added: list[dict[str, np.ndarray]] = []
     for rank, k in enumerate(suspects):
         found = _steps(gradients, pieces, int(k), usual, sigma) if rank < MOST else None
-        spread = BLURRED * np.sqrt(off[k])
         if found is None:
-            values['sigma'][k] = np.hypot(values['sigma'][k], [spread, spread / pieces.length[k]])
             continue
         p, errors = found
         for name, value in _line(pieces, int(k), p[2], p[3], errors[0]).items():

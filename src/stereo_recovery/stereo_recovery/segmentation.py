@@ -20,6 +20,12 @@ STANDING_OFF = 4.5
 # What a bow adds to the sigma of a line: to its offset, and (over its length) to its slope.
 BOW_OFFSET = 0.4
 BOW_SLOPE = 2.0
+# An edge is suspect when its width differs from the picture's by more than this share; its place is then uncertain by so
+# many pixels times the root of the excess. Not less than so many times the median counts, nor what few edgels say; and
+# where the median is above this (out of focus, uneven light) widths say nothing.
+UNUSUAL = 0.05
+BLURRED = 1.0
+DEVIATIONS, LONG, VARIED = 3.0, 10, 0.05
 # Collinear pieces are joined across at most this many pixels.
 WIDEST_GAP = 15.0
 # How far the lines of such pieces may miss each other beyond their own sigma, as a share of the tolerance.
@@ -145,7 +151,7 @@ def _bent(pieces: Pieces, whole: Pieces, chains: list[list[int]], limit: float) 
                        for end in (pieces.start, pieces.end)))
     # The ends of a short piece say little.
     off[pieces.length[member] < SHORT] = 0.0
-    return np.bincount(chain, off > limit) > 0
+    return np.bincount(chain, off > limit + pieces.sigma[member, 0]) > 0
 
 
 def fit_chains(e: Edgels, pieces: Pieces, chains: list[list[int]], sigma: float) -> tuple[Edgels, Pieces]:
@@ -156,6 +162,19 @@ def fit_chains(e: Edgels, pieces: Pieces, chains: list[list[int]], sigma: float)
     e = e.select(np.concatenate(runs))
     heads = [chain[0] for chain in chains]
     return e, replace(fit_pieces(e, bounds, pieces.string[heads], sigma), arc=pieces.arc[heads])
+
+
+def unusual(e: Edgels, bounds: np.ndarray) -> np.ndarray:
+    """(n,) float64: by how much the width of runs of edgels differs from the usual one, as a share, beyond what is
+    common in the picture; nothing where some edges are out of focus."""
+    if len(bounds) == 0:
+        return np.zeros(0)
+    off = np.abs(np.array([np.median(e.width[a:b]) for a, b in bounds]) / float(np.median(e.width)) - 1.0)
+    count = np.diff(bounds, axis=1)[:, 0]
+    common = float(np.median(np.repeat(off, count)))
+    if common > VARIED:
+        return np.zeros(len(bounds))
+    return np.where(count >= LONG, np.maximum(off - max(UNUSUAL, DEVIATIONS * common), 0.0), 0.0)
 
 
 def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) -> Pieces:
@@ -172,6 +191,9 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     bow = np.abs(rows[:, 7])
     length = np.maximum(rows[:, 5] - rows[:, 4], 1.0)
     fit_sigma = np.hypot(fit_sigma, np.column_stack([BOW_OFFSET * bow, BOW_SLOPE * bow / length]))
+    # So is one that is narrower or wider than a step is in this picture: it is two edges, or a shadow.
+    spread = BLURRED * np.sqrt(unusual(e, bounds))
+    fit_sigma = np.hypot(fit_sigma, np.column_stack([spread, spread / length]))
     total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
     return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], rows[:, 7], rows[:, 8],

@@ -64,12 +64,15 @@ def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed)
     assert list(kept) == [allowed]
 
 
-def test_what_hides_the_end_of_a_flat_edge_tells_next_to_nothing_of_its_disparity():
+def test_rough_ends_are_corners_where_both_images_have_them_and_nothing_where_something_hides_them():
     left, right = pieces(FLAT), pieces(shifted(FLAT, 30.0))
     met, right_met = no_corners(left), no_corners(right)
     met.other[:], right_met.other[:] = 7, 7
+    met.place[0, 0] -= 5.0
+    right_met.place[0, 0] -= 3.0
     met.through[0, 1] = True
-    sigma = flat_edges.ends_sigma(all_matched(1), left, right, met, right_met)
+    disparity, sigma = flat_edges.rough_ends(all_matched(1), left, right, met, right_met)
+    assert disparity[0, 0] == pytest.approx(28.0)
     assert sigma.tolist() == [[flat_edges.MATCH_SIGMA, flat_edges.HIDDEN_SIGMA]]
 
 
@@ -93,3 +96,14 @@ def test_a_piece_that_matches_part_of_a_longer_one_is_compared_with_that_part():
     right_beside[0, :SAMPLES // 2] = 90.0, 180.0
     _, value = matching_kernels.candidates(left, right, beside, right_beside, 0.0, 1000.0, 0.1, -1000.0, 12.0)
     assert value[0, 5] > 0.5
+
+
+def test_the_nearer_of_two_edges_side_by_side_goes_first_when_it_is_nearly_as_strong():
+    """One left edge, two right ones a few pixels apart (an eye sees past the object's side); the nearer has the larger
+    disparity."""
+    node = np.array([[0, 0], [0, 1]], np.int32)
+    value = np.array([[30.0, 30.0, 30.0, 10.0, 50.0, 1.0], [33.0, 33.0, 33.0, 10.0, 50.0, 0.8]])
+    first, right_first, right_of = np.array([0, 2]), np.array([0, 1, 2]), np.array([0, 1])
+    for strength, order in (((1.0, 0.8), [1, 0]), ((1.0, 0.4), [0, 1])):
+        standing = matching_kernels.standing(node, value, np.array(strength), np.ones(2), first, right_of, right_first)
+        assert list(np.argsort(-standing)) == order
