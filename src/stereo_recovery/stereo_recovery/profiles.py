@@ -15,6 +15,8 @@ from . import profile_kernels
 from .edgels import Edgels
 from .segmentation import CORNER_REACH, CORRELATION_LENGTH, Pieces, unusual
 
+# Variance, px^2, that linear interpolation between pixels adds to a step.
+SAMPLED = 1.0 / 6.0
 # Shorter pieces, pixels, say too little; of more than this many suspects the longest are looked at.
 SHORTEST = 10.0
 MOST = 12
@@ -23,8 +25,11 @@ LEAST_GAIN = 0.12
 LEAST_LEFT = 0.02
 # What is left of the error of a place, pixels, of a piece that was taken apart.
 APART = 0.06
-# A piece within this distance, pixels, already is the other edge.
+# A piece is on a line when both its ends are this near, pixels; a string goes on across a break of so many; and a
+# fragment is shorter than this share of the whole.
 SAME = 1.0
+BREAK = 8.0
+FRAGMENT = 0.5
 
 
 def taken_apart(gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, pieces: Pieces, sigma: float) -> Pieces:
@@ -39,33 +44,60 @@ def taken_apart(gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, pieces
     suspects = suspects[np.argsort(-pieces.length[suspects])]
     values = {f.name: getattr(pieces, f.name).copy() for f in fields(pieces)}
     added: list[dict[str, np.ndarray]] = []
-    for rank, k in enumerate(suspects):
-        found = _steps(gradients, pieces, int(k), usual, sigma) if rank < MOST else None
+    gone = np.zeros(len(pieces), bool)
+    for k in suspects[:MOST]:
+        if gone[k]:
+            continue
+        reach = _whole(pieces, int(k))
+        found = _steps(gradients, pieces, int(k), reach, usual, sigma)
         if found is None:
             continue
         p, errors = found
-        for name, value in _line(pieces, int(k), p[2], p[3], errors[0]).items():
+        first = _line(pieces, int(k), reach, p[2], p[3], errors[0])
+        other = _line(pieces, int(k), reach, p[2] + p[4], p[3] + p[5], errors[1])
+        for name, value in first.items():
             values[name][k] = value
-        other = _line(pieces, int(k), p[2] + p[4], p[3] + p[5], errors[1])
         if p[0] * p[1] < 0.0:
             other['direction'] = -other['direction']
             other['reach'] = -other['reach'][::-1]
-        if not _known(pieces, int(k), other):
+        common = [_common(pieces, line) for line in (first, other)]
+        own = np.arange(len(pieces)) == k
+        # Fragments of either edge are told by them; a piece that is the other edge as a whole stays.
+        half = FRAGMENT * (reach[1] - reach[0])
+        gone |= ~own & (np.maximum(*common) > 0.0) & (pieces.length < half) & (pieces.arc < 0)
+        if not (~own & ~gone & (common[1] > half) & (pieces.direction @ other['direction'] > 0.9)).any():
             row = {f.name: getattr(pieces, f.name)[k] for f in fields(pieces)}
             row['magnitude'] = row['magnitude'] * abs(p[1] / p[0])
             added.append(row | other)
+    values = {name: value[~gone] for name, value in values.items()}
     for row in added:
         values = {name: np.concatenate([value, np.asarray(row[name])[None]]) for name, value in values.items()}
     return Pieces(**values)
 
 
-def _steps(gradients: tuple[np.ndarray, np.ndarray], pieces: Pieces, k: int, usual: float,
+def _whole(pieces: Pieces, k: int) -> np.ndarray:
+    """(2,) float64, pixels: reach of piece k with the pieces that go on along its line: such strings break."""
+    c, t = pieces.centre[k], pieces.direction[k]
+    ends = [end - c for end in (pieces.start, pieces.end)]
+    off = np.maximum(*(np.abs(end @ [-t[1], t[0]]) for end in ends))
+    places = np.stack([end @ t for end in ends], axis=1)
+    near = (off < SAME) & (pieces.direction @ t > 0.9) & (pieces.arc < 0)
+    reach = pieces.reach[k].copy()
+    for _ in range(3):
+        touching = near & (places[:, 0] < reach[1] + BREAK) & (places[:, 1] > reach[0] - BREAK)
+        touching[k] = True
+        reach = np.array([min(reach[0], places[touching, 0].min()), max(reach[1], places[touching, 1].max())])
+    return reach
+
+
+def _steps(gradients: tuple[np.ndarray, np.ndarray], pieces: Pieces, k: int, reach: np.ndarray, usual: float,
            sigma: float) -> tuple[np.ndarray, np.ndarray] | None:
     """Parameters of two steps (see profile_kernels), and the sigma (2, 2) of place and slope of each; or None."""
-    low, high = pieces.reach[k]
+    low, high = reach
     cut = min(CORNER_REACH, 0.2 * (high - low))
-    profile, place = profile_kernels.sample(*gradients, *pieces.centre[k], *pieces.direction[k], low + cut, high - cut)
-    p, left, single, inverse = profile_kernels.two_steps(profile, place, usual)
+    (cu, cv), (tu, tv) = pieces.centre[k], pieces.direction[k]
+    profile, place = profile_kernels.sample(gradients[0], gradients[1], cu, cv, tu, tv, low + cut, high - cut)
+    p, left, single, inverse = profile_kernels.two_steps(profile, place, np.sqrt(usual ** 2 + SAMPLED))
     if left > LEAST_GAIN * single or left > LEAST_LEFT * (profile ** 2).sum():
         return None
     # Neighbouring samples share pixels, across the edge as well as along it.
@@ -78,24 +110,22 @@ def _steps(gradients: tuple[np.ndarray, np.ndarray], pieces: Pieces, k: int, usu
     return p, np.hypot(errors, [APART, APART / max(high - low, 1.0)])
 
 
-def _line(pieces: Pieces, k: int, shift: float, slope: float, sigma: np.ndarray) -> dict[str, np.ndarray]:
-    """Piece k moved along its normal by shift + slope s."""
+def _line(pieces: Pieces, k: int, reach: np.ndarray, shift: float, slope: float,
+          sigma: np.ndarray) -> dict[str, np.ndarray]:
+    """Piece k, of this reach, moved along its normal by shift + slope s."""
     t = pieces.direction[k]
     normal = np.array([-t[1], t[0]])
     turned = t + slope * normal
     length = np.hypot(*turned)
-    return {'centre': pieces.centre[k] + shift * normal, 'direction': turned / length, 'reach': pieces.reach[k] * length,
+    return {'centre': pieces.centre[k] + shift * normal, 'direction': turned / length, 'reach': reach * length,
             'sigma': sigma}
 
 
-def _known(pieces: Pieces, k: int, line: dict[str, np.ndarray]) -> bool:
-    """Whether a piece other than k lies on this line, along half of it."""
+def _common(pieces: Pieces, line: dict[str, np.ndarray]) -> np.ndarray:
+    """(n,) float64, pixels: along what length each piece lies on this line."""
     t, normal = line['direction'], np.array([-line['direction'][1], line['direction'][0]])
-    ends = [(end - line['centre']) for end in (pieces.start, pieces.end)]
-    off = np.maximum(np.abs(ends[0] @ normal), np.abs(ends[1] @ normal))
+    ends = [end - line['centre'] for end in (pieces.start, pieces.end)]
+    off = np.maximum(*(np.abs(end @ normal) for end in ends))
     places = np.sort(np.stack([end @ t for end in ends], axis=1), axis=1)
-    low, high = line['reach']
-    common = np.minimum(places[:, 1], high) - np.maximum(places[:, 0], low)
-    same = (off < SAME) & (common > 0.5 * (high - low)) & (pieces.direction @ t > 0.9)
-    same[k] = False
-    return bool(same.any())
+    common = np.minimum(places[:, 1], line['reach'][1]) - np.maximum(places[:, 0], line['reach'][0])
+    return np.where(off < SAME, np.maximum(common, 0.0), 0.0)

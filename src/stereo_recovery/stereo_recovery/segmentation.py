@@ -20,9 +20,9 @@ STANDING_OFF = 4.5
 # What a bow adds to the sigma of a line: to its offset, and (over its length) to its slope.
 BOW_OFFSET = 0.4
 BOW_SLOPE = 2.0
-# An edge is suspect when its width differs from the picture's by more than this share; its place is then uncertain by so
-# many pixels times the root of the excess. Not less than so many times the median counts, nor what few edgels say; and
-# where the median is above this (out of focus, uneven light) widths say nothing.
+# An edge is suspect when its width differs from the picture's by more than this share, or so many times the median;
+# its place is then uncertain by so many pixels times the root of the excess. Few edgels say nothing, and neither do
+# widths in a picture where the median is above a limit (out of focus, uneven light).
 UNUSUAL = 0.05
 BLURRED = 1.0
 DEVIATIONS, LONG, VARIED = 3.0, 10, 0.05
