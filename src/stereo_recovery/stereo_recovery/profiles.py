@@ -55,6 +55,7 @@ def taken_apart(gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, pieces
         p, errors = found
         first = _line(pieces, int(k), reach, p[2], p[3], errors[0])
         other = _line(pieces, int(k), reach, p[2] + p[4], p[3] + p[5], errors[1])
+        values['bow'][k] = 0.0
         for name, value in first.items():
             values[name][k] = value
         if p[0] * p[1] < 0.0:
@@ -67,7 +68,7 @@ def taken_apart(gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, pieces
         gone |= ~own & (np.maximum(*common) > 0.0) & (pieces.length < half) & (pieces.arc < 0)
         if not (~own & ~gone & (common[1] > half) & (pieces.direction @ other['direction'] > 0.9)).any():
             row = {f.name: getattr(pieces, f.name)[k] for f in fields(pieces)}
-            row['magnitude'] = row['magnitude'] * abs(p[1] / p[0])
+            row |= {'magnitude': row['magnitude'] * abs(p[1] / p[0]), 'bow': 0.0}
             added.append(row | other)
     values = {name: value[~gone] for name, value in values.items()}
     for row in added:
