@@ -13,7 +13,7 @@ import numpy as np
 from msgs_py import FeatureSet, StereoRig
 
 from .curve import Curve, picture
-from .outlines import touching
+from .outlines import longest, of_cylinder
 from .segmentation import Pieces
 
 # Normals of two ends of one axis agree within this; their centres are off the axis by less than this share of a radius.
@@ -23,8 +23,6 @@ OFF_AXIS = 0.06
 LEAST_LENGTH = 0.08
 # Two rims of one surface whose radii differ by less than this share bound a cylinder.
 SAME_RADIUS = 0.03
-# What light and a surface's shading move an outline by, pixels.
-OUTLINE_SIGMA = 0.3
 # How far from touching a rim's picture the outline of a cone may pass, pixels, and how far from it it may start, radii.
 TOUCH = 1.2
 CONTOUR_REACH = 3.0
@@ -131,41 +129,9 @@ def _along_and_across(covariance: np.ndarray, direction: np.ndarray) -> tuple[fl
             3.0 * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])))
 
 
-@dataclass(frozen=True, eq=False)
-class _Outlines:
-    """Outlines of one rim in the two images: normals (k, 3) of the planes through eye and outline, their sigma (k,)
-    radians, the eyes (k, 3), lines of sight (k, 2, 3) to the ends of the pieces, and the sides (k,)."""
-
-    normals: np.ndarray
-    sigma: np.ndarray
-    eyes: np.ndarray
-    rays: np.ndarray
-    sides: np.ndarray
-
-
-def _outlines(touches: tuple[np.ndarray, np.ndarray], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> _Outlines:
-    """The longest piece on either side in either image. touches : (n,) of both images, the side or 0."""
-    normals, sigma, eyes, rays, sides = [], [], [], [], []
-    for touch, side, camera, eye in zip(touches, pieces, (rig.left, rig.right), (0.0, rig.baseline)):
-        for name in np.unique(touch[touch != 0]):
-            of = np.flatnonzero(touch == name)
-            k = of[np.argmax(side.length[of])]
-            sight = camera.rays(np.stack([side.start[k], side.end[k]]))
-            normal = np.cross(sight[0], sight[1])
-            normals.append(normal / np.linalg.norm(normal))
-            sigma.append(np.hypot(side.sigma[k, 1], OUTLINE_SIGMA / side.length[k]))
-            eyes.append([eye, 0.0, 0.0])
-            rays.append(sight)
-            sides.append(name)
-    return _Outlines(np.array(normals).reshape(-1, 3), np.array(sigma), np.array(eyes).reshape(-1, 3),
-                     np.array(rays).reshape(-1, 2, 3), np.array(sides))
-
-
 def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Axis | None:
     """A cylinder's axis from its one visible rim and its outlines, which also tell its direction."""
-    apex = np.append(curve.normal, 0.0)
-    seen = _outlines((touching(curve, apex, pieces[0], rig.left.matrix, 0.0),
-                      touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
+    seen = of_cylinder(curve, pieces, rig)
     if len(seen.normals) < 2:
         return None
     # The rim's normal and the outlines' planes together, as tilts of the normal.
@@ -177,10 +143,7 @@ def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Ax
     direction = curve.normal + step @ frame
     direction /= np.linalg.norm(direction)
     tilt = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(told))[-1]))
-    # A line of sight passes the axis beside the point that it touches.
-    across = np.cross(seen.rays, direction)
-    place = -((np.cross(seen.eyes[:, None] - curve.centre, seen.rays) * across).sum(axis=2)
-              / (across * across).sum(axis=2))
+    place = seen.places(curve.centre, direction)
     farthest = place[np.arange(len(place)), np.abs(place).argmax(axis=1)]
     other = float(farthest[np.abs(farthest).argmax()])
     if abs(other) < 0.2 * curve.radii[0]:
@@ -195,8 +158,8 @@ def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Ax
 
 def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[Axis | None, np.ndarray | None]:
     """A cone's axis from its base and its outlines, which meet in the apex; and the apex."""
-    seen = _outlines((_touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
-                      _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
+    seen = longest((_touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
+                    _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
     if len(seen.normals) < 3:
         return None, None
     apex, *_ = np.linalg.lstsq(seen.normals, (seen.normals * seen.eyes).sum(axis=1), rcond=None)

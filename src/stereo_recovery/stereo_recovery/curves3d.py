@@ -216,11 +216,11 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
             continue
         curve = _best([recover_curve(start, *edgels, (item.left, item.right), rig, blur)
                        for start in _starts(item, edgels, rig, blur)], item, edgels, rig, blur)
-        if curve and _determined(curve):
+        if curve and determined(curve):
             found.append(curve)
         else:
             rest.append(item)
-    axles = [(c, _axle(c)) for c in found if c.tilt < STEADY]
+    axles = [(c, axle_of(c)) for c in found if c.tilt < STEADY]
     for item in rest:
         if not any(item.shared_with(c) for c in found):
             held = [_held(item, axle, edgels, rig, blur) for _, axle in axles]
@@ -269,13 +269,13 @@ def _best(curves: list[Curve | None], item: _Arcs, edgels: tuple[Edgels, Edgels]
     return min(zip(good, off), key=lambda pair: np.minimum(pair[1] / (RIVAL_SIGMA * sigma + RIVAL_OFF), 1.0).sum())[0]
 
 
-def _determined(curve: Curve) -> bool:
+def determined(curve: Curve) -> bool:
     """Whether the curve's own edgels say where it is."""
     return bool(curve.coverage > LEAST_COVERAGE and curve.tilt < MOST_TILT
                 and np.sqrt(curve.covariance[5, 5]) < MOST_GROWTH * curve.radii[0])
 
 
-def _axle(curve: Curve) -> Axle:
+def axle_of(curve: Curve) -> Axle:
     return Axle(curve.centre, curve.normal, curve.covariance[:3, :3] + (TRUE_AXLE * curve.radii[0]) ** 2 * np.eye(3),
                 float(np.hypot(curve.tilt, TRUE_AXLE)))
 
@@ -291,7 +291,7 @@ def _held(item: _Arcs, axle: Axle, edgels: tuple[Edgels, Edgels], rig: StereoRig
     if start is None or start.rms > WORST_RMS:
         return None
     curve = recover_curve(start, *edgels, (item.left, item.right), rig, blur, axle)
-    if curve is None or not _determined(curve) or curve.misfit > WORST_MISFIT:
+    if curve is None or not determined(curve) or curve.misfit > WORST_MISFIT:
         return None
     off = axle.residual(curve.centre, curve.normal)
     return curve if off @ np.linalg.solve(axle.covariance(curve.centre), off) < ON_AXLE else None

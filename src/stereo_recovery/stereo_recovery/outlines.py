@@ -7,6 +7,8 @@ cylinder is the vanishing point of its axis. Outlines are no edges of the object
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from msgs_py import StereoRig
@@ -18,6 +20,8 @@ from .segmentation import Pieces
 # How far from the outline's line a piece may run, pixels, and how far from the rim it may start, in rim radii.
 TOUCH = 1.0
 REACH = 8.0
+# What light and a surface's shading move an outline by, pixels.
+OUTLINE_SIGMA = 0.3
 
 
 def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
@@ -74,6 +78,50 @@ def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray,
         passes = half - np.abs(along[:, 0]) > 0.25 * pieces.length
         side[straight & (off < slack) & (gap < REACH * radius) & ~passes] = name + 1
     return side
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """Outlines of one rim in the two images: normals (k, 3) of the planes through eye and outline, their sigma (k,)
+    radians, the eyes (k, 3), lines of sight (k, 2, 3) to the ends of the pieces, and the sides (k,)."""
+
+    normals: np.ndarray
+    sigma: np.ndarray
+    eyes: np.ndarray
+    rays: np.ndarray
+    sides: np.ndarray
+
+    def places(self, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """(k, 2) float64, metres: where along an axis the pieces end. A line of sight passes the axis beside the point
+        that it touches."""
+        across = np.cross(self.rays, direction)
+        square = np.maximum((across * across).sum(axis=2), 1e-12)
+        return -(np.cross(self.eyes[:, None] - point, self.rays) * across).sum(axis=2) / square
+
+
+def longest(touches: tuple[np.ndarray, np.ndarray], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Outlines:
+    """The longest piece on either side in either image. touches : (n,) of both images, the side or 0."""
+    normals, sigma, eyes, rays, sides = [], [], [], [], []
+    for touch, side, camera, eye in zip(touches, pieces, (rig.left, rig.right), (0.0, rig.baseline)):
+        for name in np.unique(touch[touch != 0]):
+            of = np.flatnonzero(touch == name)
+            k = of[np.argmax(side.length[of])]
+            sight = camera.rays(np.stack([side.start[k], side.end[k]]))
+            normal = np.cross(sight[0], sight[1])
+            normals.append(normal / np.linalg.norm(normal))
+            sigma.append(np.hypot(side.sigma[k, 1], OUTLINE_SIGMA / side.length[k]))
+            eyes.append([eye, 0.0, 0.0])
+            rays.append(sight)
+            sides.append(name)
+    return Outlines(np.array(normals).reshape(-1, 3), np.array(sigma), np.array(eyes).reshape(-1, 3),
+                     np.array(rays).reshape(-1, 2, 3), np.array(sides))
+
+
+def of_cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Outlines:
+    """The outlines that a rim has if it bounds a cylinder."""
+    apex = np.append(curve.normal, 0.0)
+    return longest((touching(curve, apex, pieces[0], rig.left.matrix, 0.0),
+                    touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
 
 
 def contours(lines: Lines3D, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]],

@@ -11,6 +11,7 @@ from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
 from . import edgels as edgel_module
 from .axes import axis_features, find_axes
+from .completion import completed
 from .conics import Ellipse
 from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
@@ -136,8 +137,9 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     lines, left_pieces = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
     pieces = left_pieces, pieces[1]
     lap('lines')
-    curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig,
-                            params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE)
+    blur = params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE
+    curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
+    curves = completed(curves, pieces, found, rig, blur)
     lap('curves')
     segments = to_space(lines, pieces[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)

@@ -1,0 +1,83 @@
+"""The other end of a cylinder of which one rim was found: looked for where its outlines end.
+
+A rim seen nearly edge-on, or in short pieces, is no arc to begin with. But one end of a cylinder says what the other must
+look like, up to where it is, and the outlines say that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from msgs_py import StereoRig
+
+from .conics import sampson
+from .curve import Curve, picture
+from .curves3d import CLAIM_COSINE, STEADY, WORST_MISFIT, axle_of, determined, recover_curve
+from .edgels import Edgels
+from .outlines import of_cylinder
+from .segmentation import Pieces
+
+# Edgels this near to the expected picture, pixels, are tried; so many are needed in either image.
+EXPECTED = 2.5
+LEAST_EDGELS = 12
+# A place nearer than this, in radii, to a known rim's is that rim's.
+APART = 0.25
+# Least share of the rim that is seen, largest change of its radius, largest share of edgels that other curves have.
+LEAST_SHARE = 0.2
+SAME_RADIUS = 0.05
+OTHERS = 0.3
+
+
+def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[Edgels, Edgels], rig: StereoRig,
+              blur: float) -> list[Curve]:
+    """The curves, and rims found at the far ends of the outlines of those that bound a cylinder."""
+    result = list(curves)
+    for curve in curves:
+        if curve.tilt > STEADY or curve.radii[0] != curve.radii[1]:
+            continue
+        seen = of_cylinder(curve, pieces, rig)
+        if len(seen.sides) < 2:
+            continue
+        ends = seen.places(curve.centre, curve.normal).ravel()
+        ends = ends[np.argsort(-np.abs(ends))]
+        tried: list[float] = []
+        for place in ends:
+            known = [float((c.centre - curve.centre) @ curve.normal) for c in result
+                     if np.linalg.norm(np.cross(c.centre - curve.centre, curve.normal)) < APART * curve.radii[0]]
+            if min(abs(place - other) for other in [*known, *tried, 0.0]) < APART * curve.radii[0]:
+                continue
+            tried.append(float(place))
+            found = _rim_at(curve, float(place), result, edgels, rig, blur)
+            if found is not None:
+                result.append(found)
+                break
+    return result
+
+
+def _rim_at(curve: Curve, place: float, others: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig,
+            blur: float) -> Curve | None:
+    expected = replace(curve, centre=curve.centre + place * curve.normal)
+    if expected.centre[2] <= 0.0:
+        return None
+    masks = (_near(expected, edgels[0], rig.left.matrix, 0.0, [c.left for c in others]),
+             _near(expected, edgels[1], rig.right.matrix, rig.baseline, [c.right for c in others]))
+    if min(int(mask.sum()) for mask in masks) < LEAST_EDGELS:
+        return None
+    found = recover_curve(expected, *edgels, masks, rig, blur, axle_of(curve))
+    if found is None or not determined(found) or found.misfit > WORST_MISFIT or found.coverage < LEAST_SHARE:
+        return None
+    taken = np.any([c.left for c in others], axis=0)
+    if abs(found.radii[0] / curve.radii[0] - 1.0) > SAME_RADIUS or taken[found.left].mean() > OTHERS:
+        return None
+    return found
+
+
+def _near(curve: Curve, edgels: Edgels, matrix: np.ndarray, eye: float, taken: list[np.ndarray]) -> np.ndarray:
+    """(n,) bool: edgels near the expected picture, pointing across it, that are no other curve's."""
+    conic = picture(curve, matrix, eye)
+    near = (np.abs(sampson(conic, edgels.position)) < EXPECTED) & ~np.any(taken, axis=0)
+    h = edgels.position @ conic[:2, :2] + conic[:2, 2]
+    across = np.stack([np.cos(edgels.direction), np.sin(edgels.direction)], axis=1)
+    return near & (np.abs((h * across).sum(axis=1)) > CLAIM_COSINE * np.hypot(h[:, 0], h[:, 1]))
