@@ -16,7 +16,7 @@ from csg_renderer import Light, Placement, Scene, Solid, Surface, load_scene, mo
 from csg_renderer.pipeline import scene_rig
 from csg_renderer.sensor import SensorModel, grey
 from csg_renderer.solid import Operation, Primitive
-from csg_renderer.visibility import stereo_fragments
+from csg_renderer.visibility import stereo_fragments, visible_fragments
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 
 MM = 1e-3
@@ -66,7 +66,8 @@ class CurvedView:
     """A rendered pair and its truth, left camera frame.
 
     edges : (n, 2, 3) seen by both eyes and standing out; rims : all with any piece in view
-    axes : (m, 2, 3), all of the model; seen_rims : (m,) how many of an axis' ends have a rim in view (share > 0.2)
+    axes : (m, 2, 3), all of the model; seen_rims : (m,) how many of an axis' ends have a rim in view (share > 0.2); one
+        is none when there is no outline beside it either, as in a bore
     """
 
     name: str
@@ -278,15 +279,27 @@ def _view(name: str, scene: Scene, placed: list, rig: StereoRig, imaging: Imagin
         model = model_features(solid).transformed(pose)
         edges.append(_standing_out(seen.of_kind(FeatureKind.EDGE), clean, rig))
         mine = _rims(model, seen, index, clean, rig)
+        outlines = visible_fragments(solid, pose, rig.left).contours.of_kind(FeatureKind.EDGE)
         rims += mine
         for k in np.flatnonzero(model.kind == FeatureKind.AXIS):
             ends = np.stack([model.start[k], model.end[k]])
             # A cone's apex has no rim; an oblique cut's centre is on the axis.
-            has = [any(np.linalg.norm(rim.centre - end) < 1e-5 and rim.share > 0.2 for rim in mine) for end in ends]
+            about = [[rim for rim in mine if np.linalg.norm(rim.centre - end) < 1e-5 and rim.share > 0.2]
+                     for end in ends]
+            count = sum(len(rims) > 0 for rims in about)
+            if count == 1 and not _has_outline(ends, max(rim.radii[0] for rims in about for rim in rims), outlines):
+                count = 0
             axes.append(ends)
-            counts.append(sum(has))
+            counts.append(count)
     return CurvedView(name, left, right, rig, np.concatenate(edges), rims, np.array(axes).reshape(-1, 2, 3),
                       np.array(counts, int))
+
+
+def _has_outline(ends: np.ndarray, radius: float, outlines: FeatureSet) -> bool:
+    """Whether the left eye sees an outline of the surface about an axis, at least 3 mm of it."""
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    off = [np.linalg.norm(np.cross(points - ends[0], along), axis=1) for points in (outlines.start, outlines.end)]
+    return bool(((np.maximum(*off) < 1.05 * radius) & (np.minimum(*off) > 0.0) & (outlines.lengths > 3 * MM)).any())
 
 
 def contrast(points: np.ndarray, along: np.ndarray, images: list[np.ndarray], rig: StereoRig,

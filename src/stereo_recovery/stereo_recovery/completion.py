@@ -1,7 +1,7 @@
 """The other end of a cylinder of which one rim was found: looked for where its outlines end.
 
-A rim seen nearly edge-on, or in short pieces, is no arc to begin with. But one end of a cylinder says what the other must
-look like, up to where it is, and the outlines say that.
+A rim seen nearly edge-on, or in short pieces, is no arc to begin with. But one end of a cylinder says what the other
+must look like, up to where it is, and the outlines say that.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from .params import RecoveryParams
 from .profiles import taken_apart
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link
+from .tangency import joined_ends
 
 # Edgels a pixel, and in all, above which the thresholds rise.
 DENSEST = 0.03
@@ -153,10 +154,11 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     keep &= (pieces[0].arc[lines.left] < 0) | (pieces[1].arc[lines.right] < 0)
     axes, surfaces = find_axes(curves, pieces, rig)
     keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
-    ends = segments.ends[keep]
-    curves = on_faces(curves, ends, segments.err_per[keep])
+    err_per = segments.err_per[keep]
+    curves = on_faces(curves, segments.ends[keep], err_per)
+    ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves)
     features = FeatureSet.concatenate([
-        FeatureSet.from_edges(ends[:, 0], ends[:, 1], segments.err_par[keep], segments.err_per[keep]),
+        FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per),
         curve_features(curves), axis_features(axes)])
     lap('features')
     reason = '' if len(features) else 'no matched edge is long enough'

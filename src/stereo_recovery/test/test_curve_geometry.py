@@ -19,6 +19,7 @@ from stereo_recovery.edgels import Edgels, detect
 from stereo_recovery.facing import on_faces
 from stereo_recovery.outlines import tangents
 from stereo_recovery.segmentation import Pieces
+from stereo_recovery.tangency import joined_ends
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 EYES = ((RIG.left, 0.0), (RIG.right, RIG.baseline))
@@ -256,3 +257,25 @@ def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
     found, at_step = (detect(image, sigma=0.8, threshold=4.0) for image in (grey, stepped))
     assert len(found) < 0.03 * grey.size
     assert np.sum(np.abs(at_step.position[:, 0] - 39.5) < 0.5) > 60
+
+
+@pytest.mark.parametrize('beyond', [-0.004, 0.0, 0.005])
+def test_an_edge_that_runs_into_an_arc_ends_where_it_touches_the_circle(beyond):
+    rim = curve([0.02, 0.01, 0.25], [0.0, 0.8, -0.6], 0.015, arc=(0.5, np.pi))
+    touch = rim.centre + rim.radii[0] * (np.cos(0.5) * rim.first + np.sin(0.5) * rim.second)
+    onward = -np.sin(0.5) * rim.first + np.cos(0.5) * rim.second
+    edge = np.stack([touch - 0.03 * onward, touch + beyond * onward])[None]
+    for ends in (edge, edge[:, ::-1]):
+        found, err_par = joined_ends(ends, np.array([2e-3]), np.array([1e-4]), [rim])
+        assert min(np.linalg.norm(end - touch) for end in found[0]) < 1e-9
+        assert min(np.linalg.norm(end - edge[0, 0]) for end in found[0]) < 1e-9
+        assert err_par[0] >= 2e-3
+
+
+@pytest.mark.parametrize('start, beyond', [(0.5 + np.pi, 0.005), (0.5, 0.02)])
+def test_an_edge_that_goes_on_or_meets_no_arc_keeps_its_ends(start, beyond):
+    rim = curve([0.02, 0.01, 0.25], [0.0, 0.8, -0.6], 0.015, arc=(start, np.pi))
+    touch = rim.centre + rim.radii[0] * (np.cos(0.5) * rim.first + np.sin(0.5) * rim.second)
+    onward = -np.sin(0.5) * rim.first + np.cos(0.5) * rim.second
+    edge = np.stack([touch - 0.03 * onward, touch + beyond * onward])[None]
+    assert np.array_equal(joined_ends(edge, np.array([2e-3]), np.array([1e-4]), [rim])[0], edge)
