@@ -17,7 +17,7 @@ import stereo_recovery
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'test' / 'docs'
-PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md'))]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md')), *sorted((ROOT / 'src').glob('*/docs/*.md'))]
 EXAMPLE = ROOT / 'src' / 'model_matcher' / 'docs'
 
 
@@ -31,13 +31,13 @@ def test_tables_and_parameter_files_are_what_the_code_says():
     assert result.returncode == 0, result.stdout + result.stderr[-2000:] + '\nrun python test/docs/generate.py'
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.parent.name)
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
     for target in re.findall(r'\]\(([^)#:]+)\)', page.read_text(encoding='utf-8')):
         assert (page.parent / target).exists(), target
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.parent.name)
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_python_examples_compile_and_import_what_exists(page):
     for block in blocks(page, 'python'):
         compile(block, str(page), 'exec')

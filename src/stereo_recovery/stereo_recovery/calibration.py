@@ -1,4 +1,5 @@
-"""Calibration files of a stereo camera: OpenCV's YAML (K1, D1, R1, P1, K2, ...) and ROS camera_info YAML."""
+"""Calibration files of a stereo camera: OpenCV's YAML (K1, D1, R1, P1, K2, ...), ROS camera_info YAML, and the JSON of
+an ideal pair (width, height, K, baseline) that the renderer writes."""
 
 from __future__ import annotations
 
@@ -43,6 +44,8 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
     if text.lstrip().startswith('%YAML:') or '!!opencv-matrix' in text:
         return _opencv(path, size)
     documents = _documents(path, text)
+    if len(documents) == 1 and {'K', 'baseline'} <= set(documents[0]):
+        return _ideal(path, documents[0], size)
     if len(documents) == 1 and {'left', 'right'} <= set(documents[0]):
         documents = [documents[0]['left'], documents[0]['right']]
     if len(documents) == 1:
@@ -105,6 +108,20 @@ def _documents(path: Path, text: str) -> list[dict[str, Any]]:
     if not documents or not all(isinstance(d, dict) for d in documents):
         raise ValueError(f'{path}: expected a calibration, OpenCV YAML or ROS camera_info YAML')
     return documents
+
+
+def _ideal(path: Path, document: dict[str, Any], size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
+    """Two cameras with the same K, the right one at +baseline (metres) along x."""
+    try:
+        k = np.asarray(document['K'], dtype=float).reshape(3, 3)
+        baseline = float(document['baseline'])
+    except (TypeError, ValueError):
+        raise ValueError(f'{path}: expected K, nine numbers, and baseline, a number of metres') from None
+    flat = k.ravel().tolist()
+    projections = [np.column_stack([k, [shift, 0.0, 0.0]]).ravel().tolist() for shift in (0.0, -k[0, 0] * baseline)]
+    left, right = (CameraFile(int(document.get('width', size[0])), int(document.get('height', size[1])), 'plumb_bob',
+                              k=flat, r=np.eye(3).ravel().tolist(), p=projection) for projection in projections)
+    return left, right
 
 
 def _ros(path: Path, side: str, document: Any, size: tuple[int, int]) -> CameraFile:

@@ -1,15 +1,19 @@
-"""``recover left.png right.png calibration.yaml -o out/``: features, picture and table of a stereo pair of files."""
+"""``recover left.png right.png calibration.yaml -o out/``: features, picture and table of a stereo pair of files.
+
+The folder also gets what "match" draws over: the (rectified) left image and its camera.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from msgs_py import FeatureKind, FeatureSet
+from msgs_py import FeatureKind, FeatureSet, StereoRig
 
 from .calibration import load_cameras, load_rig
 from .drawing import draw_features
@@ -29,8 +33,8 @@ def parser() -> argparse.ArgumentParser:
         prog='recover', description='Recover 3D edges, curves and axes from a stereo pair of image files.')
     result.add_argument('left', type=Path, help='left image')
     result.add_argument('right', type=Path, help='right image')
-    result.add_argument('calibration', type=Path, help='OpenCV YAML, or ROS camera_info YAML of the left camera with '
-                        'the right one beside it')
+    result.add_argument('calibration', type=Path, help='OpenCV YAML; ROS camera_info YAML of the left camera with '
+                        'the right one beside it; or the JSON that "render --stereo --camera" writes')
     result.add_argument('-o', '--out', type=Path, default=Path('out'), help='folder for the results (default: out)')
     result.add_argument('--raw', action='store_true', help='the images are raw: undistort and rectify them first')
     result.add_argument('--baseline', type=float, help='baseline in metres, for a calibration in other units')
@@ -52,6 +56,13 @@ def table(features: FeatureSet) -> list[list[str]]:
         rows.append([FeatureKind(kind).name, *text, f'{1e3 * features.err_par[i]:.3f}',
                      f'{1e3 * features.err_per[i]:.3f}'])
     return rows
+
+
+def camera_record(rig: StereoRig) -> dict[str, object]:
+    """The left camera of left.png, as the renderer writes its own: "match --camera" draws with it."""
+    left = rig.left
+    return {'width': left.width, 'height': left.height,
+            'K': [[left.fx, 0.0, left.cx], [0.0, left.fy, left.cy], [0.0, 0.0, 1.0]], 'baseline': rig.baseline}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -80,6 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
     result.features.save(arguments.out / 'features.npz')
     picture = draw_features(left, result.features, rig.left)
     cv2.imwrite(str(arguments.out / 'features.png'), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    cv2.imwrite(str(arguments.out / 'left.png'), left)
+    (arguments.out / 'camera.json').write_text(json.dumps(camera_record(rig), indent=2) + '\n', encoding='utf-8')
     rows = table(result.features)
     with open(arguments.out / 'features.csv', 'w', encoding='utf-8') as file:
         file.writelines(','.join(row) + '\n' for row in [list(COLUMNS), *rows])

@@ -115,8 +115,15 @@ def test_ros_calibration_is_two_files_or_one(tmp_path):
     assert load_rig(tmp_path / 'both.yaml', SIZE).baseline == pytest.approx(0.1)
 
 
+def test_the_camera_of_an_ideal_pair_is_one_file(tmp_path):
+    (tmp_path / 'left.json').write_text('{"width": 64, "height": 48, "K": [[70, 0, 31.5], [0, 70, 23.5], [0, 0, 1]], '
+                                        '"baseline": 0.05}')
+    rig = load_rig(tmp_path / 'left.json', SIZE)
+    assert rig.baseline == pytest.approx(0.05) and (rig.left.width, rig.left.fx, rig.left.cy) == (64, 70.0, 23.5)
+
+
 @pytest.mark.parametrize('text, message', [
-    ('', 'expected a calibration'), ('a: [', 'not YAML'), ('just words', 'expected a calibration'),
+    ('', 'expected a calibration'), ('{"K": [1, 2], "baseline": 0.1}', 'expected K, nine numbers'), ('a: [', 'not YAML'), ('just words', 'expected a calibration'),
     ('image_width: 3', 'describes one camera'), ('%YAML:1.0\n---\nK1: 3\n', 'no matrix P1'),
     ('left: {}\nright: {}', 'left camera: projection_matrix')])
 def test_unusable_calibration_names_the_file_and_what_it_lacks(tmp_path, text, message):
@@ -136,6 +143,10 @@ def test_command_line_writes_features_picture_and_table(tmp_path, capsys):
     assert cv2.imread(str(tmp_path / 'features.png')).shape == (480, 640, 3)
     assert len((tmp_path / 'features.csv').read_text().splitlines()) == len(features) + 1
     assert 'EDGE' in capsys.readouterr().out
+    again = load_rig(tmp_path / 'camera.json', SIZE)
+    assert again.baseline == pytest.approx(0.083) and again.left.fx == pytest.approx(
+        load_rig(DATA / 'calibration.yaml', SIZE).left.fx)
+    assert np.array_equal(cv2.imread(str(tmp_path / 'left.png'), 0), cv2.imread(str(DATA / 'left01_rect.png'), 0))
 
 
 def test_command_line_says_which_file_is_missing(tmp_path, capsys):
