@@ -123,7 +123,8 @@ def test_the_camera_of_an_ideal_pair_is_one_file(tmp_path):
 
 
 @pytest.mark.parametrize('text, message', [
-    ('', 'expected a calibration'), ('{"K": [1, 2], "baseline": 0.1}', 'expected K, nine numbers'), ('a: [', 'not YAML'), ('just words', 'expected a calibration'),
+    ('', 'expected a calibration'), ('{"K": [1, 2], "baseline": 0.1}', 'expected K, nine numbers'),
+    ('a: [', 'not YAML'), ('just words', 'expected a calibration'),
     ('image_width: 3', 'describes one camera'), ('%YAML:1.0\n---\nK1: 3\n', 'no matrix P1'),
     ('left: {}\nright: {}', 'left camera: projection_matrix')])
 def test_unusable_calibration_names_the_file_and_what_it_lacks(tmp_path, text, message):
