@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
+import signal
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
+from geometry_msgs.msg import PoseStamped
 
 from csg_renderer.node import RendererConfig, RendererNode
 from dap_emulator.node import EmulatorNode
@@ -98,6 +102,7 @@ def test_a_launch_file_names_what_exists(path, monkeypatch):
                  if not key.startswith('qos_overrides.')}
         assert given <= known
         assert {source for source, _ in node.kwargs.get('remappings', [])} in (set(), set(STEREO_TOPICS))
+        assert node.kwargs['respawn'].args == ('respawn',) and node.kwargs['respawn_delay'] < 1.0
     declared = {action.args[0] for action in actions if type(action).__name__ == 'DeclareLaunchArgument'}
     assert declared == set(module.ARGUMENTS) == set(re.findall(r"value\['(\w+)'\]", path.read_text())) | {
         'scene', 'models', 'rate', 'noise', 'turntable'} & set(module.ARGUMENTS)
@@ -107,6 +112,43 @@ def test_a_launch_file_names_what_exists(path, monkeypatch):
 def test_a_launch_file_loads_in_launch_itself(path):
     pytest.importorskip('launch_ros', reason='launch does not come with the wheels')
     assert load(path).generate_launch_description().entities
+
+
+RUN = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import EmitEvent, IncludeLaunchDescription, TimerAction
+from launch.events import Shutdown
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+service = LaunchService()
+service.include_launch_description(LaunchDescription([
+    IncludeLaunchDescription(PythonLaunchDescriptionSource(sys.argv[1]),
+                             launch_arguments=[argument.split(':=', 1) for argument in sys.argv[2:]]),
+    TimerAction(period=45.0, actions=[EmitEvent(event=Shutdown())])]))
+sys.exit(service.run())
+"""
+
+
+def test_launch_starts_the_graph_with_its_arguments(graph):
+    """In a sourced workspace: processes, parameter files, types of arguments and namespace, through launch itself."""
+    pytest.importorskip('launch_ros', reason='launch does not come with the wheels')
+    packages = pytest.importorskip('ament_index_python.packages', reason='no ament index')
+    try:
+        share = [packages.get_package_share_directory(package) for package, *_ in CONFIGS.values()][2]
+    except packages.PackageNotFoundError:
+        pytest.skip('the workspace is not sourced')
+    poses = graph.collect(PoseStamped, '/arm/interpretations/chipped_block')
+    command = [sys.executable, '-c', RUN, f'{share}/launch/closed_form.launch.py', 'namespace:=arm', 'rate:=4',
+               'scene:=chipped_block_v1', "models:=['l_shape', 'chipped_block']", 'noise:=0.5']
+    launched = subprocess.Popen(command, env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)},
+                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        graph.spin_until(lambda: len(poses) >= 2, 45.0, 'two poses')
+    finally:
+        launched.send_signal(signal.SIGINT)
+        said = launched.communicate(timeout=15)[0]
+    assert said.count('process has finished cleanly') == len(CONFIGS), said
 
 
 def test_the_view_shows_topics_that_the_nodes_publish(graph):

@@ -13,6 +13,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+# A node that has died is started again. Threads of OpenBLAS are of no use to small matrices and slow the start down.
+PROCESS = {'output': 'screen', 'respawn_delay': 0.5, 'additional_env': {'OPENBLAS_NUM_THREADS': '1'}}
+
 ARGUMENTS = {
     'namespace': ('', 'Namespace of all nodes'),
     'scene': ('l_shape_v1', 'Scene file, or the name of a scene of csg_renderer'),
@@ -20,6 +23,7 @@ ARGUMENTS = {
     'rate': ('2.0', 'Stereo pairs a second'),
     'noise': ('1.0', 'Sensor noise, grey levels'),
     'turntable': ('0.0', 'Turn of the scene between pairs, degrees'),
+    'respawn': ('true', 'Start a node again that has died'),
     'rviz': ('false', 'true to open RViz'),
 }
 
@@ -30,8 +34,8 @@ def generate_launch_description():
 
     def node(package, executable, config, parameters=None):
         file = PathJoinSubstitution([FindPackageShare(package), 'config', config])
-        return Node(package=package, executable=executable, namespace=value['namespace'], output='screen',
-                    parameters=[file, parameters or {}])
+        return Node(package=package, executable=executable, namespace=value['namespace'], respawn=value['respawn'],
+                    parameters=[file, parameters or {}], **PROCESS)
 
     return LaunchDescription([
         *[DeclareLaunchArgument(name, default_value=default, description=text)

@@ -15,6 +15,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+# A node that has died is started again. Threads of OpenBLAS are of no use to small matrices and slow the start down.
+PROCESS = {'output': 'screen', 'respawn_delay': 0.5, 'additional_env': {'OPENBLAS_NUM_THREADS': '1'}}
+
 ARGUMENTS = {
     'namespace': ('', 'Namespace of both nodes'),
     'models': ("['l_shape']", 'Model files, folders, or names of models of csg_renderer'),
@@ -25,7 +28,9 @@ ARGUMENTS = {
     'rectify': ('false', 'true when the images are raw'),
     'tf': ('false', 'true to broadcast poses on /tf'),
     'use_sim_time': ('false', 'true when a bag or a simulator publishes /clock'),
+    'respawn': ('true', 'Start a node again that has died'),
     'rviz': ('false', 'true to open RViz'),
+    'frame': ('camera_left_optical_frame', 'The frame in which RViz shows things: that of the left images'),
 }
 
 
@@ -36,15 +41,20 @@ def generate_launch_description():
     return LaunchDescription([
         *[DeclareLaunchArgument(name, default_value=default, description=text)
           for name, (default, text) in ARGUMENTS.items()],
-        Node(package='stereo_recovery', executable='recovery_node', namespace=value['namespace'], output='screen',
+        Node(package='stereo_recovery', executable='recovery_node', namespace=value['namespace'],
+             respawn=value['respawn'],
              parameters=[PathJoinSubstitution([FindPackageShare('stereo_recovery'), 'config', 'recovery.yaml']),
                          {'rectify': ParameterValue(value['rectify'], value_type=bool)}, sim_time],
              remappings=[('left/image_rect', value['left_image']), ('left/camera_info', value['left_info']),
-                         ('right/image_rect', value['right_image']), ('right/camera_info', value['right_info'])]),
-        Node(package='model_matcher', executable='matcher_node', namespace=value['namespace'], output='screen',
+                         ('right/image_rect', value['right_image']), ('right/camera_info', value['right_info'])],
+             **PROCESS),
+        Node(package='model_matcher', executable='matcher_node', namespace=value['namespace'],
+             respawn=value['respawn'],
              parameters=[PathJoinSubstitution([share, 'config', 'matcher.yaml']),
                          {'models': ParameterValue(value['models'], value_type=List[str]),  # noqa: UP006
-                          'tf': ParameterValue(value['tf'], value_type=bool)}, sim_time]),
+                          'tf': ParameterValue(value['tf'], value_type=bool)}, sim_time],
+             **PROCESS),
         Node(package='rviz2', executable='rviz2', condition=IfCondition(value['rviz']),
-             arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz'])]),
+             remappings=[('/left/image_rect', value['left_image'])],
+             arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz']), '-f', value['frame']]),
     ])
