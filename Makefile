@@ -10,17 +10,18 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHONUNBUFFERED := 1
 TEST_WORKERS ?= 2
 
-.PHONY: help setup demo test test-oldest lint bench experiments docs stress colcon clean
+.PHONY: help setup demo test test-oldest coverage lint bench experiments docs stress colcon clean
 
 help:
 	@echo 'make demo         render, recover, match: two scenes and a real stereo pair, into demo_out/'
 	@echo 'make test         the test suite'
 	@echo 'make test-oldest  the same on the oldest supported versions (needs python3.12; OLDEST_PYTHON names another)'
+	@echo 'make coverage     how much of the pure modules the tests run, into out/coverage/index.html'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make bench        speed, beside the tools you might use instead'
 	@echo 'make experiments  the tables of the thesis, beside ours'
 	@echo 'make docs         tables, parameter files and pictures of the pages, from the code'
-	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process'
+	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts'
 	@echo 'make colcon       colcon build of src/ inside the virtual environment'
 
 setup: $(READY)
@@ -51,6 +52,14 @@ $(OLDEST): requirements-oldest.txt $(PACKAGES:%=src/%/setup.py)
 test-oldest: $(OLDEST)
 	ROS_PYTHON_CHECK_FIELDS=1 .venv-oldest/bin/python -m pytest -n $(TEST_WORKERS)
 
+coverage: $(READY)
+	rm -rf out/coverage
+	mkdir -p out/coverage
+	ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m coverage run -m pytest -n $(TEST_WORKERS)
+	$(PY) -m coverage combine --quiet
+	$(PY) -m coverage html --quiet --directory out/coverage
+	$(PY) -m coverage report --skip-covered --sort=cover
+
 lint: $(READY)
 	$(PY) -m ruff check src test
 	$(PY) -m mypy
@@ -69,6 +78,7 @@ stress: $(READY)
 	$(PY) test/stress/fuzz.py --messages 10000
 	$(PY) test/stress/fuzz_files.py --files 5000
 	$(PY) test/stress/soak.py --pairs 10000
+	$(PY) test/stress/restart.py --rounds 3
 
 colcon: $(READY)
 	. .venv/bin/activate && colcon build --base-paths src

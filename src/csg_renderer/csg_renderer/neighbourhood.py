@@ -41,12 +41,6 @@ class Branches:
     signature: np.ndarray
 
 
-def leaf_states(table: SurfaceTable, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """inside, touched (n, m) bool of leaves at points with these group values: strictly inside; on the boundary."""
-    worst = table.leaf_values(values).max(axis=-1)
-    return worst < -ON, np.abs(worst) <= ON
-
-
 def faces_through(table: SurfaceTable, points: np.ndarray) -> np.ndarray:
     """(n, groups) bool: groups of which a leaf has a face (or its edge) at the point."""
     values = table.values(points)

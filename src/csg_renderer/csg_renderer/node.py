@@ -73,7 +73,7 @@ class RendererNode(GraphNode[RendererConfig]):
         self._depth = self.create_output(Image, 'left/depth')
         self._pose = self.create_output(PoseStamped, 'ground_truth/pose')
         self._features = self.create_output(PointCloud2, 'ground_truth/features')
-        self._render_service = self.create_service(Trigger, '~/render', self._on_render)
+        self.create_service(Trigger, '~/render', self._on_render)
         self._file: SceneFile | None = None
         self._read_at: dict[str, int] = {}
         self._pair_index = 0
