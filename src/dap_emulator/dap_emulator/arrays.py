@@ -110,6 +110,10 @@ class DapArray:
             raise ValueError(f'planes: of a LOGICAL or INTEGER array, not {self.kind}')
         return planes.to_planes(self.values, self.kind)
 
+    def pe_grid(self) -> np.ndarray:
+        """(blocks, ES, ES): the values as the PEs hold them."""
+        return self.dap.layout(self.shape, self.mapping).to_blocks(self.values)
+
     # Charging and making results.
 
     def _charge(self, operation: str, kind: Kind, detail: int = 1, axis: int = 0, times: int = 1) -> None:
