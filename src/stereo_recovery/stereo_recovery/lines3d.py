@@ -254,5 +254,6 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
             v = (vector - (vector * direction).sum(-1, keepdims=True) * direction) * size[..., None]
             spread += v[..., :, None] * v[..., None, :]
         spread = np.where(np.isfinite(spread), spread, 0.0)
-        err_per = 3.0 * np.sqrt(np.linalg.eigvalsh(spread)[..., -1]).max(axis=1)
+        # One bound for both ends: their quadratic mean, as the direction has it.
+        err_per = 3.0 * np.sqrt(np.linalg.eigvalsh(spread)[..., -1].mean(axis=1))
     return Segments(points, err_par, err_per)
