@@ -42,6 +42,11 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         index = indexed(model, name)
     except ValueError as error:
         return no_match(data, str(error))
+    if params.scale == 'free':
+        from .free_scale import match_free
+        result = match_free(index, data, params, started, match)
+        result.stats['seconds'] = time.perf_counter() - started
+        return result
     problem = make_problem(index, data, params)
     if len(problem.rows) == 0:
         return no_match(data, 'the data holds no features' if len(data) == 0 else 'every data feature has length zero')

@@ -17,7 +17,11 @@ from .model_index import ModelIndex, data_tolerances, feature_rows
 from .params import MatchParams
 from .signs import apply_code, write_signs
 from .tables import _data_ranges, all_pairs, model_ranges, unary_table
-from .tree import COUNTERS, LEVELS_PER_SECOND, TreeResult
+from .tree import COUNTERS, TreeResult
+
+
+LARGEST_PAIRS = 2_000_000  # of data features: 11 numbers each
+TESTS_PER_SECOND = 10_000_000  # only to turn a time limit into a limit of pair tests
 
 
 def serial_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256,
@@ -25,8 +29,11 @@ def serial_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limi
     """All feasible interpretations with the fewest features in the bin, at most ``limit``.
 
     data : usable features (none without length). The statistics count the nodes visited as levels.
+    Raises ValueError when there are too many data pairs to keep the ranges of.
     """
     n = len(data)
+    if n * (n - 1) // 2 > LARGEST_PAIRS:
+        raise ValueError(f"{n * (n - 1) // 2} data pairs are too many for search='serial'; use search='hypotheses'")
     rows = feature_rows(data)
     tolerances = data_tolerances(data, rows, index.size, params)
     unary = unary_table(index, data, tolerances, params)
@@ -37,9 +44,9 @@ def serial_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limi
     length = np.where(data.kind == FeatureKind.CURVE, 0.0, data.lengths)
     order = np.argsort(-length, kind='stable')
     ranges = _data_ranges(rows[order], error[order], tolerances[order, 2], all_pairs(n))
-    counters = np.zeros(len(COUNTERS), np.int64)
+    counters = np.zeros(len(COUNTERS) + 1, np.int64)  # the last counts the work done
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
-    budget = int((params.time_limit_s if seconds is None else seconds) * LEVELS_PER_SECOND)
+    budget = int((params.time_limit_s if seconds is None else seconds) * TESTS_PER_SECOND)
     impossible = int((~unary.any(axis=1)).sum())
     found = 0
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
@@ -74,7 +81,11 @@ def _descend(data, model, lengths, error, unary, use, use_signs, bin_limit, limi
     level = 0
     entering = True
     while level >= 0:
+        if counters[5] > budget:
+            counters[4] = 1
+            return found, out, out_sign
         if entering:
+            counters[5] += n // 8  # what a level keeps of the signs
             saved_root[level], saved_parity[level], saved_known[level] = root, parity, known
             saved_bin[level] = in_bin
             cursor[level] = 0
@@ -94,14 +105,13 @@ def _descend(data, model, lengths, error, unary, use, use_signs, bin_limit, limi
             if not unary[level, j]:
                 continue
             counters[0] += 1
-            if counters[0] > budget:
-                counters[4] = 1
-                return found, out, out_sign
+            counters[5] += 1 + n // 8
             good = True
             for a in range(level):
                 i = assignment[a]
                 if i < 0:
                     continue
+                counters[5] += 1
                 row = a * n - a * (a + 1) // 2 + level - a - 1
                 bits = entry(data[row], model[i, j], i == j, lengths[i], error[a] + error[level], use)
                 if bits == 0:

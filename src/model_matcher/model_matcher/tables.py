@@ -92,10 +92,11 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     Raises ValueError when the tables would not fit into memory.
     """
     n, e = len(data), len(index)
-    pairs = all_pairs(n)
-    if len(pairs) * e * e > LARGEST_TABLES:
-        raise ValueError(f'{len(pairs)} data pairs x {e} x {e} model features are too many for look-up tables; '
+    count = n * (n - 1) // 2
+    if count * e * e > LARGEST_TABLES:
+        raise ValueError(f'{count} data pairs x {e} x {e} model features are too many for look-up tables; '
                          "use search='hypotheses'")
+    pairs = all_pairs(n)
     rows = feature_rows(data)
     tolerances = data_tolerances(data, rows, index.size, params)
     unary = unary_table(index, data, tolerances, params)

@@ -34,7 +34,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         return no_match(problem.data, why, **stats)
     index = problem.index
     checked = validate(index.features, problem.data, result.assignments, result.signs,
-                       FIRST_FRACDEV * params.fracdev, params.curvedev, index.size, params.scale == 'free')
+                       FIRST_FRACDEV * params.fracdev, params.curvedev, index.size)
     matched = (result.assignments >= 0).sum(axis=1)
     stats['valid'] = int(checked.valid.sum())
     deviation = np.sqrt(np.nanmean(np.where(result.assignments >= 0, checked.deviations, np.nan) ** 2, axis=1))
