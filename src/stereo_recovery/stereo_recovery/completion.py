@@ -28,6 +28,9 @@ APART = 0.25
 LEAST_SHARE = 0.2
 SAME_RADIUS = 0.05
 OTHERS = 0.3
+# Two curves whose centres and radii differ by less than this, in radii, in one plane (cosine) are one.
+SAME_RIM = 0.04
+SAME_PLANE = 0.995
 
 
 def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[Edgels, Edgels], rig: StereoRig,
@@ -54,6 +57,22 @@ def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[
                 result.append(found)
                 break
     return result
+
+
+def distinct(curves: list[Curve]) -> list[Curve]:
+    """The curves without those that are another one again, found from another piece of it: the one on more edgels stays
+    and takes the other's edgels, so that they are nobody's edges."""
+    kept: list[Curve] = []
+    for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
+        for k, other in enumerate(kept):
+            near = SAME_RIM * other.radii[0]
+            if (np.linalg.norm(curve.centre - other.centre) < near and np.abs(curve.radii - other.radii).max() < near
+                    and abs(curve.normal @ other.normal) > SAME_PLANE):
+                kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
+                break
+        else:
+            kept.append(curve)
+    return kept
 
 
 def _rim_at(curve: Curve, place: float, others: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig,

@@ -11,7 +11,7 @@ from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
 from . import edgels as edgel_module
 from .axes import axis_features, find_axes
-from .completion import completed
+from .completion import completed, distinct
 from .conics import Ellipse
 from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
@@ -140,7 +140,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     lap('lines')
     blur = params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
-    curves = completed(curves, pieces, found, rig, blur)
+    curves = distinct(completed(curves, pieces, found, rig, blur))
     lap('curves')
     segments = to_space(lines, pieces[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)

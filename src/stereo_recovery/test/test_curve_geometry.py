@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from msgs_py import PinholeCamera, Pose, StereoRig
 from stereo_recovery.axes import find_axes
+from stereo_recovery.completion import distinct
 from stereo_recovery.conics import sampson
 from stereo_recovery.curve import Curve, picture, turned
 from stereo_recovery.curve_fit import Axle, refine
@@ -279,3 +280,15 @@ def test_an_edge_that_goes_on_or_meets_no_arc_keeps_its_ends(start, beyond):
     onward = -np.sin(0.5) * rim.first + np.cos(0.5) * rim.second
     edge = np.stack([touch - 0.03 * onward, touch + beyond * onward])[None]
     assert np.array_equal(joined_ends(edge, np.array([2e-3]), np.array([1e-4]), [rim])[0], edge)
+
+
+def test_one_rim_found_twice_is_one_and_two_rims_are_two():
+    rim = replace(curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0]), left=np.array([1, 1, 1, 0, 0], bool),
+                  right=np.array([1, 1, 0, 0, 0], bool))
+    again = replace(rim, centre=rim.centre + 1e-4, left=np.array([0, 0, 0, 1, 0], bool), right=np.zeros(5, bool))
+    ring = replace(rim, radii=0.8 * rim.radii)
+    end = replace(rim, centre=rim.centre + 0.002 * rim.normal)
+    found = distinct([again, rim, ring, end])
+    assert len(found) == 3
+    whole = next(c for c in found if c.left.sum() == 4)
+    assert np.array_equal(whole.centre, rim.centre)
