@@ -15,6 +15,7 @@ from msgs_py import BIN, FeatureSet, Interpretation, Pose
 
 from .model_index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
 from .params import MatchParams
+from .regularity import regularity
 from .symmetry import symmetric_poses
 
 # Tolerance widths of successive fits: a pose from two short edges is off by more than the data's own error.
@@ -85,8 +86,9 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: 
     c, n = len(scores), len(problem.rows)
     refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
                       np.zeros((c, 8)))
-    refine(motions, scores, keep, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol,
-           refined.assignments, refined.signs, refined.normals, refined.figures)
+    index = problem.index
+    refine(motions, scores, keep, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol, index.middle, index.size,
+           *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
     return refined
 
 

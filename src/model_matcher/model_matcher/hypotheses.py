@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .evidence import evidence
+from .evidence import evidence, plane_table
 from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry
 from .refinement_kernels import refine
 
@@ -181,24 +181,31 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
 
 @njit(cache=True)
 def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols,
-                      widths, radius_tol, assignments, signs, normals, figures):
+                      widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset, assignments,
+                      signs, matrices, figures):
     """Refine every candidate whose score is at least keep x best.
 
+    middle to by_offset : of the model, see ModelIndex and Regularity
     figures (c, 8): score, rms (metres), chi, centre x, y, z, data matched, evidence (nats). Score is the number of
     distinct model features plus 0.9 x the mean quality of fit; 0 for a candidate that was skipped.
     """
     stamp = np.full(model.shape[0], -1, np.int64)
+    inverse = 0.0
+    for k in range(len(tols)):
+        inverse += 1.0 / tols[k, 0]
+    number, nats = plane_table(offsets, by_offset, len(tols) / inverse)
+    final = widths[len(widths) - 1]
     for k in range(len(scores)):
         figures[k, 0] = 0.0
         if scores[k] <= 0.0 or np.floor(scores[k]) < keep * np.floor(scores[0]):
             continue
         matched, rms, chi, cx, cy, cz = refine(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data,
-                                               kind_d, tols, widths, radius_tol, assignments[k], signs[k], normals[k])
-        final = widths[len(widths) - 1]
+                                               kind_d, tols, widths, radius_tol, assignments[k], signs[k], matrices[k])
         matched = assign(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols, final,
                          radius_tol, assignments[k], signs[k])
         figures[k, 0] = count_matches(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
                                       tols, final, radius_tol, stamp, k, 0.0)
         figures[k, 1], figures[k, 2] = rms, chi
         figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
-        figures[k, 7] = evidence(motions[k], model, data, kind_d, tols, assignments[k])
+        figures[k, 7] = evidence(motions[k], model, kind_m, data, kind_d, tols, assignments[k], middle, size, order,
+                                 direction, normals, number, nats)

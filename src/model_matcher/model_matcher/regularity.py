@@ -1,0 +1,80 @@
+"""What a model owes to the regularity of made things: few directions, and planes that many edges share.
+
+Other objects share this regularity. When one corner of a box lies on one corner of a model, every further edge along
+the same directions does so at the price of one coincidence: that a dimension agrees. evidence.py counts these
+coincidences, and for this needs to know which features lie in which planes of the usual orientations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from .model_index import ModelIndex
+
+PARALLEL = 0.9925  # cosine: nearer directions count as one (7 degrees)
+UPRIGHT = 0.12  # cosine: and so do right angles
+MAX_DIRECTIONS = 10  # the most frequent ones span the planes
+MAX_NORMALS = 24
+
+
+@dataclass(eq=False)
+class Regularity:
+    """Directions and planes of a model's e features.
+
+    order : (e,) int32, longest first, curves before edges; direction : (e,) int32, number of each one's direction
+    normals : (q, 3) float64, unit normals of planes spanned by two of the directions
+    offsets : (q, e) float64, metres, distance of each feature's plane from the origin, NaN when it lies in no such
+        plane: a line in planes along it, a curve also in its own
+    sorted : (q, e) int32, the features by offset, those without one last
+    """
+
+    order: np.ndarray
+    direction: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+    sorted: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """As evidence.py takes them."""
+        return (self.order, self.direction, self.normals, self.offsets, self.sorted)
+
+
+_known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()
+
+
+def regularity(index: ModelIndex) -> Regularity:
+    """The regularity of a model; computed once for each index."""
+    if index not in _known:
+        _known[index] = _find(index.rows)
+    return _known[index]
+
+
+def _find(rows: np.ndarray) -> Regularity:
+    directions = rows[:, 3:6]
+    order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0)).astype(np.int32)
+    number = np.full(len(rows), -1, np.int32)
+    distinct: list[np.ndarray] = []
+    for j in order:
+        if number[j] < 0:
+            alike = (number < 0) & (np.abs(directions @ directions[j]) > PARALLEL)
+            number[alike] = len(distinct)
+            distinct.append(directions[j])
+    usual = np.argsort(-np.bincount(number), kind='stable')[:MAX_DIRECTIONS]
+    normals: list[np.ndarray] = []
+    for place, a in enumerate(usual):
+        for b in usual[:place]:
+            normal = np.cross(distinct[a], distinct[b])
+            length = np.linalg.norm(normal)
+            if length > UPRIGHT and not any(abs(normal @ other) > PARALLEL * length for other in normals):
+                normals.append(normal / length)
+    stack = np.array(normals).reshape(-1, 3)
+    cosine = np.abs(stack @ directions.T)
+    lies = (cosine < UPRIGHT) | ((cosine > PARALLEL) & (rows[:, 6] == 0.0))
+    chosen = np.argsort(-lies.sum(axis=1), kind='stable')[:MAX_NORMALS]
+    stack, lies = stack[chosen], lies[chosen]
+    offsets = np.where(lies, stack @ rows[:, :3].T, np.nan)
+    return Regularity(order, number, stack, offsets, np.argsort(offsets, axis=1, kind='stable').astype(np.int32))
