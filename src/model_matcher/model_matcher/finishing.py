@@ -21,8 +21,12 @@ from .symmetry import symmetric_poses
 # Tolerance widths of successive fits: a pose from two short edges is off by more than the data's own error.
 WIDTHS = np.array([1.5, 1.2, 1.0, 1.0])
 SEARCH_WIDTH = 1.6
-# Candidates within this share of the best score are refined.
+# Candidates within this share of the best score are refined, all of them when the best evidence is doubtful (nats).
 KEEP = 0.6
+DOUBTFUL = 30.0
+# Evidence that the best pose of an absent model has by chance: LEAST + PER_DATA x ln(data features) is reached in every
+# scene, and each TAIL above it in one of e. Measured on scenes of other objects: bench_matcher.py --presets false_alarms.
+LEAST, PER_DATA, TAIL = 3.1, 0.7, 1.3
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
 
@@ -87,7 +91,7 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: 
     refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
                       np.zeros((c, 8)))
     index = problem.index
-    refine(motions, scores, keep, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol, index.middle, index.size,
+    refine(motions, scores, keep, DOUBTFUL, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol, index.middle, index.size,
            *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
     return refined
 
@@ -95,10 +99,10 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: 
 def conclude(problem: Problem, refined: Refined, params: MatchParams,
              ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
     """Accepted and rejected interpretations, each best first."""
-    scores = refined.figures[:, 0]
+    scores, evidence = refined.figures[:, 0], refined.figures[:, 7]
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
     order = sorted((k for k in range(len(scores)) if scores[k] > 0.0),
-                   key=lambda k: (-round(float(scores[k]), 3), refined.assignments[k].tolist()))
+                   key=lambda k: (-round(float(evidence[k]), 3), refined.assignments[k].tolist()))
     matched = refined.assignments != BIN
     heads: list[int] = []
     twins: dict[int, list[int]] = {}
@@ -131,13 +135,13 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         distinct = int(scores[k])
         if distinct < min(params.min_matched, len(problem.index)):
             reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
-        elif refined.figures[k, 7] < needed:
-            reason = (f'chance explains as much: evidence {refined.figures[k, 7]:.1f} of {needed:.1f} nats needed for '
+        elif evidence[k] < needed:
+            reason = (f'chance explains as much: evidence {evidence[k]:.1f} of {needed:.1f} nats needed for '
                       f'false_alarm_rate = {params.false_alarm_rate:g}')
         elif k in rivals:
             better = rivals[k]
             reason = (f'competes for the same data with a better interpretation '
-                      f'({distinct} distinct model features against {int(scores[better])})')
+                      f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)')
         elif params.max_bin is not None and problem.n_data - int(matched[k].sum()) > params.max_bin:
             unmatched = problem.n_data - int(matched[k].sum())
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
@@ -151,15 +155,10 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
 
 
 def needed_evidence(problem: Problem, params: MatchParams) -> float:
-    """Nats below which an interpretation counts as chance.
-
-    A pose comes from two data and two model features: (n x e)^2 chances for a false one, each of which may have the
-    share false_alarm_rate / (n x e)^2. A rate of 1 turns the test off.
-    """
+    """Nats below which an interpretation counts as chance. A rate of 1 turns the test off."""
     if params.false_alarm_rate >= 1.0:
         return -np.inf
-    chances = 2.0 * np.log(len(problem.rows) * len(problem.index))
-    return float(chances - np.log(max(params.false_alarm_rate, 1e-12)))
+    return float(LEAST + PER_DATA * np.log(len(problem.rows)) - TAIL * np.log(max(params.false_alarm_rate, 1e-12)))
 
 
 def as_pose(motion: np.ndarray) -> Pose:

@@ -15,6 +15,7 @@ from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matche
 from .refinement_kernels import refine
 
 CANDIDATES = 16
+WORTH_KEEPING = 0.35  # share of the best score: a decoy may explain more features than a model half hidden
 LOCAL_TEST = 100  # with more data than this, a pose is first tried on the pair's neighbours
 
 
@@ -161,7 +162,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
                                                near[:count], near_kind[:count], near_tols[:count], widen, radius_tol,
                                                stamp, -1 - state[0], 3.0) < 3.0:
                         continue
-                    needed = max(scores[len(scores) - 1], 0.6 * np.floor(scores[0]), 3.0)
+                    needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), 3.0)
                     score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
                                           kind_d, tols, widen, radius_tol, stamp, state[0], needed)
                     if score < needed:
@@ -180,11 +181,12 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
 
 
 @njit(cache=True)
-def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols,
+def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols,
                       widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset, assignments,
                       signs, matrices, figures):
-    """Refine every candidate whose score is at least keep x best.
+    """Refine every candidate whose score is at least keep x best; all, when the best evidence of these is doubtful.
 
+    doubtful : nats
     middle to by_offset : of the model, see ModelIndex and Regularity
     figures (c, 8): score, rms (metres), chi, centre x, y, z, data matched, evidence (nats). Score is the number of
     distinct model features plus 0.9 x the mean quality of fit; 0 for a candidate that was skipped.
@@ -195,9 +197,10 @@ def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vo
         inverse += 1.0 / tols[k, 0]
     number, nats = plane_table(offsets, by_offset, len(tols) / inverse)
     final = widths[len(widths) - 1]
+    best = -np.inf
+    figures[:, 0] = 0.0
     for k in range(len(scores)):
-        figures[k, 0] = 0.0
-        if scores[k] <= 0.0 or np.floor(scores[k]) < keep * np.floor(scores[0]):
+        if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
         matched, rms, chi, cx, cy, cz = refine(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data,
                                                kind_d, tols, widths, radius_tol, assignments[k], signs[k], matrices[k])
@@ -209,3 +212,4 @@ def refine_candidates(motions, scores, keep, model, kind_m, low, cell, shape, vo
         figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
         figures[k, 7] = evidence(motions[k], model, kind_m, data, kind_d, tols, assignments[k], middle, size, order,
                                  direction, normals, number, nats)
+        best = max(best, figures[k, 7])
