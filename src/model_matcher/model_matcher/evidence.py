@@ -8,7 +8,8 @@ features that count but coincidences, beyond those that made the pose:
     offsets    a matched feature lies in planes (see regularity.py). A plane in which a matched feature lies already is
                free, and so are the first three that fix the position. Each other one is a coincidence, whose chance is
                the share of all offsets that lie within the tolerance of one of the model's
-    directions a direction that is neither parallel nor perpendicular to those before: PER_ANGLE for each free angle
+    directions a direction that is neither parallel nor perpendicular to those before: each free angle, whose chance is
+               ANGLE for each direction that the model has
     radii      PER_RADIUS for each distinct radius
     accuracy   by chance a plane lies anywhere within the tolerance of the model's; when it is the model's it lies
                within its error, which is the smaller the more data there is in it, and BIAS x tolerance
@@ -28,9 +29,9 @@ from numba import njit
 from .kernels import CURVE, pair_geometry
 from .regularity import PARALLEL, UPRIGHT
 
-PER_ANGLE = 1.6
+ANGLE = 0.05
 PER_RADIUS = 2.0
-PER_OFFSET = 2.0  # of a feature that lies in no plane of the usual orientations
+PER_OFFSET = 0.5  # of a feature that lies in no plane of the usual orientations: there are many of such
 COVERED = 0.75
 WHOLE = 0.7
 BIAS = 0.15  # of the tolerance; ideal data is no infinite proof
@@ -124,6 +125,7 @@ def coincidences(model, kind_m, used, order, direction, normals, number, nats, a
     radii = np.empty(ENOUGH)
     placed, fixed = np.zeros((3, 3)), np.zeros((3, 3))
     rest = np.zeros(3)
+    per_angle = -np.log(min(1.0, ANGLE * (direction.max() + 1)))
     n_directions = n_radii = n_placed = features = 0
     total = 0.0
     for k in range(e):
@@ -135,7 +137,7 @@ def coincidences(model, kind_m, used, order, direction, normals, number, nats, a
             break
         if not seen[direction[j]] and n_directions < len(directions):
             seen[direction[j]] = True
-            total += PER_ANGLE * free_angles(model[j, 3:6], directions, n_directions)
+            total += per_angle * free_angles(model[j, 3:6], directions, n_directions)
             directions[n_directions] = model[j, 3:6]
             n_directions += 1
         freedom = 2
@@ -209,10 +211,10 @@ def coverage(model, kind_m, data, kind_d, low, high, direction):
         whole = high[j] - low[j] >= COVERED * length
         repeated = False
         for i in range(j):
-            if high[i] > low[i] and direction[i] == direction[j] and abs(2.0 * model[i, 6] - length) < 0.05 * length:
-                if (high[i] - low[i] >= COVERED * 2.0 * model[i, 6]) == whole:
-                    repeated = True
-                    break
+            same = direction[i] == direction[j] and abs(2.0 * model[i, 6] - length) < 0.05 * length
+            if same and high[i] > low[i] and (high[i] - low[i] >= COVERED * 2.0 * model[i, 6]) == whole:
+                repeated = True
+                break
         if repeated:
             continue
         fitting = alike = 0
@@ -329,8 +331,8 @@ def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size
         for p in range(e):
             if weights[i, p] > 0.0:
                 error = variance / weights[i, p] + BIAS ** 2
-                accuracy[i, p] = max(0.5 * np.log(2.0 / (np.pi * error)) - 0.5 * (sums[i, p] / weights[i, p]) ** 2 / error,
-                                     -WORST)
+                off = (sums[i, p] / weights[i, p]) ** 2 / error
+                accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
     total = coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy)
     total += coverage(model, kind_m, data, kind_d, low, high, direction)
     return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)

@@ -21,11 +21,12 @@ from .symmetry import symmetric_poses
 # Tolerance widths of successive fits: a pose from two short edges is off by more than the data's own error.
 WIDTHS = np.array([1.5, 1.2, 1.0, 1.0])
 SEARCH_WIDTH = 1.6
-# Candidates within this share of the best score are refined, all of them when the best evidence is doubtful (nats).
+# Candidates within this share of the best score are refined; all of them, when the best evidence is less than what is
+# needed and so many nats.
 KEEP = 0.6
-DOUBTFUL = 30.0
-# Evidence that the best pose of an absent model has by chance: LEAST + PER_DATA x ln(data features) is reached in every
-# scene, and each TAIL above it in one of e. Measured on scenes of other objects: bench_matcher.py --presets false_alarms.
+DOUBTFUL = 5.0
+# Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
+# TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
 LEAST, PER_DATA, TAIL = 3.1, 0.7, 1.3
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
@@ -83,7 +84,8 @@ class Refined:
     figures: np.ndarray
 
 
-def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: float = KEEP) -> Refined:
+def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams,
+               keep: float = KEEP) -> Refined:
     """Refine candidate poses (c, 12) with search scores (c,), best first."""
     from . import hypotheses
     refine: Any = hypotheses.refine_candidates
@@ -91,8 +93,8 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, keep: 
     refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
                       np.zeros((c, 8)))
     index = problem.index
-    refine(motions, scores, keep, DOUBTFUL, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol, index.middle, index.size,
-           *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
+    refine(motions, scores, keep, needed_evidence(problem, params) + DOUBTFUL, *problem.grid, *problem.sample, WIDTHS,
+           problem.radius_tol, index.middle, index.size, *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
     return refined
 
 

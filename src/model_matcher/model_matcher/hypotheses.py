@@ -16,7 +16,8 @@ from .refinement_kernels import refine
 
 CANDIDATES = 16
 WORTH_KEEPING = 0.35  # share of the best score: a decoy may explain more features than a model half hidden
-LOCAL_TEST = 100  # with more data than this, a pose is first tried on the pair's neighbours
+LOCAL_TEST = 50  # with more data than this, a pose is first tried on the pair's neighbours,
+LOCAL_PARTNERS = 12  # the best partners of each of the two
 
 
 @njit(cache=True)
@@ -110,7 +111,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
     stamp = np.zeros(model.shape[0], np.int64)
     frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
     n = data.shape[0]
-    knn = partners.shape[1]
+    knn = min(partners.shape[1], LOCAL_PARTNERS)
     local = n > LOCAL_TEST
     near = np.empty((2 * knn + 2, 9))
     near_kind = np.empty(2 * knn + 2, kind_d.dtype)
@@ -181,9 +182,9 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
 
 
 @njit(cache=True)
-def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols,
-                      widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset, assignments,
-                      signs, matrices, figures):
+def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
+                      tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
+                      assignments, signs, matrices, figures):
     """Refine every candidate whose score is at least keep x best; all, when the best evidence of these is doubtful.
 
     doubtful : nats

@@ -88,7 +88,7 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
                scores, state)
         first = last
         in_time = time.perf_counter() - started <= params.time_limit_s
-    accepted, rejected = conclude(problem, refine_all(problem, motions, scores), params)
+    accepted, rejected = conclude(problem, refine_all(problem, motions, scores, params), params)
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': int(state[2]),
              'hypotheses': int(state[0]), 'stopped_by': stopped}

@@ -41,7 +41,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     order = np.lexsort((deviation, -checked.passed.sum(axis=1), -matched))[:REFINED]
     motions = np.array([np.concatenate([checked.poses[k].rotation.ravel(), checked.poses[k].translation])
                         for k in order])
-    refined = refine_all(problem, motions, matched[order].astype(float), keep=0.0)
+    refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)
     accepted, rejected = conclude(problem, refined, params)
     reason = None
     if not accepted:
