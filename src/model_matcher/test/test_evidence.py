@@ -1,0 +1,150 @@
+"""Evidence counts coincidences, not features: closed forms for boxes."""
+
+
+import numpy as np
+import pytest
+
+from model_matcher import MatchParams, index_model, match
+from model_matcher.evidence import AGAINST, ANGLE, NEIGHBOURS, coincidences, meet, neighbours, plane_table
+from model_matcher.finishing import make_problem, needed_evidence
+from model_matcher.model_index import ModelIndex, feature_rows
+from model_matcher.regularity import regularity
+from model_matcher.synthetic import box, l_shape, lattice, make_scene, prism, tubes
+from msgs_py import FeatureSet
+
+SIZE = np.array([0.10, 0.06, 0.04])
+TOLERANCE = 1e-3
+IDENTITY = np.r_[np.eye(3).ravel(), np.zeros(3)]
+
+
+def nats_of(index: ModelIndex, used: np.ndarray) -> float:
+    made = regularity(index)
+    number, nats = plane_table(made.offsets, made.sorted, TOLERANCE)
+    return coincidences(index.rows, index.kind, used, made.order, made.direction, made.normals, number, nats,
+                        np.zeros(number.shape))
+
+
+def of_length(length: float) -> float:
+    """Chance, in nats, that a plane of another object falls on one of two at this distance."""
+    return -np.log(4.0 * TOLERANCE / (2.0 * length + 2.0 * TOLERANCE))
+
+
+@pytest.fixture(scope='module')
+def block() -> ModelIndex:
+    return index_model(box(SIZE))
+
+
+def lines(index: ModelIndex, axis: int) -> np.ndarray:
+    return np.flatnonzero(np.abs(index.rows[:, 3 + axis]) > 0.9)
+
+
+def test_a_box_has_three_directions_and_two_planes_across_each(block):
+    made = regularity(block)
+    assert len(set(made.direction.tolist())) == 3
+    number, nats = plane_table(made.offsets, made.sorted, TOLERANCE)
+    assert number.max(axis=1).tolist() == [1, 1, 1]
+    for normal, value in zip(made.normals, nats):
+        assert value == pytest.approx(of_length(SIZE @ np.abs(normal)))
+
+
+def test_planes_nearer_than_the_tolerance_allows_are_one(block):
+    made = regularity(block)
+    number, _ = plane_table(made.offsets, made.sorted, 0.06)
+    assert number.max() == 0
+
+
+def test_the_three_edges_of_a_corner_are_no_coincidence(block):
+    corner = [k for k in range(12) if np.abs(np.minimum(*(np.linalg.norm(p[k]) for p in (
+        block.features.start, block.features.end)))) < 1e-9]
+    used = np.zeros(12, bool)
+    used[corner] = True
+    assert used.sum() == 3
+    assert nats_of(block, used) == 0.0
+
+
+def test_each_dimension_that_agrees_counts_once_however_many_edges_show_it(block):
+    corner = np.array([np.minimum(np.linalg.norm(block.features.start[k]), np.linalg.norm(block.features.end[k])) < 1e-9
+                       for k in range(12)])
+    for axis in range(3):
+        other = (axis + 1) % 3
+        used = corner.copy()
+        # The edge along another axis at the far end of the corner's edge.
+        far = [k for k in lines(block, other) if abs(abs(block.rows[k, axis]) - SIZE[axis]) < 1e-9
+               and abs(block.rows[k, 3 - axis - other]) < 1e-9]
+        used[far] = True
+        assert nats_of(block, used) == pytest.approx(of_length(SIZE[axis]))
+    assert nats_of(block, np.ones(12, bool)) == pytest.approx(sum(of_length(s) for s in SIZE))
+
+
+def test_an_oblique_edge_counts_its_angle_and_each_offset_once():
+    slanted = index_model(prism([(0, 0), (0.06, 0), (0.06, 0.02), (0.03, 0.05), (0, 0.05)], 0.04))
+    front = np.abs(slanted.rows[:, 2]) < 1e-9
+    square = front & (np.abs(slanted.rows[:, 3:5]).max(axis=1) > 0.99)
+    oblique = front & ~square
+    assert square.sum() == 4 and oblique.sum() == 1
+    made = regularity(slanted)
+    number, nats = plane_table(made.offsets, made.sorted, TOLERANCE)
+    across = int(np.argmax(np.abs(made.normals @ np.cross(slanted.rows[oblique][0, 3:6], [0.0, 0.0, 1.0]))))
+    gained = nats_of(slanted, square | oblique) - nats_of(slanted, square)
+    assert gained == pytest.approx(-np.log(4 * ANGLE) + nats[across])
+
+
+def test_a_model_of_many_directions_owes_nothing_to_its_angles():
+    index = index_model(lattice())
+    pair = np.zeros(len(index), bool)
+    pair[[0, 100]] = True
+    assert nats_of(index, pair) < 3.0
+
+
+def test_edges_meet_at_a_corner_and_slightly_beyond_their_ends_but_not_across_a_gap():
+    def rows(start, end):
+        return feature_rows(FeatureSet.from_edges(np.array([start], float), np.array([end], float)))[0]
+    along = rows((0, 0, 0), (0.1, 0, 0))
+    assert meet(along, rows((0.1, 0, 0), (0.1, 0.05, 0)), TOLERANCE)
+    assert meet(along, rows((0.105, 0.002, 0), (0.105, 0.05, 0)), TOLERANCE)
+    assert not meet(along, rows((0.13, 0, 0), (0.13, 0.05, 0)), TOLERANCE)
+    assert not meet(along, rows((0.05, 0, 0.003), (0.05, 0.05, 0.003)), TOLERANCE)
+    assert not meet(along, rows((0.1, 0, 0), (0.2, 0.001, 0)), TOLERANCE)
+
+
+def test_unexplained_edges_at_an_explained_corner_speak_against_it_up_to_a_limit(block):
+    # The model's bottom, and a second, taller object that stands on it.
+    own = block.features.select(np.arange(4))
+    kinds = np.zeros(40, np.uint8)
+    values = []
+    for extra in (0, 1, 4, 30):
+        start = np.column_stack([np.linspace(0.01, 0.09, max(extra, 1))[:extra], np.zeros(extra), np.zeros(extra)])
+        data = FeatureSet.concatenate([own, FeatureSet.from_edges(start, start + [0.0, 0.0, 0.05])])
+        rows = feature_rows(data)
+        tols = np.full((len(rows), 3), TOLERANCE)
+        assignment = np.r_[np.arange(4), np.full(extra, -1)].astype(np.int32)
+        values.append(neighbours(IDENTITY, rows, kinds[:len(rows)], tols, assignment, block.middle, block.size))
+    assert values[0] == NEIGHBOURS
+    assert values[0] > values[1] > values[2]
+    assert values[3] == -AGAINST
+
+
+def test_evidence_needed_grows_with_the_data_and_with_the_certainty_asked_for():
+    model = index_model(l_shape())
+    few, many = (make_problem(model, make_scene(l_shape(), 1, clutter=c).data, MatchParams()) for c in (0.0, 0.8))
+    assert needed_evidence(many, MatchParams()) > needed_evidence(few, MatchParams())
+    assert needed_evidence(few, MatchParams(false_alarm_rate=1e-6)) > needed_evidence(few, MatchParams())
+    assert needed_evidence(few, MatchParams(false_alarm_rate=1.0)) == -np.inf
+
+
+def test_models_of_curves_and_of_scattered_struts_have_evidence_too():
+    for model in (tubes(), lattice()):
+        scene = make_scene(model, 3, clutter=0.5)
+        assert match(model, scene.data), model
+        absent = make_scene(model, 3, clutter=0.5, instances=0)
+        assert not match(model, absent.data)
+
+
+@pytest.mark.parametrize('others', ['polyhedra', 'boxes'])
+def test_absent_models_are_rejected_among_regular_objects(others):
+    rng = np.random.default_rng(5)
+    shapes = None if others == 'polyhedra' else tuple(box(rng.uniform(0.02, 0.1, 3)) for _ in range(30))
+    model = index_model(l_shape(), 'l_shape')
+    found = [bool(match(model, make_scene(l_shape(), seed, clutter=0.8, instances=0, others=shapes).data))
+             for seed in range(500, 560)]
+    assert not any(found)
