@@ -93,8 +93,9 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params
     refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
                       np.zeros((c, 8)))
     index = problem.index
-    refine(motions, scores, keep, needed_evidence(problem, params) + DOUBTFUL, *problem.grid, *problem.sample, WIDTHS,
-           problem.radius_tol, index.middle, index.size, *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
+    doubtful = needed_evidence(problem, params) + DOUBTFUL
+    refine(motions, scores, keep, doubtful, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol, index.middle,
+           index.size, *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
     return refined
 
 

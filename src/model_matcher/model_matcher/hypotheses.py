@@ -182,8 +182,8 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
 
 
 @njit(cache=True)
-def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
-                      tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
+def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
+                      kind_d, tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
                       assignments, signs, matrices, figures):
     """Refine every candidate whose score is at least keep x best; all, when the best evidence of these is doubtful.
 

@@ -25,7 +25,7 @@ class Regularity:
     """Directions and planes of a model's e features.
 
     order : (e,) int32, longest first, curves before edges; direction : (e,) int32, number of each one's direction
-    normals : (q, 3) float64, unit normals of planes spanned by two of the directions
+    normals : (q, 3) float64, unit normals of planes spanned by two of the directions, or upright to a flat model
     offsets : (q, e) float64, metres, distance of each feature's plane from the origin, NaN when it lies in no such
         plane: a line in planes along it, a curve also in its own
     sorted : (q, e) int32, the features by offset, those without one last
@@ -71,6 +71,12 @@ def _find(rows: np.ndarray) -> Regularity:
             length = np.linalg.norm(normal)
             if length > UPRIGHT and not any(abs(normal @ other) > PARALLEL * length for other in normals):
                 normals.append(normal / length)
+    # The lines of a flat model lie in its plane only: the other planes along them are upright to it.
+    for a in usual:
+        flat = [normal for normal in normals if abs(normal @ distinct[a]) < UPRIGHT]
+        if len(flat) == 1:
+            upright = np.cross(flat[0], distinct[a])
+            normals.append(upright / np.linalg.norm(upright))
     stack = np.array(normals).reshape(-1, 3)
     cosine = np.abs(stack @ directions.T)
     lies = (cosine < UPRIGHT) | ((cosine > PARALLEL) & (rows[:, 6] == 0.0))

@@ -96,6 +96,16 @@ def test_a_model_of_many_directions_owes_nothing_to_its_angles():
     assert nats_of(index, pair) < 3.0
 
 
+def test_the_lines_of_a_flat_grid_count_their_offsets():
+    at = np.arange(5) * 0.03
+    none, full = np.zeros(5), np.full(5, 0.12)
+    start = np.column_stack([np.r_[at, none], np.r_[none, at], np.zeros(10)])
+    end = np.column_stack([np.r_[at, full], np.r_[full, at], np.zeros(10)])
+    index = index_model(FeatureSet.from_edges(start, end))
+    one = -np.log(10.0 * TOLERANCE / (0.24 + 2.0 * TOLERANCE))
+    assert nats_of(index, np.ones(10, bool)) == pytest.approx(8.0 * one)
+
+
 def test_edges_meet_at_a_corner_and_slightly_beyond_their_ends_but_not_across_a_gap():
     def rows(start, end):
         return feature_rows(FeatureSet.from_edges(np.array([start], float), np.array([end], float)))[0]
