@@ -9,6 +9,7 @@ Marr-Hildreth are there for study and give the same type.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import cv2
@@ -65,6 +66,10 @@ class Edgels:
     def select(self, index: np.ndarray) -> Edgels:
         """A subset or reordering: (m,) indices or (n,) bool."""
         return Edgels(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Edgels]) -> Edgels:
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     @property
     def tangent(self) -> np.ndarray:
@@ -141,11 +146,12 @@ def gradient(grey: np.ndarray, detector: str, sigma: float) -> tuple[np.ndarray,
 
 
 def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, threshold: float = 1.0,
-           noise: float | None = None) -> Edgels:
+           noise: float | None = None, slopes: tuple[np.ndarray, np.ndarray] | None = None) -> Edgels:
     """Edgels of a grey image.
 
     grey : (h, w) float32, grey levels; detector : one of DETECTORS; sigma : smoothing, pixels
-    threshold : least gradient magnitude, grey levels per pixel; noise : grey levels, estimated when None.
+    threshold : least gradient magnitude, grey levels per pixel; noise : grey levels, estimated when None
+    slopes : what :func:`gradient` gave for this picture, when it is known already.
     Returns Edgels in raster order. Images smaller than 5 pixels have none.
     """
     if detector not in DETECTORS:
@@ -153,7 +159,7 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
     if min(grey.shape) < 5:
         return Edgels.empty()
     noise = noise_level(grey) if noise is None else noise
-    gx, gy = gradient(grey, detector, sigma)
+    gx, gy = gradient(grey, detector, sigma) if slopes is None else slopes
     if detector == 'marr-hildreth':
         smooth, _ = gaussian_kernels(sigma)
         blurred = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, smooth, borderType=cv2.BORDER_REPLICATE)

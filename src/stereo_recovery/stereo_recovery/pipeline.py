@@ -25,12 +25,16 @@ from .outlines import contours
 from .params import RecoveryParams
 from .profiles import taken_apart
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
-from .strings import link
+from .strings import link, with_weak
 from .tangency import joined_ends
 
 # Edgels a pixel, and in all, above which the thresholds rise.
 DENSEST = 0.03
 MOST_EDGELS = 40000
+# In a picture with fewer edgels a pixel than this, long strings of weak ones count too: least magnitude and least mean
+# in units of the gradient's noise, and least number of edgels.
+SPARSE = 0.01
+WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
 LEAST_DETERMINED = 0.25
 
@@ -69,7 +73,8 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     noise = edgel_module.noise_level(grey)
     gradient_noise = noise / (np.sqrt(8.0 * np.pi) * params.sigma ** 2)
     low, high = max(params.low, 5.0 * gradient_noise), max(params.high, 7.0 * gradient_noise)
-    found = edgel_module.detect(grey, params.detector, params.sigma, low, noise)
+    slopes = edgel_module.gradient(grey, params.detector, params.sigma)
+    found = edgel_module.detect(grey, params.detector, params.sigma, low, noise, slopes)
     # A picture full of texture would drown its edges: keep the strongest.
     most = min(int(DENSEST * grey.size), MOST_EDGELS)
     if len(found) > most:
@@ -77,8 +82,12 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
         found = found.select(found.magnitude > max(low, 0.5 * high))
     strings = link(found, grey.shape, high)
     tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
+    weakest = max(params.low, WEAKEST * gradient_noise)
+    if len(found) < SPARSE * grey.size and weakest < low:
+        every = edgel_module.detect(grey, params.detector, params.sigma, weakest, noise, slopes)
+        strings = with_weak(strings, every, grey.shape, max(params.low, WEAK_MEAN * gradient_noise), WEAK_COUNT)
     ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
-    pieces = taken_apart(edgel_module.gradient(grey, 'canny', params.sigma), ordered, pieces, params.sigma)
+    pieces = taken_apart(slopes, ordered, pieces, params.sigma)
     return _View(grey, ordered, pieces, ellipses)
 
 

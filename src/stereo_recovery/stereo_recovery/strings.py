@@ -40,3 +40,26 @@ def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = 4) 
                                           edgels.magnitude, shape[0], shape[1])
     order, offsets, closed = string_kernels.trace(following, edgels.magnitude, high, minimum)
     return Strings(edgels.select(order), offsets, closed)
+
+
+def with_weak(strings: Strings, edgels: Edgels, shape: tuple[int, int], least: float, minimum: int) -> Strings:
+    """The strings, and long strings of weak edgels between them.
+
+    edgels : all, weak ones too; least : mean magnitude of a weak string; minimum : its number of edgels. Noise makes
+    edgels of that magnitude anywhere, but no long strings of them.
+    """
+    if len(edgels) == 0:
+        return strings
+    taken = np.zeros(shape, bool)
+    place = np.rint(strings.edgels.position).astype(int)
+    taken[place[:, 1], place[:, 0]] = True
+    place = np.rint(edgels.position).astype(int)
+    weak = link(edgels.select(~taken[place[:, 1], place[:, 0]]), shape, 0.0, minimum)
+    if len(weak) == 0:
+        return strings
+    count = np.diff(weak.offsets)
+    mean = np.add.reduceat(weak.edgels.magnitude, weak.offsets[:-1]) / count
+    keep = mean >= least
+    offsets = np.concatenate([strings.offsets, strings.offsets[-1] + np.cumsum(count[keep])])
+    return Strings(Edgels.concatenate([strings.edgels, weak.edgels.select(np.repeat(keep, count))]), offsets,
+                   np.concatenate([strings.closed, weak.closed[keep]]))
