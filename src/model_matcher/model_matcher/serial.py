@@ -19,7 +19,6 @@ from .signs import apply_code, write_signs
 from .tables import _data_ranges, all_pairs, model_ranges, unary_table
 from .tree import COUNTERS, TreeResult
 
-
 LARGEST_PAIRS = 2_000_000  # of data features: 11 numbers each
 TESTS_PER_SECOND = 10_000_000  # only to turn a time limit into a limit of pair tests
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -16,6 +17,7 @@ from .params import MatchParams
 
 # A table set larger than this is refused with a reason; the hypothesis search needs no tables.
 LARGEST_TABLES = 400_000_000
+ENTRIES_PER_SECOND = 20_000_000  # only to turn a time limit into a limit of entries
 
 
 @dataclass(eq=False)
@@ -37,7 +39,7 @@ class Tables:
         """(P, e, e) bool: the look-up tables of the thesis."""
         return self.code != 0
 
-    @property
+    @cached_property
     def sums(self) -> np.ndarray:
         """(P,) int64: matches of each data pair, what the orderings sort by."""
         return np.count_nonzero(self.code, axis=(1, 2))
@@ -93,8 +95,9 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     """
     n, e = len(data), len(index)
     count = n * (n - 1) // 2
-    if count * e * e > LARGEST_TABLES:
-        raise ValueError(f'{count} data pairs x {e} x {e} model features are too many for look-up tables; '
+    if count * e * e > min(LARGEST_TABLES, params.time_limit_s * ENTRIES_PER_SECOND):
+        raise ValueError(f'{count} data pairs x {e} x {e} model features are too many for look-up tables within '
+                         f'{params.time_limit_s:g} s; '
                          "use search='hypotheses'")
     pairs = all_pairs(n)
     rows = feature_rows(data)

@@ -8,6 +8,7 @@ features in the bin come first.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,7 +23,8 @@ from .signs import apply_code, write_signs
 from .tables import Tables, pair_number
 
 UNASSIGNED = -2
-LEVELS_PER_SECOND = 2_000_000  # only to turn a time limit into a limit of levels
+LEVELS_PER_SECOND = 1_000_000  # only to turn a time limit into a limit of levels
+LEVEL_SIZE = 1000  # data x model features of which a level is that fast
 # Names of the counters that the kernels keep.
 COUNTERS = ('levels', 'backtracks', 'sign_cutoffs', 'unassigned_pairs', 'truncated')
 
@@ -56,7 +58,9 @@ def search_with_bin(tables: Tables, params: MatchParams, limit: int, seconds: fl
     """Run a traversal with a rising number of features in the bin until something is found."""
     n = tables.unary.shape[0]
     # Levels instead of a clock: the result does not depend on the machine's mood, nor on compile time.
-    budget = int((params.time_limit_s if seconds is None else seconds) * LEVELS_PER_SECOND)
+    limit_s = params.time_limit_s if seconds is None else seconds
+    budget = int(limit_s * LEVELS_PER_SECOND / max(1.0, tables.unary.size / LEVEL_SIZE))
+    started = time.perf_counter()
     stats = dict.fromkeys(COUNTERS, 0)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
     core = core_numbers(tables)
@@ -69,6 +73,8 @@ def search_with_bin(tables: Tables, params: MatchParams, limit: int, seconds: fl
         assignments, signs, counters = traverse(tables, alive, params, in_bin, limit, left)
         for name, count in zip(COUNTERS, counters):
             stats[name] += int(count)
+        if time.perf_counter() - started > 2.0 * limit_s:  # a machine much slower than the budget has it
+            stats['truncated'] += 1
         if len(assignments) or stats['truncated']:
             return TreeResult(assignments, signs, not stats['truncated'], stats)
     return TreeResult(np.zeros((0, n), np.int32), np.zeros((0, n), np.int8), not stats['truncated'], stats)
