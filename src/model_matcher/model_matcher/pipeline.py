@@ -50,7 +50,7 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
     problem = make_problem(index, data, params)
     if len(problem.rows) == 0:
         return no_match(data, 'the data holds no features' if len(data) == 0 else 'every data feature has length zero')
-    if params.search == 'hypotheses':
+    if params.search == 'hypotheses' and not _all_parallel(problem.rows):
         result = _match_hypotheses(problem, params, started)
     else:
         result = match_by_tree(problem, params, started)
@@ -59,6 +59,13 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         result = certify(problem, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
+
+
+def _all_parallel(rows: np.ndarray) -> bool:
+    """Whether no two features fix a pose; a tree then finds what there is, with the shift along them left free."""
+    from .kernels import PARALLEL_SINE
+    crossed = np.cross(rows[0, 3:6], rows[:, 3:6])
+    return bool(np.einsum('ij,ij->i', crossed, crossed).max() < PARALLEL_SINE ** 2 / 4.0)
 
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:

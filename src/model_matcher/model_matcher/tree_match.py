@@ -39,6 +39,9 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     stats['valid'] = int(checked.valid.sum())
     deviation = np.sqrt(np.nanmean(np.where(result.assignments >= 0, checked.deviations, np.nan) ** 2, axis=1))
     order = np.lexsort((deviation, -checked.passed.sum(axis=1), -matched))[:REFINED]
+    for name, free in (('free_shift', checked.free_shift), ('free_turn', checked.free_turn)):
+        if np.isfinite(free[order[0]]).all():
+            stats[name] = [float(value) for value in free[order[0]]]  # of the best, camera frame
     motions = np.array([np.concatenate([checked.poses[k].rotation.ravel(), checked.poses[k].translation])
                         for k in order])
     refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)

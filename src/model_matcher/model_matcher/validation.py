@@ -175,6 +175,13 @@ def validate(model: FeatureSet, data: FeatureSet, assignments: np.ndarray, signs
                 signed[k, first] = True
         rotation, free_turn = best_rotations(chosen[..., 3:6], directions * signs[..., None],
                                              np.where(signed, length, 0.0))
+        for k in np.flatnonzero(np.isfinite(free_turn[:, 0]) & (matched.sum(axis=1) > 1)):
+            # Parallel directions leave the turn about them to the places of the lines.
+            used = matched[k]
+            turn = _turn_about(free_turn[k], chosen[k, used, :3] @ rotation[k].T, rows_d[used, :3], size)
+            if turn is not None:
+                rotation[k] = turn @ rotation[k]
+                free_turn[k] = np.nan
         if attempt == 0:
             turned = np.einsum('mij,mkj->mki', rotation, chosen[..., 3:6])
             guess = np.where(np.einsum('mki,mki->mk', turned, directions) >= 0.0, 1, -1).astype(np.int8)
@@ -202,6 +209,18 @@ def validate(model: FeatureSet, data: FeatureSet, assignments: np.ndarray, signs
             passed &= ~curve | (difference <= limit)
     poses = [Pose(_proper(rotation[k]), translation[k], float(scale[k])) for k in range(m)]
     return Validation(poses, deviations, passed, signs, free_shift, free_turn)
+
+
+def _turn_about(axis: np.ndarray, points: np.ndarray, targets: np.ndarray, size: float) -> np.ndarray | None:
+    """(3, 3): the rotation about an axis that brings points (k, 3) to their targets best across it; None when every
+    one does, because they lie on one line along it."""
+    across = np.eye(3) - np.outer(axis, axis)
+    p, q = ((x - x.mean(axis=0)) @ across for x in (points, targets))
+    if max(float(np.abs(p).max()), float(np.abs(q).max())) < 1e-6 * size:
+        return None
+    angle = np.arctan2(float((np.cross(p, q) @ axis).sum()), float((p * q).sum()))
+    skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
 
 
 def _proper(rotation: np.ndarray) -> np.ndarray:

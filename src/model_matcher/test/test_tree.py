@@ -115,6 +115,33 @@ def test_all_searches_give_one_best_interpretation(name, seed):
         assert error.rotation < 1e-6 and error.translation < 1e-7, search
 
 
+@pytest.mark.parametrize('search', ['hypotheses', 'tree', 'subgraph', 'serial'])
+def test_parallel_data_gives_its_pose_and_the_shift_that_stays_free(search):
+    model = MODELS['chair']()
+    truth = random_pose(np.random.default_rng(0))
+    along = model.select(np.flatnonzero(np.abs(model.directions[:, 2]) > 0.9)).transformed(truth)
+    data = FeatureSet.from_edges(along.start + 0.1 * along.vectors, along.end - 0.15 * along.vectors, 1e-3, 1e-3)
+    result = match(model, data, MatchParams(search=search))
+    free = np.array(result.stats['free_shift'])
+    assert abs(free @ data.directions[0]) > 1.0 - 1e-9 and 'free_turn' not in result.stats
+    assert result.best.matched == len(data)
+    gaps = [pose.translation - truth.translation for pose in (result.best.pose, *result.best.symmetric_poses)
+            if pose.error_to(truth).rotation_deg < 1e-3]
+    assert any(np.linalg.norm(np.cross(gap, free)) < 1e-6 for gap in gaps)
+    variance = free @ result.best.covariance[:3, :3] @ free
+    assert variance > (0.5 * np.ptp(model.start, axis=0).max()) ** 2
+
+
+@pytest.mark.parametrize('search', ['tree', 'subgraph', 'serial'])
+@pytest.mark.parametrize('scale', ['known', 'free'])
+def test_much_data_gives_a_reason(search, scale):
+    rng = np.random.default_rng(0)
+    start = rng.uniform(-3.0, 3.0, (20_000, 3))
+    data = FeatureSet.from_edges(start, start + 0.03 * rng.normal(size=start.shape), 1e-3, 1e-3)
+    result = match(MODELS['wedge'](), data, MatchParams(search=search, scale=scale, time_limit_s=1.0))
+    assert not result and 'too many' in result.reason
+
+
 def test_tables_that_would_not_fit_are_refused_with_a_reason():
     model = MODELS['lattice']()
     result = match(model, model, MatchParams(search='tree'))
