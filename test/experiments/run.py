@@ -27,8 +27,8 @@ from page import write_page, write_results  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 # The order of the page.
-GROUPS = ('exp_tiling', 'exp_scenes', 'exp_constraints', 'exp_search', 'exp_poses', 'exp_plug', 'exp_beyond',
-          'exp_images')
+GROUPS = ('exp_tiling', 'exp_scenes', 'exp_constraints', 'exp_search', 'exp_agreement', 'exp_poses', 'exp_plug',
+          'exp_beyond', 'exp_images')
 
 
 def experiments() -> list[Experiment]:
