@@ -43,6 +43,8 @@ def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[
         seen = of_cylinder(curve, pieces, rig)
         if len(seen.sides) < 2:
             continue
+        if any(_closes(curve, c) for c in result):
+            continue
         ends = seen.places(curve.centre, curve.normal).ravel()
         ends = ends[np.argsort(-np.abs(ends))]
         tried: list[float] = []
@@ -57,6 +59,14 @@ def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[
                 result.append(found)
                 break
     return result
+
+
+def _closes(curve: Curve, other: Curve) -> bool:
+    """Whether another rim is the other end of a curve's cylinder."""
+    run = other.centre - curve.centre
+    along = float(run @ curve.normal)
+    return bool(abs(along) > APART * curve.radii[0] and abs(other.radii[0] / curve.radii[0] - 1.0) < SAME_RADIUS
+                and np.linalg.norm(run - along * curve.normal) < APART * curve.radii[0])
 
 
 def distinct(curves: list[Curve]) -> list[Curve]:
