@@ -252,3 +252,12 @@ def continuations(table, widest, bend, wobble):
         if successor[i] >= 0 and taken[successor[i]] != i:
             successor[i] = -1
     return successor
+
+
+@njit(cache=True)
+def medians(values, bounds):
+    """(k,) float64: median of each run [first, last) of values (n,); bounds (k, 2)."""
+    out = np.empty(len(bounds))
+    for k in range(len(bounds)):
+        out[k] = np.median(values[bounds[k, 0]:bounds[k, 1]])
+    return out

@@ -170,7 +170,7 @@ def unusual(e: Edgels, bounds: np.ndarray) -> np.ndarray:
     common in the picture; nothing where some edges are out of focus."""
     if len(bounds) == 0:
         return np.zeros(0)
-    off = np.abs(np.array([np.median(e.width[a:b]) for a, b in bounds]) / float(np.median(e.width)) - 1.0)
+    off = np.abs(segment_kernels.medians(e.width, bounds) / float(np.median(e.width)) - 1.0)
     count = np.diff(bounds, axis=1)[:, 0]
     common = float(np.median(np.repeat(off, count)))
     if common > VARIED:
