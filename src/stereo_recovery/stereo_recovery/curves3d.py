@@ -32,6 +32,8 @@ GATE = 3.5
 LEAST_CLAIM = 0.12
 # Edgels at the end of a run that a corner has displaced.
 CORNER_EDGELS = 2
+# A second fit is worth its time when more than this share of the edgels has changed.
+SETTLED = 0.03
 # A circle is an ellipse unless the ellipse lowers the sum of squares by this factor, and its radii differ by this much.
 ELLIPSE_GAIN = 1.3
 ELLIPSE_RATIO = 0.985
@@ -160,11 +162,16 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
             curve = ellipse
     if curve is None or curve.rms > WORST_RMS or curve.centre[2] <= 0.0:
         return None
-    for _ in range(2):
+    fitted: tuple[np.ndarray, np.ndarray] = (np.zeros(0, bool), np.zeros(0, bool))
+    for turn in range(2):
         (on_left, fit_left), (on_right, fit_right) = (claimed(curve, edgels, rig, eye, blur) for edgels, eye in (
             (left, 0.0), (right, rig.baseline)))
         if min(fit_left.sum(), fit_right.sum()) < 8:
             return None
+        changed = sum(int((a != b).sum()) for a, b in zip(fitted, (fit_left, fit_right))) if turn else len(left)
+        if changed < SETTLED * (fit_left.sum() + fit_right.sum()):
+            break
+        fitted = (fit_left, fit_right)
         mine = (left.select(fit_left), right.select(fit_right))
         again = refine(curve, *mine, rig, blur, circle=bool(curve.radii[0] == curve.radii[1]), rounds=6,
                        axle=axle)
