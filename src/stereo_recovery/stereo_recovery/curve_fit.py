@@ -20,8 +20,8 @@ SECTORS = 12
 # The same for what is the same all round (how far a lens blurs is guessed), and shares of an edgel's own sigma that
 # behave so: stairs of pictures without anti-aliasing.
 EVERYWHERE_SHIFT = 0.01
-COMMON_SHARE = 0.3
-EVERYWHERE_SHARE = 0.1
+COMMON_SHARE = 0.5
+EVERYWHERE_SHARE = 0.2
 # An ellipse whose radii differ by less than so many sigma cannot be told from a circle.
 OBLONG = 4.0
 
