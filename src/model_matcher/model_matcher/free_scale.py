@@ -194,8 +194,8 @@ def settle(index: ModelIndex, data: FeatureSet, found: Interpretation, scale: fl
         problem = make_problem(index, resized(data, 1.0 / scale), params)
         # The old pose, shrunk with the data.
         motion = np.concatenate([current.pose.rotation.ravel(), current.pose.translation / factor])
-        accepted, _ = conclude(problem, refine_all(problem, motion[None], np.array([float(current.matched)]), 0.0),
-                               params)
+        refined = refine_all(problem, motion[None], np.array([float(current.matched)]), params, keep=0.0)
+        accepted, _ = conclude(problem, refined, params)
         if not accepted:
             return None
         current = accepted[0]
