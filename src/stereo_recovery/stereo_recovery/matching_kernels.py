@@ -38,6 +38,8 @@ BREAK_OFFSET = 1.0
 BREAK_SINE = 0.05
 # When the rows two pieces share are less than this share of the longer, only those rows are compared.
 PART = 0.6
+# What an outline before the backdrop is worth that both images show from end to end.
+OUTLINE = 0.05
 # Candidates less alike than this are not looked at.
 LEAST_LIKENESS = 0.04
 
@@ -160,10 +162,17 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
             if gradient > GRADIENT_END:
                 likeness *= STEEP
             # Ends at the same height: both images show the whole edge.
+            loose = 0
             for e in range(2):
                 if abs(left[i, 1 + 2 * e] - (y0 if e == 0 else y1)) > END_SLACK:
                     likeness *= LOOSE_END
-            if likeness < LEAST_LIKENESS or (gradient > GRADIENT_END and likeness < LEAST_STEEP):
+                    loose += 1
+            # Then an outline whose other side is a narrow face, that looks different to each eye, is worth a try.
+            dark_ground = abs(left_dark - backdrop) < BACKDROP_WIDTH and dark < BACKDROP_WIDTH
+            bright_ground = abs(left_bright - backdrop) < BACKDROP_WIDTH and bright < BACKDROP_WIDTH
+            if loose == 0 and not flip and not partial and (dark_ground or bright_ground):
+                likeness = max(likeness, OUTLINE)
+            if likeness < LEAST_LIKENESS or (gradient > GRADIENT_END and likeness < LEAST_STEEP and likeness != OUTLINE):
                 continue
             if count == len(node):
                 grown, grown_value = np.empty((2 * count, 2), np.int32), np.empty((2 * count, 6))

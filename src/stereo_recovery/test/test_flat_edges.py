@@ -107,3 +107,13 @@ def test_the_nearer_of_two_edges_side_by_side_goes_first_when_it_is_nearly_as_st
     for strength, order in (((1.0, 0.8), [1, 0]), ((1.0, 0.4), [0, 1])):
         standing = matching_kernels.standing(node, value, np.array(strength), np.ones(2), first, right_of, right_first)
         assert list(np.argsort(-standing)) == order
+
+
+@pytest.mark.parametrize('bottom, found', [(50.0, True), (40.0, False)])
+def test_an_outline_before_the_backdrop_is_a_candidate_when_both_images_show_it_from_end_to_end(bottom, found):
+    """Its own side differs: each eye sees another part of a narrow face."""
+    left = np.array([[100.0, 10.0, 100.0, 50.0, 0.0, 1.0, 90.0, 170.0, 20.0]])
+    right = np.array([[40.0, 10.0, 40.0, bottom, 0.0, 1.0, 130.0, 169.0, 20.0]])
+    beside = [np.tile(table[0, 6:8], (1, SAMPLES, 1)) for table in (left, right)]
+    node, _ = matching_kernels.candidates(left, right, *beside, 0.0, 1000.0, 0.1, 170.0, 6.0)
+    assert bool(len(node)) == found
