@@ -127,7 +127,8 @@ class TopicFuzzer:
         self.send(messages)
         if self.harness.spin(lambda: self.node.health.processed > before and self.heard() >= heard + len(messages),
                              HANG_S) is None:
-            raise Failed(f'a good input was not processed; last error: {self.node.health.last_error}')
+            raise Failed(f'a good input was not processed after {self.damaged} damaged ones; last error: '
+                         f'{self.node.health.last_error}')
 
     def check_books(self) -> None:
         """Nothing vanishes: every message was heard or is counted as lost, and every stereo message has its fate."""

@@ -65,6 +65,7 @@ class StampSync:
             self.counters.clock_jumps += 1
         self._late_run[topic] = 0
         messages = self._group(topic, stamp_ns)
+        self.counters.unmatched += topic in messages
         messages[topic] = message
         if len(messages) < len(self.topics):
             self._evict()
@@ -98,7 +99,15 @@ class StampSync:
         return self._newest_emitted - stamp_ns >= self.jump_ns or self._late_run[topic] > self.queue_size
 
     def _group(self, topic: str, stamp_ns: int) -> dict[str, Any]:
-        """The pending set of this stamp: the nearest within the tolerance that lacks the topic, or a new one."""
+        """The pending set of this stamp: the nearest within the tolerance that lacks the topic, or a new one.
+
+        Of two messages of one topic with one and the same stamp the later counts: the first may be a stray of another
+        time, from before a clock was set.
+        """
+        if self.tolerance_ns == 0:
+            for stamp, pending in self._pending:
+                if stamp == stamp_ns:
+                    return pending
         candidates = [(abs(stamp - stamp_ns), index) for index, (stamp, messages) in enumerate(self._pending)
                       if abs(stamp - stamp_ns) <= self.tolerance_ns and topic not in messages]
         if candidates:

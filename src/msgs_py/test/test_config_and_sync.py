@@ -64,6 +64,12 @@ class TestStampSync:
         sync.add('a', 108, 'near')
         assert sync.add('b', 109, 'b')['a'] == 'near'
 
+    def test_of_two_messages_with_one_stamp_the_later_counts(self):
+        sync = StampSync('ab')
+        sync.add('a', 5, 'stray')
+        sync.add('a', 5, 'good')
+        assert sync.add('b', 5, 'b') == {'a': 'good', 'b': 'b'} and sync.counters.unmatched == 1
+
     def test_late_messages_are_dropped_but_a_clock_jump_starts_afresh(self):
         sync = StampSync('ab')
         sync.add('a', 10 * NANOSECONDS, 1)
