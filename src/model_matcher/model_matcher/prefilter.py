@@ -3,7 +3,8 @@
 Every data feature is paired with the few features it pairs with best. One list of such pairs serves all models: each
 pair is looked up in a model's pair table, turned into a pose, and the pose tried first on the neighbours of the pair,
 then on all data, as in the full search, but with far fewer pairs. A model that is there is hit by many of the pairs; it
-only has to be hit once to show a score above what chance gives.
+only has to be hit once to show a score above what chance gives. Of the models that score best, the best poses are
+refined and judged by their evidence: where few edges are in view, chance scores as much, but fits worse.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
 
-from .hypotheses import _pose_of_pair
+from .finishing import make_problem, needed_evidence, refine_all
+from .hypotheses import _insert, _pose_of_pair
 from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, count_matches, pair_geometry, rank_pairs
 from .model_index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
 from .params import MatchParams
@@ -33,10 +35,12 @@ LEAST_PAIRS = 16
 NEAR = 12  # neighbours of a pair that its pose is tried on first
 NEAR_NEEDED = 3.0  # distinct model features among them
 SEARCH_WIDTH = 1.6  # tolerance of unrefined poses, as in the full search
-# Searched in any case: so many, or this share of the library, and all models whose features are explained to CLEAR.
-LEAST_CANDIDATES = 5
-SHARE = 0.01
-CLEAR = 0.65
+POSES = 3  # of a model that are kept
+JUDGED = 150  # models whose poses are refined
+# Searched in any case: so many; and every model whose evidence is within so many nats of what is needed.
+LEAST_CANDIDATES = 3
+MOST_CANDIDATES = 24
+SHORT_OF = 3.0
 
 
 def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
@@ -44,31 +48,46 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
     keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
     if len(keep) < 3:
         return list(range(len(models)))
-    scores = library_scores(models, data.select(keep), params)
+    used = data.select(keep)
+    scores, motions = library_scores(models, used, params)
     sizes = np.array([len(model) for model in models])
     # Chance explains more features of a large model, but a smaller share of them.
-    order = np.argsort(-scores / np.sqrt(sizes), kind='stable')
-    most = max(LEAST_CANDIDATES, int(np.ceil(SHARE * len(models))))
-    return [int(k) for place, k in enumerate(order)
-            if scores[k] > 0.0 and (place < most or scores[k] >= CLEAR * sizes[k])]
+    order = np.argsort(-scores[:, 0] / np.sqrt(sizes), kind='stable')
+    order = order[scores[order, 0] > 0.0][:JUDGED]
+    surplus = np.array([_surplus(models[k], used, params, motions[k], scores[k]) for k in order])
+    ranked = np.argsort(-surplus, kind='stable')
+    return [int(order[k]) for place, k in enumerate(ranked)
+            if place < LEAST_CANDIDATES or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)]
 
 
-def library_scores(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> np.ndarray:
-    """(models,) float64: the most distinct model features that a pose of the shared pairs explains, plus fit quality.
+def _surplus(model: ModelIndex, data: FeatureSet, params: MatchParams, motions: np.ndarray,
+             scores: np.ndarray) -> float:
+    """Nats by which the best of a model's poses, refined, exceeds what an accepted interpretation needs."""
+    problem = make_problem(model, data, params)
+    refined = refine_all(problem, motions.copy(), scores, params, keep=0.0)
+    needed = needed_evidence(problem, params)
+    return float(refined.figures[:, 7].max() - max(needed, 0.0))
+
+
+def library_scores(models: Sequence[ModelIndex], data: FeatureSet,
+                   params: MatchParams) -> tuple[np.ndarray, np.ndarray]:
+    """The distinct model features, plus fit quality, that the best poses of the shared pairs explain, best first:
+    scores (models, POSES) float64, 0 where there is none, and poses (models, POSES, 12).
 
     data : features with length, camera frame
     """
     rows = feature_rows(data)
-    scores = np.zeros(len(models))
-    run: Any = _best_score
+    scores, motions = np.zeros((len(models), POSES)), np.zeros((len(models), POSES, 12))
+    run: Any = _best_poses
 
-    def score(number: int, pairs: np.ndarray, near: np.ndarray, counts: np.ndarray, count_only: bool) -> float:
+    def score(number: int, pairs: np.ndarray, near: np.ndarray, counts: np.ndarray, count_only: bool) -> None:
         model = models[number]
         tolerances = data_tolerances(data, rows, model.size, params)
         table = model.voxels(SEARCH_WIDTH * float(tolerances[:, 0].max()))
-        return run(pairs, near, model.rows, model.kind, model.pair_starts, model.pair_members, model.pair_values,
+        run(pairs, near, model.rows, model.kind, model.pair_starts, model.pair_members, model.pair_values,
                    model.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, rows, data.kind,
-                   tolerances, SEARCH_WIDTH, params.curvedev * model.max_radius, counts, count_only)
+                   tolerances, SEARCH_WIDTH, params.curvedev * model.max_radius, counts, count_only, model.middle,
+            model.size, motions[number], scores[number])
 
     pairs, near = shared_pairs(rows, float(np.median([model.size for model in models])))
     # How often a pair fits a model by chance is the same for all of a library, more or less: a few models tell.
@@ -82,12 +101,12 @@ def library_scores(models: Sequence[ModelIndex], data: FeatureSet, params: Match
     def work(numbers: range) -> None:
         unused = np.zeros(len(pairs), np.int64)
         for number in numbers:
-            scores[number] = score(number, pairs, near, unused, False)
+            score(number, pairs, near, unused, False)
 
     workers = min(4, os.cpu_count() or 1)
     with ThreadPoolExecutor(max_workers=workers) as pool:
         list(pool.map(work, [range(first, len(models), workers) for first in range(workers)]))
-    return scores
+    return scores, motions
 
 
 def choose_pairs(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
@@ -136,15 +155,18 @@ def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray
 
 
 @njit(cache=True, nogil=True)
-def _best_score(pairs, near, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
-                vox_starts, vox_items, data, kind_d, tols, widen, radius_tol, counts, count_only):
-    """The best score of the pairs' poses; their numbers of poses are added to ``counts``. count_only: no more."""
+def _best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
+                vox_starts, vox_items, data, kind_d, tols, widen, radius_tol, counts, count_only,
+                middle, size, motions, scores):
+    """The best of the pairs' poses into motions and scores; how many each pair has is added to ``counts``.
+
+    count_only: no more than the latter
+    """
     stamp = np.zeros(model.shape[0], np.int64)
     frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
     near_rows = np.empty((near.shape[1], data.shape[1]))
     near_kind = np.empty(near.shape[1], kind_d.dtype)
     near_tols = np.empty((near.shape[1], 3))
-    best = 0.0
     tried = 0
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
@@ -189,6 +211,7 @@ def _best_score(pairs, near, model, kind_m, pair_starts, pair_members, pair_valu
                                      NEAR_NEEDED) < NEAR_NEEDED:
                         continue
                     score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
-                                          tols, widen, radius_tol, stamp, tried, best)
-                    best = max(best, score)
-    return best
+                                          tols, widen, radius_tol, stamp, tried,
+                                          max(scores[len(scores) - 1], NEAR_NEEDED))
+                    if score >= NEAR_NEEDED:
+                        _insert(motion, score, middle, size, motions, scores)
