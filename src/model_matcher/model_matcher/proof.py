@@ -165,6 +165,8 @@ def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: 
                 continue
     except _GivenUp as why:
         reason = str(why)
+    except RecursionError:
+        reason = 'the tree is too deep'
     return Proof(reason is None, tree.assignment, tree.motion, tree.branches, len(tree.nodes_a), reason,
                  time.perf_counter() - started)
 
