@@ -135,6 +135,8 @@ def test_a_failing_case_is_saved_and_replayed_to_the_same_figures(own_scene, tmp
                  '--max-rotation-deg', '1e-9', *FAST]) == 1
     first = json.loads((out / 'summary.json').read_text())['cases'][0]
     folder = out / first['saved']
+    page = (folder / 'report.html').read_text()
+    assert 'outside the limits' in page and 'Array machine' not in page and 'node and library' not in page
     own_scene.unlink()  # the folder alone is enough
     assert {'case.json', 'scene.csg', 'left.png', 'right.png', 'features.npz', 'report.html'} <= {
         path.name for path in folder.iterdir()}

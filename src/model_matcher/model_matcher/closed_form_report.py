@@ -36,6 +36,8 @@ def write_report(folder: Path, result: CaseResult, document: dict[str, Any]) -> 
     for name, picture in pictures.items():
         cv2.imwrite(str(folder / name), picture)
     state = 'good' if document['passed'] else 'bad'
+    # A case through the libraries has no nodes to compare with, and does not ask the array machine.
+    through_nodes = bool(document['emulator'])
     sections = [
         f'<h1>Closed-form test: {_text(document["scene"])}</h1>',
         f'<p class="{state}"><strong>{_text(document["verdict"])}</strong></p>',
@@ -45,7 +47,7 @@ def write_report(folder: Path, result: CaseResult, document: dict[str, Any]) -> 
             ['rotation error', '0', _number(document['rotation_error_deg'], 'deg')],
             ['translation error', '0', _number(document['translation_error_m'], 'mm', 1e3)]]),
         '<h2>The stereo pair</h2>',
-        _figure('stereo.png', 'Left and right image, as the renderer published them.'),
+        _figure('stereo.png', 'Left and right image' + (', as the renderer published them.' if through_nodes else '.')),
         '<h2>Recovered edges</h2>',
         _figure('recovered.png', 'Green: recovered edges that lie on a true one. Red: others. Grey: the truth.'),
         _recovery_table(document['recovery']),
@@ -55,9 +57,11 @@ def write_report(folder: Path, result: CaseResult, document: dict[str, Any]) -> 
         '<h2>Poses</h2>', _pose_table(document),
         '<h2>Stages</h2>',
         _table(['stage', 'milliseconds'], [[name, f'{value:.1f}'] for name, value in document['milliseconds'].items()]),
-        _render_table(document['render']),
-        '<h2>Array machine</h2>', _table(['', ''], [[key, value] for key, value in document['emulator'].items()]),
+        _render_table(document['render'], through_nodes),
     ]
+    if through_nodes:
+        sections += ['<h2>Array machine</h2>',
+                     _table(['', ''], [[key, value] for key, value in document['emulator'].items()])]
     page = (f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_text(document["scene"])}</title>'
             f'<style>{STYLE}</style>' + '\n'.join(sections) + '</html>\n')
     (folder / 'report.html').write_text(page, encoding='utf-8')
@@ -118,10 +122,12 @@ def _pose_table(document: dict[str, Any]) -> str:
     return f'<table><tr><th></th><th>rotation</th><th>translation, mm</th></tr>{"".join(rows)}</table>'
 
 
-def _render_table(values: dict[str, Any]) -> str:
-    return _table(['rendering', ''], [
-        ['largest distance of a rendered point from its surface', _number(values['surface_residual_m_max'], 'mm', 1e3)],
-        ['pixels in which node and library differ', values['node_image_differs_from_library_pixels']]])
+def _render_table(values: dict[str, Any], through_nodes: bool) -> str:
+    rows = [['largest distance of a rendered point from its surface',
+             _number(values['surface_residual_m_max'], 'mm', 1e3)]]
+    if through_nodes:
+        rows.append(['pixels in which node and library differ', values['node_image_differs_from_library_pixels']])
+    return _table(['rendering', ''], rows)
 
 
 def _figure(name: str, caption: str) -> str:
