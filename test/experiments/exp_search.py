@@ -298,7 +298,6 @@ def combinatorics(setting: Setting) -> Outcome:
     index = index_model(model, 'l_shape')
     m = len(index)
     shares = setting.pick([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], [0.0, 0.3])
-    seeds = setting.pick(5, 1)
     table = Table('L-shape, levels of the tree (median), tree limited to 4 million levels', [
         'clutter %', 'data features', 'order printed in the thesis', 'tree without the bound ours', 'ended ours, %',
         'tree with the bound (7.4) ours', 'ended ours, %', 'pair hypotheses tried ours', 'serial search ours',
@@ -306,7 +305,7 @@ def combinatorics(setting: Setting) -> Outcome:
     for share in shares:
         setting.advance(f'{100 * share:.0f} % clutter')
         rows: dict[str, list] = {key: [] for key in ('n', 'c', 'plain', 'aided', 'pairs', 'serial')}
-        for seed in range(seeds):
+        for seed in range(setting.pick(5 if share < 0.8 else 3, 1)):
             scene = make_scene(model, seed, clutter=share)
             data = scene.data
             rows['n'].append(len(data))
