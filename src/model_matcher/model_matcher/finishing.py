@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs_py import BIN, FeatureSet, Interpretation, Pose
+from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
 
 from .model_index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
 from .params import MatchParams
@@ -30,6 +30,9 @@ DOUBTFUL = 5.0
 LEAST, PER_DATA, TAIL = 3.1, 0.7, 1.3
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
+# Candidates that explain this share of the most distinct model features are ranked by how much of them is covered;
+# covers that differ by less than that share are equal.
+NEARLY, SAME_COVER = 0.9, 0.02
 
 
 @dataclass(eq=False)
@@ -155,6 +158,35 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         if len(target) < params.max_interpretations:
             target.append(_interpretation(problem, refined, k, others, reason))
     return tuple(accepted), tuple(rejected)
+
+
+def _ranked(problem: Problem, refined: Refined) -> list[int]:
+    """The candidates that explain anything, best first.
+
+    Most distinct model features first; of those that explain nearly as many the one under which data covers most of
+    them: a grid moved by one period still has something along each of its lines, but less of it.
+    """
+    distinct = np.floor(refined.figures[:, 0])
+    close = (distinct > 0.0) & (distinct >= NEARLY * distinct.max(initial=0.0))
+    cover = np.zeros(len(distinct))
+    for k in np.flatnonzero(close):
+        cover[k] = covered(problem, refined.assignments[k])
+    step = max(SAME_COVER * cover.max(initial=0.0), 1e-12)
+    # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
+    return sorted((k for k in range(len(distinct)) if distinct[k] > 0.0),
+                  key=lambda k: (not close[k], -round(float(cover[k]) / step),
+                                 -round(float(refined.figures[k, 0]), 3), refined.assignments[k].tolist()))
+
+
+def covered(problem: Problem, assignment: np.ndarray) -> float:
+    """Metres of model edges and circumferences that data lies along; assignment : (n,), BIN or a model feature."""
+    model, used = problem.index.rows, assignment != BIN
+    rims = 2.0 * np.pi * np.nan_to_num(model[:, 7])
+    size = np.where(problem.index.kind == FeatureKind.CURVE, rims, 2.0 * model[:, 6])
+    data = np.where(problem.data.kind[used] == FeatureKind.CURVE, np.inf, 2.0 * problem.rows[used, 6])
+    along = np.zeros(len(model))
+    np.add.at(along, assignment[used], data)
+    return float(np.minimum(along, size).sum())
 
 
 def needed_evidence(problem: Problem, params: MatchParams) -> float:

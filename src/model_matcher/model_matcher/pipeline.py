@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
-from .finishing import SEARCH_WIDTH, Problem, conclude, make_problem, refine_all
+from .finishing import NEARLY, SEARCH_WIDTH, Problem, conclude, make_problem, refine_all
 from .model_index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
 from .tree_match import match_by_tree
@@ -21,6 +21,8 @@ NEIGHBOURS = 24
 PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
 BLOCK = 4096  # data pairs x data features between two looks at the clock, but 8 pairs at least
 EVERYONE = np.zeros((0, 0), np.int32)
+# So many times more candidates are kept when the list is full of poses nearly as good as the best, as of a grid.
+PERIODIC = 4
 LIBRARY = 20  # of a larger library only the models that the prefilter lets through are searched
 
 
@@ -81,20 +83,23 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         neighbours = near.astype(np.int32)
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
     table = problem.table
-    motions = np.zeros((hypotheses.CANDIDATES, 12))
-    scores = np.zeros(hypotheses.CANDIDATES)
-    state = np.zeros(4, np.int64)
     block = max(8, BLOCK // n)
-    first = 0
-    in_time = True
-    while first < len(pairs) and not state[3] and in_time:
-        last = min(len(pairs), first + block)
-        search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
-               index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle,
-               index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, PATIENCE, motions,
-               scores, state)
-        first = last
-        in_time = time.perf_counter() - started <= params.time_limit_s
+    for room in (hypotheses.CANDIDATES, PERIODIC * hypotheses.CANDIDATES):
+        motions = np.zeros((room, 12))
+        scores = np.zeros(room)
+        state = np.zeros(4, np.int64)
+        first = 0
+        in_time = True
+        while first < len(pairs) and not state[3] and in_time:
+            last = min(len(pairs), first + block)
+            search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
+                   index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle,
+                   index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, PATIENCE, motions,
+                   scores, state)
+            first = last
+            in_time = time.perf_counter() - started <= params.time_limit_s
+        if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0:
+            break
     accepted, rejected = conclude(problem, refine_all(problem, motions, scores, params), params)
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': int(state[2]),
