@@ -131,6 +131,8 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         else:
             heads.append(k)
             twins[k] = []
+    from . import sightlines
+    settle: Any = sightlines.settle
     needed = needed_evidence(problem, params)
     accepted: list[Interpretation] = []
     rejected: list[Interpretation] = []
@@ -151,6 +153,10 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         elif params.max_bin is not None and problem.n_data - int(matched[k].sum()) > params.max_bin:
             unmatched = problem.n_data - int(matched[k].sum())
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
+        if reason is None and params.scale == 'known':
+            for t in (k, *twins.get(k, ())):
+                settle(refined.motions[t], problem.index.rows, *problem.sample, refined.assignments[t],
+                       refined.signs[t], problem.index.size)
         others = tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
         if reason is None:
             others = symmetric_poses(problem.index, as_pose(refined.motions[k]), others)
