@@ -33,6 +33,7 @@ CLAIMED = 0.34
 # Candidates that explain this share of the most distinct model features are ranked by how much of them is covered;
 # covers that differ by less than that share are equal.
 NEARLY, SAME_COVER = 0.9, 0.02
+BINS = 64  # places along a model edge that are looked at
 
 
 @dataclass(eq=False)
@@ -106,9 +107,7 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
              ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
     """Accepted and rejected interpretations, each best first."""
     scores, evidence = refined.figures[:, 0], refined.figures[:, 7]
-    # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
-    order = sorted((k for k in range(len(scores)) if scores[k] > 0.0),
-                   key=lambda k: (-round(float(evidence[k]), 3), refined.assignments[k].tolist()))
+    order = _ranked(problem, refined)
     matched = refined.assignments != BIN
     heads: list[int] = []
     twins: dict[int, list[int]] = {}
@@ -167,32 +166,44 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
 
 
 def _ranked(problem: Problem, refined: Refined) -> list[int]:
-    """The candidates that explain anything, best first.
+    """The candidates that explain anything, best first: by evidence.
 
-    Most distinct model features first; of those that explain nearly as many the one under which data covers most of
-    them: a grid moved by one period still has something along each of its lines, but less of it.
+    Where a search kept more candidates than usual because many are nearly as good as the best (a grid moved by one
+    period still has something along each of its lines), those under which data covers most of the model come first.
     """
-    distinct = np.floor(refined.figures[:, 0])
-    close = (distinct > 0.0) & (distinct >= NEARLY * distinct.max(initial=0.0))
+    distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
     cover = np.zeros(len(distinct))
-    for k in np.flatnonzero(close):
-        cover[k] = covered(problem, refined.assignments[k])
+    from .hypotheses import CANDIDATES
+    if len(distinct) > CANDIDATES:
+        for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY * distinct.max(initial=0.0))):
+            cover[k] = covered(problem, refined.motions[k], refined.assignments[k])
     step = max(SAME_COVER * cover.max(initial=0.0), 1e-12)
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
     return sorted((k for k in range(len(distinct)) if distinct[k] > 0.0),
-                  key=lambda k: (not close[k], -round(float(cover[k]) / step),
-                                 -round(float(refined.figures[k, 0]), 3), refined.assignments[k].tolist()))
+                  key=lambda k: (-round(float(cover[k]) / step), -round(float(evidence[k]), 3),
+                                 refined.assignments[k].tolist()))
 
 
-def covered(problem: Problem, assignment: np.ndarray) -> float:
-    """Metres of model edges and circumferences that data lies along; assignment : (n,), BIN or a model feature."""
-    model, used = problem.index.rows, assignment != BIN
-    rims = 2.0 * np.pi * np.nan_to_num(model[:, 7])
-    size = np.where(problem.index.kind == FeatureKind.CURVE, rims, 2.0 * model[:, 6])
-    data = np.where(problem.data.kind[used] == FeatureKind.CURVE, np.inf, 2.0 * problem.rows[used, 6])
-    along = np.zeros(len(model))
-    np.add.at(along, assignment[used], data)
-    return float(np.minimum(along, size).sum())
+def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> float:
+    """Metres of model edges that data lies along, each place counted once, and circumferences of matched curves.
+
+    motion : (12,), pose; assignment : (n,), BIN or a model feature
+    """
+    model, used = problem.index.rows, np.flatnonzero(assignment != BIN)
+    target = assignment[used]
+    curves = problem.index.kind == FeatureKind.CURVE
+    rims = np.where(curves, 2.0 * np.pi * np.nan_to_num(model[:, 7]), 0.0)[np.unique(target)].sum()
+    edges = ~curves[target]
+    used, target = used[edges], target[edges]
+    rows = problem.rows[used]
+    step = rows[:, 6:7] * rows[:, 3:6]
+    ends = (np.stack([rows[:, :3] - step, rows[:, :3] + step], axis=1) - motion[9:]) @ motion[:9].reshape(3, 3)
+    places = np.sort(((ends - model[target, None, :3]) * model[target, None, 3:6]).sum(axis=-1), axis=1)
+    share = (np.arange(BINS) + 0.5) / BINS * 2.0 - 1.0
+    at = share * model[target, 6:7]
+    hit = np.zeros((len(model), BINS), bool)
+    np.logical_or.at(hit, target, (at >= places[:, :1]) & (at <= places[:, 1:]))
+    return float(rims + (hit.mean(axis=1) * 2.0 * model[:, 6]).sum())
 
 
 def needed_evidence(problem: Problem, params: MatchParams) -> float:

@@ -71,9 +71,12 @@ def test_a_grid_is_not_a_period_off_though_something_lies_along_each_of_its_line
     assert min(np.linalg.norm(pose.translation - truth.translation) for pose in poses) < 2e-3
 
 
-def test_covered_length_is_that_of_the_data_but_at_most_the_edges():
+def test_covered_length_counts_each_place_once():
     model = chipped_block()
     problem = finishing.make_problem(indexed(model, 'block'), model, MatchParams())
     whole = np.arange(len(model), dtype=np.int32)
-    assert np.isclose(finishing.covered(problem, whole), model.lengths.sum())
-    assert finishing.covered(problem, np.zeros(len(model), np.int32)) <= problem.index.rows[:, 6].max() * 2.0 + 1e-12
+    here = np.append(np.eye(3).ravel(), np.zeros(3))
+    twice = FeatureSet.concatenate([model, model])
+    again = finishing.make_problem(indexed(model, 'block'), twice, MatchParams())
+    assert np.isclose(finishing.covered(problem, here, whole), model.lengths.sum())
+    assert np.isclose(finishing.covered(again, here, np.tile(whole, 2)), model.lengths.sum())
