@@ -172,7 +172,8 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
             bright_ground = abs(left_bright - backdrop) < BACKDROP_WIDTH and bright < BACKDROP_WIDTH
             if loose == 0 and not flip and not partial and (dark_ground or bright_ground):
                 likeness = max(likeness, OUTLINE)
-            if likeness < LEAST_LIKENESS or (gradient > GRADIENT_END and likeness < LEAST_STEEP and likeness != OUTLINE):
+            steep = gradient > GRADIENT_END and likeness != OUTLINE
+            if likeness < LEAST_LIKENESS or (steep and likeness < LEAST_STEEP):
                 continue
             if count == len(node):
                 grown, grown_value = np.empty((2 * count, 2), np.int32), np.empty((2 * count, 6))
