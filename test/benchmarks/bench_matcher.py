@@ -11,18 +11,31 @@ or explains every true fragment (then occlusion has left several answers). Times
 from __future__ import annotations
 
 import argparse
+import functools
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from model_matcher import MatchParams, index_model, match, recognise
+from model_matcher.finishing import false_alarm_evidence
 from model_matcher.model_index import model_size
-from model_matcher.synthetic import MODELS, SyntheticScene, make_scene, mirrored, random_polyhedron, scaled
-from msgs_py import FeatureSet, Interpretation
+from model_matcher.synthetic import (
+    MODELS,
+    SyntheticScene,
+    box,
+    make_scene,
+    mirrored,
+    random_polyhedron,
+    random_pose,
+    scaled,
+)
+from msgs_py import FeatureKind, FeatureSet, Interpretation, Pose
 
 THESIS_SIZES = ('chipped_block', 'l_shape', 'wedge', 'chair', 'computer', 'plug')
 CHIRAL = ('chipped_block',)
+FIRST_SEED = 40_000  # of false_alarms; its constants were found with lower ones
 
 
 def is_right(found: Interpretation | None, scene: SyntheticScene, size: float, instance: int = 0) -> bool:
@@ -153,8 +166,101 @@ def library(models: list[str], seeds: int) -> None:
         row(f'library {count}', 'polyhedra', n, good, ms)
 
 
+GENERATORS = ('polyhedra', 'boxes', 'models', 'segments', 'views', 'recovered', 'decoys')
+RATES = (1e-1, 1e-2, 1e-3)
+
+
+def clutter_of(kind: str, name: str) -> tuple[FeatureSet, ...] | None:
+    """What scenes are filled with, the model ``name`` not among it; None: random polyhedra."""
+    rng = np.random.default_rng(77)
+    if kind == 'boxes':
+        return tuple(box(rng.uniform(0.02, 0.1, 3)) for _ in range(60))
+    if kind == 'models':
+        return tuple(MODELS[other]() for other in THESIS_SIZES if other != name)
+    if kind == 'segments':
+        start, vector = np.zeros((300, 3)), random_directions(rng, 300) * rng.uniform(0.01, 0.1, (300, 1))
+        return tuple(FeatureSet.from_edges(start[k:k + 1], vector[k:k + 1]) for k in range(300))
+    if kind == 'views':
+        return hidden_line_views(name)
+    if kind == 'recovered':
+        return recovered_parts()
+    return None
+
+
+def random_directions(rng: np.random.Generator, count: int) -> np.ndarray:
+    vectors = rng.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+@functools.cache
+def hidden_line_views(name: str) -> tuple[FeatureSet, ...]:
+    """What a camera sees of the objects that come with csg_renderer, hidden parts removed; the model's own excepted."""
+    from csg_renderer import load_models, scene_path, visible_features
+    from msgs_py import PinholeCamera
+    camera = PinholeCamera(640, 480, 700.0, 700.0, 319.5, 239.5)
+    rng = np.random.default_rng(78)
+    views = []
+    for file in ('coverplate', 'table', 'widget', 'lamp', 'cylinder_box', *THESIS_SIZES):
+        if file == name:
+            continue
+        solid = next(iter(load_models(scene_path(file)).values()))
+        for _ in range(3):
+            seen = visible_features(solid, random_pose(rng, 0.02), camera)
+            seen = seen.select(np.flatnonzero(seen.kind == FeatureKind.EDGE))
+            if len(seen):
+                views.append(seen.transformed(Pose(np.eye(3), -seen.midpoints.mean(axis=0))))
+    return tuple(views)
+
+
+@functools.cache
+def recovered_parts() -> tuple[FeatureSet, ...]:
+    """Edges recovered from a real stereo pair (the chessboard that comes with stereo_recovery), by neighbourhoods."""
+    import tempfile
+
+    from model_matcher.real_pair import run_chessboard
+    with tempfile.TemporaryDirectory() as folder:
+        run_chessboard(Path(folder))
+        features = FeatureSet.load(Path(folder) / 'features.npz')
+    features = features.select(np.flatnonzero(features.kind == FeatureKind.EDGE))
+    rng = np.random.default_rng(79)
+    parts = []
+    for k in rng.permutation(len(features))[:30]:
+        near = np.argsort(np.linalg.norm(features.midpoints - features.midpoints[k], axis=1))[:int(rng.integers(8, 25))]
+        parts.append(features.select(near).transformed(Pose(np.eye(3), -features.midpoints[k])))
+    return tuple(parts)
+
+
+def false_alarms(models: list[str], seeds: int) -> None:
+    """Absent models answered, and present ones found, at several false_alarm_rates: the operating curve."""
+    for kind in GENERATORS:
+        margins: dict[str, list[float]] = {'absent': [], '75 %': [], '30 %': []}
+        for name in models:
+            model = MODELS[name]()
+            index = index_model(model, name)
+            others = clutter_of(kind, name)
+            for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+                rng = np.random.default_rng(seed)
+                copies = tuple(scaled(model, f) for f in (rng.uniform(0.85, 0.92), rng.uniform(1.08, 1.15)))
+                decoys = copies if kind == 'decoys' else ()
+                for case, count, visible in (('absent', 0, 0.75), ('75 %', 1, 0.75), ('30 %', 1, 0.3)):
+                    if case != 'absent' and seed % 5:
+                        continue
+                    scene = make_scene(model, seed, 0.8, visible, count, decoys=decoys, others=others)
+                    result = match(index, scene.data, MatchParams(false_alarm_rate=1.0))
+                    margin = result.stats.get('evidence', -np.inf) - false_alarm_evidence(len(scene.data), 1.0)
+                    right = case == 'absent' or is_right(result.best, scene, index.size)
+                    margins[case].append(margin if right else -np.inf)
+        for rate in RATES:
+            above = {case: np.array(values) >= false_alarm_evidence(1, rate) - false_alarm_evidence(1, 1.0)
+                     for case, values in margins.items()}
+            print(f'rate {rate:<8g} {kind:<10} absent answered {100 * above["absent"].mean():6.2f} % of '
+                  f'{len(above["absent"])}  found: 75 % visible {100 * above["75 %"].mean():5.1f} %, 30 % visible '
+                  f'{100 * above["30 %"].mean():5.1f} %', flush=True)
+
+
 PRESETS = {'clutter': clutter, 'decoys': decoys, 'low_visible': low_visible, 'absent': absent,
-           'absent_decoys': absent_decoys, 'instances': instances, 'prove': prove, 'large': large, 'library': library}
+           'absent_decoys': absent_decoys, 'instances': instances, 'prove': prove, 'large': large, 'library': library,
+           'false_alarms': false_alarms}
 
 
 def main(arguments: list[str] | None = None) -> int:

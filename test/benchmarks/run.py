@@ -29,7 +29,7 @@ ROOT = HERE.parent.parent
 LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'open3d', 'embreex', 'trimesh', 'igraph',
              'ros-jazzy-rclpy')
 # Arguments for benchmarks that are plain scripts: short, and everything.
-SCRIPT_ARGUMENTS = {'bench_matcher': (['--seeds', '20', '--models', 'l_shape,chair,plug'], ['--seeds', '100'])}
+SCRIPT_ARGUMENTS = {'bench_matcher': (['--seeds', '20', '--models', 'l_shape,chair,plug'], ['--seeds', '60'])}
 SCRIPT_LIMIT_S = 900
 # A figure that differs from the last run's by less is noise on a shared machine.
 NOISE = 0.25

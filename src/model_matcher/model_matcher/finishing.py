@@ -27,7 +27,7 @@ KEEP = 0.6
 DOUBTFUL = 5.0
 # Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
 # TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
-LEAST, PER_DATA, TAIL = 3.1, 0.7, 1.3
+LEAST, PER_DATA, TAIL = 2.6, 1.25, 1.3
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
 # Candidates that explain this share of the most distinct model features are ranked by how much of them is covered;
@@ -210,7 +210,12 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
     """Nats below which an interpretation counts as chance. A rate of 1 turns the test off."""
     if params.false_alarm_rate >= 1.0:
         return -np.inf
-    return float(LEAST + PER_DATA * np.log(len(problem.rows)) - TAIL * np.log(max(params.false_alarm_rate, 1e-12)))
+    return false_alarm_evidence(len(problem.rows), params.false_alarm_rate)
+
+
+def false_alarm_evidence(n: int, rate: float) -> float:
+    """Nats that chance reaches in a share ``rate`` of the scenes of n data features."""
+    return float(LEAST + PER_DATA * np.log(max(n, 1)) - TAIL * np.log(max(rate, 1e-12)))
 
 
 def as_pose(motion: np.ndarray) -> Pose:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
-from .finishing import NEARLY, SEARCH_WIDTH, Problem, conclude, make_problem, refine_all
+from .finishing import NEARLY, SEARCH_WIDTH, Problem, conclude, make_problem, needed_evidence, refine_all
 from .model_index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
 from .tree_match import match_by_tree
@@ -100,10 +100,14 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
             in_time = time.perf_counter() - started <= params.time_limit_s
         if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0:
             break
-    accepted, rejected = conclude(problem, refine_all(problem, motions, scores, params), params)
+    refined = refine_all(problem, motions, scores, params)
+    accepted, rejected = conclude(problem, refined, params)
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': int(state[2]),
-             'hypotheses': int(state[0]), 'stopped_by': stopped}
+             'hypotheses': int(state[0]), 'stopped_by': stopped, 'evidence_needed': needed_evidence(problem, params)}
+    enough = refined.figures[:, 0] >= min(params.min_matched, len(index))
+    if enough.any():
+        stats['evidence'] = float(refined.figures[enough, 7].max())
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'
