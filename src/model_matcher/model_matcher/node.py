@@ -67,7 +67,8 @@ class MatcherConfig(Config):
                                  minimum=1, maximum=10000)
     max_interpretations: int = parameter(_DEFAULT.max_interpretations, 'Most interpretations reported for a model',
                                          minimum=1, maximum=1000)
-    false_alarm_rate: float = parameter(_DEFAULT.false_alarm_rate, 'Accepted probability of reporting an absent model',
+    false_alarm_rate: float = parameter(_DEFAULT.false_alarm_rate, 'Accepted share of scenes in which an absent model '
+                                        'is reported; sets the evidence that an interpretation needs',
                                         minimum=0.0, maximum=1.0)
     prove: bool = parameter(False, 'Certify that no larger interpretation exists')
     time_limit: float = parameter(2.0, 'Time for one message and model; the best so far is taken then', unit='s',
