@@ -34,9 +34,9 @@ class MatchParams:
     overhang : how far, as a fraction of its length, an edge may run past its model edge's end
     max_interpretations : at most so many are returned
     min_matched : an interpretation with fewer distinct model features is rejected
-    false_alarm_rate : accepted share of scenes in which an absent model is reported, calibrated on scenes of other
-        objects (finishing.py; objects that share several dimensions with the model are reported more often); below
-        1e-12 counts as 1e-12, 1 accepts whatever has min_matched features
+    false_alarm_rate : nominal share of scenes in which an absent model is reported. Measured shares differ by kind of
+        clutter: less among random objects, several times more among objects that share dimensions with the model
+        (README); below 1e-12 counts as 1e-12, 1 accepts whatever has min_matched features
     scale : 'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated)
     prove : certify that no pose explains more data features within the tolerances (proof.py says it exactly)
     time_limit_s : seconds, the best so far is returned then, unproven
