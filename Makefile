@@ -33,6 +33,7 @@ demo: $(READY)
 	@$(PY) -m model_matcher.closed_form --demo demo_out
 
 test: $(READY)
+	$(PY) test/prepare.py
 	ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m pytest -n $(TEST_WORKERS)
 
 # Python 3.12 with what Ubuntu 24.04 ships. The ROS wheels bring lark 0.12; Ubuntu has lark 1.1.
@@ -50,6 +51,7 @@ $(OLDEST): requirements-oldest.txt $(PACKAGES:%=src/%/setup.py)
 	touch $@
 
 test-oldest: $(OLDEST)
+	.venv-oldest/bin/python test/prepare.py
 	ROS_PYTHON_CHECK_FIELDS=1 .venv-oldest/bin/python -m pytest -n $(TEST_WORKERS)
 
 coverage: $(READY)

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .program import BLOCK, CONE, CYLINDER, SPHERE
 from .reference import FAR, TINY
@@ -22,7 +23,7 @@ INF = math.inf
 
 # _nrt=False: no reference counting. These functions allocate nothing, and are called a million times an image with
 # tuples of arrays, whose counts would otherwise be raised and lowered at every call: four times the whole run time.
-kernel = njit(cache=True, error_model='numpy', nogil=True, _nrt=False)  # type: ignore[call-overload]
+kernel = njit(error_model='numpy', nogil=True, _nrt=False)
 # Written into its callers, so that their loops vectorise.
 part = njit(inline='always')
 

@@ -6,7 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .kernels import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
 from .kernels_deep import deep_row
@@ -271,7 +272,7 @@ def on_boundary(target, row, column):
     return False
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@njit(error_model='numpy', nogil=True)
 def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, ground, weights, offsets):
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row

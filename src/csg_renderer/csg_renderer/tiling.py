@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 # Pixels a span is widened by: half a pixel for the samples of anti-aliasing, the rest for rounding.
 MARGIN = 0.51
 NOWHERE = 2**30
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@njit(error_model='numpy', nogil=True)
 def leaf_spans(points, starts, near, fx, fy, cx, cy, width, spans, depths):
     """Fill spans (n, h, 2) int32, first and last pixel of each leaf in each image row, and its least depth (n,).
 
@@ -55,7 +56,7 @@ def leaf_spans(points, starts, near, fx, fy, cx, cy, width, spans, depths):
             fill_hull(convex_hull(image[:count]), width, spans[leaf])
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@njit(error_model='numpy', nogil=True)
 def convex_hull(points):
     """(m, 2) corners of the convex hull of (k, 2) points, in order (Andrew's monotone chain)."""
     count = points.shape[0]
@@ -81,7 +82,7 @@ def convex_hull(points):
     return hull[:size]
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@njit(error_model='numpy', nogil=True)
 def fill_hull(hull, width, span):
     """Fill span (h, 2) with the pixels of each row that a convex polygon touches."""
     height = span.shape[0]

@@ -16,7 +16,8 @@ pruned. Reversing a segment's direction turns an angle into its complement; that
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 DISTANCE, ANGLE, DIRECTION1, DIRECTION2, DIRECTION3 = range(5)
 NAMES = ('distance', 'angle', 'direction1', 'direction2', 'direction3')
@@ -28,7 +29,7 @@ PARALLEL = 1e-6  # sine below which two model edges have no common normal
 ROUNDING = 1e-9
 
 
-@njit(cache=True)
+@njit
 def closest_points(a, b):
     """Where two segments come closest: parameters s, t (metres from the mid points) and the distance."""
     wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -61,7 +62,7 @@ def closest_points(a, b):
     return best_s, best_t, np.sqrt(best)
 
 
-@njit(cache=True)
+@njit
 def angle_at(a, b, s, t):
     """Angle between q - p and a's direction, and |q - p|, at parameters s, t."""
     rx = b[0] + t * b[3] - a[0] - s * a[3]
@@ -73,7 +74,7 @@ def angle_at(a, b, s, t):
     return np.arctan2(across, along), np.sqrt(rx * rx + ry * ry + rz * rz)
 
 
-@njit(cache=True)
+@njit
 def angle_to(a, b, s, t, nx, ny, nz):
     """Angle between q - p and a unit vector. atan2 keeps its digits near 0 and pi, where arccos loses half."""
     rx = b[0] + t * b[3] - a[0] - s * a[3]
@@ -83,7 +84,7 @@ def angle_to(a, b, s, t, nx, ny, nz):
     return np.arctan2(np.sqrt(cx * cx + cy * cy + cz * cz), rx * nx + ry * ny + rz * nz)
 
 
-@njit(cache=True)
+@njit
 def stationary(a, b, s):
     """The parameter t at which the angle between q - p and a's direction is stationary for a fixed s, NaN if none.
 
@@ -102,7 +103,7 @@ def stationary(a, b, s):
     return (big_a * big_d - c * big_c) / below
 
 
-@njit(cache=True)
+@njit
 def direction_range(a, b, contact, error, cone):
     """Range of the angle between q - p and a's direction.
 
@@ -134,7 +135,7 @@ def direction_range(a, b, contact, error, cone):
     return low, high
 
 
-@njit(cache=True)
+@njit
 def pair_ranges(a, b, error_a, error_b, cone_a, cone_b, out):
     """All ranges of a pair, into out (11,).
 
@@ -192,12 +193,12 @@ def pair_ranges(a, b, error_a, error_b, cone_a, cone_b, out):
     out[8], out[9] = low, high
 
 
-@njit(cache=True)
+@njit
 def _inside(low, high, model_low, model_high):
     return low >= model_low - ROUNDING and high <= model_high + ROUNDING
 
 
-@njit(cache=True)
+@njit
 def entry(data, model, one_edge, length, slack, use):
     """One table entry: the sign bits under which data pair and model pair agree, 0 when they do not.
 
@@ -241,7 +242,7 @@ def entry(data, model, one_edge, length, slack, use):
     return code
 
 
-@njit(cache=True)
+@njit
 def consistent_signs(code):
     """Whether any pair of signs satisfies all bits of an entry together."""
     for a in range(2):

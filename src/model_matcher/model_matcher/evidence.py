@@ -24,7 +24,8 @@ features that count but coincidences, beyond those that made the pose:
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .kernels import CURVE, pair_geometry
 from .regularity import PARALLEL, UPRIGHT
@@ -45,7 +46,7 @@ NEARLY_PARALLEL = 0.2
 SHORT = 6.0  # tolerances; the direction of a shorter edge is too poor to say that it is not the model's
 
 
-@njit(cache=True)
+@njit
 def plane_table(offsets, by_offset, tolerance):
     """Number (q, e) int32 of the plane that each feature lies in, -1 for none, and nats (q,) of a chance coincidence.
 
@@ -77,7 +78,7 @@ def plane_table(offsets, by_offset, tolerance):
     return number, nats
 
 
-@njit(cache=True)
+@njit
 def _remainder(vector, basis, count, out):
     """Length of a vector's part outside the span of the first ``count`` orthonormal rows of ``basis``."""
     x, y, z = vector[0], vector[1], vector[2]
@@ -88,7 +89,7 @@ def _remainder(vector, basis, count, out):
     return np.sqrt(x * x + y * y + z * z)
 
 
-@njit(cache=True)
+@njit
 def free_angles(u, earlier, count):
     """Angles of a direction that regularity does not explain: 0, 1 or 2; the first direction's are the pose's own."""
     if count == 0:
@@ -112,7 +113,7 @@ def free_angles(u, earlier, count):
     return least - 1 if count == 1 else least
 
 
-@njit(cache=True)
+@njit
 def coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy):
     """Nats of the coincidences beyond the pose among the model features in ``used`` (e,) bool.
 
@@ -199,7 +200,7 @@ def coincidences(model, kind_m, used, order, direction, normals, number, nats, a
     return total
 
 
-@njit(cache=True)
+@njit
 def coverage(model, kind_m, data, kind_d, low, high, direction):
     """Nats for the lengths of the pieces found: low, high (e,) metres, what is covered of each model edge."""
     e, n = model.shape[0], data.shape[0]
@@ -228,7 +229,7 @@ def coverage(model, kind_m, data, kind_d, low, high, direction):
     return total
 
 
-@njit(cache=True)
+@njit
 def meet(a, b, tolerance):
     """Whether two edges (rows) meet: their lines within the tolerance (metres), and hardly beyond their ends."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
@@ -242,7 +243,7 @@ def meet(a, b, tolerance):
     return abs(fa) < (1.0 + 2.0 * REACH) * a[6] + beyond and abs(fb) < (1.0 + 2.0 * REACH) * b[6] + beyond
 
 
-@njit(cache=True)
+@njit
 def neighbours(motion, data, kind_d, tols, assignment, middle, size):
     """Nats for what surrounds the explained data; middle (3,) and size (metres) of the model."""
     n = data.shape[0]
@@ -283,7 +284,7 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
     return max(NEIGHBOURS - met * np.log((expected + NEIGHBOURS) / expected), -AGAINST)
 
 
-@njit(cache=True)
+@njit
 def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size, order, direction, normals, number,
              nats):
     """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, the rest as above."""

@@ -8,7 +8,8 @@ on. The best poses, near duplicates suppressed, are the candidates. Cost hardly 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .evidence import evidence, plane_table
 from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry
@@ -20,7 +21,7 @@ LOCAL_TEST = 50  # with more data than this, a pose is first tried on the pair's
 LOCAL_PARTNERS = 12  # the best partners of each of the two
 
 
-@njit(cache=True)
+@njit
 def _frame(u, v, out):
     """Orthonormal frame of two directions, symmetric in their errors: rows bisector, in-plane, common normal."""
     ax, ay, az = u[0] + v[0], u[1] + v[1], u[2] + v[2]
@@ -34,7 +35,7 @@ def _frame(u, v, out):
     out[6], out[7], out[8] = cx, cy, cz
 
 
-@njit(cache=True)
+@njit
 def _pose_of_pair(a, b, flip_b, fa, fb, i, j, flip_j, fi, fj, turn, frame_d, frame_m, motion):
     """The pose that lays model lines i, j on data lines a, b; turn = -1 reverses both data directions."""
     u, v = np.empty(3), np.empty(3)
@@ -58,7 +59,7 @@ def _pose_of_pair(a, b, flip_b, fa, fb, i, j, flip_j, fi, fj, turn, frame_d, fra
         motion[9 + p] = cd - (motion[3 * p] * cm[0] + motion[3 * p + 1] * cm[1] + motion[3 * p + 2] * cm[2])
 
 
-@njit(cache=True)
+@njit
 def _insert(motion, score, middle, size, motions, scores):
     """Keep a pose among the best, unless a better one stands within 6 degrees and 6 % of the model's size."""
     twin = -1
@@ -94,7 +95,7 @@ def _insert(motion, score, middle, size, motions, scores):
     motions[at] = motion
 
 
-@njit(cache=True)
+@njit
 def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
                  vox_starts, vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience,
                  motions, scores, state):
@@ -181,7 +182,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
             return
 
 
-@njit(cache=True)
+@njit
 def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
                       kind_d, tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
                       assignments, signs, matrices, figures):

@@ -12,7 +12,8 @@ A rigid motion is a row of twelve: rotation row by row (9), translation (3), tak
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 CURVE = 1
 PARALLEL_SINE = 0.17  # pairs nearer to parallel than about 10 degrees do not fix a pose well
@@ -22,7 +23,7 @@ MAX_ANGLE = 0.5 * np.pi + FLIP_MARGIN
 OFFSET_CELLS = 64
 
 
-@njit(cache=True)
+@njit
 def pair_geometry(a, b):
     """Relation of two lines (rows of features): cosine >= 0, sine, signed distance, both feet, flip of b.
 
@@ -50,14 +51,14 @@ def pair_geometry(a, b):
 # -- the model's pair table ------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit
 def _pair_cell(angle, d, reach):
     i = int(angle / MAX_ANGLE * ANGLE_CELLS)
     j = int((d / reach + 1.0) * 0.5 * OFFSET_CELLS)
     return min(max(i, 0), ANGLE_CELLS - 1), min(max(j, 0), OFFSET_CELLS - 1)
 
 
-@njit(cache=True)
+@njit
 def build_pair_table(features, reach):
     """All ordered, non-parallel pairs of model features, sorted into cells of (angle, signed distance).
 
@@ -105,7 +106,7 @@ def build_pair_table(features, reach):
 # -- the model's voxel table -----------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit
 def build_voxels(features, low, cell, shape, reach):
     """Which model features pass near each cell of a grid: starts (cells + 1,) int32, items (m,) int32.
 
@@ -155,7 +156,7 @@ def build_voxels(features, low, cell, shape, reach):
 # -- ranking data pairs ----------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit
 def rank_pairs(features, neighbours, size, knn):
     """Data pairs, most promising first: near, long and far from parallel (gap / (length x sine)).
 
@@ -225,7 +226,7 @@ def rank_pairs(features, neighbours, size, knn):
 # -- back-projection -------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit
 def fit_one(d, kind_d, tol, m, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol):
     """How well a data feature (already in the model frame) lies on a model feature.
 
@@ -259,7 +260,7 @@ def fit_one(d, kind_d, tol, m, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol
     return np.sqrt(worst) / across
 
 
-@njit(cache=True)
+@njit
 def count_matches(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol,
                   stamp, mark, needed):
     """Distinct model features with data on them under a pose, plus the mean quality of fit as the fraction.
@@ -317,7 +318,7 @@ def count_matches(motion, model, kind_m, low, cell, shape, starts, items, data, 
     return distinct + 0.9 * quality / fits
 
 
-@njit(cache=True)
+@njit
 def assign(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol, assignment,
            sign):
     """Best model feature of every data feature under a pose, written to assignment and sign. Returns how many."""

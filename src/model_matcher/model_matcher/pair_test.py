@@ -13,7 +13,8 @@ point from line a, of a's from line b, shift of the mid points along a, flip of 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .kernels import CURVE, pair_geometry
 
@@ -25,7 +26,7 @@ EXACTLY_PARALLEL = 1e-7
 SURE = 2.0
 
 
-@njit(cache=True)
+@njit
 def relation(a, b, out):
     """The relation of two features (rows as in kernels.py), into out (10,)."""
     c, s, d, fa, fb, flip = pair_geometry(a, b)
@@ -41,7 +42,7 @@ def relation(a, b, out):
     out[SHIFT], out[FLIP] = along_a, flip
 
 
-@njit(cache=True)
+@njit
 def model_relations(rows):
     """(e, e, 10): relations of all ordered pairs of model features."""
     e = rows.shape[0]
@@ -52,7 +53,7 @@ def model_relations(rows):
     return out
 
 
-@njit(cache=True)
+@njit
 def possible(data, kind_d, tols, model, kind_m, radius_tol):
     """(n, e) bool: which model features a data feature may lie on by itself: kind, length, radii."""
     n, e = data.shape[0], model.shape[0]
@@ -70,7 +71,7 @@ def possible(data, kind_d, tols, model, kind_m, radius_tol):
     return out
 
 
-@njit(cache=True)
+@njit
 def margins_of(data, tols):
     """(n, 6): half length, half length that is left when tilted by the cone, tolerances across and along, half cone
     angle, its tangent."""
@@ -82,13 +83,13 @@ def margins_of(data, tols):
     return out
 
 
-@njit(cache=True)
+@njit
 def _strays(margins, a, foot):
     """How far a data line may be from its model line where a foot is, beyond the feature's end."""
     return margins[a, 2] + margins[a, 5] * max(0.0, abs(foot) - margins[a, 0])
 
 
-@njit(cache=True)
+@njit
 def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
     """Whether data features a and b can lie on model features i and j at once; i may be j.
 

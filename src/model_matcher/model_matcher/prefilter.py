@@ -16,10 +16,10 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
+from msgs_py.compiled import njit
 
 from .finishing import make_problem, needed_evidence, refine_all
 from .hypotheses import _insert, _pose_of_pair
@@ -154,7 +154,7 @@ def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray
     return pairs, near
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
                 vox_starts, vox_items, data, kind_d, tols, widen, radius_tol, counts, count_only,
                 middle, size, motions, scores):

@@ -6,12 +6,13 @@ Rows of features, tolerances and motions as in kernels.py.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .kernels import CURVE, assign
 
 
-@njit(cache=True)
+@njit
 def solve6(a, b, x):
     """Solve a x = b for a symmetric positive definite (6, 6) by Cholesky; False when it is not definite."""
     low = np.zeros((6, 6))
@@ -39,7 +40,7 @@ def solve6(a, b, x):
     return True
 
 
-@njit(cache=True)
+@njit
 def _add_row(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
     row = (gx, gy, gz, ex, ey, ez)
     for i in range(6):
@@ -48,7 +49,7 @@ def _add_row(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
             normal[i, j] += weight * row[i] * row[j]
 
 
-@njit(cache=True)
+@njit
 def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre, normal, right):
     """Point-to-line least squares, linearised about a pose; rotation is about ``centre`` (3,), camera frame.
 
@@ -129,7 +130,7 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
     return cost, equations, squares, points
 
 
-@njit(cache=True)
+@njit
 def apply_step(motion, centre, step):
     """Turn a pose by a rotation vector about ``centre`` and shift it, in place; Rodrigues, then re-orthonormalised."""
     wx, wy, wz = step[0], step[1], step[2]
@@ -156,7 +157,7 @@ def apply_step(motion, centre, step):
     orthonormalise(motion)
 
 
-@njit(cache=True)
+@njit
 def orthonormalise(motion):
     """Gram-Schmidt on the rows of the rotation, in place."""
     n = np.sqrt(motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2)
@@ -173,7 +174,7 @@ def orthonormalise(motion):
     motion[8] = motion[0] * motion[4] - motion[1] * motion[3]
 
 
-@njit(cache=True)
+@njit
 def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widths, radius_tol, assignment,
            sign, normal):
     """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and re-fit.

@@ -10,7 +10,8 @@ square, tight for the weights of a high power; a set whose bound is above one ha
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .kernels import CURVE, fit_one
 from .refinement_kernels import apply_step, normal_equations, solve6
@@ -25,7 +26,7 @@ ENOUGH = 12  # pairings that a conflict is looked for among, at first
 FITS = 8  # Gauss-Newton steps of a fit
 
 
-@njit(cache=True)
+@njit
 def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, first):
     """The numbers of a on i, linearised about a pose, into blocks ``first``... of rows (b, 2, 6) and values (b, 2).
 
@@ -88,7 +89,7 @@ def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, firs
             rows[at, k, 3], rows[at, k, 4], rows[at, k, 5] = scale * ax, scale * ay, scale * az
 
 
-@njit(cache=True)
+@njit
 def _squares(rows, values, step, out):
     """Squares of the blocks' numbers after a step (6,), into out; returns the largest."""
     worst = 0.0
@@ -104,7 +105,7 @@ def _squares(rows, values, step, out):
     return worst
 
 
-@njit(cache=True)
+@njit
 def _newton(rows, values, squares, worst, power, at, shares, to_lowest, to_flattest):
     """At a step ``at``: shares of the blocks for a power, and the further steps to the weighted sum's minimum and
     towards the power sum's. Returns the weighted minimum over the sum of shares, -1 when nothing can be solved."""
@@ -147,7 +148,7 @@ def _newton(rows, values, squares, worst, power, at, shares, to_lowest, to_flatt
     return cost / total
 
 
-@njit(cache=True)
+@njit
 def common_pose(motion, a, i, data, kind_d, tols, model, weights):
     """Whether some pose near ``motion`` lays data features a (m,) on model features i (m,) within their tolerances.
 
@@ -218,7 +219,7 @@ def common_pose(motion, a, i, data, kind_d, tols, model, weights):
     return FEASIBLE if _squares(rows, values, step, squares) <= 1.0 else OPEN
 
 
-@njit(cache=True)
+@njit
 def deviations(motion, a, i, data, kind_d, tols, model):
     """(m,) the largest number of each pairing under a pose: it fits up to 1."""
     rows, values, centre = np.empty((BLOCKS, 2, 6)), np.empty((BLOCKS, 2)), np.zeros(3)
@@ -230,7 +231,7 @@ def deviations(motion, a, i, data, kind_d, tols, model):
     return np.sqrt(out)
 
 
-@njit(cache=True)
+@njit
 def can_join(motion, a, i, others_a, others_i, data, kind_d, tols, model):
     """(c,) bool: which pairings others_a on others_i may share a pose with the set a on i, whose pose is ``motion``.
 
@@ -302,7 +303,7 @@ def can_join(motion, a, i, others_a, others_i, data, kind_d, tols, model):
     return out
 
 
-@njit(cache=True)
+@njit
 def conflict(motion, a, i, weights, data, kind_d, tols, model):
     """Few of the pairings a on i (m,), a set without a common pose, that have none already: their numbers.
 
@@ -328,7 +329,7 @@ def conflict(motion, a, i, weights, data, kind_d, tols, model):
     return chosen
 
 
-@njit(cache=True)
+@njit
 def all_fit(motion, a, i, data, kind_d, tols, model, kind_m, radius_tol):
     """Whether a pose lays every data feature a (m,) on its model feature i (m,), as back-projection counts."""
     for k in range(len(a)):
@@ -346,7 +347,7 @@ def all_fit(motion, a, i, data, kind_d, tols, model, kind_m, radius_tol):
     return True
 
 
-@njit(cache=True)
+@njit
 def fit(motion, assignment, sign, data, kind_d, tols, model, normal, figures):
     """Least-squares pose of an assignment (n,), in place.
 

@@ -7,9 +7,9 @@ before it, constraint by constraint, nothing tabulated beforehand but the ranges
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from msgs_py import BIN, FeatureKind, FeatureSet
+from msgs_py.compiled import njit
 
 from . import constraints as c
 from .constraints import entry
@@ -61,7 +61,7 @@ def serial_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limi
     return TreeResult(assignments, signs, not stats['truncated'], stats)
 
 
-@njit(cache=True)
+@njit
 def _descend(data, model, lengths, error, unary, use, use_signs, bin_limit, limit, budget, counters):
     n, e = unary.shape
     out = np.full((limit, n), -1, np.int32)

@@ -9,7 +9,8 @@ whose residuals are alike in all directions keeps the plain fit.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .kernels import CURVE
 from .refinement_kernels import _add_row, apply_step, solve6
@@ -22,7 +23,7 @@ FEWEST = 4
 TURNS = 4
 
 
-@njit(cache=True)
+@njit
 def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right):
     """Normal equations of point-to-line least squares about a pose, as refinement_kernels.normal_equations, but with
     the residuals across and along the line of sight weighted apart. unit : metres, sigma across; ratio : of sigma
@@ -101,7 +102,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
     return sums
 
 
-@njit(cache=True)
+@njit
 def settle(motion, model, data, kind_d, tols, assignment, sign, size):
     """Fit a pose (12,), in place, to the data assigned to it, the line of sight weighted as the residuals tell.
 

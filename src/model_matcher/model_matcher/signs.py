@@ -8,12 +8,13 @@ same as, or opposite to, that of feature b). They are kept as groups: ``root`` i
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .constraints import A_MINUS, A_PLUS, B_MINUS, B_PLUS, DIFFERENT, SAME
 
 
-@njit(cache=True)
+@njit
 def set_sign(k, sign, root, parity, known):
     """Give feature k an absolute sign; False when it is known to have the other."""
     r = root[k]
@@ -24,7 +25,7 @@ def set_sign(k, sign, root, parity, known):
     return known[r] == wanted
 
 
-@njit(cache=True)
+@njit
 def relate(a, b, relation, root, parity, known):
     """Make b's sign equal (relation 1) or opposite (-1) to a's; False when that contradicts what is known."""
     ra, rb = root[a], root[b]
@@ -44,7 +45,7 @@ def relate(a, b, relation, root, parity, known):
     return True
 
 
-@njit(cache=True)
+@njit
 def apply_code(code, a, b, root, parity, known):
     """Learn from a table entry; False is a sign cut-off. The direction constraints come first: they are absolute."""
     plus, minus = code & A_PLUS, code & A_MINUS
@@ -57,7 +58,7 @@ def apply_code(code, a, b, root, parity, known):
     return bool(same and different) or relate(a, b, 1 if same else -1, root, parity, known)
 
 
-@njit(cache=True)
+@njit
 def write_signs(root, parity, known, out):
     """Absolute signs (n,) int8, 0 where unknown."""
     for k in range(len(root)):

@@ -8,13 +8,14 @@ other, those with the fewest nodes first, until too many have failed it; what is
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 from .constraints import consistent_signs, entry, pair_ranges
 from .pair_test import MIDS, RELATION, ROUNDING, pair_fits, relation
 
 
-@njit(cache=True)
+@njit
 def thin(a, others, data, margins, lists, counts, halves, model_rel, mids, supporters, wide):
     """Take from data feature a's list the nodes that fewer than ``supporters`` of the data features ``others`` support.
 
@@ -57,7 +58,7 @@ def thin(a, others, data, margins, lists, counts, halves, model_rel, mids, suppo
     counts[a] = left
 
 
-@njit(cache=True)
+@njit
 def agree(a, i, others_a, others_i, data, tols, model, margins, halves, model_rel):
     """Whether node (a, i) is consistent with every one of some nodes: by the exact test and the five constraints."""
     rel, mine, ranges = np.empty((1, RELATION)), np.zeros(11), np.zeros(11)

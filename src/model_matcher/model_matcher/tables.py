@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from msgs_py import FeatureKind, FeatureSet
+from msgs_py.compiled import njit
 
 from . import constraints as c
 from .constraints import consistent_signs, entry, pair_ranges
@@ -112,7 +112,7 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     return Tables(pairs, code, unary)
 
 
-@njit(cache=True)
+@njit
 def _model_ranges(rows):
     e = rows.shape[0]
     out = np.zeros((e, e, 11))
@@ -123,7 +123,7 @@ def _model_ranges(rows):
     return out
 
 
-@njit(cache=True)
+@njit
 def _data_ranges(rows, error, cone, pairs):
     out = np.zeros((pairs.shape[0], 11))
     for p in range(pairs.shape[0]):
@@ -132,7 +132,7 @@ def _data_ranges(rows, error, cone, pairs):
     return out
 
 
-@njit(cache=True)
+@njit
 def _fill(data, model, pairs, unary, lengths, error, use, signs):
     e = unary.shape[1]
     code = np.zeros((pairs.shape[0], e, e), np.uint8)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from msgs_py import BIN
+from msgs_py.compiled import njit
 
 from .ordering import order_pairs
 from .params import MatchParams
@@ -134,7 +134,7 @@ def sub_pairs(left: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([first, second], axis=1), rows
 
 
-@njit(cache=True)
+@njit
 def traverse_pairs(pairs, rows, code, alive, quadrants, side, bin_limit, limit, levels, use_signs, counters):
     """Depth-first over the ordered data pairs (L, 2); ``rows`` are their tables. Appendix C, with the bin.
 
@@ -259,7 +259,7 @@ def traverse_pairs(pairs, rows, code, alive, quadrants, side, bin_limit, limit, 
     return found, out, out_sign
 
 
-@njit(cache=True)
+@njit
 def _narrow(a, i, code, assignment, open_to):
     """Feature a is on model feature i: close what disagrees with that, for every unassigned feature."""
     n, e = open_to.shape
@@ -273,7 +273,7 @@ def _narrow(a, i, code, assignment, open_to):
                 open_to[k, j] = False
 
 
-@njit(cache=True)
+@njit
 def _stranded(alive, assignment, open_to):
     """How many unassigned features that could once be matched have nothing left."""
     count = 0
@@ -298,7 +298,7 @@ def largest_core(core: np.ndarray) -> int:
     return int(np.max(np.minimum(best, np.arange(1, len(best) + 1)), initial=0))
 
 
-@njit(cache=True)
+@njit
 def _core(code, unary):
     n, e = unary.shape
     counts = np.zeros((n, e, n), np.int32)  # how many model features of the third agree with the node

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 
-@njit(cache=True)
+@njit
 def _solve5(a, b):
     """Solve a 5 x 5 system in place by elimination with pivots; False when it is singular."""
     for c in range(5):
@@ -32,7 +33,7 @@ def _solve5(a, b):
     return True
 
 
-@njit(cache=True)
+@njit
 def fit(points, rounds):
     """Conic through points (n, 2): (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f with a + c = 1 in
     scaled coordinates, negative inside; rms of the Sampson distance, pixels (infinite when there is no ellipse).
@@ -91,7 +92,7 @@ def fit(points, rounds):
     return out, rms
 
 
-@njit(cache=True)
+@njit
 def radii(q):
     """Major and minor radius, pixels, of the ellipse of :func:`fit`'s six numbers; (0, 0) when they are of none."""
     a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
@@ -105,7 +106,7 @@ def radii(q):
     return np.sqrt(level / max(middle - half, 1e-300)), np.sqrt(level / (middle + half))
 
 
-@njit(cache=True)
+@njit
 def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, least_edgels, least_radius):
     """The longest stretches of a run of pieces that one ellipse explains each; writes their labels into ``arc``.
 

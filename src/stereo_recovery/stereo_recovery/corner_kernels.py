@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
@@ -18,7 +19,7 @@ OVERRUN = 4.0
 LOOSE_END = 1.5
 
 
-@njit(cache=True)
+@njit
 def _goes_on(table, box, k, i, x, y, collinear):
     """Whether a piece other than i continues piece k on its line beyond the point x, y."""
     own = (x - table[k, 0]) * table[k, 2] + (y - table[k, 1]) * table[k, 3]
@@ -39,7 +40,7 @@ def _goes_on(table, box, k, i, x, y, collinear):
     return False
 
 
-@njit(cache=True)
+@njit
 def meet(table, widest):
     """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope.
 
@@ -103,7 +104,7 @@ def meet(table, widest):
     return place, other, through, sigma
 
 
-@njit(cache=True)
+@njit
 def scraps(table, longest, reach, width):
     """(n,) bool: short pieces that only show how a longer piece bends where it nears another (or how it blurs).
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 
-@njit(cache=True)
+@njit
 def _conic(centre, major, minor, camera, eye):
     """The picture of a curve: (6,) of u^2, uv, v^2, u, v, 1 halves, as a00, a01, a11, a02, a12, a22; inside < 0."""
     m = np.empty((3, 3))
@@ -38,7 +39,7 @@ def _conic(centre, major, minor, camera, eye):
     return q / norm
 
 
-@njit(cache=True)
+@njit
 def residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend):
     """Distances of edgels from the curve's pictures, pixels, positive outside, into out (n,); bend (n,): what
     smoothing of variance ``blur`` moves an edgel towards the centre of curvature (already taken off ``out``)."""
@@ -59,7 +60,7 @@ def residuals(centre, normal, first, radii, points, count, camera_left, camera_r
             out[i] = 0.5 * value / g + bend[i]
 
 
-@njit(cache=True)
+@njit
 def moved(centre, normal, first, radii, step, circle):
     """A curve changed by a step: centre (3), tilts (2), log radii (1 or 2), turn in the plane (0 or 1)."""
     second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
@@ -77,7 +78,7 @@ def moved(centre, normal, first, radii, step, circle):
     return centre + step[:3], n, f, r
 
 
-@njit(cache=True)
+@njit
 def jacobian(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out, bend):
     """Residuals into out, and their derivatives (n, p) by the parameters of :func:`moved`."""
     size = 6 if circle else 8
@@ -96,7 +97,7 @@ def jacobian(centre, normal, first, radii, circle, points, count, camera_left, c
     return result
 
 
-@njit(cache=True)
+@njit
 def equations(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
               out, bend):
     """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,), jacobian (n, p); residuals go to
@@ -127,7 +128,7 @@ def equations(centre, normal, first, radii, circle, points, count, camera_left, 
     return matrix, gradient, cost, weights, rows
 
 
-@njit(cache=True)
+@njit
 def common(rows, weights, shift, group, groups):
     """(p, p): what displacements that all edgels of a group share add to the normal equations' right side (variance).
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 
-@njit(cache=True)
+@njit
 def _is_maximum(m2, gx, gy, y, x):
     """Largest of three along the axis nearest to the gradient; ties go to the first."""
     centre = m2[y, x]
@@ -15,7 +16,7 @@ def _is_maximum(m2, gx, gy, y, x):
     return centre > m2[y - 1, x] and centre >= m2[y + 1, x]
 
 
-@njit(cache=True)
+@njit
 def ridge_maxima(gx, gy, threshold):
     """Sub-pixel maxima of the gradient magnitude across its own direction.
 
@@ -78,7 +79,7 @@ def ridge_maxima(gx, gy, threshold):
     return u[:n], v[:n], gu[:n], gv[:n], width[:n]
 
 
-@njit(cache=True)
+@njit
 def zero_crossings(laplacian, gx, gy, threshold):
     """Sign changes of the Laplacian where the gradient is strong, linear interpolation (Marr and Hildreth).
 
@@ -109,7 +110,7 @@ def zero_crossings(laplacian, gx, gy, threshold):
     return u[:n], v[:n], gu[:n], gv[:n]
 
 
-@njit(cache=True)
+@njit
 def beside(gx, gy, u, v, gu, gv, reach):
     """(n, 2) float64: the gradient's part along an edgel's own gradient, ``reach`` pixels behind and before it, as a
     share of the gradient at it. Beside a step between evenly lit faces there is none; on a slope there is as much."""

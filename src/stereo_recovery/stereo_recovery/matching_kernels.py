@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 # How much a candidate may disagree with a neighbour: support is half at this disparity gradient (PMF's limit is 0.5, up
 # to which it counts in full; surfaces steeper than that are rare, and grading tells a period's neighbours apart), and
@@ -44,7 +45,7 @@ OUTLINE = 0.05
 LEAST_LIKENESS = 0.04
 
 
-@njit(cache=True)
+@njit
 def _beside(samples, row, first, last, side):
     """Grey level beside a piece between two rows: samples (m, 2) from its start to its end, row (9,) of its table."""
     m = len(samples)
@@ -62,7 +63,7 @@ def _beside(samples, row, first, last, side):
     return total / (high - low)
 
 
-@njit(cache=True)
+@njit
 def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sine, backdrop, contrast):
     """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
@@ -186,7 +187,7 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
     return node[:count], value[:count]
 
 
-@njit(cache=True)
+@njit
 def neighbours(left, radius, most):
     """For every left piece the ``most`` heaviest others near it.
 
@@ -242,13 +243,13 @@ def neighbours(left, radius, most):
     return other, gap, place, weight
 
 
-@njit(cache=True)
+@njit
 def _rival(strength, nearer):
     """Strength of a competitor that is nearer by this disparity."""
     return strength * FARTHER if -BESIDE < nearer < -LEAST_BESIDE else strength
 
 
-@njit(cache=True)
+@njit
 def relax(node, value, first, other, gap, place, weight, length, right_of, right_first, rounds):
     """Relaxation: a candidate is as strong as its own evidence and the support of its neighbours' candidates.
 
@@ -301,7 +302,7 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
     return strength, belief
 
 
-@njit(cache=True)
+@njit
 def standing(node, value, strength, belief, first, right_of, right_first):
     """(k,) float64: how strong every candidate is when its turn comes: a farther one waits for a nearer one, a few
     pixels beside it, that is at least nearly as strong."""
@@ -320,7 +321,7 @@ def standing(node, value, strength, belief, first, right_of, right_first):
     return result
 
 
-@njit(cache=True)
+@njit
 def _one_edge(table, i, k, other, j):
     """Whether pieces i and k of one image (rows as for :func:`candidates`) can both be piece j of the other.
 
@@ -338,7 +339,7 @@ def _one_edge(table, i, k, other, j):
             and abs(max(last, bottom) - max(other[j, 1], other[j, 3])) < END_SLACK)
 
 
-@njit(cache=True)
+@njit
 def _rivals(node, value, a, b, left, right):
     """Whether candidates a and b claim the same rows of the same piece, or different straight edges for it."""
     if node[a, 0] != node[b, 0] and node[a, 1] != node[b, 1]:
@@ -352,7 +353,7 @@ def _rivals(node, value, a, b, left, right):
     return common > 0.3 * shorter or shorter < 1e-9
 
 
-@njit(cache=True)
+@njit
 def greedy(node, value, order, left, right):
     """Candidates in the given order, without those that claim what an earlier one has; (m,) int64."""
     chosen = np.empty(len(order), np.int64)
@@ -380,7 +381,7 @@ def greedy(node, value, order, left, right):
     return chosen[:count].copy()
 
 
-@njit(cache=True)
+@njit
 def compatible(node, value, chosen, left, right):
     """(k,) bool: the chosen candidates and those that claim nothing the chosen have."""
     kept = np.ones(len(node), np.bool_)

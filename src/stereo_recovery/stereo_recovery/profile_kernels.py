@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 # Profiles reach so far to either side of the edge, pixels, in steps of so much; an edge is cut into so many sections.
 REACH = 4.0
@@ -12,7 +13,7 @@ SECTIONS = 4
 ROUNDS = 12
 
 
-@njit(cache=True)
+@njit
 def sample(gx, gy, cx, cy, tx, ty, low, high):
     """Mean gradient across the line in sections of its length.
 
@@ -47,7 +48,7 @@ def sample(gx, gy, cx, cy, tx, ty, low, high):
     return profile, place
 
 
-@njit(cache=True)
+@njit
 def _model(profile, place, width, p, matrix, vector):
     """Squared residual of parameters p (height of the first and second step, place and slope of the first, place and
     slope of the second relative to it); fills the normal equations."""
@@ -82,7 +83,7 @@ def _model(profile, place, width, p, matrix, vector):
     return total
 
 
-@njit(cache=True)
+@njit
 def _descend(profile, place, width, p, free):
     """Levenberg-Marquardt over the parameters named in free; returns the squared residual."""
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
@@ -114,7 +115,7 @@ def _descend(profile, place, width, p, free):
     return cost
 
 
-@njit(cache=True)
+@njit
 def two_steps(profile, place, width):
     """The two steps that explain profiles across an edge best, and one step that does.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 
-@njit(cache=True)
+@njit
 def _regress(x, y, w, a, b):
     """Orthogonal regression of points a..b-1 with weights: centre, unit direction along the order of points."""
     sw = sx = sy = 0.0
@@ -28,7 +29,7 @@ def _regress(x, y, w, a, b):
     return cx, cy, tx, ty
 
 
-@njit(cache=True)
+@njit
 def _fits(x, y, w, limit, a, b):
     """Whether points a..b-1 lie within their limits of their own line."""
     cx, cy, tx, ty = _regress(x, y, w, a, b)
@@ -40,7 +41,7 @@ def _fits(x, y, w, limit, a, b):
     return fits
 
 
-@njit(cache=True)
+@njit
 def _farthest(x, y, a, b):
     """The point farthest from the chord of a..b-1, at least two points from its ends."""
     dx, dy = x[b - 1] - x[a], y[b - 1] - y[a]
@@ -56,7 +57,7 @@ def _farthest(x, y, a, b):
     return where
 
 
-@njit(cache=True)
+@njit
 def split(x, y, limit, offsets, minimum):
     """Recursive fit and segment (thesis 3.10.1): straight pieces that cover every string.
 
@@ -119,7 +120,7 @@ def split(x, y, limit, offsets, minimum):
     return bounds[:count], string[:count]
 
 
-@njit(cache=True)
+@njit
 def fit_lines(x, y, sigma, bounds, trim):
     """Robust orthogonal regression of every piece; up to ``trim`` pixels at each end are left out of the fit.
 
@@ -197,7 +198,7 @@ def fit_lines(x, y, sigma, bounds, trim):
     return rows
 
 
-@njit(cache=True)
+@njit
 def continuations(table, widest, bend, wobble):
     """Which piece continues which on the same straight line, across a gap.
 
@@ -254,7 +255,7 @@ def continuations(table, widest, bend, wobble):
     return successor
 
 
-@njit(cache=True)
+@njit
 def medians(values, bounds):
     """(k,) float64: median of each run [first, last) of values (n,); bounds (k, 2)."""
     out = np.empty(len(bounds))

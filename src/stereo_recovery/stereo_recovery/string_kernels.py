@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from msgs_py.compiled import njit
 
 # Furthest step from edgel to edgel, pixels, and the largest turn in it (cosine).
 REACH = 2
 TURN_COSINE = 0.5
 
 
-@njit(cache=True)
+@njit
 def successors(u, v, tu, tv, magnitude, height, width):
     """For every edgel the one that follows it along its tangent, or -1; no two have the same successor.
 
@@ -58,7 +59,7 @@ def successors(u, v, tu, tv, magnitude, height, width):
     return best
 
 
-@njit(cache=True)
+@njit
 def trace(following, magnitude, high, minimum):
     """Follow the links. Returns order (k,) int32, offsets (m + 1,) int64, closed (m,) bool of the kept strings."""
     n = len(following)
