@@ -11,7 +11,7 @@ STRESS = Path(__file__).resolve().parent / 'stress'
 
 def run(script: str, *arguments: str) -> str:
     command = [sys.executable, str(STRESS / script), *arguments]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=55, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
     assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
     return result.stdout
 
