@@ -19,13 +19,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
-from msgs_py.compiled import njit
 
 from .finishing import make_problem, needed_evidence, refine_all
-from .hypotheses import _insert, _pose_of_pair
-from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, count_matches, pair_geometry, rank_pairs
+from .kernels import rank_pairs
 from .model_index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
 from .params import MatchParams
+from .prefilter_kernels import best_poses
 
 PARTNERS = 4  # pairs of each data feature to choose from
 SAMPLE = 8  # models that tell how often a pair fits by chance
@@ -33,7 +32,6 @@ EACH = 2  # pairs that a feature is in
 BUDGET = 350.0  # hypotheses a model
 LEAST_PAIRS = 16
 NEAR = 12  # neighbours of a pair that its pose is tried on first
-NEAR_NEEDED = 3.0  # distinct model features among them
 SEARCH_WIDTH = 1.6  # tolerance of unrefined poses, as in the full search
 POSES = 3  # of a model that are kept
 JUDGED = 150  # models whose poses are refined
@@ -78,7 +76,7 @@ def library_scores(models: Sequence[ModelIndex], data: FeatureSet,
     """
     rows = feature_rows(data)
     scores, motions = np.zeros((len(models), POSES)), np.zeros((len(models), POSES, 12))
-    run: Any = _best_poses
+    run: Any = best_poses
 
     def score(number: int, pairs: np.ndarray, near: np.ndarray, counts: np.ndarray, count_only: bool) -> None:
         model = models[number]
@@ -152,66 +150,3 @@ def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray
                                               if k is not None)]))[:NEAR + 2]
         row[:len(members)] = members
     return pairs, near
-
-
-@njit(nogil=True)
-def _best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
-                vox_starts, vox_items, data, kind_d, tols, widen, radius_tol, counts, count_only,
-                middle, size, motions, scores):
-    """The best of the pairs' poses into motions and scores; how many each pair has is added to ``counts``.
-
-    count_only: no more than the latter
-    """
-    stamp = np.zeros(model.shape[0], np.int64)
-    frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
-    near_rows = np.empty((near.shape[1], data.shape[1]))
-    near_kind = np.empty(near.shape[1], kind_d.dtype)
-    near_tols = np.empty((near.shape[1], 3))
-    tried = 0
-    for p in range(pairs.shape[0]):
-        a, b = pairs[p, 0], pairs[p, 1]
-        c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
-        angle = np.arctan2(s, c)
-        ha, hb = data[a, 6], data[b, 6]
-        over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
-        cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
-        across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
-        slide_a = tols[a, 1] + across / s
-        slide_b = tols[b, 1] + across / s
-        a_low, d_low = _pair_cell(angle - cone, d - across, reach)
-        a_high, d_high = _pair_cell(angle + cone, d + across, reach)
-        count = 0
-        for k in range(near.shape[1]):
-            if near[p, k] >= 0:
-                near_rows[count], near_kind[count] = data[near[p, k]], kind_d[near[p, k]]
-                near_tols[count] = tols[near[p, k]]
-                count += 1
-        for ca in range(a_low, a_high + 1):
-            row = ca * OFFSET_CELLS
-            for at in range(pair_starts[row + d_low], pair_starts[row + d_high + 1]):
-                value = pair_values[at]
-                if abs(value[0] - angle) > cone or abs(value[1] - d) > across:
-                    continue
-                i, j = pair_members[at, 0], pair_members[at, 1]
-                if kind_d[a] != kind_m[i] or kind_d[b] != kind_m[j]:
-                    continue
-                room_a, room_b = model[i, 6] - ha + slide_a, model[j, 6] - hb + slide_b
-                for turning in range(2):
-                    turn = 1.0 - 2.0 * turning
-                    if abs(value[2] - turn * fa) > room_a or abs(value[3] - turn * fb) > room_b:
-                        continue
-                    counts[p] += 1
-                    if count_only:
-                        continue
-                    _pose_of_pair(data[a], data[b], flip, fa, fb, model[i], model[j], value[4], value[2], value[3],
-                                  turn, frame_d, frame_m, motion)
-                    tried += 1
-                    if count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, near_rows[:count],
-                                     near_kind[:count], near_tols[:count], widen, radius_tol, stamp, -tried,
-                                     NEAR_NEEDED) < NEAR_NEEDED:
-                        continue
-                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
-                                          tols, widen, radius_tol, stamp, tried,
-                                          max(scores[len(scores) - 1], NEAR_NEEDED))
-                    if score >= NEAR_NEEDED:
-                        _insert(motion, score, middle, size, motions, scores)
