@@ -95,7 +95,7 @@ def _insert(motion, score, middle, size, motions, scores):
     motions[at] = motion
 
 
-@njit
+@njit(nogil=True)
 def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
                  vox_starts, vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience,
                  motions, scores, state):
@@ -182,7 +182,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
             return
 
 
-@njit
+@njit(nogil=True)
 def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
                       kind_d, tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
                       assignments, signs, matrices, figures):

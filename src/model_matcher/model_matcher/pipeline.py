@@ -15,6 +15,7 @@ from msgs_py import BIN, FeatureSet, Interpretation
 from .finishing import NEARLY, SEARCH_WIDTH, Problem, conclude, make_problem, needed_evidence, refine_all
 from .model_index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
+from .threads import spread
 from .tree_match import match_by_tree
 
 NEIGHBOURS = 24
@@ -155,7 +156,9 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
         from .prefilter import prefilter
         indexes = [indexes[k] for k in prefilter(indexes, data, params)]
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
-    results = [match(index, data, params) for index in indexes]
+    if not _warm:
+        warm_up()
+    results = spread(lambda index: match(index, data, params), indexes)
     while True:
         bests = [result.best for result in results]
         score = [0 if best is None else best.matched for best in bests]
@@ -166,14 +169,19 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
         accepted.append(_spread(best, left, len(data)))
         keep = best.assignment == BIN
         # Models that did not use the claimed data keep their result; it only has to be renumbered.
+        again: list[int] = []
         for number, result in enumerate(results):
             other = result.best
             if other is None or not (other.assignment[~keep] != BIN).any():
                 results[number] = MatchResult(tuple(_thin(one, keep) for one in result.interpretations[:1]),
                                               tuple(_thin(one, keep) for one in result.rejected), {}, result.reason)
             else:
-                results[number] = match(indexes[number], data.select(left[keep]), params)
+                again.append(number)
         left = left[keep]
+        rest = data.select(left)
+        found = spread(lambda index: match(index, rest, params), [indexes[k] for k in again])  # noqa: B023
+        for number, result in zip(again, found):
+            results[number] = result
     for result in results:
         rejected += [_spread(one, left, len(data)) for one in result.rejected]
         reasons += [result.reason] if result.reason else []

@@ -9,9 +9,7 @@ refined and judged by their evidence: where few edges are in view, chance scores
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from itertools import zip_longest
 from typing import Any
 
@@ -25,18 +23,21 @@ from .kernels import rank_pairs
 from .model_index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
 from .params import MatchParams
 from .prefilter_kernels import best_poses
+from .threads import spread
 
 PARTNERS = 4  # pairs of each data feature to choose from
 SAMPLE = 8  # models that tell how often a pair fits by chance
-EACH = 2  # pairs that a feature is in
+EACH = 3  # pairs that a feature is in
 BUDGET = 350.0  # hypotheses a model
 LEAST_PAIRS = 16
 NEAR = 12  # neighbours of a pair that its pose is tried on first
 SEARCH_WIDTH = 1.6  # tolerance of unrefined poses, as in the full search
 POSES = 3  # of a model that are kept
-JUDGED = 150  # models whose poses are refined
-# Searched in any case: so many; and every model whose evidence is within so many nats of what is needed.
+JUDGED = 400  # models whose poses are refined
+# Searched in any case: so many, unless one has so many nats more than it needs; and every model whose evidence is
+# within so many nats of what is needed.
 LEAST_CANDIDATES = 3
+SURE = 3.0
 MOST_CANDIDATES = 24
 SHORT_OF = 3.0
 
@@ -52,10 +53,11 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
     # Chance explains more features of a large model, but a smaller share of them.
     order = np.argsort(-scores[:, 0] / np.sqrt(sizes), kind='stable')
     order = order[scores[order, 0] > 0.0][:JUDGED]
-    surplus = np.array([_surplus(models[k], used, params, motions[k], scores[k]) for k in order])
+    surplus = np.array(spread(lambda k: _surplus(models[k], used, params, motions[k], scores[k]), order))
     ranked = np.argsort(-surplus, kind='stable')
+    least = 1 if surplus.max(initial=-np.inf) > SURE else LEAST_CANDIDATES
     return [int(order[k]) for place, k in enumerate(ranked)
-            if place < LEAST_CANDIDATES or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)]
+            if place < least or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)]
 
 
 def _surplus(model: ModelIndex, data: FeatureSet, params: MatchParams, motions: np.ndarray,
@@ -96,14 +98,10 @@ def library_scores(models: Sequence[ModelIndex], data: FeatureSet,
     chosen = choose_pairs(pairs, counts / len(sample))
     pairs, near = pairs[chosen], near[chosen]
 
-    def work(numbers: range) -> None:
-        unused = np.zeros(len(pairs), np.int64)
-        for number in numbers:
-            score(number, pairs, near, unused, False)
+    def work(number: int) -> None:
+        score(number, pairs, near, np.zeros(len(pairs), np.int64), False)
 
-    workers = min(4, os.cpu_count() or 1)
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        list(pool.map(work, [range(first, len(models), workers) for first in range(workers)]))
+    spread(work, range(len(models)))
     return scores, motions
 
 
