@@ -245,8 +245,11 @@ def fit_one(d, kind_d, tol, m, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol
     h = d[6]
     if abs(along) + abs(c) * h > m[6] + tol[1] * widen:
         return -1.0
+    # sin(x)^2 lies between x^2 - x^4 / 3 and x^2: the sine itself is hardly ever needed.
     cone = min(tol[2] * widen, 1.2)
-    if c * c < np.cos(cone) ** 2:
+    square = cone * cone
+    away = 1.0 - c * c
+    if away > square or (away > square * (1.0 - square / 3.0) and away > np.sin(cone) ** 2):
         return -1.0
     if kind_d == CURVE:
         if abs(d[7] - m[7]) > radius_tol + tol[0] or abs(d[8] - m[8]) > radius_tol + tol[0]:
