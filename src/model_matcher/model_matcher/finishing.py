@@ -108,18 +108,18 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
     """Accepted and rejected interpretations, each best first."""
     scores, evidence = refined.figures[:, 0], refined.figures[:, 7]
     order = _ranked(problem, refined)
-    matched = refined.assignments != BIN
+    matched = (refined.assignments != BIN).astype(np.float32)
+    common = (matched @ matched.T).astype(int).tolist()
     heads: list[int] = []
     twins: dict[int, list[int]] = {}
     rivals: dict[int, int] = {}
     for k in order:
-        mine = matched[k]
-        total = max(int(mine.sum()), 1)
+        total = max(common[k][k], 1)
         for head in heads:
-            shared = int((mine & matched[head]).sum())
+            shared = common[k][head]
             if shared <= CLAIMED * total:
                 continue
-            alike = np.floor(scores[k]) >= np.floor(scores[head]) and shared == total == int(matched[head].sum())
+            alike = int(scores[k]) >= int(scores[head]) and shared == total == common[head][head]
             if alike and refined.figures[k, 1] <= 1.5 * refined.figures[head, 1] + 1e-9:
                 if not _near(problem, refined, k, [head, *twins[head]]):
                     twins[head].append(k)
@@ -133,9 +133,11 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
     from . import sightlines
     settle: Any = sightlines.settle
     needed = needed_evidence(problem, params)
-    accepted: list[Interpretation] = []
-    rejected: list[Interpretation] = []
+    accepted: list[tuple[int, tuple[Pose, ...], str | None]] = []
+    rejected: list[tuple[int, tuple[Pose, ...], str | None]] = []
     for k in order:
+        if len(accepted) == len(rejected) == params.max_interpretations:
+            break
         if rivals.get(k) == -1:
             continue
         reason = None
@@ -149,20 +151,25 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
             better = rivals[k]
             reason = (f'competes for the same data with a better interpretation '
                       f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)')
-        elif params.max_bin is not None and problem.n_data - int(matched[k].sum()) > params.max_bin:
-            unmatched = problem.n_data - int(matched[k].sum())
+        elif params.max_bin is not None and problem.n_data - common[k][k] > params.max_bin:
+            unmatched = problem.n_data - common[k][k]
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
         if reason is None and params.scale == 'known':
             for t in (k, *twins.get(k, ())):
                 settle(refined.motions[t], problem.index.rows, *problem.sample, refined.assignments[t],
                        refined.signs[t], problem.index.size)
+        target = accepted if reason is None else rejected
+        if len(target) == params.max_interpretations:
+            continue
         others = tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
         if reason is None:
             others = symmetric_poses(problem.index, as_pose(refined.motions[k]), others)
-        target = accepted if reason is None else rejected
-        if len(target) < params.max_interpretations:
-            target.append(_interpretation(problem, refined, k, others, reason))
-    return tuple(accepted), tuple(rejected)
+        target.append((k, others, reason))
+    chosen = accepted + rejected
+    covariances = pose_covariances(problem.index, refined, [k for k, _, _ in chosen])
+    made = tuple(_interpretation(problem, refined, k, covariance, others, reason)
+                 for (k, others, reason), covariance in zip(chosen, covariances))
+    return made[:len(accepted)], made[len(accepted):]
 
 
 def _ranked(problem: Problem, refined: Refined) -> list[int]:
@@ -234,35 +241,36 @@ def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool
     return False
 
 
-def _interpretation(problem: Problem, refined: Refined, k: int, others: tuple[Pose, ...],
+def _interpretation(problem: Problem, refined: Refined, k: int, covariance: np.ndarray, others: tuple[Pose, ...],
                     reason: str | None) -> Interpretation:
     assignment = np.full(problem.n_data, BIN, np.int32)
     sign = np.zeros(problem.n_data, np.int8)
-    chosen = refined.assignments[k] != BIN
+    chosen = np.flatnonzero(refined.assignments[k] != BIN)
     assignment[problem.keep[chosen]] = problem.index.source[refined.assignments[k][chosen]]
     sign[problem.keep[chosen]] = refined.signs[k][chosen]
-    covariance = pose_covariance(problem.index, refined.normals[k], refined.figures[k], refined.motions[k])
     return Interpretation(problem.index.name, assignment, sign, as_pose(refined.motions[k]),
                           residual_rms=refined.figures[k, 1], covariance=covariance, symmetric_poses=others,
                           rejected_reason=reason)
 
 
-def pose_covariance(index: ModelIndex, normal: np.ndarray, figures: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """(6, 6) covariance of (x, y, z, rx, ry, rz), metres and radians, from a fit's normal matrix.
+def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> np.ndarray:
+    """(c, 6, 6) covariances of (x, y, z, rx, ry, rz), metres and radians, of the chosen candidates, from their fits.
 
     A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
     """
     lever = max(0.5 * index.size, SMALLEST_FEATURE)
     units = np.array([1.0 / lever] * 3 + [1.0] * 3)  # rotation as displacement at the model's rim, to compare the six
-    values, vectors = np.linalg.eigh(normal * units[:, None] * units)
-    floor = max(values[-1], 1e-300) * 1e-7
-    chi = max(float(figures[2]), 1e-12)
+    figures = refined.figures[chosen]
+    values, vectors = np.linalg.eigh(refined.normals[chosen] * np.outer(units, units))
+    floor = np.maximum(values[:, -1:], 1e-300) * 1e-7
+    chi = np.maximum(figures[:, 2:3], 1e-12)
     variances = np.where(values > floor, chi / np.maximum(values, floor), index.size ** 2)
-    covariance = (vectors * variances) @ vectors.T * units[:, None] * units
     # The fit turns about the data's centre; the pose's translation is that of the model's origin.
-    gap = motion[9:] - figures[3:6]
-    shift = np.zeros((6, 6))
-    shift[:3, 3:] = np.eye(3)
-    shift[:3, :3] = -np.array([[0.0, -gap[2], gap[1]], [gap[2], 0.0, -gap[0]], [-gap[1], gap[0], 0.0]])
-    shift[3:, :3] = np.eye(3)
-    return shift @ covariance @ shift.T
+    gap = refined.motions[chosen, 9:] - figures[:, 3:6]
+    shift = np.zeros((len(chosen), 6, 6))
+    shift[:, :3, 3:] = np.eye(3)
+    shift[:, 3:, :3] = np.eye(3)
+    for row, column, axis, sign in ((0, 1, 2, 1.0), (0, 2, 1, -1.0), (1, 2, 0, 1.0)):
+        shift[:, row, column], shift[:, column, row] = sign * gap[:, axis], -sign * gap[:, axis]
+    spread = shift @ (units[:, None] * vectors)
+    return (spread * variances[:, None, :]) @ np.swapaxes(spread, 1, 2)

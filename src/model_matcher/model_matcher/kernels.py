@@ -157,6 +157,37 @@ def build_voxels(features, low, cell, shape, reach):
 
 
 @njit
+def _cost_of_pair(features, a, b, size):
+    """gap / (length x sine) of two features, infinite for those too far apart or too nearly parallel."""
+    ha, hb = features[a, 6], features[b, 6]
+    dx, dy, dz = features[b, 0] - features[a, 0], features[b, 1] - features[a, 1], features[b, 2] - features[a, 2]
+    if dx * dx + dy * dy + dz * dz > (size + ha + hb) ** 2:
+        return np.inf
+    c, s, d, fa, fb, _ = pair_geometry(features[a], features[b])
+    if s < PARALLEL_SINE:
+        return np.inf
+    over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
+    gap = np.sqrt(d * d + over_a * over_a + over_b * over_b)
+    # A curve's normal has no length, but its direction is as good as that of a long edge.
+    la = ha if ha > 0.0 else 0.1 * size
+    lb = hb if hb > 0.0 else 0.1 * size
+    return (gap + 0.05 * size) / (min(la, lb) * s + 1e-12)
+
+
+@njit
+def _keep_best(best_cost, best_other, a, b, cost):
+    at = best_cost.shape[1] - 1
+    if cost >= best_cost[a, at]:
+        return
+    while at > 0 and best_cost[a, at - 1] > cost:
+        best_cost[a, at] = best_cost[a, at - 1]
+        best_other[a, at] = best_other[a, at - 1]
+        at -= 1
+    best_cost[a, at] = cost
+    best_other[a, at] = b
+
+
+@njit
 def rank_pairs(features, neighbours, size, knn):
     """Data pairs, most promising first: near, long and far from parallel (gap / (length x sine)).
 
@@ -170,35 +201,17 @@ def rank_pairs(features, neighbours, size, knn):
     best_other = np.full((n, max(knn, 1)), -1, np.int32)
     everyone = neighbours.shape[0] == 0
     for a in range(n):
-        ha = features[a, 6]
-        m = n if everyone else neighbours.shape[1]
-        for k in range(m):
-            b = k if everyone else neighbours[a, k]
-            if b < 0 or b == a:
-                continue
-            hb = features[b, 6]
-            dx, dy, dz = (features[b, 0] - features[a, 0], features[b, 1] - features[a, 1],
-                          features[b, 2] - features[a, 2])
-            if dx * dx + dy * dy + dz * dz > (size + ha + hb) ** 2:
-                continue
-            c, s, d, fa, fb, _ = pair_geometry(features[a], features[b])
-            if s < PARALLEL_SINE:
-                continue
-            over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
-            gap = np.sqrt(d * d + over_a * over_a + over_b * over_b)
-            # A curve's normal has no length, but its direction is as good as that of a long edge.
-            la = ha if ha > 0.0 else 0.1 * size
-            lb = hb if hb > 0.0 else 0.1 * size
-            cost = (gap + 0.05 * size) / (min(la, lb) * s + 1e-12)
-            if knn == 0 or cost >= best_cost[a, knn - 1]:
-                continue
-            at = knn - 1
-            while at > 0 and best_cost[a, at - 1] > cost:
-                best_cost[a, at] = best_cost[a, at - 1]
-                best_other[a, at] = best_other[a, at - 1]
-                at -= 1
-            best_cost[a, at] = cost
-            best_other[a, at] = b
+        if everyone:
+            for b in range(a + 1, n):
+                cost = _cost_of_pair(features, a, b, size)
+                if cost < np.inf:
+                    _keep_best(best_cost, best_other, a, b, cost)
+                    _keep_best(best_cost, best_other, b, a, cost)
+        else:
+            for k in range(neighbours.shape[1]):
+                b = neighbours[a, k]
+                if b >= 0 and b != a:
+                    _keep_best(best_cost, best_other, a, b, _cost_of_pair(features, min(a, b), max(a, b), size))
     pairs = np.zeros((n * knn, 2), np.int32)
     costs = np.zeros(n * knn)
     count = 0
@@ -226,36 +239,38 @@ def rank_pairs(features, neighbours, size, knn):
 # -- back-projection -------------------------------------------------------------------------------------------------
 
 
-@njit
-def fit_one(d, kind_d, tol, m, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol):
-    """How well a data feature (already in the model frame) lies on a model feature.
+@njit(inline='always')  # as a call it would cost more than what it does
+def fit_one(k, data, kind_d, tols, j, model, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol):
+    """How well data feature k, its middle p and direction v in the model frame, lies on model feature j.
 
     Returns the largest end point distance across the line over its tolerance, in [0, 1], or -1 when it does not fit.
     """
-    if kind_d != kind_m:
+    if kind_d[k] != kind_m[j]:
         return -1.0
-    rx, ry, rz = px - m[0], py - m[1], pz - m[2]
-    along = rx * m[3] + ry * m[4] + rz * m[5]
-    across = tol[0] * widen
-    qx, qy, qz = rx - along * m[3], ry - along * m[4], rz - along * m[5]
+    rx, ry, rz = px - model[j, 0], py - model[j, 1], pz - model[j, 2]
+    mx, my, mz = model[j, 3], model[j, 4], model[j, 5]
+    along = rx * mx + ry * my + rz * mz
+    across = tols[k, 0] * widen
+    qx, qy, qz = rx - along * mx, ry - along * my, rz - along * mz
     middle = qx * qx + qy * qy + qz * qz
     if middle > across * across:
         return -1.0
-    c = vx * m[3] + vy * m[4] + vz * m[5]
-    h = d[6]
-    if abs(along) + abs(c) * h > m[6] + tol[1] * widen:
+    c = vx * mx + vy * my + vz * mz
+    h = data[k, 6]
+    if abs(along) + abs(c) * h > model[j, 6] + tols[k, 1] * widen:
         return -1.0
     # sin(x)^2 lies between x^2 - x^4 / 3 and x^2: the sine itself is hardly ever needed.
-    cone = min(tol[2] * widen, 1.2)
+    cone = min(tols[k, 2] * widen, 1.2)
     square = cone * cone
     away = 1.0 - c * c
     if away > square or (away > square * (1.0 - square / 3.0) and away > np.sin(cone) ** 2):
         return -1.0
-    if kind_d == CURVE:
-        if abs(d[7] - m[7]) > radius_tol + tol[0] or abs(d[8] - m[8]) > radius_tol + tol[0]:
+    if kind_d[k] == CURVE:
+        room = radius_tol + tols[k, 0]
+        if abs(data[k, 7] - model[j, 7]) > room or abs(data[k, 8] - model[j, 8]) > room:
             return -1.0
         return min(1.0, np.sqrt(middle + along * along) / across)
-    sx, sy, sz = h * (vx - c * m[3]), h * (vy - c * m[4]), h * (vz - c * m[5])
+    sx, sy, sz = h * (vx - c * mx), h * (vy - c * my), h * (vz - c * mz)
     cross = qx * sx + qy * sy + qz * sz
     worst = middle + sx * sx + sy * sy + sz * sz + 2.0 * abs(cross)
     if worst > across * across:
@@ -306,7 +321,7 @@ def count_matches(motion, model, kind_m, low, cell, shape, starts, items, data, 
         which = -1
         for q in range(first, last):
             j = items[q]
-            fit = fit_one(data[k], kind_d[k], tols[k], model[j], kind_m[j], px, py, pz, vx, vy, vz, widen, radius_tol)
+            fit = fit_one(k, data, kind_d, tols, j, model, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol)
             if 0.0 <= fit < best:
                 best = fit
                 which = j
@@ -345,7 +360,7 @@ def assign(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d,
         best = 2.0
         for q in range(starts[at], starts[at + 1]):
             j = items[q]
-            fit = fit_one(data[k], kind_d[k], tols[k], model[j], kind_m[j], px, py, pz, vx, vy, vz, widen, radius_tol)
+            fit = fit_one(k, data, kind_d, tols, j, model, kind_m, px, py, pz, vx, vy, vz, widen, radius_tol)
             if 0.0 <= fit < best:
                 best = fit
                 assignment[k] = j

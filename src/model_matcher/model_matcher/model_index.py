@@ -13,7 +13,7 @@ from .params import MatchParams
 
 VOXELS_ACROSS = 24
 # Voxel tables exist for these reaches (fractions of the model's size); the smallest sufficient one is used.
-VOXEL_REACHES = (0.03, 0.06, 0.12, 0.25)
+VOXEL_REACHES = (0.02, 0.03, 0.04, 0.06, 0.085, 0.12, 0.17, 0.25)
 SMALLEST_FEATURE = 1e-9  # metres: a shorter edge has no direction
 
 

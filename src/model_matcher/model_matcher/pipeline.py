@@ -70,8 +70,8 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
 def _all_parallel(rows: np.ndarray) -> bool:
     """Whether no two features fix a pose; a tree then finds what there is, with the shift along them left free."""
     from .kernels import PARALLEL_SINE
-    crossed = np.cross(rows[0, 3:6], rows[:, 3:6])
-    return bool(np.einsum('ij,ij->i', crossed, crossed).max() < PARALLEL_SINE ** 2 / 4.0)
+    least = float(np.abs(rows[:, 3:6] @ rows[0, 3:6]).min())
+    return 1.0 - least * least < PARALLEL_SINE ** 2 / 4.0
 
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:

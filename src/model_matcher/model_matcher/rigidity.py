@@ -341,7 +341,7 @@ def all_fit(motion, a, i, data, kind_d, tols, model, kind_m, radius_tol):
         vx = motion[0] * d[3] + motion[3] * d[4] + motion[6] * d[5]
         vy = motion[1] * d[3] + motion[4] * d[4] + motion[7] * d[5]
         vz = motion[2] * d[3] + motion[5] * d[4] + motion[8] * d[5]
-        if fit_one(d, kind_d[a[k]], tols[a[k]], model[i[k]], kind_m[i[k]], px, py, pz, vx, vy, vz, 1.0 + 1e-9,
+        if fit_one(a[k], data, kind_d, tols, i[k], model, kind_m, px, py, pz, vx, vy, vz, 1.0 + 1e-9,
                    radius_tol) < 0.0:
             return False
     return True

@@ -28,7 +28,7 @@ def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, 
     radius_tol = params.curvedev * index.max_radius
     mids, directions = pose.inverse().apply(rows[:, :3]), rows[:, 3:6] @ pose.rotation
     fitting = [(a, i) for a in range(len(data)) for i in range(len(index))
-               if fit_one(rows[a], data.kind[a], tols[a], index.rows[i], index.kind[i], *mids[a], *directions[a], 1.0,
+               if fit_one(a, rows, data.kind, tols, i, index.rows, index.kind, *mids[a], *directions[a], 1.0,
                           radius_tol) >= 0.0]
     relations, margins, halves = model_relations(index.rows), margins_of(rows, tols), index.rows[:, 6].copy()
     alone = possible(rows, data.kind, tols, index.rows, index.kind, radius_tol)
