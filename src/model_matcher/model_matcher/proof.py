@@ -26,7 +26,7 @@ import numpy as np
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
-from .finishing import Problem, Refined, _interpretation, as_pose, make_problem
+from .finishing import Problem, Refined, _interpretation, as_pose, make_problem, pose_covariances
 from .model_index import ModelIndex, index_model
 from .params import MatchParams, MatchResult
 from .symmetry import symmetric_poses
@@ -120,7 +120,8 @@ def _as_interpretation(problem: Problem, assignment: np.ndarray, motion: np.ndar
     fit(pose, assignment, sign, *problem.sample, problem.index.rows, normal, figures)
     refined = Refined(pose[None], assignment[None], sign[None], normal[None],
                       np.array([[0.0, figures[0], figures[1], *figures[2:], 0.0, 0.0]]))
-    return _interpretation(problem, refined, 0, symmetric_poses(problem.index, as_pose(pose)), None)
+    covariance = pose_covariances(problem.index, refined, [0])[0]
+    return _interpretation(problem, refined, 0, covariance, symmetric_poses(problem.index, as_pose(pose)), None)
 
 
 class _GivenUp(Exception):
