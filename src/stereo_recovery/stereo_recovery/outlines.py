@@ -20,6 +20,16 @@ from .segmentation import Pieces
 # How far from the outline's line a piece may run, pixels, and how far from the rim it may start, in rim radii.
 TOUCH = 1.0
 REACH = 8.0
+# What an uncertain axis may add to that, pixels.
+MOST_TURN = 1.5
+# An outline seen in both images may start farther away, where nothing is concluded from it.
+FAR_REACH = 12.0
+# Shorter pieces, pixels, say nothing of where they run.
+LEAST_LENGTH = 3.0
+# A piece this near to an outline that starts this near to the rim, in one image, is one even if the other image's piece
+# (which may be a neighbour's) is only so near.
+SURE_TOUCH, SURE_REACH = 0.5, 0.5
+LOOSE_TOUCH = 4.0
 # What light and a surface's shading move an outline by, pixels.
 OUTLINE_SIGMA = 0.3
 
@@ -45,10 +55,12 @@ def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
     return lines / length[:, None] if (length > 0.0).all() else np.zeros((0, 3))
 
 
-def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float) -> np.ndarray:
+def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float, touch: float = TOUCH,
+             reach: float = REACH) -> np.ndarray:
     """(n,) int8: 1 or 2 for straight pieces that run along one or the other outline, else 0.
 
-    apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder.
+    apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder;
+    touch : pixels off the outline's line, beside what is uncertain about a piece; reach : radii from the rim.
     """
     side = np.zeros(len(pieces), np.int8)
     if len(pieces) == 0:
@@ -67,16 +79,18 @@ def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray,
     radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2]))
                      / np.linalg.eigvalsh(conic[:2, :2])[0])
     ends = np.stack([pieces.start, pieces.end], axis=1)
-    straight = (pieces.arc < 0) & (pieces.length > 5.0)
+    straight = (pieces.arc < 0) & (pieces.length > LEAST_LENGTH)
     for name, k in enumerate(order):
         off = np.abs(ends @ lines[k, :2] + lines[k, 2]).max(axis=1)
-        slack = TOUCH + np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0)
-        along = (contact[k] - pieces.centre) @ np.array([[-lines[k, 1]], [lines[k, 0]]])
-        half = 0.5 * pieces.length
-        gap = np.abs(along[:, 0]) - half
+        # How far the touching point is inside the piece; negative: beyond its end.
+        place = ((contact[k] - pieces.centre) * pieces.direction).sum(axis=1)
+        inside = np.minimum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
+        # An axis that is not quite known turns its outlines.
+        far = np.maximum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
+        slack = touch + np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0) + np.minimum(
+            3.0 * curve.tilt * far, MOST_TURN)
         # It ends at the rim, or far from it; it does not pass it.
-        passes = half - np.abs(along[:, 0]) > 0.25 * pieces.length
-        side[straight & (off < slack) & (gap < REACH * radius) & ~passes] = name + 1
+        side[straight & (off < slack) & (-inside < reach * radius) & (inside < 0.25 * pieces.length)] = name + 1
     return side
 
 
@@ -126,10 +140,14 @@ def of_cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> 
 
 def contours(lines: Lines3D, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]],
              rig: StereoRig) -> np.ndarray:
-    """(n,) bool: matched pieces that are the outline of one of the surfaces (rim and apex) in both images."""
+    """(n,) bool: matched pieces that are the outline of one of the surfaces (rim and apex) in both images, or beyond
+    doubt in one."""
     result = np.zeros(len(lines), bool)
     for curve, apex in surfaces:
-        left = touching(curve, apex, pieces[0], rig.left.matrix, 0.0)[lines.left]
-        right = touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)[lines.right]
-        result |= (left != 0) & (left == right)
+        usual, sure, loose = ([touching(curve, apex, side, camera.matrix, eye, touch, reach)[index]
+                               for side, camera, eye, index in ((pieces[0], rig.left, 0.0, lines.left),
+                                                                (pieces[1], rig.right, rig.baseline, lines.right))]
+                              for touch, reach in ((TOUCH, FAR_REACH), (SURE_TOUCH, SURE_REACH), (LOOSE_TOUCH, REACH)))
+        result |= (usual[0] != 0) & (usual[0] == usual[1])
+        result |= (sure[0] != 0) & (sure[0] == loose[1]) | (sure[1] != 0) & (sure[1] == loose[0])
     return result

@@ -36,7 +36,9 @@ MOST_EDGELS = 40000
 SPARSE = 0.01
 WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
-LEAST_DETERMINED = 0.25
+# One that is known less well may still tell on which face a curve lies.
+LEAST_DETERMINED = 0.16
+FACE_DETERMINED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,18 +155,19 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     lap('curves')
     segments = to_space(lines, pieces[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
-    keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
+    keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < FACE_DETERMINED * span)
     keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
     # Corners that were none may tell more than any match was allowed to.
     run = pieces[0].direction[lines.left]
     slope = lines.coefficient[:, 1]
     keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
-    # A piece of an arc in both images is none, whether its curve was recovered or not.
-    keep &= (pieces[0].arc[lines.left] < 0) | (pieces[1].arc[lines.right] < 0)
+    # A piece of an arc in either image is none, whether its curve was recovered or not.
+    keep &= (pieces[0].arc[lines.left] < 0) & (pieces[1].arc[lines.right] < 0)
     axes, surfaces = find_axes(curves, pieces, rig)
     keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
+    curves = on_faces(curves, segments.ends[keep], segments.err_per[keep])
+    keep &= segments.err_per < LEAST_DETERMINED * span
     err_per = segments.err_per[keep]
-    curves = on_faces(curves, segments.ends[keep], err_per)
     ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves)
     features = FeatureSet.concatenate([
         FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per),
