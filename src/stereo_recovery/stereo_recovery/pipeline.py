@@ -35,6 +35,8 @@ MOST_EDGELS = 40000
 # in units of the gradient's noise, and least number of edgels.
 SPARSE = 0.01
 WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
+# A curve is reported when its normal is known this well, radians, one sigma; less well, it explains edgels only.
+MOST_TILT = np.radians(2.0)
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
 # One that is known less well may still tell on which face a curve lies.
 LEAST_DETERMINED = 0.16
@@ -163,9 +165,11 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
     # A piece of an arc in either image is none, whether its curve was recovered or not.
     keep &= (pieces[0].arc[lines.left] < 0) & (pieces[1].arc[lines.right] < 0)
-    axes, surfaces = find_axes(curves, pieces, rig)
+    told = [c for c in curves if c.tilt < MOST_TILT]
+    axes, surfaces = find_axes(told, pieces, rig)
+    surfaces += [(c, np.append(c.normal, 0.0)) for c in curves if c.tilt >= MOST_TILT]
     keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
-    curves = on_faces(curves, segments.ends[keep], segments.err_per[keep])
+    curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
     keep &= segments.err_per < LEAST_DETERMINED * span
     err_per = segments.err_per[keep]
     ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves)
