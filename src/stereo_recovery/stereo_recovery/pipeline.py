@@ -38,9 +38,10 @@ WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
 # A curve is reported when its normal is known this well, radians, one sigma; less well, it explains edgels only.
 MOST_TILT = np.radians(2.0)
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
-# One that is known less well may still tell on which face a curve lies.
-LEAST_DETERMINED = 0.16
-FACE_DETERMINED = 0.25
+# Where there are curves a doubtful one may well be a piece of a curve: it has to be known better, and only tells on which
+# face a curve lies.
+LEAST_DETERMINED = 0.25
+BESIDE_CURVES = 0.16
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,20 +158,22 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     lap('curves')
     segments = to_space(lines, pieces[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
-    keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < FACE_DETERMINED * span)
+    keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
     keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
     # Corners that were none may tell more than any match was allowed to.
     run = pieces[0].direction[lines.left]
     slope = lines.coefficient[:, 1]
     keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
-    # A piece of an arc in either image is none, whether its curve was recovered or not.
-    keep &= (pieces[0].arc[lines.left] < 0) & (pieces[1].arc[lines.right] < 0)
+    # A piece of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one image,
+    # unless it runs from corner to corner where nothing is curved.
+    arcs = (pieces[0].arc[lines.left] >= 0).astype(int) + (pieces[1].arc[lines.right] >= 0)
+    keep &= (arcs == 0) | ((arcs == 1) & lines.fixed.all(axis=1) & (len(curves) == 0))
     told = [c for c in curves if c.tilt < MOST_TILT]
     axes, surfaces = find_axes(told, pieces, rig)
     surfaces += [(c, np.append(c.normal, 0.0)) for c in curves if c.tilt >= MOST_TILT]
     keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
     curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
-    keep &= segments.err_per < LEAST_DETERMINED * span
+    keep &= segments.err_per < (BESIDE_CURVES if curves else LEAST_DETERMINED) * span
     err_per = segments.err_per[keep]
     ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves)
     features = FeatureSet.concatenate([
