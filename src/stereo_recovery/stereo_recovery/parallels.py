@@ -19,8 +19,10 @@ LENDER, BORROWER = 0.15, 0.4
 # Edges that are not quite as good lend to what is much worse, when they are long: worst sigma, share of the borrower's
 # sigma, share of its length.
 LONG_LENDER, BETTER, LENGTH_SHARE = 1.0, 0.4, 0.4
-# Only edges flatter than this (sine) borrow.
+# Only edges flatter than this (sine) borrow for that; others when they are short: the least sigma of their slope in
+# disparity, and the lender's share of it.
 FLAT = 0.15
+VAGUE, CLEARER = 0.001, 0.5
 # How far, as a sine, parallel edges miss their vanishing point beyond the sigma of their lines, and the share of
 # disparity by which their slopes differ over a length of one pixel.
 WANDER, SLOPE_WANDER = 0.002, 2e-5
@@ -45,14 +47,19 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
     worst = np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1)
     straight = left.arc[matches.left] < 0
     lenders = np.flatnonzero((worst < LONG_LENDER) & straight)
-    borrowers = np.flatnonzero((worst > BORROWER) & straight & (np.abs(t[:, 1]) < FLAT))
+    flat = np.abs(t[:, 1]) < FLAT
+    slope = np.sqrt(covariance[:, 1, 1])
+    borrowers = np.flatnonzero(straight & np.where(flat, worst > BORROWER, slope > VAGUE))
     coefficient, covariance = coefficient.copy(), covariance.copy()
     if len(lenders) == 0:
         return coefficient, covariance
     a, b, spread = coefficient[lenders, 0] - offset, coefficient[lenders, 1], covariance[lenders]
     for f in borrowers:
-        able = (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[f])
-                                            & (length[lenders] > LENGTH_SHARE * length[f]))
+        if flat[f]:
+            able = (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[f])
+                                                & (length[lenders] > LENGTH_SHARE * length[f]))
+        else:
+            able = slope[lenders] < CLEARER * slope[f]
         # Towards each lender's vanishing point, homogeneous; and how that moves with the lender's coefficients.
         away = c[lenders] - c[f]
         toward = b[:, None] * away - a[:, None] * t[lenders]
