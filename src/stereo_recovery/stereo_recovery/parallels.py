@@ -1,8 +1,8 @@
-"""Edges along the rows with one known end take their direction from an edge that is parallel to them.
+"""Edges along the rows with one known end, and short ones, take their direction from an edge that is parallel to them.
 
 In the space of columns, rows and disparity parallel edges meet where disparity is nil: at their vanishing point. An
-edge that is well measured gives that point. A flat edge whose line in the image goes through it, and whose own
-evidence (corners, rough ends) allows it, is taken to be parallel. Points where two well measured edges claim
+edge that is well measured gives that point. An edge known less well whose line in the image goes through it, and whose
+own evidence (corners, rough ends) allows it, is taken to be parallel. Points where two well measured edges claim
 different directions tell nothing.
 """
 
@@ -19,8 +19,8 @@ LENDER, BORROWER = 0.15, 0.4
 # Edges that are not quite as good lend to what is much worse, when they are long: worst sigma, share of the borrower's
 # sigma, share of its length.
 LONG_LENDER, BETTER, LENGTH_SHARE = 1.0, 0.4, 0.4
-# Only edges flatter than this (sine) borrow for that; others when they are short: the least sigma of their slope in
-# disparity, and the lender's share of it.
+# Only edges flatter than this (sine) borrow for that; others when they are short: least sigma of their slope in
+# disparity, pixels a pixel, and the lender's share of it.
 FLAT = 0.15
 VAGUE, CLEARER = 0.001, 0.5
 # How far, as a sine, parallel edges miss their vanishing point beyond the sigma of their lines, and the share of
@@ -36,7 +36,7 @@ SURE = 4.0
 
 def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: np.ndarray, ends_sigma: np.ndarray,
            offset: float) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: flat ones improved.
+    """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: vague ones improved.
 
     ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left piece's ends
     offset : pixels, disparity of infinitely far points.

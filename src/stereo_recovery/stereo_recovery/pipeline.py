@@ -38,8 +38,8 @@ WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
 # A curve is reported when its normal is known this well, radians, one sigma; less well, it explains edgels only.
 MOST_TILT = np.radians(2.0)
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
-# Where there are curves a doubtful one may well be a piece of a curve: it has to be known better, and only tells on which
-# face a curve lies.
+# Where there are curves a doubtful one may well be a piece of a curve: it has to be known better, and only tells on
+# which face a curve lies.
 LEAST_DETERMINED = 0.25
 BESIDE_CURVES = 0.16
 
@@ -164,8 +164,8 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     run = pieces[0].direction[lines.left]
     slope = lines.coefficient[:, 1]
     keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
-    # A piece of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one image,
-    # unless it runs from corner to corner where nothing is curved.
+    # A piece of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one
+    # image, unless it runs from corner to corner where nothing is curved.
     arcs = (pieces[0].arc[lines.left] >= 0).astype(int) + (pieces[1].arc[lines.right] >= 0)
     keep &= (arcs == 0) | ((arcs == 1) & lines.fixed.all(axis=1) & (len(curves) == 0))
     told = [c for c in curves if c.tilt < MOST_TILT]

@@ -18,7 +18,8 @@ from stereo_recovery.curve_fit import Axle, refine
 from stereo_recovery.curve_starts import mirrored
 from stereo_recovery.edgels import Edgels, detect
 from stereo_recovery.facing import on_faces
-from stereo_recovery.outlines import tangents
+from stereo_recovery.lines3d import Lines3D
+from stereo_recovery.outlines import contours, tangents
 from stereo_recovery.segmentation import Pieces
 from stereo_recovery.tangency import joined_ends
 
@@ -167,6 +168,27 @@ def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[n
         foot = rim.centre + rim.radii[0] * (np.cos(angle) * rim.first + np.sin(angle) * rim.second)
         result.append(camera.project(np.stack([foot, foot + length * rim.normal]) - [eye, 0.0, 0.0]))
     return result
+
+
+@pytest.mark.parametrize('moved, is_outline', [
+    ((0.0, 0.0), True),
+    ((0.0, 2.5), True),      # the right image's piece is a neighbour, but the left one is an outline beyond doubt
+    ((2.5, 2.5), False),
+    ((0.0, 9.0), False),
+])
+def test_outlines_of_a_rims_surface_are_no_edges(moved, is_outline):
+    rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
+    sides = [outline_of_cylinder(rim, 0.03, camera, eye)[0] + [off, 0.0] for (camera, eye), off in zip(EYES, moved)]
+    pieces = []
+    for side in (pieces_of([segment]) for segment in sides):
+        # Where most edgels are need not be the middle.
+        shift = 0.4 * side.length[:, None]
+        pieces.append(replace(side, centre=side.centre + shift * side.direction, reach=side.reach - shift))
+    zero = np.zeros(1, np.int32)
+    lines = Lines3D(zero, zero, pieces[0].reach, np.zeros((1, 2)), np.zeros((1, 2, 2)), np.ones((1, 2)),
+                    np.zeros((1, 2), bool))
+    found = contours(lines, (pieces[0], pieces[1]), [(rim, np.append(rim.normal, 0.0))], RIG)
+    assert list(found) == [is_outline]
 
 
 def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():

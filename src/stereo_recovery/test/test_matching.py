@@ -32,12 +32,12 @@ def test_two_pieces_match_one_only_if_they_can_be_one_edge(second, both):
     assert list(chosen) == ([0, 1] if both else [0])
 
 
-def two_edges(turn: float):
-    """A well measured edge from (0, 0, 8) to (1, 1, 10), and a flat one parallel to it, turned about y by ``turn``,
-    of which one end is known; f = 100, baseline 1. Returns the arguments of borrow() and the flat one's true a, b."""
+def two_edges(turn: float, rise: float = 0.1, slope_sigma: float = 0.1):
+    """A well measured edge from (0, 0, 8) to (1, rise, 10), and one parallel to it, turned about y by ``turn``, of
+    which one end is known; f = 100, baseline 1. Returns the arguments of borrow() and the latter's true a, b."""
     lines, disparity = [], []
-    for origin, run in (((0.0, 0.0, 8.0), (1.0, 0.1, 2.0)),
-                        ((1.0, 1e-3, 8.0), (np.cos(turn) + 2 * np.sin(turn), 0.1, 2 * np.cos(turn) - np.sin(turn)))):
+    for origin, run in (((0.0, 0.0, 8.0), (1.0, rise, 2.0)),
+                        ((1.0, 1e-3, 8.0), (np.cos(turn) + 2 * np.sin(turn), rise, 2 * np.cos(turn) - np.sin(turn)))):
         points = np.array([origin, np.add(origin, run)])
         lines.append(100.0 * points[:, :2] / points[:, 2:])
         disparity.append(100.0 / points[:, 2])
@@ -52,8 +52,8 @@ def two_edges(turn: float):
                       np.column_stack([d[:, 0], d.mean(axis=1), d[:, 1]]), np.zeros((2, 2)), np.ones(2))
     true = np.column_stack([d[:, 0], (d[:, 1] - d[:, 0]) / length])
     given = true.copy()
-    given[1, 1] += 0.05
-    covariance = np.stack([np.diag([1e-6, 1e-8]), np.diag([1e-4, 0.01])])
+    given[1, 1] += 0.5 * slope_sigma
+    covariance = np.stack([np.diag([1e-6, 1e-8]), np.diag([1e-4, slope_sigma ** 2])])
     return (matches, pieces, given, covariance, np.full((2, 2), 4.0)), true
 
 
@@ -67,5 +67,19 @@ def test_a_flat_edge_with_one_known_end_takes_the_direction_of_a_parallel_one():
 
 def test_edges_that_do_not_share_a_vanishing_point_lend_nothing():
     arguments, _ = two_edges(0.3)
+    coefficient, _ = borrow(*arguments, offset=0.0)
+    assert np.array_equal(coefficient, arguments[2])
+
+
+def test_a_short_steep_edge_takes_its_slope_from_a_parallel_one_known_better():
+    arguments, true = two_edges(0.0, rise=3.0, slope_sigma=0.01)
+    coefficient, covariance = borrow(*arguments, offset=0.0)
+    assert coefficient[1] == pytest.approx(true[1], abs=1e-3)
+    assert covariance[1, 1, 1] < 1e-6
+    assert np.array_equal(coefficient[0], arguments[2][0])
+
+
+def test_a_steep_edge_that_is_known_as_well_as_its_parallel_keeps_its_slope():
+    arguments, _ = two_edges(0.0, rise=3.0, slope_sigma=1.5e-4)
     coefficient, _ = borrow(*arguments, offset=0.0)
     assert np.array_equal(coefficient, arguments[2])
