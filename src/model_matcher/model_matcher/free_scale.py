@@ -26,6 +26,8 @@ AROUND = 20  # steps to either side that a scale has to stand out from
 LARGEST = 400  # features of which the pairs are looked at
 ANGLES = 12  # classes of angles from 0 to 90 degrees
 SCALES = 40  # scales searched at most,
+SHARE = 0.25  # of the time limit for one scale at most,
+SPARE = 0.3  # and what is spared for the estimate
 UNCHANGED = 8  # and so many without a better interpretation once there is one
 SHORTEST = 0.03  # of the largest distance: shorter ones say little of the scale
 TURNS = 6  # alternations of pose and scale
@@ -44,14 +46,17 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
     if params.search != 'hypotheses':
         return _by_directions(index, data, params, started)
     known = params.replace(scale='known', prove=False, false_alarm_rate=params.false_alarm_rate / SCALES)
+    deadline = started + params.time_limit_s
     best: MatchResult | None = None
     best_scale = 1.0
     tried = since = 0
     for scale in likely_scales(index, data):
-        left = params.time_limit_s - (time.perf_counter() - started)
-        if tried >= SCALES or (best and since >= UNCHANGED) or (tried and left <= 0.0):
+        left = deadline - time.perf_counter()
+        if tried >= SCALES or (best and since >= UNCHANGED) or (tried and left <= SPARE * params.time_limit_s):
             break
-        found = search(index, resized(data, 1.0 / scale), known.replace(time_limit_s=max(left, 1e-3)))
+        # No scale is to have all the time.
+        seconds = max(min(left, SHARE * params.time_limit_s), 1e-3)
+        found = search(index, resized(data, 1.0 / scale), known.replace(time_limit_s=seconds))
         tried += 1
         since += 1
         if _rank(found) > _rank(best):
@@ -59,7 +64,12 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
     stats = {'data_features': len(data), 'scales': tried, 'search': params.search}
     if best is None:
         return no_match(data, 'the data holds no two features that would tell a scale', **stats)
-    accepted = tuple(one for found in best.interpretations if (one := settle(index, data, found, best_scale, known)))
+    settled: list[Interpretation] = []
+    for k, found_one in enumerate(best.interpretations):
+        if k == 0 or time.perf_counter() < deadline:
+            one = settle(index, data, found_one, best_scale, known, deadline)
+            settled += [] if one is None else [one]
+    accepted = tuple(settled)
     rejected = tuple(_with_scale(one, best_scale) for one in best.rejected)
     stats.update({name: value for name, value in best.stats.items() if name not in stats})
     return MatchResult(accepted, rejected, stats, best.reason if not accepted else None)
@@ -93,7 +103,7 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
         assignment[problem.keep[matched]] = index.source[result.assignments[k][matched]]
         sign[problem.keep[matched]] = checked.signs[k][matched]
         found = Interpretation(index.name, assignment, sign, Pose(pose.rotation, pose.translation / pose.scale))
-        one = settle(index, near, found, pose.scale, known)
+        one = settle(index, near, found, pose.scale, known, started + params.time_limit_s)
         if one is not None and not any((one.assignment == other.assignment).all() for other in settled):
             settled.append(one)
     settled.sort(key=lambda one: (-len(np.unique(one.assignment)), one.residual_rms))
@@ -181,11 +191,12 @@ def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarra
     return lengths[keep], group[keep], weights[keep]
 
 
-def settle(index: ModelIndex, data: FeatureSet, found: Interpretation, scale: float,
-           params: MatchParams) -> Interpretation | None:
+def settle(index: ModelIndex, data: FeatureSet, found: Interpretation, scale: float, params: MatchParams,
+           deadline: float = np.inf) -> Interpretation | None:
     """An interpretation at about the right scale, with scale and pose estimated by turns; None when it dissolves.
 
     data : as observed; found : of the data divided by ``scale``; params : of known scale
+    deadline : of perf_counter(), after which no turn begins but the first
     """
     current = found
     for _ in range(TURNS):
@@ -199,7 +210,7 @@ def settle(index: ModelIndex, data: FeatureSet, found: Interpretation, scale: fl
         if not accepted:
             return None
         current = accepted[0]
-        if abs(factor - 1.0) < 1e-7:
+        if abs(factor - 1.0) < 1e-7 or time.perf_counter() > deadline:
             break
     return _with_scale(current, scale)
 

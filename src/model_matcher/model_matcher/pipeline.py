@@ -12,7 +12,18 @@ from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
-from .finishing import NEARLY, SEARCH_WIDTH, Problem, conclude, make_problem, needed_evidence, refine_all
+from .finishing import (
+    DOUBTFUL,
+    KEEP,
+    NEARLY,
+    SEARCH_WIDTH,
+    Problem,
+    Refined,
+    conclude,
+    make_problem,
+    needed_evidence,
+    refine_all,
+)
 from .model_index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
 from .threads import spread
@@ -20,7 +31,13 @@ from .tree_match import match_by_tree
 
 NEIGHBOURS = 24
 PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
-BLOCK = 4096  # data pairs x data features between two looks at the clock, but 8 pairs at least
+BLOCK = 4096  # data pairs x data features before the first look at the clock, but 8 pairs at least
+QUICK, SLOW = 0.002, 0.02  # seconds between two looks at the clock: less is too often, more too seldom
+# With more data than LARGE, the time limit is shared out: pairs are ranked until, and searched until. With less, no
+# step but the search takes long.
+LARGE = 5000
+RANKING, SEARCHING = 0.3, 0.75
+AT_ONCE = 2048  # features whose neighbours are looked up between two looks at the clock
 EVERYONE = np.zeros((0, 0), np.int32)
 # So many times more candidates are kept when the list is full of poses nearly as good as the best, as of a grid.
 PERIODIC = 4
@@ -81,13 +98,15 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     search: Any = hypotheses.search_pairs
     index, rows = problem.index, problem.rows
     n = len(rows)
-    neighbours = EVERYONE
+    neighbours, all_ranked = EVERYONE, True
     if n > 600:
-        _, near = cKDTree(rows[:, :3]).query(rows[:, :3], k=min(n, 3 * NEIGHBOURS))
-        neighbours = near.astype(np.int32)
+        longest = 1.1 * float(index.rows[:, 6].max()) + float(problem.tolerances[:, 0].max())
+        neighbours, all_ranked = _neighbours(rows, longest, started + RANKING * params.time_limit_s)
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
+    searching = params.time_limit_s * (SEARCHING if n > LARGE else 1.0)  # what is left is for the refinement
     table = problem.table
     block = max(8, BLOCK // n)
+    looked = time.perf_counter()
     for room in (hypotheses.CANDIDATES, PERIODIC * hypotheses.CANDIDATES):
         motions = np.zeros((room, 12))
         scores = np.zeros(room)
@@ -101,12 +120,16 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
                    index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, PATIENCE, motions,
                    scores, state)
             first = last
-            in_time = time.perf_counter() - started <= params.time_limit_s
-        if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0:
+            now = time.perf_counter()
+            block = 2 * block if now - looked < QUICK else max(8, block // 2) if now - looked > SLOW else block
+            looked = now
+            in_time = now - started <= searching
+        if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
             break
-    refined = refine_all(problem, motions, scores, params)
+    refined = refine_all(problem, motions, scores, params) if n <= LARGE else \
+        _refine_in_time(problem, motions, scores, params, started + params.time_limit_s)
     accepted, rejected = conclude(problem, refined, params)
-    stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
+    stopped = 'patience' if state[3] else 'exhausted' if in_time and all_ranked else 'time limit'
     stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': int(state[2]),
              'hypotheses': int(state[0]), 'stopped_by': stopped, 'evidence_needed': needed_evidence(problem, params)}
     enough = refined.figures[:, 0] >= min(params.min_matched, len(index))
@@ -116,6 +139,39 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'
     return MatchResult(accepted, rejected, stats, reason)
+
+
+def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.ndarray, bool]:
+    """(n, m) int32 nearest features of each one, and whether there was time for all.
+
+    Curves and long edges go first, edges whose half length exceeds ``longest`` (metres) last, for the model has
+    none such. Where there was no time, a feature has -1 for its neighbours.
+    """
+    count = min(len(rows), 3 * NEIGHBOURS)
+    near = np.full((len(rows), count), -1, np.int32)
+    order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0, rows[:, 6] > longest))
+    tree = cKDTree(rows[:, :3])
+    for first in range(0, len(rows), AT_ONCE):
+        if first and time.perf_counter() > deadline:
+            return near, False
+        some = order[first:first + AT_ONCE]
+        near[some] = tree.query(rows[some, :3], k=count)[1]
+    return near, True
+
+
+def _refine_in_time(problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams,
+                    deadline: float) -> Refined:
+    """As refine_all, one candidate after the other while there is time; the first in any case."""
+    refined = refine_all(problem, motions[:1], scores[:1], params)
+    parts = [refined]
+    enough = needed_evidence(problem, params) + DOUBTFUL
+    for k in range(1, len(scores)):
+        if scores[k] <= 0.0 or time.perf_counter() > deadline:
+            break
+        if scores[k] >= KEEP * np.floor(scores[0]) or max(part.figures[0, 7] for part in parts) < enough:
+            parts.append(refine_all(problem, motions[k:k + 1], scores[k:k + 1], params))
+    return Refined(*(np.concatenate([getattr(part, name) for part in parts])
+                     for name in ('motions', 'assignments', 'signs', 'normals', 'figures')))
 
 
 def recognise(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
