@@ -205,6 +205,30 @@ def first_edges(scene: SyntheticScene, count: int) -> SyntheticScene:
                           scene.poses)
 
 
+def limits(models: list[str], seeds: range) -> None:
+    """Far too much data: 100,000 edges, the model among them, and a time limit. Right: within 1.3 times the limit."""
+    for name in models[:2]:
+        index = index_model(MODELS[name](), name)
+        for options in ({'search': 'hypotheses'}, {'prove': True}, {'scale': 'free'}, {'search': 'tree'},
+                        {'search': 'serial'}, {'search': 'subgraph'}):
+            ms, good, found = [], [], 0
+            for seed in part(seeds, 10, 3):
+                rng = np.random.default_rng(seed)
+                start = rng.uniform(-1.0, 1.0, (100_000, 3))
+                end = start + random_directions(rng, len(start)) * rng.uniform(0.01, 0.1, (len(start), 1))
+                scene = make_scene(index.features, seed, visible=1.0)
+                data = FeatureSet.concatenate([scene.data, FeatureSet.from_edges(start, end, 1.5e-3, 1.5e-3)])
+                params = MatchParams(time_limit_s=2.0, **options)
+                if not ms:
+                    match(index, scene.data, params)
+                began = time.perf_counter()
+                best = match(index, data, params).best
+                ms.append(1e3 * (time.perf_counter() - began))
+                good.append(ms[-1] <= 1.3 * 2000.0)
+                found += best is not None and best.pose.error_to(scene.poses[0]).translation < 0.03 * index.size
+            row('limit 2 s', name, [len(data)], good, ms, f'{options}, right pose {found} of {len(ms)}')
+
+
 GENERATORS = ('polyhedra', 'boxes', 'models', 'segments', 'views', 'recovered', 'decoys')
 RATES = (1e-1, 1e-2, 1e-3)
 
@@ -299,7 +323,7 @@ def false_alarms(models: list[str], seeds: range) -> None:
 
 PRESETS = {'clutter': clutter, 'decoys': decoys, 'low_visible': low_visible, 'absent': absent,
            'absent_decoys': absent_decoys, 'instances': instances, 'prove': prove, 'large': large, 'library': library,
-           'prefilter': prefilter_kept, 'false_alarms': false_alarms}
+           'limits': limits, 'prefilter': prefilter_kept, 'false_alarms': false_alarms}
 FIRST_SEEDS = {'false_alarms': 40_000, 'prefilter': 40_000}  # constants were found with lower ones
 
 

@@ -160,7 +160,11 @@ def summary(result: MatchResult, n_data: int) -> str:
     head = f'{found} found' if found else f'nothing found: {result.reason}'
     explained = sum(item.matched for item in result.interpretations)
     seconds = float(result.stats.get('seconds', 0.0))
-    return f'{head}; {explained} of {n_data} features explained; {1e3 * seconds:.1f} ms'
+    best = result.best
+    free = ''
+    if best is not None and best.free_shift is not None:
+        free = f'; all parallel: free to shift along ({" ".join(f"{value:.3f}" for value in best.free_shift)})'
+    return f'{head}; {explained} of {n_data} features explained{free}; {1e3 * seconds:.1f} ms'
 
 
 def _image(path: Path | None) -> Any:

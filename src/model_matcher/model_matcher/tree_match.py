@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
 import numpy as np
+
+from msgs_py import BIN, FeatureSet, Interpretation
 
 from .finishing import Problem, conclude, refine_all
 from .params import MatchParams, MatchResult, no_match
@@ -17,6 +20,7 @@ INTERPRETATIONS = 256  # how many feasible interpretations are validated at most
 REFINED = 16  # how many of them, best first, are refined
 # The closed-form pose is tested more generously than the refined one.
 FIRST_FRACDEV = 4.0
+ALONG = 0.98  # cosine of a feature parallel to the free shift
 
 
 def match_by_tree(problem: Problem, params: MatchParams, started: float) -> MatchResult:
@@ -46,10 +50,21 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
                         for k in order])
     refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)
     accepted, rejected = conclude(problem, refined, params)
+    if 'free_shift' in stats:
+        free = np.array(stats['free_shift'])
+        accepted, rejected = (tuple(_with_free_shift(one, problem.data, problem.keep, free) for one in ones)
+                              for ones in (accepted, rejected))
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no feasible interpretation is a rigid motion'
     return MatchResult(accepted, rejected, stats, reason)
+
+
+def _with_free_shift(one: Interpretation, data: FeatureSet, keep: np.ndarray, free: np.ndarray) -> Interpretation:
+    """An interpretation that says along what it may move, when all that it pairs is parallel to that."""
+    paired = one.assignment[keep] != BIN
+    lines = data.directions[paired]
+    return replace(one, free_shift=free) if (np.abs(lines @ free) > ALONG).all() else one
 
 
 def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResult:

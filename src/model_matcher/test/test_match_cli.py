@@ -32,6 +32,15 @@ def test_nothing_found_has_a_reason_and_exit_status_1(files, capsys):
     assert 'nothing found: ' in capsys.readouterr().out
 
 
+def test_parallel_data_says_along_what_the_model_may_shift(files, capsys):
+    model = l_shape()
+    upright = model.select(np.flatnonzero(np.abs(model.directions[:, 2]) > 0.9))
+    upright.save(files / 'parallel.npz')
+    assert main([str(files / 'l_shape.npz'), str(files / 'parallel.npz')]) in (0, 1)
+    assert main([str(files / 'l_shape.npz'), str(files / 'parallel.npz'), '--false-alarm-rate', '1']) == 0
+    assert 'free to shift along (0.000 0.000 ' in capsys.readouterr().out.replace('-0.000', '0.000')
+
+
 def test_draws_over_the_image_with_a_camera_file(files):
     image = np.zeros((120, 160), np.uint8)
     cv2.imwrite(str(files / 'left.png'), image)

@@ -102,3 +102,16 @@ def test_two_instances_and_two_models_are_recognised():
     for truth, name in [(scenes[0].poses[0], 'model0'), (scenes[0].poses[1], 'model0'), (scenes[1].poses[0], 'model1')]:
         assert any(close(pose, truth, 2.0, 3e-3) for one in found if one.model == name
                    for pose in (one.pose, *one.symmetric_poses))
+
+
+@pytest.mark.parametrize('scale', ['known', 'free'])
+def test_the_time_limit_holds_with_far_too_much_data(scale):
+    rng = np.random.default_rng(5)
+    start = rng.uniform(-1.0, 1.0, (60_000, 3))
+    data = FeatureSet.from_edges(start, start + rng.normal(scale=0.03, size=start.shape), 1e-3, 1e-3)
+    scene = make_scene(MODELS['l_shape'](), 5)
+    match(MODELS['l_shape'](), scene.data, MatchParams(scale=scale))
+    result = match(MODELS['l_shape'](), FeatureSet.concatenate([scene.data, data]),
+                   MatchParams(scale=scale, time_limit_s=1.0))
+    assert result.stats['seconds'] < 2.0  # 1.3 on a quiet machine
+    assert result or result.reason

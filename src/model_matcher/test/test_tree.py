@@ -125,6 +125,7 @@ def test_parallel_data_gives_its_pose_and_the_shift_that_stays_free(search):
     free = np.array(result.stats['free_shift'])
     assert abs(free @ data.directions[0]) > 1.0 - 1e-9 and 'free_turn' not in result.stats
     assert result.best.matched == len(data)
+    np.testing.assert_allclose(result.best.free_shift, free)
     gaps = [pose.translation - truth.translation for pose in (result.best.pose, *result.best.symmetric_poses)
             if pose.error_to(truth).rotation_deg < 1e-3]
     assert any(np.linalg.norm(np.cross(gap, free)) < 1e-6 for gap in gaps)

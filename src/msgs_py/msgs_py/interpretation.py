@@ -26,6 +26,8 @@ class Interpretation:
     symmetric_poses : other poses that explain the data equally well (symmetry or ambiguity)
     proven : True when an exhaustive search has shown that no pose explains more data features within the tolerances
     rejected_reason : None when accepted, otherwise why not
+    free_shift : (3,) float64 or None, camera frame, unit direction along which the data leaves the pose free to move:
+        all paired features are parallel to it
     """
 
     model: str
@@ -38,6 +40,7 @@ class Interpretation:
     symmetric_poses: tuple[Pose, ...] = field(default=())
     proven: bool = False
     rejected_reason: str | None = None
+    free_shift: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         assignment = np.array(self.assignment, dtype=np.int32)
@@ -59,6 +62,8 @@ class Interpretation:
             raise ValueError(f'matched: {self.matched} given, but the assignment pairs {count} features')
         if self.covariance is not None:
             object.__setattr__(self, 'covariance', as_finite('covariance', self.covariance, (6, 6)))
+        if self.free_shift is not None:
+            object.__setattr__(self, 'free_shift', as_finite('free_shift', self.free_shift, (3,)))
         object.__setattr__(self, 'symmetric_poses', tuple(self.symmetric_poses))
         object.__setattr__(self, 'residual_rms', float(self.residual_rms))
 

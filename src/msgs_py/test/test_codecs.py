@@ -223,13 +223,15 @@ class TestMarkersAndReports:
         item = Interpretation(
             'chair', [a for a, _ in pairs], [s for _, s in pairs], pose, residual_rms=residual,
             covariance=np.diag(np.arange(6.0)) if with_covariance else None, symmetric_poses=(pose, pose.inverse()),
-            proven=accepted, rejected_reason=None if accepted else 'edge 3 is 2 mm away')
+            proven=accepted, rejected_reason=None if accepted else 'edge 3 is 2 mm away',
+            free_shift=None if accepted else [0.0, 0.6, 0.8])
         back, = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
         for name in ('assignment', 'sign'):
             assert np.array_equal(getattr(back, name), getattr(item, name))
         for name in ('model', 'pose', 'matched', 'residual_rms', 'symmetric_poses', 'proven', 'rejected_reason'):
             assert getattr(back, name) == getattr(item, name)
         assert (back.covariance is None) == (item.covariance is None)
+        assert np.array_equal(back.free_shift, item.free_shift)
 
     def test_a_damaged_report_names_status_and_key(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose())])

@@ -36,6 +36,7 @@ def report_from_interpretations(interpretations: Iterable[Interpretation],
             'covariance': None if item.covariance is None else item.covariance.tolist(),
             'symmetric_poses': [_pose_values(pose) for pose in item.symmetric_poses],
             'proven': item.proven,
+            'free_shift': None if item.free_shift is None else item.free_shift.tolist(),
         }
         report.status.append(DiagnosticStatus(
             level=DiagnosticStatus.OK if item.accepted else DiagnosticStatus.WARN,
@@ -51,14 +52,16 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
         values = {item.key: item.value for item in status.values}
         try:
             decoded = {key: json.loads(values[key]) for key in (
-                'residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven')}
+                'residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven',
+                'free_shift')}
             accepted = status.level == DiagnosticStatus.OK
             result.append(Interpretation(
                 model=status.name, assignment=np.array(decoded['assignment'], np.int32),
                 sign=np.array(decoded['sign'], np.int8), pose=_pose(decoded['pose']),
                 residual_rms=decoded['residual_rms_m'], covariance=decoded['covariance'],
                 symmetric_poses=tuple(_pose(pose) for pose in decoded['symmetric_poses']),
-                proven=bool(decoded['proven']), rejected_reason=None if accepted else status.message))
+                proven=bool(decoded['proven']), rejected_reason=None if accepted else status.message,
+                free_shift=decoded['free_shift']))
         except KeyError as error:
             raise CodecError(f'report.status[{index}]: no value {error.args[0]!r}') from None
         except (TypeError, ValueError) as error:
