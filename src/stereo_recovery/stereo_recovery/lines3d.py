@@ -8,13 +8,13 @@ disparity at their corner (figural continuity). One linear least squares per con
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from msgs_py import StereoRig
 
-from . import broken_edges, flat_edges, wireframe
+from . import broken_edges, flat_edges, vertices, wireframe
 from .matching import Matches
 from .parallels import borrow
 from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces
@@ -159,22 +159,14 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
-          rectification_sigma: float, offset: float = 0.0) -> tuple[Lines3D, Pieces]:
-    """All straight edges of a pair of segmented images, and the left pieces, where those of one broken edge have become
-    its line.
-
-    rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points.
-    """
-    offset_v, spread_v = row_error(matches, left, right, met, right_met)
-    # A corner's height is known to a few hundredths of a pixel; only what exceeds that is the rig's.
-    spread_v = max(rectification_sigma, spread_v - 0.05)
-    if abs(offset_v) < spread_v:
-        offset_v = 0.0
+def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, spread_v: float,
+            offset_v: float) -> tuple[Matches, np.ndarray, np.ndarray, np.ndarray]:
+    """The matches with the disparities of their ends; coefficients, covariances, and what the match knows of the
+    ends."""
     rough, ends_sigma = flat_edges.rough_ends(matches, left, right, met, right_met)
     matches = replace(matches, disparity=np.column_stack([rough[:, 0], rough.mean(axis=1), rough[:, 1]]))
     information, vector = measure(matches, left, right, spread_v, offset_v, ends_sigma)
-    i, j = matches.left, matches.right
+    i = matches.left
     joints = meetings(matches, left, met, right_met)
     coefficient, covariance, known = wireframe.solve_measured(information, vector, joints, left.reach[i], WELL_MEASURED)
     far, _ = flat_edges.far_corners(matches, left, right, met)
@@ -185,6 +177,30 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         information, vector, known, coefficient, covariance,
         np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)]),
         flat_edges.shared_corners(matches, left, right, met, right_met, spread_v))
+    return matches, coefficient, covariance, ends_sigma
+
+
+def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
+          rectification_sigma: float, offset: float = 0.0) -> tuple[Lines3D, Pieces, Pieces]:
+    """All straight edges of a pair of segmented images, and the pieces of both, where those of one broken edge have
+    become its line and edges from corner to corner are added at the end.
+
+    rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points.
+    """
+    offset_v, spread_v = row_error(matches, left, right, met, right_met)
+    # A corner's height is known to a few hundredths of a pixel; only what exceeds that is the rig's.
+    spread_v = max(rectification_sigma, spread_v - 0.05)
+    if abs(offset_v) < spread_v:
+        offset_v = 0.0
+    matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)
+    sides, ends = (left, right), (met, right_met)
+    known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
+    wrong = vertices.contradicted(matches, sides, known, offset_v)
+    if wrong.any():
+        matches = Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches)))
+        matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)
+        known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
+    i, j = matches.left, matches.right
     whole = broken_edges.complete(matches, left, right, coefficient, covariance)
     if whole:
         matches, left, coefficient, covariance, ends_sigma = broken_edges.with_whole(
@@ -214,7 +230,15 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     fixed &= ~cut
     for row, edge in enumerate(whole, len(i) - len(whole)):
         reach[row], sigma[row], fixed[row] = edge.reach, edge.end_sigma, edge.fixed
-    return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed), left
+    found = vertices.between(matches, (left, right), ends, known)
+    if not found:
+        return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed), left, right
+    more = vertices.struts(found, (left, right), offset_v)
+    k = len(found)
+    i, j = (np.append(index, len(side) + np.arange(k)).astype(np.int32) for index, side in ((i, left), (j, right)))
+    return Lines3D(i, j, np.concatenate([reach, more.reach]), np.concatenate([coefficient, more.coefficient]),
+                   np.concatenate([covariance, more.covariance]), np.concatenate([sigma, more.end_sigma]),
+                   np.concatenate([fixed, np.ones((k, 2), bool)])), *more.pieces
 
 
 @dataclass(frozen=True, eq=False)

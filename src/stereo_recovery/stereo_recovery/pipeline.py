@@ -149,29 +149,29 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     matches, *joined = join_matched(matches, *pieces)
     pieces = joined[0], joined[1]
     met, right_met = corners(pieces[0]), corners(pieces[1])
-    lines, left_pieces = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
-    pieces = left_pieces, pieces[1]
+    lines, *shown = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
+    of_lines = shown[0], shown[1]
     lap('lines')
     blur = params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
     curves = distinct(completed(curves, pieces, found, rig, blur))
     lap('curves')
-    segments = to_space(lines, pieces[0], rig)
+    segments = to_space(lines, of_lines[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
     keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
     keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
     # Corners that were none may tell more than any match was allowed to.
-    run = pieces[0].direction[lines.left]
+    run = of_lines[0].direction[lines.left]
     slope = lines.coefficient[:, 1]
     keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
     # A piece of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one
     # image, unless it runs from corner to corner where nothing is curved.
-    arcs = (pieces[0].arc[lines.left] >= 0).astype(int) + (pieces[1].arc[lines.right] >= 0)
+    arcs = (of_lines[0].arc[lines.left] >= 0).astype(int) + (of_lines[1].arc[lines.right] >= 0)
     keep &= (arcs == 0) | ((arcs == 1) & lines.fixed.all(axis=1) & (len(curves) == 0))
     told = [c for c in curves if c.tilt < MOST_TILT]
     axes, surfaces = find_axes(told, pieces, rig)
     surfaces += [(c, np.append(c.normal, 0.0)) for c in curves if c.tilt >= MOST_TILT]
-    keep &= ~on_curves(lines, pieces, curves) & ~contours(lines, pieces, surfaces, rig)
+    keep &= ~on_curves(lines, of_lines, curves) & ~contours(lines, of_lines, surfaces, rig)
     curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
     keep &= segments.err_per < (BESIDE_CURVES if curves else LEAST_DETERMINED) * span
     err_per = segments.err_per[keep]
