@@ -18,6 +18,8 @@ from .segmentation import Corners, Pieces
 
 # An edge tells of a corner when both its pieces end in one there, heights and columns agreeing to this, pixels.
 SAME_HEIGHT, SAME_COLUMN = 0.8, 1.5
+# Where only one image shows the corner, the other piece ends this near to it, pixels.
+NEAR_END = 4.0
 # Disparity known worse than this, pixels, is taken from the two corners themselves.
 VAGUE = 0.5
 # A piece runs into a corner that is this near to its line, and this far beyond or before its end, pixels and as a share
@@ -79,11 +81,16 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     own_sigma = np.sqrt(np.einsum('nei,nij,nej->ne', row, covariance, row))
     seen = p[..., 0] - q[..., 0]
     seen_sigma = np.sqrt(here[3] ** 2 + there[3] ** 2 + wireframe.CORNER_SIGMA ** 2)
-    good = (here[1] >= 0) & (there[1] >= 0) & ~here[2] & ~there[2]
-    good &= np.abs(p[..., 1] - q[..., 1]) < SAME_HEIGHT
-    good &= np.abs(seen - own) < SAME_COLUMN + GATE * own_sigma
-    good &= (pieces[0].arc[i] < 0)[:, None]
+    corner = [(index >= 0) & ~through for _, index, through, _ in (here, there)]
     vague = own_sigma > VAGUE
+    # Where only one image shows the corner, the other's piece must end there.
+    ended = (corner[0] | corner[1]) & ~here[2] & ~there[2] & ~vague & (np.hypot(*np.moveaxis(
+        p - q - own[..., None] * [1.0, 0.0], -1, 0)) < NEAR_END)
+    good = (corner[0] & corner[1] & (np.abs(p[..., 1] - q[..., 1]) < SAME_HEIGHT)
+            & (np.abs(seen - own) < SAME_COLUMN + GATE * own_sigma)) | (ended & (corner[0] ^ corner[1]))
+    good &= (pieces[0].arc[i] < 0)[:, None]
+    p = np.where(corner[0][..., None], p, q + own[..., None] * [1.0, 0.0])
+    q = np.where(corner[1][..., None], q, p - own[..., None] * [1.0, 0.0])
     # An edge along the rows is only at the same corner in both images when it meets the same edge there.
     partner = np.full(len(pieces[0]), -1)
     partner[i[::-1]] = j[::-1]
@@ -165,17 +172,18 @@ def between(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners,
     for side in (0, 1):
         used = np.isin(np.arange(len(pieces[side])), matches.left if side == 0 else matches.right)
         for k in np.flatnonzero(~used & (pieces[side].arc < 0) & (pieces[side].length >= SHORTEST)):
-            ends = [_meeting(pieces[side], int(k), end, known, side, nobody) for end in (0, 1)]
-            if ends[0] is None or ends[1] is None or ends[1].place - ends[0].place < SHORTEST:
+            first, last = (_meeting(pieces[side], int(k), end, known, side, nobody) for end in (0, 1))
+            if first is None or last is None or last.place - first.place < SHORTEST:
                 continue
-            if not _is_one(pieces[side], int(k), met[side], [ends[0], ends[1]]):
+            ends = [first, last]
+            if not _is_one(pieces[side], int(k), met[side], ends):
                 continue
             points = np.stack([pieces[side].centre[k] + end.place * pieces[side].direction[k]
                                + [end.disparity * side, 0.0] for end in ends])
             if any(_same(points, others) for others in taken):
                 continue
             taken.append(points)
-            result.append((side, int(k), [ends[0], ends[1]]))
+            result.append((side, int(k), ends))
     return result
 
 
