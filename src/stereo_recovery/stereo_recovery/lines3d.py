@@ -230,7 +230,7 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     fixed &= ~cut
     for row, edge in enumerate(whole, len(i) - len(whole)):
         reach[row], sigma[row], fixed[row] = edge.reach, edge.end_sigma, edge.fixed
-    found = vertices.between(matches, (left, right), ends, known)
+    found = vertices.between(matches, (left, right), ends, known, offset_v)
     if not found:
         return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed), left, right
     more = vertices.struts(found, (left, right), offset_v)

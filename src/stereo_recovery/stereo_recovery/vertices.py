@@ -12,9 +12,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from . import wireframe
+from . import vertex_kernels, wireframe
 from .matching import Matches
-from .segmentation import Corners, Pieces
+from .segmentation import Corners, Pieces, line_table
 
 # An edge tells of a corner when both its pieces end in one there, heights and columns agreeing to this, pixels.
 SAME_HEIGHT, SAME_COLUMN = 0.8, 1.5
@@ -22,18 +22,8 @@ SAME_HEIGHT, SAME_COLUMN = 0.8, 1.5
 NEAR_END = 4.0
 # Disparity known worse than this, pixels, is taken from the two corners themselves.
 VAGUE = 0.5
-# A piece runs into a corner that is this near to its line, and this far beyond or before its end, pixels and as a share
-# of its length.
-BESIDE, BEYOND, BEFORE, SHARE = 1.5, 10.0, 5.0, 0.5
-# A pair whose line misses the corner by more than this, pixels, and so many sigma, is none.
-MISS = 1.2
-GATE = 3.5
-# It must come this near to the corner, pixels along it.
-ABSENT = 7.0
 # What runs into a piece this far inside its ends, pixels, says that it is more than one edge.
 INSIDE = 4.0
-# What corners of straight pieces miss each other by in an image, pixels.
-ROUNDED = 0.25
 # The shortest piece, pixels, that makes an edge between two corners.
 SHORTEST = 8.0
 
@@ -42,11 +32,13 @@ SHORTEST = 8.0
 class Vertices:
     """m ends of matched edges that are corners in both images.
 
-    edge : (m,) int, the match; point : (2, m, 2) float64, pixels, in the left and the right image;
+    edge : (m,) int, the match, ascending; own : (2, m) int, its pieces in the left and the right image
+    point : (2, m, 2) float64, pixels, in the left and the right image, at the left one's height
     disparity, sigma : (m,) float64, pixels
     """
 
     edge: np.ndarray
+    own: np.ndarray
     point: np.ndarray
     disparity: np.ndarray
     sigma: np.ndarray
@@ -87,7 +79,7 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     ended = (corner[0] | corner[1]) & ~here[2] & ~there[2] & ~vague & (np.hypot(*np.moveaxis(
         p - q - own[..., None] * [1.0, 0.0], -1, 0)) < NEAR_END)
     good = (corner[0] & corner[1] & (np.abs(p[..., 1] - q[..., 1]) < SAME_HEIGHT)
-            & (np.abs(seen - own) < SAME_COLUMN + GATE * own_sigma)) | (ended & (corner[0] ^ corner[1]))
+            & (np.abs(seen - own) < SAME_COLUMN + vertex_kernels.GATE * own_sigma)) | (ended & (corner[0] ^ corner[1]))
     good &= (pieces[0].arc[i] < 0)[:, None]
     p = np.where(corner[0][..., None], p, q + own[..., None] * [1.0, 0.0])
     q = np.where(corner[1][..., None], q, p - own[..., None] * [1.0, 0.0])
@@ -96,60 +88,28 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     partner[i[::-1]] = j[::-1]
     good &= ~vague | (partner[here[1]] == there[1])
     edge, end = np.nonzero(good)
-    return Vertices(edge, np.stack([p[edge, end], q[edge, end]]), np.where(vague, seen, own)[edge, end],
+    return Vertices(edge, np.stack([i[edge], j[edge]]), np.stack([p[edge, end], q[edge, end]]),
+                    np.where(vague, seen, own)[edge, end],
                     np.hypot(np.where(vague, seen_sigma, own_sigma), wireframe.CORNER_SIGMA)[edge, end])
 
 
-def _meeting(pieces: Pieces, k: int, end: int, known: Vertices, side: int, mine: np.ndarray) -> _Meeting | None:
-    """The corner that piece k of an image (side) runs into, by what edges other than its own (mine) know of it."""
-    t = pieces.direction[k]
-    away = known.point[side] - pieces.centre[k]
-    place = away @ t
-    length = pieces.length[k]
-    beyond = (place - pieces.reach[k, end]) * (1.0 if end else -1.0)
-    near = (np.abs(away @ [-t[1], t[0]]) < BESIDE) & (beyond < min(BEYOND, SHARE * length))
-    near &= (beyond > -min(BEFORE, SHARE * length)) & ~np.isin(known.edge, mine)
-    if not near.any():
-        return None
-    near = np.flatnonzero(near)
-    first = near[np.argmin(np.abs(beyond[near]))]
-    near = near[np.hypot(*(known.point[side][near] - known.point[side][first]).T) < 2.0 * BESIDE]
-    weight = 1.0 / known.sigma[near] ** 2
-    disparity = float(np.average(known.disparity[near], weights=weight))
-    if (np.abs(known.disparity[near] - disparity) > MISS + GATE * known.sigma[near]).any():
-        return None
-    return _Meeting(float(np.average(place[near], weights=weight)), disparity, float(weight.sum() ** -0.5))
+def _tables(pieces: tuple[Pieces, Pieces], offset_v: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the pieces of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights."""
+    left, right = line_table(pieces[0]), line_table(pieces[1])
+    right[:, 1] -= offset_v
+    return left, right
 
 
 def contradicted(matches: Matches, pieces: tuple[Pieces, Pieces], known: Vertices, offset_v: float) -> np.ndarray:
     """(n,) bool: pairs that end at a corner in one image and miss that corner in the other."""
     wrong = np.zeros(len(matches), bool)
-    pairs = np.stack([matches.left, matches.right])
-    for e in range(len(matches)):
-        confirmed = known.point[:, known.edge == e]
-        for side in (0, 1):
-            own, other = int(pairs[side, e]), int(pairs[1 - side, e])
-            if pieces[side].arc[own] >= 0 or pieces[1 - side].arc[other] >= 0:
-                continue
-            mine = np.flatnonzero(pairs[side] == own)
-            for end in (0, 1):
-                at = _meeting(pieces[side], own, end, known, side, mine)
-                if at is None:
-                    continue
-                x = pieces[side].centre[own] + at.place * pieces[side].direction[own]
-                if (np.hypot(*(confirmed[side] - x).T) < 2.0 * BESIDE).any():
-                    continue
-                x = x - [at.disparity if side == 0 else -at.disparity, 0.0]
-                far = pieces[1 - side]
-                t = far.direction[other]
-                y = x - far.centre[other] + [0.0, offset_v if side == 0 else -offset_v]
-                # A piece that stops before the corner need not lie on the line to it.
-                if abs(y @ t - np.clip(y @ t, *far.reach[other])) > ABSENT:
-                    continue
-                line = np.hypot(far.sigma[other, 0], far.sigma[other, 1] * (y @ t))
-                allowed = np.sqrt((at.sigma * t[1]) ** 2 + line ** 2 + ROUNDED ** 2)
-                wrong[e] |= bool(abs(y @ [-t[1], t[0]]) > max(MISS, GATE * allowed))
-    return wrong
+    pairs, tables = (matches.left, matches.right), _tables(pieces, offset_v)
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        found, value = vertex_kernels.meetings(tables[side], known.point[side], known.disparity, known.sigma,
+                                               known.own[side])
+        wrong |= vertex_kernels.missed(pairs[side], pairs[1 - side], found, value, tables[side], tables[1 - side],
+                                       known.edge, known.point[side], sign)
+    return wrong & (pieces[0].arc[pairs[0]] < 0) & (pieces[1].arc[pairs[1]] < 0)
 
 
 def _is_one(pieces: Pieces, k: int, met: Corners, ends: list[_Meeting]) -> bool:
@@ -161,42 +121,42 @@ def _is_one(pieces: Pieces, k: int, met: Corners, ends: list[_Meeting]) -> bool:
 
 
 def between(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners],
-            known: Vertices) -> list[tuple[int, int, list[_Meeting]]]:
+            known: Vertices, offset_v: float) -> list[tuple[int, int, list[_Meeting]]]:
     """Pieces of either image that belong to no pair and run from one corner to another: image, piece, its ends."""
     result: list[tuple[int, int, list[_Meeting]]] = []
-    taken: list[np.ndarray] = []
-    left = pieces[0]
-    for i in matches.left:
-        taken.append(np.stack([left.start[i], left.end[i]]))
-    nobody = np.zeros(0, int)
+    taken = np.stack([pieces[0].start[matches.left], pieces[0].end[matches.left]], axis=1)
+    tables = _tables(pieces, offset_v)
     for side in (0, 1):
+        found, value = vertex_kernels.meetings(tables[side], known.point[side], known.disparity, known.sigma,
+                                               known.own[side])
         used = np.isin(np.arange(len(pieces[side])), matches.left if side == 0 else matches.right)
-        for k in np.flatnonzero(~used & (pieces[side].arc < 0) & (pieces[side].length >= SHORTEST)):
-            first, last = (_meeting(pieces[side], int(k), end, known, side, nobody) for end in (0, 1))
-            if first is None or last is None or last.place - first.place < SHORTEST:
-                continue
-            ends = [first, last]
+        good = ~used & found.all(axis=1) & (pieces[side].arc < 0) & (pieces[side].length >= SHORTEST)
+        for k in np.flatnonzero(good & (value[:, 1, 0] - value[:, 0, 0] >= SHORTEST)):
+            ends = [_Meeting(*(float(x) for x in value[k, end])) for end in (0, 1)]
             if not _is_one(pieces[side], int(k), met[side], ends):
                 continue
             points = np.stack([pieces[side].centre[k] + end.place * pieces[side].direction[k]
-                               + [end.disparity * side, 0.0] for end in ends])
-            if any(_same(points, others) for others in taken):
+                               + [end.disparity * side, -offset_v * side] for end in ends])
+            if _same(points, taken):
                 continue
-            taken.append(points)
+            taken = np.concatenate([taken, points[None]])
             result.append((side, int(k), ends))
     return result
 
 
 def _same(points: np.ndarray, others: np.ndarray) -> bool:
-    """Whether the ends of the first lie on the second edge, or the other way round."""
-    for a, b in ((points, others), (others, points)):
-        run = b[1] - b[0]
-        length = max(float(np.hypot(*run)), 1e-9)
-        away = (a - b[0]) / length
-        along, off = away @ run / length, np.abs(away @ [-run[1], run[0]])
-        if off.max() < 2.0 * BESIDE and min(1.0, along.max()) - max(0.0, along.min()) > 0.5 * np.ptp(along):
-            return True
-    return False
+    """Whether an edge (2, 2) lies on one of the others (n, 2, 2), or one of them on it."""
+    here = np.broadcast_to(points, others.shape)
+    same = np.zeros(len(others), bool)
+    for a, b in ((here, others), (others, here)):
+        run = b[:, 1] - b[:, 0]
+        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), 1e-9)[:, None]
+        away = (a - b[:, :1]) / length[..., None]
+        along = (away * run[:, None]).sum(axis=2) / length
+        off = np.abs(away[..., 1] * run[:, None, 0] - away[..., 0] * run[:, None, 1])
+        common = np.minimum(1.0, along.max(axis=1)) - np.maximum(0.0, along.min(axis=1))
+        same |= (off.max(axis=1) < 2.0 * vertex_kernels.BESIDE) & (common > 0.5 * np.ptp(along, axis=1))
+    return bool(same.any())
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,10 +198,10 @@ def struts(found: list[tuple[int, int, list[_Meeting]]], pieces: tuple[Pieces, P
         inverse = np.linalg.inv(h)
         values = np.array([end.disparity for end in ends])
         coefficient.append(inverse @ values)
-        covariance.append(inverse @ np.diag([end.sigma ** 2 + ROUNDED ** 2 for end in ends]) @ inverse.T)
+        covariance.append(inverse @ np.diag([end.sigma ** 2 + vertex_kernels.ROUNDED ** 2 for end in ends]) @ inverse.T)
         reach.append(places)
     grown = [Pieces(**{f.name: np.concatenate([getattr(pieces[image], f.name)]
                                               + [np.asarray(row[f.name])[None] for row in rows[image]])
                        for f in fields(Pieces)}) for image in (0, 1)]
     return Strut((grown[0], grown[1]), np.array(reach), np.array(coefficient), np.array(covariance),
-                 np.full((len(found), 2), ROUNDED))
+                 np.full((len(found), 2), vertex_kernels.ROUNDED))

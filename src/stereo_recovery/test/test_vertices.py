@@ -1,0 +1,97 @@
+"""Corners that edges know in space: pairs that miss one are no edges, and what joins two is one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stereo_recovery.lines3d import edges
+from stereo_recovery.matching import Matches
+from stereo_recovery.segmentation import Pieces, corners
+
+# A quadrangle of known edges and, below its lower left corner, an edge that leads to the corner of another face.
+TOP_LEFT, TOP_RIGHT, LOW_RIGHT, LOW_LEFT, DEEP, DEEP_RIGHT = (
+    (100.0, 100.0, 50.0), (200.0, 104.0, 51.0), (204.0, 200.0, 54.0), (103.0, 196.0, 53.0), (99.0, 230.0, 40.0),
+    (194.0, 234.0, 41.0))
+KNOWN = ((TOP_LEFT, TOP_RIGHT), (TOP_RIGHT, LOW_RIGHT), (LOW_RIGHT, LOW_LEFT), (LOW_LEFT, TOP_LEFT),
+         (DEEP, DEEP_RIGHT), (DEEP_RIGHT, LOW_RIGHT))
+
+
+def pieces_between(ends: np.ndarray) -> Pieces:
+    """Straight pieces between points (n, 2, 2), pixels."""
+    run = ends[:, 1] - ends[:, 0]
+    length = np.hypot(run[:, 0], run[:, 1])
+    n = len(ends)
+    return Pieces(np.tile([0, 30], (n, 1)), np.arange(n), ends.mean(axis=1), run / length[:, None],
+                  length[:, None] * [-0.5, 0.5], np.full(n, 0.02), np.zeros(n), length,
+                  np.stack([np.full(n, 0.02), 0.05 / length], axis=1), np.full(n, 20.0), np.full(n, -1, np.int32))
+
+
+def pair(lines: list) -> tuple[Matches, Pieces, Pieces]:
+    """Matched pieces of lines between (column, row, disparity); lines of four points have their own right one."""
+    left = np.array([[end[:2] for end in line[:2]] for line in lines])
+    right = np.array([[(u - d, v) for u, v, d in line[-2:]] for line in lines])
+    disparity = left[..., 0] - right[..., 0]
+    n = len(lines)
+    matches = Matches(np.arange(n, dtype=np.int32), np.arange(n, dtype=np.int32),
+                      np.column_stack([disparity[:, 0], disparity.mean(axis=1), disparity[:, 1]]),
+                      np.sort(left[..., 1], axis=1), np.ones(n))
+    return matches, pieces_between(left), pieces_between(right)
+
+
+def found(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Left ends (2, 2) of the edges, and their disparities (2,)."""
+    lines, shown, _ = edges(matches, left, right, corners(left), corners(right), 0.05)
+    return [(shown.centre[i] + reach[:, None] * shown.direction[i], a + b * reach)
+            for i, reach, (a, b) in zip(lines.left, lines.reach, lines.coefficient)]
+
+
+def of_ends(first: tuple, last: tuple, among: list) -> list[np.ndarray]:
+    """Disparities at these ends (column, row, disparity) of the edges between them, in their order."""
+    wanted = np.array([first[:2], last[:2]])
+    result = []
+    for ends, disparity in among:
+        for order in (slice(None), slice(None, None, -1)):
+            if np.abs(ends[order] - wanted).max() < 1.5:
+                result.append(disparity[order])
+    return result
+
+
+def test_a_pair_of_neighbours_beside_a_thin_face_gives_way_to_the_edge_between_the_corners():
+    # The left image sees past the side: what it shows there runs on beside the known corner, 6 pixels off.
+    beside = ((97.0, 180.0, 0.0), DEEP)
+    matches, left, right = pair([*KNOWN, (*beside, LOW_LEFT, DEEP)])
+    result = found(matches, left, right)
+    between, = of_ends(LOW_LEFT, DEEP, result)
+    np.testing.assert_allclose(between, [53.0, 40.0], atol=0.3)
+    assert not of_ends(*beside, result)
+    assert len(result) == len(KNOWN) + 1
+
+
+def test_a_true_pair_stays_as_it_is():
+    matches, left, right = pair([*KNOWN, (LOW_LEFT, DEEP)])
+    result = found(matches, left, right)
+    between, = of_ends(LOW_LEFT, DEEP, result)
+    np.testing.assert_allclose(between, [53.0, 40.0], atol=0.2)
+    assert len(result) == len(KNOWN) + 1
+
+
+@pytest.mark.parametrize('side', [0, 1])
+def test_an_edge_between_two_known_corners_needs_but_one_image(side):
+    # Another steep edge knows the deep corner.
+    matches, left, right = pair([*KNOWN, (DEEP, (103.0, 260.0, 39.0))])
+    shift = np.array([[LOW_LEFT[2], 0.0], [DEEP[2], 0.0]])
+    piece = np.array([[LOW_LEFT[:2], DEEP[:2]]]) - side * shift
+    sides = [left, right]
+    ends = np.stack([sides[side].start, sides[side].end], axis=1)
+    sides[side] = pieces_between(np.concatenate([ends, piece]))
+    between, = of_ends(LOW_LEFT, DEEP, found(matches, *sides))
+    np.testing.assert_allclose(between, [53.0, 40.0], atol=0.3)
+
+
+def test_a_line_into_whose_middle_another_runs_is_no_edge_between_corners():
+    matches, left, right = pair(list(KNOWN))
+    ends = np.stack([left.start, left.end], axis=1)
+    middle = 0.5 * (np.array(LOW_LEFT[:2]) + DEEP[:2])
+    more = np.array([[LOW_LEFT[:2], DEEP[:2]], [middle + [2.0, 0.0], middle + [40.0, 2.0]]])
+    assert not of_ends(LOW_LEFT, DEEP, found(matches, pieces_between(np.concatenate([ends, more])), right))
