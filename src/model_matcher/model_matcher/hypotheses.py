@@ -19,6 +19,9 @@ CANDIDATES = 16
 WORTH_KEEPING = 0.35  # share of the best score: a decoy may explain more features than a model half hidden
 LOCAL_TEST = 50  # with more data than this, a pose is first tried on the pair's neighbours,
 LOCAL_PARTNERS = 12  # the best partners of each of the two
+# While the best explains less than this share of a large model, patience is so many times longer: each data pair has
+# more hypotheses there, and 8000 are soon used up.
+LITTLE, LONGER = 0.08, 6.0
 
 
 @njit
@@ -96,6 +99,23 @@ def _insert(motion, score, middle, size, motions, scores):
 
 
 @njit(nogil=True)
+def _gather(data, kind_d, tols, a, reach, widen, around, around_kind, around_tols):
+    """Copy what can lie on a model that data feature a lies on: all within reach (metres) and its own tolerances."""
+    count = 0
+    for k in range(data.shape[0]):
+        x, y, z = data[k, 0] - data[a, 0], data[k, 1] - data[a, 1], data[k, 2] - data[a, 2]
+        limit = reach + widen * (tols[k, 0] + tols[k, 1])
+        if x * x + y * y + z * z <= limit * limit:
+            for i in range(9):
+                around[count, i] = data[k, i]
+            for i in range(3):
+                around_tols[count, i] = tols[k, i]
+            around_kind[count] = kind_d[k]
+            count += 1
+    return count
+
+
+@njit(nogil=True)
 def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
                  vox_starts, vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience,
                  motions, scores, state):
@@ -104,8 +124,8 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
     partners : (n, knn) int32, the features that each one pairs with best: a pose must explain one of them besides the
         pair itself, or the rest of the data is not looked at
     patience : (least, most) stop once the best is unchanged for so many hypotheses: least x the square of data per
-        explained model feature, at most ``most``; a pair of data features is always finished, so that every pose which
-        explains the same data is found
+        explained model feature, at most ``most``, LONGER while LITTLE is explained; a pair of data features is always
+        finished, so that every pose which explains the same data is found
     state : (4,) int64, carried between calls: hypotheses so far, hypothesis of the last improvement, pairs done,
         1 when stopped by patience
     """
@@ -118,6 +138,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
     near_kind = np.empty(2 * knn + 2, kind_d.dtype)
     near_tols = np.empty((2 * knn + 2, 3))
     entered = np.full(n, -1, np.int64)
+    around, around_kind, around_tols = data.copy(), kind_d.copy(), tols.copy()
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
         c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
@@ -132,6 +153,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
         a_high, d_high = _pair_cell(angle + cone, d + across, reach)
         before = state[1]
         count = 0
+        n_around = -1 if local else n
         if local:
             for k in range(2 * knn + 2):
                 if k < 2:
@@ -164,9 +186,13 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
                                                near[:count], near_kind[:count], near_tols[:count], widen, radius_tol,
                                                stamp, -1 - state[0], 3.0) < 3.0:
                         continue
+                    if n_around < 0:
+                        reach_a = size + slide_a + across + cone * abs(fa)
+                        n_around = _gather(data, kind_d, tols, a, reach_a, widen, around, around_kind, around_tols)
                     needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), 3.0)
-                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
-                                          kind_d, tols, widen, radius_tol, stamp, state[0], needed)
+                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items,
+                                          around[:n_around], around_kind[:n_around], around_tols[:n_around], widen,
+                                          radius_tol, stamp, state[0], needed)
                     if score < needed:
                         continue
                     if np.floor(score) > np.floor(scores[0]):
@@ -177,7 +203,8 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
             continue
         waited = state[0] - state[1]
         share = n / max(np.floor(scores[0]), 3.0)
-        if waited > min(patience[0] * share * share, patience[1]) or scores[0] >= n:
+        longer = LONGER if max(scores[0], 3.0) < LITTLE * model.shape[0] else 1.0
+        if waited > longer * min(patience[0] * share * share, patience[1]) or scores[0] >= n:
             state[3] = 1
             return
 
