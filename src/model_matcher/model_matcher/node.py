@@ -110,8 +110,8 @@ class MatcherNode(GraphNode[MatcherConfig]):
         self._params = self.config.match_params()
         self._trusted = TrustedFolders([*self.config.model_folders, models_folder()],
                                        self.config.models, 'model_folders')
-        warm_up()
         self._load()
+        warm_up(self._params, len(self._library.models))
         self._start_transforms()
         self.listen(PointCloud2, 'features', self._on_features)
 

@@ -262,9 +262,19 @@ def _thin(one: Interpretation, keep: np.ndarray) -> Interpretation:
     return replace(one, assignment=assignment, sign=one.sign[keep], matched=int((assignment != BIN).sum()))
 
 
-def warm_up() -> None:
-    """Compile, or load from numba's cache, all that :func:`match` needs, so that no first message waits for it."""
-    edges = np.array([[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 1, 0]], [[0, 0, 0], [0, 0, 1]], [[1, 0, 0], [1, 1, 0.5]]])
-    model = FeatureSet.from_edges(edges[:, 0], edges[:, 1])
+def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
+    """Compile, or load from numba's cache, all that :func:`match` needs, so that no first message waits for it.
+
+    params : search, scale and proof that will be asked for; n_models : a large library has a search of its own
+    """
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0.2, 1.1, 0], [0.3, 0.2, 1.2], [1.1, 0.9, 0.8]])
+    first, last = np.triu_indices(len(corners), 1)
+    model = FeatureSet.concatenate([FeatureSet.from_edges(corners[first], corners[last]),
+                                    FeatureSet.from_curves([[0.5, 0.5, 0]], [[0, 0, 1]], [0.2])])
     _warm.append(True)
-    match(model, model)
+    # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
+    for asked in (MatchParams(false_alarm_rate=1.0), replace(params or MatchParams(), false_alarm_rate=1.0)):
+        match(model, model, asked)
+    if n_models > LIBRARY:
+        from .prefilter import prefilter
+        prefilter([indexed(model, 'model')], model, params or MatchParams())

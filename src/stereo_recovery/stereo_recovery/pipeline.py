@@ -24,6 +24,7 @@ from .matching_kernels import STEEPEST
 from .outlines import contours
 from .params import RecoveryParams
 from .profiles import taken_apart
+from .profiles import warm_up as warm_up_profiles
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
 from .strings import link, with_weak
 from .tangency import joined_ends
@@ -191,3 +192,4 @@ def warm_up() -> None:
     v, u = np.mgrid[0:96, 0:128]
     left[(u - 66) ** 2 + (v - 48) ** 2 < 15 ** 2] = 90
     recover(left, np.roll(left, -12, axis=1), StereoRig.symmetric(PinholeCamera.centred(128, 96, 150.0), 0.05))
+    warm_up_profiles()
