@@ -275,7 +275,8 @@ def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
     # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
     for asked in (MatchParams(false_alarm_rate=1.0), replace(params or MatchParams(), false_alarm_rate=1.0)):
         match(model, model, asked)
-    match(model, FeatureSet.from_edges(corners[:3], corners[:3] + [0, 0, 1]))  # parallel data is a tree's
+    bars = FeatureSet.from_edges(corners[:4], corners[:4] * [1, 1, 0] + [0, 0, 2])
+    match(bars, bars)  # a tree's, all being parallel
     if n_models > LIBRARY:
         from .prefilter import prefilter
         prefilter([indexed(model, 'model')], model, params or MatchParams())
