@@ -172,8 +172,8 @@ def _normal_error(start: np.ndarray, end: np.ndarray) -> float:
 
 @dataclass
 class BoxScore:
-    """covered : (7,) share of each edge; angle : (7,) degrees, median over its pieces; across : (7,) metres, median
-    distance of their ends from the true line (NaN where nothing was found); false : other edges within the box."""
+    """covered : (7,) share of each edge; angle : (7,) degrees, median along it; across : (7,) metres, median distance
+    of the ends of its pieces from the true line (NaN where nothing was found)."""
 
     covered: np.ndarray
     angle: np.ndarray
@@ -206,10 +206,15 @@ def score_box(pair: RealPair, features: FeatureSet) -> BoxScore:
             best = min(options, key=lambda option: option[0])
             mine.setdefault(best[1], []).append(best)
     for m, pieces in mine.items():
-        hit = [(samples >= p[4][0]) & (samples <= p[4][1]) for p in pieces]
-        covered[m] = np.any(hit, axis=0).mean()
-        angle[m] = np.median([p[2] for p in pieces])
-        across[m] = np.median(np.concatenate([p[3] for p in pieces]))
+        # Print runs beside the edges: each place along one is judged by the piece nearest to it.
+        hit = np.array([(samples >= p[4][0]) & (samples <= p[4][1]) for p in pieces])
+        covered[m] = hit.any(axis=0).mean()
+        if covered[m] == 0.0:
+            continue
+        away = np.where(hit, np.array([[np.mean(p[3])] for p in pieces]), np.inf)
+        judged = away.argmin(axis=0)[hit.any(axis=0)]
+        angle[m] = np.median([pieces[k][2] for k in judged])
+        across[m] = np.median([pieces[k][3] for k in judged])
     return BoxScore(covered, angle, across)
 
 

@@ -117,9 +117,11 @@ def free_angles(u, earlier, count):
 def coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy):
     """Nats of the coincidences beyond the pose among the model features in ``used`` (e,) bool.
 
-    accuracy : (q, e) nats to add for each plane
+    accuracy : (q, e) nats to add for each plane. Of parallel planes any one could be the one that fixes the position:
+        it is the most accurate, so that what the pose misses counts wherever it is
     """
     q, e = number.shape[0], model.shape[0]
+    anchor = np.full(q, np.nan)
     known = np.zeros((q, e), np.bool_)
     seen = np.zeros(e, np.bool_)
     directions = np.empty((12, 3))
@@ -188,8 +190,12 @@ def coincidences(model, kind_m, used, order, direction, normals, number, nats, a
                 length = _remainder(normals[best], placed, n_placed, rest)
                 placed[n_placed] = rest / length
                 n_placed += 1
+                anchor[best] = accuracy[best, number[best, j]]
             else:
-                total += least + accuracy[best, number[best, j]]
+                value = accuracy[best, number[best, j]]
+                if value > anchor[best]:
+                    value, anchor[best] = anchor[best], value
+                total += least + value
             known[best, number[best, j]] = True
             length = _remainder(normals[best], fixed, n_fixed, rest)
             fixed[n_fixed] = rest / length
