@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from csg_renderer import load_scene, scene_path
+from csg_renderer import load_scene, model_features, render_stereo, scene_path
 from model_matcher.closed_form import main
 from model_matcher.closed_form_batch import brought_home, files_of, run_batch, run_far
 from model_matcher.closed_form_case import Case, Limits, result_document
 from model_matcher.closed_form_library import run_library_case
-from model_matcher.closed_form_run import case_rig
+from model_matcher.closed_form_placing import case_lights, case_pose, case_rig, model_centre
 from model_matcher.closed_form_saved import load_case
-from model_matcher.closed_form_scene import case_pose, case_scene, clutter_of, model_centre
+from model_matcher.closed_form_scene import case_scene, clutter_of
 from model_matcher.closed_form_sweep import SWEEPS, pose_from_angles, sweep_cases
 from msgs_py import Pose
 
@@ -95,6 +95,46 @@ def test_a_written_scene_is_the_scene_it_stands_for(own_scene, tmp_path):
     np.testing.assert_array_equal(scene.placements[0].matrix, np.eye(4))
     np.testing.assert_allclose(scene.lights[0].position, original.lights[0].position)
     assert all(len(placed.model.primitives) for placed in scene.placements)
+
+
+@pytest.fixture
+def bare_part(tmp_path) -> Path:
+    """A part as one models it: about the origin, with no camera and no light."""
+    path = tmp_path / 'part.csg'
+    path.write_text('bracket = BLOCK (60, 12, 40) UNION BLOCK (14, 50, 40);\nDRAW bracket AT (-20, 0, -10);\n')
+    return path
+
+
+@pytest.mark.parametrize('size', [(None, None), (640, 480), (300, 500)])
+def test_a_bare_part_is_shown_whole_and_lit(bare_part, tmp_path, size):
+    case = Case(str(bare_part), *size)
+    rig = case_rig(case)
+    scene = load_scene(case_scene(case, rig, tmp_path / 'case'))
+    pose, (middle, radius) = case_pose(case, load_scene(bare_part)), model_centre(scene)
+    centre = pose.apply(middle)
+    assert centre[2] > 2.0 * radius and rig.baseline == pytest.approx(centre[2] / 5.0)
+    corners = model_features(scene.placements[0].model).transformed(pose)
+    pixels = rig.left.project(np.concatenate([corners.start, corners.end]))
+    assert (pixels > 0).all() and (pixels < (rig.left.width, rig.left.height)).all()
+    assert len(scene.lights) == 2
+    image = render_stereo(scene, rig)[0].image
+    assert len(np.unique(image[image > 0])) >= 3                # three faces are seen, and none is as bright as another
+
+
+def test_a_bare_part_is_recognised_in_every_kind_of_view(bare_part, tmp_path):
+    case = Case(str(bare_part), antialias=2)
+    for one in [case, *sweep_cases(case, 'random', 3)]:
+        result = run_library_case(one, tmp_path / one.name)
+        assert result_document(result, Limits())['passed'], one.name
+
+
+def test_what_the_scene_says_of_light_stands(tmp_path):
+    for text in ('LIGHT (0, 0, 0);', 'AMBIENT (0.7);'):
+        path = tmp_path / 'lit.csg'
+        path.write_text(f'{text} a = BLOCK (10, 10, 10); DRAW a AT (0, 0, 200);')
+        scene = load_scene(path)
+        assert case_lights(scene, case_pose(Case(str(path)), scene)) == tuple(scene.lights)
+        assert case_scene(Case(str(path)), case_rig(Case(str(path))), tmp_path) == path
 
 
 def test_clutter_stands_beside_or_behind_the_object():

@@ -14,8 +14,9 @@ from csg_renderer.sensor import SensorModel, grey
 from stereo_recovery import recover
 
 from .closed_form_case import Case
-from .closed_form_run import CaseResult, case_rig, judge
-from .closed_form_scene import case_pose, case_scene
+from .closed_form_placing import case_rig
+from .closed_form_run import CaseResult, judge
+from .closed_form_scene import case_scene
 from .comparison import compare_edges, surface_residual
 from .params import MatchParams
 from .pipeline import match
@@ -29,11 +30,9 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
     rig = case_rig(case)
     path = case_scene(case, rig, folder)
     scene = load_scene(path)
-    if not scene.placements:
-        raise ValueError(f'{case.scene}: draws nothing')
     placement = scene.placements[0]
     model = model_features(placement.model)
-    true_pose = scene.camera_T_scene.compose(placement.pose) if case.pose is None else case_pose(case, scene)
+    true_pose = scene.camera_T_scene.compose(placement.pose)
     progress('scene')
     clock = [time.perf_counter()]
 

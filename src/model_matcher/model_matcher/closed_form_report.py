@@ -92,7 +92,7 @@ def _recovery_table(summary: dict[str, Any]) -> str:
     return _table(['', ''], [
         ['visible edges of the object', summary['true_edges']],
         ['of these recovered', summary['true_edges_found']],
-        ['recovered length', f'{100 * summary["recall_of_length"]:.1f} %'],
+        ['recovered length', _number(summary['recall_of_length'], '%', 100.0)],
         ['recovered edges', summary['found_edges']], ['of these on no edge of the object', summary['false_edges']],
         ['direction error, median', _number(summary['direction_error_deg_median'], 'deg')],
         ['distance from the true line, median', _number(summary['distance_from_line_m_median'], 'mm', 1e3)]])

@@ -19,10 +19,10 @@ import numpy as np
 
 from csg_renderer import load_scene, model_features, render_stereo
 from csg_renderer.language import find_scene
-from csg_renderer.pipeline import scene_rig
 from msgs_py import FeatureSet, Interpretation, Pose, PoseError, StereoRig
 
 from .closed_form_case import Case
+from .closed_form_placing import case_rig
 from .closed_form_scene import case_scene
 from .comparison import (
     AssignmentComparison,
@@ -64,12 +64,6 @@ class CaseResult:
     milliseconds: dict[str, float] = field(default_factory=dict)
 
 
-def case_rig(case: Case) -> StereoRig:
-    """The rig of a case: what the case names, else what its scene says, else the defaults."""
-    return scene_rig(load_scene(find_scene(case.scene)), case.width or 0, case.height or 0, case.focal or 0.0,
-                     case.baseline or 0.0)
-
-
 def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None,
              folder: Path | None = None) -> CaseResult:
     """Run one test. Raises ValueError or OSError for an unusable scene; not being recognised is a result.
@@ -82,8 +76,6 @@ def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None,
     rig = case_rig(case)
     path = case_scene(case, rig, folder)
     scene = load_scene(path)
-    if not scene.placements:
-        raise ValueError(f'{case.scene}: draws nothing')
     placement = scene.placements[0]
     model = model_features(placement.model)
     true_pose = scene.camera_T_scene.compose(placement.pose)

@@ -1,7 +1,7 @@
 """The scene of a closed-form case as a file of its own: the case's model at the case's pose, among clutter.
 
-A case that changes neither pose nor surroundings uses the user's file. Any other gets a folder with a new scene file
-and copies of what it includes, so that the folder alone is enough to run the case again, on another machine too.
+A case that changes neither pose, light nor surroundings uses the user's file. Any other gets a folder with a new scene
+file and copies of what it includes, so that the folder alone is enough to run the case again, on another machine too.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from csg_renderer import Scene, load_scene, model_features
+from csg_renderer import Scene
 from csg_renderer.language import find_scene, read_scene
 from msgs_py import Pose, StereoRig
 
 from .closed_form_case import Case
+from .closed_form_placing import case_lights, case_pose, load_case_scene, model_centre, stands_as_drawn
 
 SCENE_FILE = 'scene.csg'
 # Clutter: sizes relative to the object, distances relative to its distance.
@@ -30,11 +31,16 @@ def check_scene(case: Case, changed: bool = False) -> None:
 
     changed : the object will be drawn at other poses
     """
-    scene = load_scene(find_scene(case.scene))
-    if not scene.placements:
-        raise ValueError(f'{case.scene}: draws nothing')
-    if changed or case.pose is not None or case.clutter:
+    scene = load_case_scene(case)
+    if changed or _changes(case, scene):
         _drawn_by_name(case, scene)
+
+
+def _changes(case: Case, scene: Scene) -> bool:
+    """Whether the case differs from what its file draws."""
+    named = scene.placements[0].name in scene.definitions
+    lit = tuple(scene.lights) == case_lights(scene, case_pose(case, scene))
+    return bool(case.clutter) or not stands_as_drawn(case, scene) or (named and not lit)
 
 
 def _drawn_by_name(case: Case, scene: Scene) -> str:
@@ -50,30 +56,15 @@ def case_scene(case: Case, rig: StereoRig, folder: Path) -> Path:
     rig : the case's, written to the file. Raises ValueError when the drawn object has no name to draw it by again.
     """
     path = find_scene(case.scene)
-    if case.pose is None and not case.clutter:
+    scene = load_case_scene(case)
+    if not _changes(case, scene):
         return path
-    scene = load_scene(path)
-    name = _drawn_by_name(case, scene)
     pose = case_pose(case, scene)
+    name = _drawn_by_name(case, scene)
     included = copy_scene(path, folder)
     target = folder / SCENE_FILE
     target.write_text(_text(case, scene, name, pose, rig, included), encoding='utf-8')
     return target
-
-
-def case_pose(case: Case, scene: Scene) -> Pose:
-    """left_T_model of a case."""
-    if case.pose is not None:
-        return Pose.from_matrix(np.reshape(case.pose, (4, 4)))
-    return scene.camera_T_scene.compose(scene.placements[0].pose)
-
-
-def model_centre(scene: Scene) -> tuple[np.ndarray, float]:
-    """Middle (3,) of the first object's model and the radius about it, metres, model frame."""
-    features = model_features(scene.placements[0].model)
-    points = np.concatenate([features.polyline(k, 16) for k in range(len(features))])
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return middle, float(np.linalg.norm(points - middle, axis=1).max())
 
 
 def copy_scene(path: Path, folder: Path) -> str:
@@ -99,7 +90,6 @@ def scene_files(path: Path) -> dict[str, Path]:
 
 def _text(case: Case, scene: Scene, name: str, pose: Pose, rig: StereoRig, included: str) -> str:
     camera = rig.left
-    view = scene.camera_T_scene
     lines = [
         f'// Closed-form case: {name} of {included}, pose and surroundings set by the harness. Metres, camera frame.',
         f'INCLUDE "{included}";', 'UNITS M;',
@@ -107,8 +97,8 @@ def _text(case: Case, scene: Scene, name: str, pose: Pose, rig: StereoRig, inclu
         f'CENTRE ({_numbers([camera.cx, camera.cy])});',
         f'STEREO ({_numbers([rig.baseline])});', f'AMBIENT ({_numbers(scene.ambient_light)});',
         f'BACKGROUND ({_numbers(scene.background)});']
-    lines += [f'LIGHT ({_numbers(view.apply(np.asarray(light.position)))}) COLOUR ({_numbers(light.colour)});'
-              for light in scene.lights]
+    lines += [f'LIGHT ({_numbers(scene.camera_T_scene.apply(np.asarray(light.position)))}) '
+              f'COLOUR ({_numbers(light.colour)});' for light in case_lights(scene, pose)]
     lines.append(f'DRAW {name} {_matrix(pose)};')
     lines += [f'DRAW {solid} COLOUR (1, 0.97, 0.9) PAINT FACES {_matrix(place)};'
               for solid, place in clutter_of(case, scene, pose, rig)]

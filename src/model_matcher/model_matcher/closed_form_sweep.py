@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from csg_renderer import Scene, load_scene
-from csg_renderer.language import find_scene
+from csg_renderer import Scene
 from csg_renderer.language.values import rotation
 from msgs_py import Pose
 
 from .closed_form_case import Case
-from .closed_form_scene import case_pose, model_centre
+from .closed_form_placing import case_pose, load_case_scene, model_centre
 
 SWEEPS = ('grid', 'random', 'turntable')
 # Random poses shift the object by up to this part of its distance.
@@ -34,9 +33,7 @@ def sweep_cases(case: Case, sweep: str, count: int, distance: float | None = Non
         raise ValueError(f'count: expected a whole number >= 1, got {count}')
     if distance is not None and not distance > 0.0:
         raise ValueError(f'distance: expected metres > 0, got {distance}')
-    scene = load_scene(find_scene(case.scene))
-    if not scene.placements:
-        raise ValueError(f'{case.scene}: draws nothing')
+    scene = load_case_scene(case)
     poses = sweep_poses(scene, case, sweep, count, distance)
     digits = len(str(count - 1))
     return [replace(case, pose=_flat(pose), seed=case.seed + k, label=f'{case.name}_{sweep}_{k:0{digits}d}')

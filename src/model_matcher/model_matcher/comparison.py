@@ -56,14 +56,16 @@ class EdgeComparison:
         """The part of the found edges that belong to a true one."""
         return float((self.true_index >= 0).mean()) if len(self.true_index) else float('nan')
 
-    def summary(self) -> dict[str, float | int]:
+    def summary(self) -> dict[str, float | int | None]:
+        """The figures by name; None (JSON has no NaN) for those that nothing was found to compute from."""
         good = self.true_index >= 0
-        return {
+        figures: dict[str, float | int] = {
             'true_edges': len(self.covered), 'found_edges': len(self.true_index), 'true_edges_found': self.edges_found,
             'false_edges': int((~good).sum()), 'recall_of_length': self.recall, 'precision': self.precision,
             'direction_error_deg_median': _median(self.direction_deg[good]),
             'distance_from_line_m_median': _median(self.across_m[good]),
         }
+        return {name: figure if np.isfinite(figure) else None for name, figure in figures.items()}
 
 
 def compare_edges(true: FeatureSet, found: FeatureSet, same_direction_deg: float = SAME_DIRECTION_DEG,
