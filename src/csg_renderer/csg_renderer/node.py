@@ -21,7 +21,7 @@ from msgs_py.runtime import GraphNode, run_node
 from .frame import Frame
 from .language import SceneError, SceneFile, read_scene
 from .language.loader import models_folder
-from .pipeline import ENGINES, render_stereo, scene_rig
+from .pipeline import ENGINES, render_stereo, scene_rig, viewing_hints
 from .scene import Scene
 from .sensor import SensorModel, grey
 
@@ -129,7 +129,7 @@ class RendererNode(GraphNode[RendererConfig]):
             # A file that cannot be read is read again when it changes, not at every frame.
             self._read_at = {path: _changed_at(path) for path in self._read_at or [name]}
             return
-        for warning in file.warnings:
+        for warning in (*file.warnings, *viewing_hints(file.scene)):
             self.get_logger().warning(f'scene: {warning}')
         self._file = file
         self._read_at = {str(path): _changed_at(path) for path in file.files}

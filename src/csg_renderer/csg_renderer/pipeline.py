@@ -74,6 +74,20 @@ def scene_distance(scene: Scene) -> float:
     return 0.0
 
 
+def viewing_hints(scene: Scene) -> list[str]:
+    """What makes pictures of the scene poor though nothing is wrong with it, a line each: a part drawn where it was
+    modelled, about the camera, and a scene without light."""
+    hints = []
+    depths = scene.camera_T_scene.apply(program_of(scene).outline)[:, 2]
+    if len(depths) and depths.max() <= 0.0:
+        hints.append('all of it is behind the camera, which looks along z; AT (x, y, z) moves what DRAW draws')
+    elif len(scene.placements) == 1 and len(depths) and depths.min() <= 0.0:
+        hints.append('the camera, at the origin, is within or beside it; AT (0, 0, z) of DRAW moves it in front')
+    if len(depths) and not scene.lights:
+        hints.append('no LIGHT: with ambient light alone the faces of one colour look the same')
+    return hints
+
+
 def render(scene: Scene, camera: PinholeCamera | None = None, world_to_camera: Pose | None = None,
            engine: str = 'native', tiling: bool = True, levels: int = 1, antialias: bool | int = False,
            shadows: bool = False, **options: int) -> Frame:

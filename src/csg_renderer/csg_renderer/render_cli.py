@@ -26,7 +26,7 @@ from .outputs import (
     save_camera,
     save_image,
 )
-from .pipeline import ENGINES, render, scene_rig
+from .pipeline import ENGINES, render, scene_rig, viewing_hints
 from .scene import Scene
 from .sensor import SensorModel
 
@@ -72,6 +72,8 @@ def run(options: argparse.Namespace) -> SceneFile:
         triangles = export_mesh(found.scene, options.export, options.segments)
         _say(options, f'{options.export}: {triangles} triangles')
     if options.output or not options.export:
+        for hint in viewing_hints(found.scene):
+            print(f'hint: {options.scene}: {hint}', file=sys.stderr)
         render_files(found.scene, options)
     return found
 

@@ -95,6 +95,17 @@ def test_warnings_do_not_stop_it(scene_file, tmp_path, capsys):
     assert "warning: " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('text, expected', [
+    ('DRAW BLOCK (9, 9, 9);', ['within or beside', 'no LIGHT']),
+    ('DRAW BLOCK (9, 9, 9) AT (0, 0, -50);', ['behind', 'no LIGHT']),
+    ('LIGHT (0, -90, 0); DRAW BLOCK (9, 9, 9) AT (0, 0, 50);', [])])
+def test_what_makes_a_poor_picture_is_hinted_at(scene_file, tmp_path, capsys, text, expected):
+    scene_file.write_text(text)
+    assert main([str(scene_file), '-o', str(tmp_path / 'o.png'), '--size', '9', '-q']) == 0
+    hints = [line for line in capsys.readouterr().err.splitlines() if line.startswith('hint: ')]
+    assert len(hints) == len(expected) and all(part in line for part, line in zip(expected, hints))
+
+
 def test_the_list_and_the_printed_scene(capsys):
     assert main(['--list']) == 0
     assert capsys.readouterr().out.split() == scene_names()
