@@ -116,7 +116,8 @@ class AssignmentComparison:
 
 def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSet,
                        same_place_m: float = PAIRED_PLACE_M) -> AssignmentComparison:
-    """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge.
+    """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge,
+    to within same_place_m (metres) or the error that the data edge states, whichever is larger.
 
     Uses the interpretation's own pose, so that a symmetric answer is judged by its own symmetry.
     """
@@ -128,12 +129,14 @@ def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSe
         if data.kind[index] != placed.kind[target]:
             spurious += 1
             continue
+        # What states that an end may be centimetres off (an axis with a far apex, say) is no wrong pairing for that.
+        allowed = max(same_place_m, float(np.hypot(data.err_par[index], data.err_per[index])))
         if data.kind[index] == FeatureKind.CURVE:
-            close = np.linalg.norm(placed.start[target] - data.start[index]) <= same_place_m
+            close = np.linalg.norm(placed.start[target] - data.start[index]) <= allowed
         else:
             single = placed.select([target])
             close = compare_edges(_as_edges(single), _as_edges(data.select([index])),
-                                  PAIRED_DIRECTION_DEG, same_place_m).true_index[0] == 0
+                                  PAIRED_DIRECTION_DEG, allowed).true_index[0] == 0
         if not close:
             spurious += 1
             continue

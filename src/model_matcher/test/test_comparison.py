@@ -53,3 +53,10 @@ def test_assignment_is_judged_by_geometry():
     assert (right.matched, right.right, right.signs_right, right.spurious) == (2, 2, 2, 0)
     wrong = compare_assignment(Interpretation('m', [1, 1, 0], [1, 1, 1], pose), TRUE, data)
     assert (wrong.matched, wrong.right, wrong.signs_right, wrong.spurious) == (3, 1, 0, 2)
+
+
+def test_a_pairing_is_right_within_the_error_that_the_feature_states():
+    data = FeatureSet.from_edges([[0.01, 0, 1]], [[0.11, 0, 1]], err_par=0.012)
+    item = Interpretation('m', [0], [1], Pose())
+    assert compare_assignment(item, TRUE, data).right == 1
+    assert compare_assignment(item, TRUE, FeatureSet.from_edges(data.start, data.end, err_par=0.008)).spurious == 1
