@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import shutil
 import subprocess
@@ -78,5 +79,24 @@ def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
     with zipfile.ZipFile(next(tmp_path.glob('*.whl'))) as wheel:
         packed = set(wheel.namelist())
     expected = {str(path.relative_to(source)) for path in (source / package).rglob('*') if path.is_file()}
+    expected |= {path.name for path in source.glob('*.py') if path.name != 'setup.py'}
     assert expected <= packed, f'missing: {sorted(expected - packed)}'
     assert any(name.endswith(f'share/{package}/package.xml') for name in packed)
+
+
+@pytest.mark.parametrize('name, package', [('emulator_node', 'dap_emulator'), ('renderer_node', 'csg_renderer'),
+                                           ('recovery_node', 'stereo_recovery'), ('matcher_node', 'model_matcher')])
+@pytest.mark.parametrize('given, threads', [(None, '1'), ('2', '2')])
+def test_an_executable_starts_its_node_with_one_blas_thread_unless_told_otherwise(name, package, given, threads):
+    assert f"'{name} = graph_executables:{name}'" in (ROOT / 'src' / package / 'setup.py').read_text()
+    code = (f'import os, sys, types, graph_executables\n'
+            'assert "numpy" not in sys.modules, "too late to say how many threads"\n'
+            f'node = sys.modules["{package}.node"] = types.ModuleType("node")\n'
+            f'node.main = lambda: int(os.environ["OPENBLAS_NUM_THREADS"])\n'
+            f'sys.modules["{package}"] = types.ModuleType("{package}")\n'
+            f'sys.exit(graph_executables.{name}())')
+    environment = {key: value for key, value in os.environ.items() if key != 'OPENBLAS_NUM_THREADS'}
+    if given is not None:
+        environment['OPENBLAS_NUM_THREADS'] = given
+    result = subprocess.run([sys.executable, '-c', code], env=environment, timeout=30, check=False)
+    assert result.returncode == int(threads)

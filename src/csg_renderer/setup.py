@@ -32,7 +32,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'renderer_node = csg_renderer.node:main',
+            'renderer_node = graph_executables:renderer_node',
             'render = csg_renderer.render_cli:main',
             'features = csg_renderer.features_cli:main',
             'model_table = csg_renderer.model_table:main',

@@ -32,7 +32,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'emulator_node = dap_emulator.node:main',
+            'emulator_node = graph_executables:emulator_node',
             'dap = dap_emulator.dap_cli:main',
         ],
     },

@@ -34,7 +34,7 @@ setup(
     entry_points={
         'console_scripts': [
             'match = model_matcher.match_cli:main',
-            'matcher_node = model_matcher.node:main',
+            'matcher_node = graph_executables:matcher_node',
             'closed_form = model_matcher.closed_form:main',
         ],
     },

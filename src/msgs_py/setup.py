@@ -18,6 +18,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    py_modules=['graph_executables'],
     package_data={PACKAGE: ['py.typed', '**/*.lark'] + [folder + '/*' for folder in DATA]},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),

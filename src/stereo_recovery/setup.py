@@ -32,7 +32,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'recovery_node = stereo_recovery.node:main',
+            'recovery_node = graph_executables:recovery_node',
             'recover = stereo_recovery.recover_cli:main',
         ],
     },

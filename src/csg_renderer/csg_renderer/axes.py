@@ -7,8 +7,8 @@ ends' planes meet the axis. A cone's runs from its apex to its base; a truncated
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from msgs_py.grouping import linked_groups
 
 from .pieces import Pieces, line_pieces
 from .surfaces import ON, SurfaceTable, cluster
@@ -107,4 +107,4 @@ def connected(angle: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndar
     slack = np.where(same, 1e-7, -1e-7)
     linked = ((same | (row[None, :] == after[row][:, None]))
               & (low[:, None] < high[None, :] + slack) & (low[None, :] < high[:, None] + slack))
-    return connected_components(coo_matrix(linked), directed=False)[1]
+    return linked_groups(len(row), np.argwhere(linked))

@@ -8,11 +8,11 @@ border. Only the area of an ellipsoid needs a second quadrature.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial.transform import Rotation
+
+from msgs_py.grouping import linked_groups
 
 from .axes import connected
 from .faces import NODES, VERTEX, WEIGHTS, FacePart, Outline, quadrature
@@ -22,9 +22,6 @@ from .surfaces import SurfaceTable, cluster
 
 MERIDIANS = 24  # lines of constant angle that link the parts of a face, besides those at its borders
 STEP = 1e-4  # how far inside its border a face is looked for, unit frame
-# Where a sphere's poles, at which the angle is undefined, may be put; the farthest from all borders is taken.
-TURNS = np.tile(np.eye(4), (24, 1, 1))
-TURNS[:, :3, :3] = Rotation.from_rotvec(2.0 * np.random.default_rng(1).normal(size=(24, 3))).as_matrix()
 
 
 def curved_faces(table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
@@ -102,10 +99,21 @@ class _Chart:
         return bool(np.cross(a, b) @ outward > 0.0)
 
 
+@lru_cache
+def _turns() -> np.ndarray:
+    """(24, 4, 4): where a sphere's poles, at which the angle is undefined, may be put."""
+    from scipy.spatial.transform import Rotation  # not needed to render, and a fifth of a node's start
+
+    turns = np.tile(np.eye(4), (24, 1, 1))
+    turns[:, :3, :3] = Rotation.from_rotvec(2.0 * np.random.default_rng(1).normal(size=(24, 3))).as_matrix()
+    return turns
+
+
 def _chart(kind: str, frame: np.ndarray, outlines: Sequence[Outline]) -> _Chart:
     if kind != 'SPHERE':
         return _Chart(kind, frame)
-    charts = [_Chart(kind, frame @ turn) for turn in TURNS]
+    # The farthest from all borders is taken.
+    charts = [_Chart(kind, frame @ turn) for turn in _turns()]
     nodes = np.concatenate([np.zeros((0, 3)), *(o.nodes for o in outlines)])
     return min(charts, key=lambda chart: float(np.abs(chart.local(nodes)[:, 2]).max(initial=0.0)))
 
@@ -195,9 +203,7 @@ def _linked(label: np.ndarray, owner: np.ndarray, beside: np.ndarray, following:
             parts.setdefault(int(border), []).append(int(label[interval]))
     links = [(own[0], other) for own in parts.values() for other in own[1:]]
     links += [(parts[a][0], parts[b][0]) for a, b in following if a in parts and b in parts]
-    pairs, count = np.array(links, int).reshape(-1, 2), int(label.max()) + 1
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1][label]
+    return linked_groups(int(label.max()) + 1, links)[label]
 
 
 def _add_poles(chart: _Chart, row: np.ndarray, low: np.ndarray, high: np.ndarray, label: np.ndarray, sign: float,

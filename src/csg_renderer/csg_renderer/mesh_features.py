@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from msgs_py import FeatureSet
+from msgs_py.grouping import linked_groups
 
 from .mesh_curves import COLLINEAR, Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
 from .surfaces import cluster
@@ -78,8 +77,8 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     angle = np.arctan2(np.linalg.norm(np.cross(normal[facing[:, 0]], normal[facing[:, 1]]), axis=1),
                        (normal[facing[:, 0]] * normal[facing[:, 1]]).sum(axis=1))
     crease = (sides < 0).any(axis=1) | (angle > crease_angle)
-    facet = _parts(sides[~crease & (angle <= COLLINEAR)], len(triangles))
-    patch = _parts(sides[~crease], len(triangles))
+    facet = linked_groups(len(triangles), sides[~crease & (angle <= COLLINEAR)])
+    patch = linked_groups(len(triangles), sides[~crease])
     bent = ~crease & (angle > COLLINEAR)
     curved = np.zeros(facet.max(initial=0) + 1, bool)
     curved[facet[sides[bent].ravel()]] = True
@@ -239,9 +238,3 @@ def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     more = count > 1
     sides[more, 1] = owner[start[more] + 1]
     return edges, sides
-
-
-def _parts(pairs: np.ndarray, count: int) -> np.ndarray:
-    """Label (count,) of the connected part of each triangle, given pairs (n, 2) that belong together."""
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1]

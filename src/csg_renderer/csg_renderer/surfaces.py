@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+
+from msgs_py.grouping import linked_groups
 
 from .solid import Operation, Primitive, Solid
 
@@ -202,14 +201,11 @@ def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]
     """Group equal rows: label (n,) of each row of (n, k), and the first row (groups,) of each group, in row order."""
     if not len(rows):
         return np.zeros(0, int), np.zeros(0, int)
+    from scipy.spatial import cKDTree  # not needed to render, and a fifth of a node's start
+
     pairs = cKDTree(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(rows), len(rows)))
-    labels = connected_components(graph, directed=False)[1]
-    first = np.unique(labels, return_index=True)[1]
-    order = np.argsort(first)
-    rank = np.empty(len(order), int)
-    rank[order] = np.arange(len(order))
-    return rank[labels], first[order]
+    labels = linked_groups(len(rows), pairs)
+    return labels, np.unique(labels, return_index=True)[1]
 
 
 def bounding_box(program: tuple[int | str, ...], boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

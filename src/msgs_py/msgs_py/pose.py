@@ -8,11 +8,10 @@ A :class:`Pose` named ``camera_T_model`` takes points of the model frame to the 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ._checks import as_finite
 
@@ -85,13 +84,13 @@ class Pose:
         norm = np.linalg.norm(q)
         if norm < 1e-12:
             raise ValueError('quaternion: norm is zero; an unset message field?')
-        return cls(Rotation.from_quat(q / norm).as_matrix(), np.asarray(translation, float))
+        return cls(_rotations().from_quat(q / norm).as_matrix(), np.asarray(translation, float))
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
         """From axis times angle (3,), radians, as OpenCV's rvec."""
         vector = as_finite('rotation_vector', rotation_vector, (3,))
-        return cls(Rotation.from_rotvec(vector).as_matrix(), np.asarray(translation, float))
+        return cls(_rotations().from_rotvec(vector).as_matrix(), np.asarray(translation, float))
 
     @property
     def matrix(self) -> np.ndarray:
@@ -104,13 +103,13 @@ class Pose:
     @property
     def quaternion(self) -> np.ndarray:
         """(4,) float64, unit, ROS order (x, y, z, w), w >= 0."""
-        q = Rotation.from_matrix(self.rotation).as_quat()
+        q = _rotations().from_matrix(self.rotation).as_quat()
         return -q if q[3] < 0 else q
 
     @property
     def rotation_vector(self) -> np.ndarray:
         """(3,) float64, axis times angle, radians."""
-        return Rotation.from_matrix(self.rotation).as_rotvec()
+        return _rotations().from_matrix(self.rotation).as_rotvec()
 
     def apply(self, points: ArrayLike) -> np.ndarray:
         """Source-frame points (..., 3) to the target frame."""
@@ -156,6 +155,13 @@ class Pose:
         scale = '' if self.scale == 1.0 else f', scale={self.scale:.6g}'
         return (f'Pose(rotation_vector_deg=[{rv[0]:.4g}, {rv[1]:.4g}, {rv[2]:.4g}], '
                 f'translation=[{t[0]:.6g}, {t[1]:.6g}, {t[2]:.6g}]{scale})')
+
+
+def _rotations() -> Any:
+    """scipy's Rotation; who only renders or finds edges does without, and importing it is a fifth of a node's start."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
 
 
 def _departure(rotation: np.ndarray) -> tuple[float, float]:

@@ -7,8 +7,8 @@ edge, place along it): there the two have one disparity.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+
+from msgs_py.grouping import linked_groups
 
 # Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
 CORNER_SIGMA = 0.05
@@ -58,7 +58,7 @@ def joined(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> t
     """Least squares with these corners, one connected wire frame at a time."""
     n = len(information)
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
-    _, label = connected_components(coo_matrix((np.ones(len(e)), (e, f)), shape=(n, n)), directed=False)
+    label = linked_groups(n, np.column_stack([e, f]))
     coefficient, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
     counts = np.bincount(label, minlength=1)
     alone = counts[label] == 1

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..solid import FACES, Primitive, Solid
 from ..surfaces import SurfaceTable, compile_surfaces
@@ -112,6 +111,8 @@ def _importance(left: dict[int, Face]) -> np.ndarray:
     """(n, n) float64: how much it matters that two faces differ."""
     out = np.full((len(left), len(left)), OTHERS)
     faces = list(left.values())
+    from scipy.spatial import cKDTree  # not needed to render, and a fifth of a node's start
+
     trees = [cKDTree(face.samples) for face in faces]
     for i, one in enumerate(faces):
         for j, other in enumerate(faces[:i]):
