@@ -8,7 +8,7 @@ are iterated, so that what is unambiguous somewhere (the end of a chessboard) de
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -46,6 +46,9 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.left)
+
+    def select(self, index: np.ndarray) -> Matches:
+        return Matches(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:

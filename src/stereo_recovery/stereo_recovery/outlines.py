@@ -15,6 +15,7 @@ from msgs_py import StereoRig
 
 from .curve import Curve, picture
 from .lines3d import Lines3D
+from .matching import Matches
 from .segmentation import Pieces
 
 # How far from the outline's line a piece may run, pixels, and how far from the rim it may start, in rim radii.
@@ -138,7 +139,7 @@ def of_cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> 
                     touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
 
 
-def contours(lines: Lines3D, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]],
+def contours(lines: Lines3D | Matches, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]],
              rig: StereoRig) -> np.ndarray:
     """(n,) bool: matched pieces that are the outline of one of the surfaces (rim and apex) in both images, or beyond
     doubt in one."""

@@ -17,6 +17,7 @@ from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .facing import on_faces
+from .hiding import hidden_ends
 from .joining import join_matched
 from .lines3d import edges, to_space
 from .matching import match
@@ -149,14 +150,19 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
     matches, *joined = join_matched(matches, *pieces)
     pieces = joined[0], joined[1]
-    met, right_met = corners(pieces[0]), corners(pieces[1])
-    lines, *shown = edges(matches, pieces[0], pieces[1], met, right_met, params.rectification_sigma, offset)
-    of_lines = shown[0], shown[1]
-    lap('lines')
     blur = params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
     curves = distinct(completed(curves, pieces, found, rig, blur))
+    told = [c for c in curves if c.tilt < MOST_TILT]
+    axes, surfaces = find_axes(told, pieces, rig)
+    surfaces += [(c, np.append(c.normal, 0.0)) for c in curves if c.tilt >= MOST_TILT]
     lap('curves')
+    # Outlines are no edges, and tell edges nothing; neither does an end that a curved surface hides.
+    matches = matches.select(~contours(matches, pieces, surfaces, rig))
+    met = hidden_ends(matches, pieces, (corners(pieces[0]), corners(pieces[1])), curves, surfaces, rig)
+    lines, *shown = edges(matches, *pieces, *met, params.rectification_sigma, offset)
+    of_lines = shown[0], shown[1]
+    lap('lines')
     segments = to_space(lines, of_lines[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
     keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
@@ -169,9 +175,6 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     # image, unless it runs from corner to corner where nothing is curved.
     arcs = (of_lines[0].arc[lines.left] >= 0).astype(int) + (of_lines[1].arc[lines.right] >= 0)
     keep &= (arcs == 0) | ((arcs == 1) & lines.fixed.all(axis=1) & (len(curves) == 0))
-    told = [c for c in curves if c.tilt < MOST_TILT]
-    axes, surfaces = find_axes(told, pieces, rig)
-    surfaces += [(c, np.append(c.normal, 0.0)) for c in curves if c.tilt >= MOST_TILT]
     keep &= ~on_curves(lines, of_lines, curves) & ~contours(lines, of_lines, surfaces, rig)
     curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
     keep &= segments.err_per < (BESIDE_CURVES if curves else LEAST_DETERMINED) * span
