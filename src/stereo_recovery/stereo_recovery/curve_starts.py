@@ -42,6 +42,27 @@ def pairs(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[int, int,
     return result
 
 
+def followed(matches: Matches, left: Pieces, right: Pieces, arc: int, is_right: bool,
+             counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """What an arc of one image matches in the other, arc or not.
+
+    counts : edgels of the images. Returns the edgels of the arc and its matches, left and right (bool over all), samples
+    (k, 3) of u, v, disparity, and the share of the arc's length that is matched.
+    """
+    own, index, other = (right, matches.right, matches.left) if is_right else (left, matches.left, matches.right)
+    far = left if is_right else right
+    of = np.flatnonzero(own.arc[index] == arc)
+    masks = [edgels_of(own, arc, counts[is_right]), np.zeros(counts[not is_right], bool)]
+    for first, last in far.bounds[other[of]]:
+        masks[1][first:last] = True
+    i = matches.left[of]
+    points = np.stack([left.start[i], 0.5 * (left.start[i] + left.end[i]), left.end[i]], axis=1)
+    samples = np.concatenate([points, matches.disparity[of][..., None]], axis=2).reshape(-1, 3)
+    length = float(own.length[own.arc == arc].sum())
+    share = float(own.length[np.unique(index[of])].sum()) / max(length, 1e-9)
+    return (*(masks[::-1] if is_right else masks), samples, share)
+
+
 def shears(left: Ellipse, right: Ellipse, samples: np.ndarray) -> list[np.ndarray]:
     """Candidates for d = alpha u + beta v + gamma, each (3,): from the ellipses' chords along the rows, and from the
     matched pieces' disparities."""
@@ -132,6 +153,45 @@ def lift(ellipse: Ellipse, shear: np.ndarray, rig: StereoRig) -> Curve | None:
     first = vectors[0, 0] * axes[0] + vectors[1, 0] * axes[1]
     none = np.zeros(0, bool)
     return Curve(middle + centre2 @ axes[:2], axes[2], first, radii, np.zeros((6, 6)), np.inf, none, none)
+
+
+def circles_of(ellipse: Ellipse, samples: np.ndarray, rig: StereoRig, right: bool) -> list[Curve]:
+    """The two circles in space that look like an ellipse to one eye, where the samples' disparities have them.
+
+    The cone over a circle is cut in circles by two families of planes; the cone's eigenvectors tell them (Kanatani and
+    Liu 1993). Ellipses seen nearly edge-on tell their plane better in this way than by their disparities.
+    samples : (k, 3) u, v of the left image, disparity; right : which image the ellipse is of.
+    """
+    camera, eye = (rig.right, rig.baseline) if right else (rig.left, 0.0)
+    values, vectors = np.linalg.eigh(camera.matrix.T @ ellipse.conic @ camera.matrix)
+    # One axis of the cone, two across it: (-, +, +) ascending, the conic being negative inside.
+    if not (values[0] < 0.0 < values[1]) or len(samples) == 0:
+        return []
+    thin, wide, axis = values[2], values[1], values[0]
+    steep, flat = np.sqrt(max(thin - wide, 0.0) / (thin - axis)), np.sqrt((wide - axis) / (thin - axis))
+    disparity = samples[:, 2] - (rig.left.cx - rig.right.cx)
+    pixels = samples[:, :2] - (np.outer(samples[:, 2], [1.0, 0.0]) if right else 0.0)
+    pixels, disparity = pixels[disparity > 1e-3], disparity[disparity > 1e-3]
+    rays = camera.rays(pixels)
+    none = np.zeros(0, bool)
+    found = []
+    for sign in (1.0, -1.0):
+        normal = sign * steep * vectors[:, 2] + flat * vectors[:, 0]
+        # Of radius one.
+        centre = (sign * axis * steep * vectors[:, 2] + thin * flat * vectors[:, 0]) / np.sqrt(-thin * axis)
+        if centre[2] < 0.0:
+            centre = -centre
+        with np.errstate(divide='ignore', invalid='ignore'):
+            depth = (centre @ normal) / (rays @ normal) * rays[:, 2]
+            radius = rig.left.fx * rig.baseline / disparity / depth
+        radius = radius[np.isfinite(radius) & (radius > 0.0)]
+        if len(radius) == 0:
+            continue
+        size = float(np.median(radius))
+        first = cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        found.append(Curve(size * centre + [eye, 0.0, 0.0], normal, first / np.linalg.norm(first), np.full(2, size),
+                           np.zeros((6, 6)), np.inf, none, none))
+    return found
 
 
 def edgels_of(pieces: Pieces, arc: int, n: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from . import curve_kernels
 from .conics import Ellipse, sampson
 from .curve import Curve, angles, picture
 from .curve_fit import Axle, refine
-from .curve_starts import edgels_of, inner, lift, mirrored, pairs, parallel, shears
+from .curve_starts import circles_of, edgels_of, followed, inner, lift, mirrored, pairs, parallel, shears
 from .edgels import Edgels
 from .facing import outward
 from .lines3d import Lines3D
@@ -53,6 +53,13 @@ SAME_PLANE = 0.995
 RIVAL = 4.0
 RIVAL_SIGMA = 3.0
 RIVAL_OFF = 0.1
+# No other solution is looked for when a curve's normal is known this well, radians, and this share of its arcs' edgels
+# are on it.
+SURE_TILT = np.radians(0.4)
+MOST_OF_ARC = 0.85
+# A curve that only one eye sees as an arc: least share of the arc that is matched, and of both eyes' edgels that are the
+# curve's; least number of edgels in either eye; least share of the curve that is seen.
+MATCHED, FOLLOWED, LEAST_FOLLOWED, FOLLOWED_COVERAGE = 0.2, 0.6, 12, 0.2
 # A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
 # well, one sigma.
 LEAST_COVERAGE = 0.08
@@ -192,11 +199,12 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
 
 @dataclass(frozen=True, eq=False)
 class _Arcs:
-    """Arcs of the two images that show one curve: their edgels (bool over all), the left ellipse, its planes."""
+    """Arcs of the two images that show one curve: their edgels (bool over all), the ellipses, its planes."""
 
     left: np.ndarray
     right: np.ndarray
     ellipse: Ellipse
+    right_ellipse: Ellipse
     samples: np.ndarray
     planes: list[np.ndarray]
 
@@ -214,15 +222,20 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
     """
     masks = [[edgels_of(pieces, k, len(e)) for k in range(len(conics))]
              for pieces, conics, e in zip((left, right), ellipses, edgels)]
-    arcs = [_Arcs(masks[0][a], masks[1][b], ellipses[0][a], samples, shears(ellipses[0][a], ellipses[1][b], samples))
+    arcs = [_Arcs(masks[0][a], masks[1][b], ellipses[0][a], ellipses[1][b], samples, shears(ellipses[0][a], ellipses[1][b], samples))
             for a, b, samples in pairs(matches, left, right)]
     found: list[Curve] = []
     rest: list[_Arcs] = []
     for item in sorted(arcs, key=lambda arc: -int(arc.left.sum())):
         if any(item.shared_with(c) for c in found):
             continue
-        curve = _best([recover_curve(start, *edgels, (item.left, item.right), rig, blur)
-                       for start in _starts(item, edgels, rig, blur)], item, edgels, rig, blur)
+        curve = _fitted(_starts(item, edgels, rig, blur), item, edgels, rig, blur)
+        if curve is None or not _convincing(curve, item):
+            # Arcs seen nearly edge-on, or in small parts, tell their plane better to one eye than by their disparities.
+            one_eyed = [start for ellipse, is_right in ((item.ellipse, False), (item.right_ellipse, True))
+                        for start in circles_of(ellipse, item.samples, rig, is_right)]
+            other = _fitted(_rivals(one_eyed, item, edgels, rig, blur), item, edgels, rig, blur)
+            curve = _best([curve, other], item, edgels, rig, blur)
         if curve and determined(curve):
             found.append(curve)
         else:
@@ -233,6 +246,10 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
             held = [_held(item, axle, edgels, rig, blur) for _, axle in axles]
             good = [c for c in held if c is not None]
             found += [min(good, key=lambda c: c.rms)] if good else []
+    for is_right, side in ((False, left), (True, right)):
+        for arc in sorted(set(side.arc[side.arc >= 0].tolist())):
+            curve = _followed(arc, is_right, ellipses[is_right][arc], matches, left, right, found, edgels, rig, blur)
+            found += [] if curve is None else [curve]
     return [_steadied(c, axles, edgels, rig, blur) for c in found]
 
 
@@ -263,6 +280,29 @@ def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: fl
     return [best, other]
 
 
+def _rivals(starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
+            blur: float) -> list[Curve]:
+    """The best circle from given starts, and the next in another plane when that fits nearly as well."""
+    mine = edgels[0].select(item.left), edgels[1].select(item.right)
+    tried = [refine(start, *mine, rig, blur, circle=True, rounds=8) for start in starts]
+    good = sorted((c for c in tried if c is not None), key=lambda c: c.rms)
+    others = [c for c in good[1:] if abs(c.normal @ good[0].normal) < SAME_PLANE
+              and c.rms < RIVAL * (good[0].rms + 0.02)]
+    return good[:1] + others[:1]
+
+
+def _fitted(starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
+            blur: float) -> Curve | None:
+    return _best([recover_curve(start, *edgels, (item.left, item.right), rig, blur) for start in starts], item, edgels,
+                 rig, blur)
+
+
+def _convincing(curve: Curve, item: _Arcs) -> bool:
+    """Whether a curve is determined, fits as well as its edgels say, and is where nearly all of the arcs' edgels are."""
+    return bool(determined(curve) and curve.misfit < ROUND_MISFIT and curve.tilt < SURE_TILT
+                and min(curve.left[item.left].mean(), curve.right[item.right].mean()) > MOST_OF_ARC)
+
+
 def _best(curves: list[Curve | None], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
           blur: float) -> Curve | None:
     """The one that fits best to the edgels that any of them, or the arcs, claim."""
@@ -274,6 +314,26 @@ def _best(curves: list[Curve | None], item: _Arcs, edgels: tuple[Edgels, Edgels]
                            np.abs(distances(c, edgels[1].position[masks[1]], rig, rig.baseline, blur))]) for c in good]
     sigma = np.concatenate([np.hypot(e.sigma_position, e.shift)[mask] for e, mask in zip(edgels, masks)])
     return min(zip(good, off), key=lambda pair: np.minimum(pair[1] / (RIVAL_SIGMA * sigma + RIVAL_OFF), 1.0).sum())[0]
+
+
+def _followed(arc: int, is_right: bool, ellipse: Ellipse, matches: Matches, left: Pieces, right: Pieces,
+              found: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> Curve | None:
+    """A circle that is an arc to one eye and something straight, or in pieces, to the other; None if nothing is."""
+    *masks, samples, share = followed(matches, left, right, arc, is_right, (len(edgels[0]), len(edgels[1])))
+    known = [np.any([getattr(c, name) for c in found], axis=0) if found else np.zeros(len(e), bool)
+             for name, e in zip(('left', 'right'), edgels)]
+    if share < MATCHED or min(int(m.sum()) for m in masks) < LEAST_FOLLOWED or any(
+            k[m].mean() > 0.5 for k, m in zip(known, masks)):
+        return None
+    mine = edgels[0].select(masks[0]), edgels[1].select(masks[1])
+    starts = [refine(start, *mine, rig, blur, circle=True, rounds=8) for start in circles_of(
+        ellipse, samples, rig, is_right)]
+    curves = [recover_curve(start, *edgels, (masks[0], masks[1]), rig, blur) for start in starts
+              if start is not None and start.rms < WORST_RMS]
+    good = [c for c in curves if c is not None and determined(c) and c.misfit < ROUND_MISFIT
+            and c.coverage > FOLLOWED_COVERAGE and c.left[masks[0]].mean() > FOLLOWED
+            and c.right[masks[1]].mean() > FOLLOWED]
+    return min(good, key=lambda c: c.rms) if good else None
 
 
 def determined(curve: Curve) -> bool:
