@@ -38,6 +38,11 @@ class Axle:
     spread: np.ndarray
     tilt: float
 
+    @property
+    def table(self) -> np.ndarray:
+        """(4, 3) float64: point, direction, two directions across it."""
+        return np.concatenate([[self.point, self.direction], self._across])
+
     def residual(self, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(4,): the normal's tilt against the axis, and the centre's offset from it."""
         across = self._across
@@ -84,54 +89,23 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
         return None
     cameras = [np.array([c.fx, c.fy, c.cx, c.cy]) for c in (rig.left, rig.right)]
     r, bend = np.empty(len(points)), np.empty(len(points))
-    state = (curve.centre.copy(), curve.normal.copy(), curve.first.copy(), curve.radii.astype(float))
     size = 6 if circle else 8
-    hold = np.zeros((4, 4)) if axle is None else np.linalg.inv(axle.covariance(curve.centre))
-
-    def equations() -> tuple:
-        matrix, gradient, cost, weights, rows = curve_kernels.equations(
-            state[0], state[1], state[2], state[3], circle, points, len(left), cameras[0], cameras[1],
-            float(rig.baseline), float(blur), sigma, r, bend)
-        if axle is not None:
-            slope, off = axle.jacobian(state[1], state[2]), axle.residual(state[0], state[1])
-            matrix[:5, :5] += slope.T @ hold @ slope * freedom
-            gradient[:5] += slope.T @ hold @ off * freedom
-            cost += float(off @ hold @ off) * freedom
-        return matrix, gradient, cost, weights, rows
-
-    def worth(trial: tuple, weights: np.ndarray) -> float:
-        curve_kernels.residuals(trial[0], trial[1], trial[2], trial[3], points, len(left), cameras[0], cameras[1],
-                                float(rig.baseline), float(blur), r, bend)
-        cost = float(weights @ (r * r))
-        if axle is not None:
-            off = axle.residual(trial[0], trial[1])
-            cost += float(off @ hold @ off) * freedom
-        return cost
-
     # How many times the edgels' own covariance the true one is; the axle has to be weighed against that.
     freedom = 2.0 * CORRELATION_LENGTH
-    widest = np.concatenate([np.full(3, curve.radii[0]), np.full(size - 3, 0.5)])
-    damping = 1e-3
+    hold = np.zeros((0, 0)) if axle is None else np.linalg.inv(axle.covariance(curve.centre))
+    told = points, len(left), cameras[0], cameras[1], float(rig.baseline), float(blur), sigma
     try:
-        for _ in range(rounds):
-            matrix, gradient, cost, weights, _ = equations()
-            if not (np.isfinite(cost) and np.isfinite(matrix).all()):
-                return None
-            gained = 0.0
-            for _ in range(6):
-                step = np.zeros(8)
-                step[:size] = np.clip(-np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient),
-                                      -widest, widest)
-                trial = curve_kernels.moved(state[0], state[1], state[2], state[3], step, circle)
-                new_cost = worth(trial, weights)
-                if np.isfinite(new_cost) and new_cost <= cost:
-                    state, gained = trial, cost - new_cost
-                    damping = max(damping / 10.0, 1e-9)
-                    break
-                damping *= 10.0
-            if gained < 1e-5 * cost:
-                break
-        matrix, _, cost, weights, rows = equations()
+        good, *state = curve_kernels.settle(curve.centre.copy(), curve.normal.copy(), curve.first.copy(),
+                                            curve.radii.astype(float), circle, *told, rounds,
+                                            np.zeros((4, 3)) if axle is None else axle.table, hold * freedom)
+        if not good:
+            return None
+        matrix, _, cost, weights, rows = curve_kernels.equations(*state, circle, *told, r, bend)
+        if not np.isfinite(cost):
+            return None
+        if axle is not None:
+            slope = axle.jacobian(state[1], state[2])
+            matrix[:5, :5] += slope.T @ hold @ slope * freedom
         inverse = np.linalg.inv(matrix)
         # Edgels side by side are moved together by the light: such a displacement does not average out.
         sector = _sectors(state, points, len(left), rig)
@@ -143,9 +117,9 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
         spread = matrix * together + shared
         if axle is not None:
             # What the axle says weighs as it does in the matrix, and is as uncertain as it says.
-            told = axle.jacobian(state[1], state[2])
-            told = told.T @ hold @ told
-            spread -= _widened(told * freedom * together, size) - _widened(told * freedom ** 2, size)
+            slope = axle.jacobian(state[1], state[2])
+            says = slope.T @ hold @ slope
+            spread -= _widened(says * freedom * together, size) - _widened(says * freedom ** 2, size)
         covariance = inverse @ spread @ inverse
     except np.linalg.LinAlgError:
         return None

@@ -129,6 +129,117 @@ def equations(centre, normal, first, radii, circle, points, count, camera_left, 
 
 
 @njit
+def _solve(matrix, right):
+    """Solution of a small system by elimination with pivots; changes both; False when the system is singular."""
+    n = len(right)
+    for c in range(n):
+        pivot = c
+        for r in range(c + 1, n):
+            if abs(matrix[r, c]) > abs(matrix[pivot, c]):
+                pivot = r
+        if not abs(matrix[pivot, c]) > 0.0:
+            return False
+        if pivot != c:
+            for k in range(c, n):
+                matrix[c, k], matrix[pivot, k] = matrix[pivot, k], matrix[c, k]
+            right[c], right[pivot] = right[pivot], right[c]
+        for r in range(c + 1, n):
+            f = matrix[r, c] / matrix[c, c]
+            for k in range(c, n):
+                matrix[r, k] -= f * matrix[c, k]
+            right[r] -= f * right[c]
+    for c in range(n - 1, -1, -1):
+        for k in range(c + 1, n):
+            right[c] -= matrix[c, k] * right[k]
+        right[c] /= matrix[c, c]
+    return True
+
+
+@njit
+def axle_residual(axle, centre, normal, off):
+    """Of a curve on an axle, into off (4,): the normal's tilt, and the centre's offset. axle : (4, 3): its point, its
+    direction, two directions across it. Returns the sign of the normal along the axle."""
+    sign = 1.0 if (axle[1] * normal).sum() >= 0.0 else -1.0
+    for k in range(2):
+        off[k] = sign * (axle[2 + k] * normal).sum()
+        off[2 + k] = (axle[2 + k] * (centre - axle[0])).sum()
+    return sign
+
+
+@njit
+def _hold_to(axle, hold, centre, normal, first, matrix, gradient):
+    """Adds what an axle says, with weights hold (4, 4), to the normal equations; returns its cost."""
+    off = np.empty(4)
+    sign = axle_residual(axle, centre, normal, off)
+    slope = np.zeros((4, 5))
+    second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
+                       normal[0] * first[1] - normal[1] * first[0]])
+    for k in range(2):
+        slope[k, 3] = sign * (axle[2 + k] * second).sum()
+        slope[k, 4] = -sign * (axle[2 + k] * first).sum()
+        slope[2 + k, :3] = axle[2 + k]
+    cost = 0.0
+    for i in range(4):
+        for j in range(4):
+            cost += hold[i, j] * off[i] * off[j]
+            for a in range(5):
+                gradient[a] += slope[i, a] * hold[i, j] * off[j]
+                for b in range(5):
+                    matrix[a, b] += slope[i, a] * hold[i, j] * slope[j, b]
+    return cost
+
+
+@njit
+def settle(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma, rounds,
+           axle, hold):
+    """Moves a curve until its pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
+
+    axle, hold : see :func:`_hold_to`; hold is (0, 0) when nothing holds the curve. Returns whether that went well, and
+    the curve: centre, normal, first, radii.
+    """
+    size = 6 if circle else 8
+    out, bend = np.empty(len(points)), np.empty(len(points))
+    held = len(hold) > 0
+    off = np.empty(4)
+    damping = 1e-3
+    for _ in range(rounds):
+        matrix, gradient, cost, weights, _rows = equations(centre, normal, first, radii, circle, points, count,
+                                                           camera_left, camera_right, baseline, blur, sigma, out, bend)
+        if held:
+            cost += _hold_to(axle, hold, centre, normal, first, matrix, gradient)
+        if not (np.isfinite(cost) and np.isfinite(matrix).all()):
+            return False, centre, normal, first, radii
+        gained = 0.0
+        for _attempt in range(6):
+            damped, right = matrix.copy(), -gradient
+            for a in range(size):
+                damped[a, a] += damping * matrix[a, a]
+            if not _solve(damped, right):
+                return False, centre, normal, first, radii
+            step = np.zeros(8)
+            for a in range(size):
+                widest = radii[0] if a < 3 else 0.5
+                step[a] = min(max(right[a], -widest), widest)
+            c, m, f, r = moved(centre, normal, first, radii, step, circle)
+            residuals(c, m, f, r, points, count, camera_left, camera_right, baseline, blur, out, bend)
+            new_cost = (weights * out * out).sum()
+            if held:
+                axle_residual(axle, c, m, off)
+                for i in range(4):
+                    for j in range(4):
+                        new_cost += hold[i, j] * off[i] * off[j]
+            if np.isfinite(new_cost) and new_cost <= cost:
+                centre, normal, first, radii = c, m, f, r
+                gained = cost - new_cost
+                damping = max(damping / 10.0, 1e-9)
+                break
+            damping *= 10.0
+        if gained < 1e-5 * cost:
+            break
+    return True, centre, normal, first, radii
+
+
+@njit
 def common(rows, weights, shift, group, groups):
     """(p, p): what displacements that all edgels of a group share add to the normal equations' right side (variance).
 

@@ -58,8 +58,10 @@ RIVAL_OFF = 0.1
 SURE_TILT = np.radians(0.4)
 MOST_OF_ARC = 0.85
 # A curve that only one eye sees as an arc: least share of the arc that is matched, and of both eyes' edgels that are the
-# curve's; least number of edgels in either eye; least share of the curve that is seen.
+# curve's; least number of edgels in either eye; least share of the curve that is seen; and how well it has to fit, pixels
+# rms, and its radius to be known.
 MATCHED, FOLLOWED, LEAST_FOLLOWED, FOLLOWED_COVERAGE = 0.2, 0.6, 12, 0.2
+FOLLOWED_RMS, FOLLOWED_GROWTH = 0.12, 0.035
 # A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
 # well, one sigma.
 LEAST_COVERAGE = 0.08
@@ -331,7 +333,8 @@ def _followed(arc: int, is_right: bool, ellipse: Ellipse, matches: Matches, left
     curves = [recover_curve(start, *edgels, (masks[0], masks[1]), rig, blur) for start in starts
               if start is not None and start.rms < WORST_RMS]
     good = [c for c in curves if c is not None and determined(c) and c.misfit < ROUND_MISFIT
-            and c.coverage > FOLLOWED_COVERAGE and c.left[masks[0]].mean() > FOLLOWED
+            and c.coverage > FOLLOWED_COVERAGE and c.rms < FOLLOWED_RMS
+            and np.sqrt(c.covariance[5, 5]) < FOLLOWED_GROWTH * c.radii[0] and c.left[masks[0]].mean() > FOLLOWED
             and c.right[masks[1]].mean() > FOLLOWED]
     return min(good, key=lambda c: c.rms) if good else None
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from .curve import Curve, picture
+from .curve import Curve, cross, picture
 from .lines3d import Lines3D
 from .matching import Matches
 from .segmentation import Pieces
@@ -56,6 +56,56 @@ def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
     return lines / length[:, None] if (length > 0.0).all() else np.zeros((0, 3))
 
 
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """How the pieces of an image lie beside the two outlines of a surface: rows are outlines, columns pieces.
+
+    off : pixels off the outline's line beyond what is uncertain; inside : pixels, how far the touching point is inside
+    the piece, negative beyond its end; radius : pixels, of the rim; straight : (n,) bool, pieces that may be outlines
+    """
+
+    off: np.ndarray
+    inside: np.ndarray
+    radius: float
+    straight: np.ndarray
+    length: np.ndarray
+
+    def sides(self, touch: float, reach: float) -> np.ndarray:
+        """(n,) int8, see :func:`touching`."""
+        # It ends at the rim, or far from it; it does not pass it.
+        near = self.straight & (self.off < touch) & (-self.inside < reach * self.radius) & (
+            self.inside < 0.25 * self.length)
+        return np.where(near[1], 2, near[0]).astype(np.int8)
+
+
+def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float) -> _Beside:
+    nothing = np.full((2, len(pieces)), np.inf)
+    straight = (pieces.arc < 0) & (pieces.length > LEAST_LENGTH)
+    conic = picture(curve, matrix, eye)
+    seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
+    lines = tangents(conic, seen)
+    if len(lines) == 0 or len(pieces) == 0:
+        return _Beside(nothing, nothing, 0.0, straight, pieces.length)
+    # The same side has the same number in both images: by the side of the axis on which the line is.
+    centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
+    axis = cross(centre / centre[2], seen)
+    contact = np.linalg.solve(conic, lines.T).T
+    contact = contact[:, :2] / contact[:, 2:]
+    order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
+    lines, contact = lines[order], contact[order]
+    radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2]))
+                     / np.linalg.eigvalsh(conic[:2, :2])[0])
+    ends = (pieces.start, pieces.end)
+    off = np.maximum(*(np.abs(lines[:, :2] @ end.T + lines[:, 2:]) for end in ends))
+    place = contact @ pieces.direction.T - (pieces.centre * pieces.direction).sum(axis=1)
+    inside = np.minimum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
+    # An axis that is not quite known turns its outlines.
+    far = np.maximum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
+    slack = np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0) + np.minimum(
+        3.0 * curve.tilt * far, MOST_TURN)
+    return _Beside(off - slack, inside, float(radius), straight, pieces.length)
+
+
 def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float, touch: float = TOUCH,
              reach: float = REACH) -> np.ndarray:
     """(n,) int8: 1 or 2 for straight pieces that run along one or the other outline, else 0.
@@ -63,36 +113,7 @@ def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray,
     apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder;
     touch : pixels off the outline's line, beside what is uncertain about a piece; reach : radii from the rim.
     """
-    side = np.zeros(len(pieces), np.int8)
-    if len(pieces) == 0:
-        return side
-    conic = picture(curve, matrix, eye)
-    seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
-    lines = tangents(conic, seen)
-    if len(lines) == 0:
-        return side
-    # The same side has the same number in both images: by the side of the axis on which the line is.
-    centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
-    axis = np.cross(centre / centre[2], seen)
-    contact = np.linalg.solve(conic, lines.T).T
-    contact = contact[:, :2] / contact[:, 2:]
-    order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
-    radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2]))
-                     / np.linalg.eigvalsh(conic[:2, :2])[0])
-    ends = np.stack([pieces.start, pieces.end], axis=1)
-    straight = (pieces.arc < 0) & (pieces.length > LEAST_LENGTH)
-    for name, k in enumerate(order):
-        off = np.abs(ends @ lines[k, :2] + lines[k, 2]).max(axis=1)
-        # How far the touching point is inside the piece; negative: beyond its end.
-        place = ((contact[k] - pieces.centre) * pieces.direction).sum(axis=1)
-        inside = np.minimum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
-        # An axis that is not quite known turns its outlines.
-        far = np.maximum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
-        slack = touch + np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0) + np.minimum(
-            3.0 * curve.tilt * far, MOST_TURN)
-        # It ends at the rim, or far from it; it does not pass it.
-        side[straight & (off < slack) & (-inside < reach * radius) & (inside < 0.25 * pieces.length)] = name + 1
-    return side
+    return _beside(curve, apex, pieces, matrix, eye).sides(touch, reach)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +166,9 @@ def contours(lines: Lines3D | Matches, pieces: tuple[Pieces, Pieces], surfaces: 
     doubt in one."""
     result = np.zeros(len(lines), bool)
     for curve, apex in surfaces:
-        usual, sure, loose = ([touching(curve, apex, side, camera.matrix, eye, touch, reach)[index]
-                               for side, camera, eye, index in ((pieces[0], rig.left, 0.0, lines.left),
-                                                                (pieces[1], rig.right, rig.baseline, lines.right))]
+        beside = [_beside(curve, apex, side, camera.matrix, eye) for side, camera, eye in (
+            (pieces[0], rig.left, 0.0), (pieces[1], rig.right, rig.baseline))]
+        usual, sure, loose = ([b.sides(touch, reach)[index] for b, index in zip(beside, (lines.left, lines.right))]
                               for touch, reach in ((TOUCH, FAR_REACH), (SURE_TOUCH, SURE_REACH), (LOOSE_TOUCH, REACH)))
         result |= (usual[0] != 0) & (usual[0] == usual[1])
         result |= (sure[0] != 0) & (sure[0] == loose[1]) | (sure[1] != 0) & (sure[1] == loose[0])
