@@ -190,8 +190,8 @@ def _hold_to(axle, hold, centre, normal, first, matrix, gradient):
 
 
 @njit
-def settle(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma, rounds,
-           axle, hold):
+def settle(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
+           rounds, axle, hold):
     """Moves a curve until its pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
     axle, hold : see :func:`_hold_to`; hold is (0, 0) when nothing holds the curve. Returns whether that went well, and

@@ -46,8 +46,8 @@ def followed(matches: Matches, left: Pieces, right: Pieces, arc: int, is_right: 
              counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """What an arc of one image matches in the other, arc or not.
 
-    counts : edgels of the images. Returns the edgels of the arc and its matches, left and right (bool over all), samples
-    (k, 3) of u, v, disparity, and the share of the arc's length that is matched.
+    counts : edgels of the images. Returns the edgels of the arc and its matches, left and right (bool over all),
+    samples (k, 3) of u, v, disparity, and the share of the arc's length that is matched.
     """
     own, index, other = (right, matches.right, matches.left) if is_right else (left, matches.left, matches.right)
     far = left if is_right else right

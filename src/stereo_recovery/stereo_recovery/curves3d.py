@@ -57,9 +57,9 @@ RIVAL_OFF = 0.1
 # are on it.
 SURE_TILT = np.radians(0.4)
 MOST_OF_ARC = 0.85
-# A curve that only one eye sees as an arc: least share of the arc that is matched, and of both eyes' edgels that are the
-# curve's; least number of edgels in either eye; least share of the curve that is seen; and how well it has to fit, pixels
-# rms, and its radius to be known.
+# A curve that only one eye sees as an arc: least share of the arc that is matched, and of both eyes' edgels that are
+# the curve's; least number of edgels in either eye; least share of the curve that is seen; and how well it has to fit,
+# pixels rms, and its radius to be known.
 MATCHED, FOLLOWED, LEAST_FOLLOWED, FOLLOWED_COVERAGE = 0.2, 0.6, 12, 0.2
 FOLLOWED_RMS, FOLLOWED_GROWTH = 0.12, 0.035
 # A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
@@ -224,8 +224,8 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
     """
     masks = [[edgels_of(pieces, k, len(e)) for k in range(len(conics))]
              for pieces, conics, e in zip((left, right), ellipses, edgels)]
-    arcs = [_Arcs(masks[0][a], masks[1][b], ellipses[0][a], ellipses[1][b], samples, shears(ellipses[0][a], ellipses[1][b], samples))
-            for a, b, samples in pairs(matches, left, right)]
+    arcs = [_Arcs(masks[0][a], masks[1][b], ellipses[0][a], ellipses[1][b], samples,
+                  shears(ellipses[0][a], ellipses[1][b], samples)) for a, b, samples in pairs(matches, left, right)]
     found: list[Curve] = []
     rest: list[_Arcs] = []
     for item in sorted(arcs, key=lambda arc: -int(arc.left.sum())):
@@ -300,7 +300,7 @@ def _fitted(starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig
 
 
 def _convincing(curve: Curve, item: _Arcs) -> bool:
-    """Whether a curve is determined, fits as well as its edgels say, and is where nearly all of the arcs' edgels are."""
+    """Whether a curve is determined, fits as its edgels say, and is where nearly all of the arcs' edgels are."""
     return bool(determined(curve) and curve.misfit < ROUND_MISFIT and curve.tilt < SURE_TILT
                 and min(curve.left[item.left].mean(), curve.right[item.right].mean()) > MOST_OF_ARC)
 
