@@ -60,7 +60,9 @@ def followed(matches: Matches, left: Pieces, right: Pieces, arc: int, is_right: 
     samples = np.concatenate([points, matches.disparity[of][..., None]], axis=2).reshape(-1, 3)
     length = float(own.length[own.arc == arc].sum())
     share = float(own.length[np.unique(index[of])].sum()) / max(length, 1e-9)
-    return (*(masks[::-1] if is_right else masks), samples, share)
+    if is_right:
+        masks.reverse()
+    return masks[0], masks[1], samples, share
 
 
 def shears(left: Ellipse, right: Ellipse, samples: np.ndarray) -> list[np.ndarray]:

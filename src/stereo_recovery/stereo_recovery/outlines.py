@@ -81,10 +81,12 @@ class _Beside:
 def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float) -> _Beside:
     nothing = np.full((2, len(pieces)), np.inf)
     straight = (pieces.arc < 0) & (pieces.length > LEAST_LENGTH)
+    if len(pieces) == 0:
+        return _Beside(nothing, nothing, 0.0, straight, pieces.length)
     conic = picture(curve, matrix, eye)
     seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
     lines = tangents(conic, seen)
-    if len(lines) == 0 or len(pieces) == 0:
+    if len(lines) == 0:
         return _Beside(nothing, nothing, 0.0, straight, pieces.length)
     # The same side has the same number in both images: by the side of the axis on which the line is.
     centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
