@@ -12,15 +12,17 @@ from hypothesis import strategies as st
 from msgs_py import PinholeCamera, Pose, StereoRig
 from stereo_recovery.axes import find_axes
 from stereo_recovery.completion import distinct
-from stereo_recovery.conics import sampson
+from stereo_recovery.conics import Ellipse, sampson
 from stereo_recovery.curve import Curve, picture, turned
 from stereo_recovery.curve_fit import Axle, refine
-from stereo_recovery.curve_starts import mirrored
+from stereo_recovery.curve_starts import circles_of, mirrored
 from stereo_recovery.edgels import Edgels, detect
 from stereo_recovery.facing import on_faces
+from stereo_recovery.hiding import hidden_ends
 from stereo_recovery.lines3d import Lines3D
+from stereo_recovery.matching import Matches
 from stereo_recovery.outlines import contours, tangents
-from stereo_recovery.segmentation import Pieces
+from stereo_recovery.segmentation import Pieces, corners
 from stereo_recovery.tangency import joined_ends
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
@@ -314,3 +316,74 @@ def test_one_rim_found_twice_is_one_and_two_rims_are_two():
     assert len(found) == 3
     whole = next(c for c in found if c.left.sum() == 4)
     assert np.array_equal(whole.centre, rim.centre)
+
+
+@pytest.mark.parametrize('is_right', [False, True])
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4), st.floats(-0.03, 0.06), st.floats(-0.03, 0.03))
+def test_one_of_the_two_circles_that_look_like_an_ellipse_is_the_true_one(is_right, tilt, turn, x, y):
+    true = curve([x, y, 0.25], [np.sin(turn), np.cos(turn) * np.sin(tilt), np.cos(turn) * np.cos(tilt)])
+    sine = abs(true.normal @ true.centre) / np.linalg.norm(true.centre)
+    if sine < 0.05:
+        return
+    points = points_of(true, 9, (0.3, 2.0))
+    at = RIG.left.project(points)
+    samples = np.column_stack([at, RIG.left.fx * RIG.baseline / points[:, 2]])
+    camera, eye = EYES[is_right]
+    found = circles_of(Ellipse(picture(true, camera.matrix, eye), 0.0), samples, RIG, is_right)
+    best = min(found, key=lambda c: angle_between(c.normal, true.normal))
+    assert angle_between(best.normal, true.normal) < 0.01
+    assert np.linalg.norm(best.centre - true.centre) < 1e-6
+    assert best.radii == pytest.approx(true.radii, rel=1e-4)
+
+
+def _edge(low, high) -> tuple[Matches, tuple[Pieces, Pieces]]:
+    """An edge between two points in space, as both eyes see it, and the matches: it alone."""
+    ends = np.array([low, high])
+    pixels = [camera.project(ends - [eye, 0, 0]) for camera, eye in EYES]
+    d = RIG.left.fx * RIG.baseline / ends[:, 2]
+    matches = Matches(np.array([0], np.int32), np.array([0], np.int32), np.array([[d[0], d.mean(), d[1]]]),
+                      np.sort(pixels[0][:, 1])[None], np.ones(1))
+    return matches, (pieces_of([pixels[0]]), pieces_of([pixels[1]]))
+
+
+def _hidden(true: Curve, low, high) -> np.ndarray:
+    matches, pieces = _edge(low, high)
+    surfaces = [(true, np.append(true.normal, 0.0))]
+    met = hidden_ends(matches, pieces, (corners(pieces[0]), corners(pieces[1])), [true], surfaces, RIG)
+    return met[0].through[0]
+
+
+def test_an_edge_that_stops_at_a_rim_in_front_of_it_has_no_corner_there():
+    rim = curve([0.025, 0.0, 0.25], [0.0, -0.7, -0.7])
+    on_rim = rim.centre + 0.015 * rim.first
+    behind = on_rim * 1.2
+    assert _hidden(rim, behind + 2.0 * (behind - 1.2 * rim.centre), behind).tolist() == [False, True]
+
+
+def test_an_edge_that_ends_on_a_rim_of_its_own_face_has_a_corner_there():
+    rim = curve([0.025, 0.0, 0.25], [0.0, -0.7, -0.7])
+    on_rim = rim.centre + 0.015 * rim.first
+    for away in (0.04 * rim.first, -0.015 * rim.first + 0.015 * rim.second, 0.03 * rim.normal):
+        assert not _hidden(rim, on_rim + away, on_rim).any()
+
+
+def test_an_edge_that_stops_at_an_outline_has_no_corner_there():
+    rim = curve([0.0, 0.0, 0.25], [0.0, -1.0, -0.4])
+    stem = [RIG.left.project(np.stack([rim.centre + s * 0.015 * rim.first, rim.centre + s * 0.015 * rim.first
+                                       - 0.03 * rim.normal])) for s in (1.0, -1.0)]
+    conic = picture(rim, RIG.left.matrix, 0.0)
+    lines = tangents(conic, RIG.left.matrix @ rim.normal)
+    # The outlines themselves: from the touching point along the tangent.
+    outline = []
+    for line, (top, bottom) in zip(lines[np.argsort([abs(l @ np.append(stem[0][0], 1.0)) for l in lines])], stem):
+        along = np.array([-line[1], line[0]])
+        foot = [p - line[:2] * (line @ np.append(p, 1.0)) for p in (top, bottom)]
+        outline.append(foot if (foot[1] - foot[0]) @ along != 0.0 else foot[::-1])
+    middle = 0.5 * (outline[0][0] + outline[0][1])
+    out = np.sign(middle - 0.5 * (outline[1][0] + outline[1][1]))
+    pieces = pieces_of([*outline, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
+    none = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+    met = hidden_ends(none, (pieces, pieces_of([])), (corners(pieces), corners(pieces_of([]))), [rim],
+                      [(rim, np.append(rim.normal, 0.0))], RIG)
+    assert met[0].through[2].tolist() == [True, False]
