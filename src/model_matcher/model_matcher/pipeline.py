@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,6 +31,9 @@ from .tree_match import match_by_tree
 
 NEIGHBOURS = 24
 PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
+# When what was found could be chance, the search goes on, with a new list of candidates: accidents that explain many
+# features may have filled the first, or ended it early.
+MORE_PATIENCE = (np.inf, 8000.0)
 BLOCK = 4096  # data pairs x data features before the first look at the clock, but 8 pairs at least
 QUICK, SLOW = 0.002, 0.02  # seconds between two looks at the clock: less is too often, more too seldom
 # With more data than LARGE, the time limit is shared out: pairs are ranked until, and searched until. With less, no
@@ -93,9 +96,7 @@ def _all_parallel(rows: np.ndarray) -> bool:
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:
     """The production search and what follows it."""
-    from . import hypotheses
     from .kernels import rank_pairs
-    search: Any = hypotheses.search_pairs
     index, rows = problem.index, problem.rows
     n = len(rows)
     neighbours, all_ranked = EVERYONE, True
@@ -104,34 +105,20 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         neighbours, all_ranked = _neighbours(rows, longest, started + RANKING * params.time_limit_s)
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
     searching = params.time_limit_s * (SEARCHING if n > LARGE else 1.0)  # what is left is for the refinement
-    table = problem.table
-    block = max(8, BLOCK // n)
-    looked = time.perf_counter()
-    for room in (hypotheses.CANDIDATES, PERIODIC * hypotheses.CANDIDATES):
-        motions = np.zeros((room, 12))
-        scores = np.zeros(room)
-        state = np.zeros(4, np.int64)
-        first = 0
-        in_time = True
-        while first < len(pairs) and not state[3] and in_time:
-            last = min(len(pairs), first + block)
-            search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
-                   index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle,
-                   index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, PATIENCE, motions,
-                   scores, state)
-            first = last
-            now = time.perf_counter()
-            block = 2 * block if now - looked < QUICK else max(8, block // 2) if now - looked > SLOW else block
-            looked = now
-            in_time = now - started <= searching
-        if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
+    parts: list[tuple[Refined, _Found]] = []
+    for patience in (PATIENCE, MORE_PATIENCE):
+        begin = parts[-1][1].pairs if parts else 0
+        found = _search(problem, pairs, partners, begin, patience, started + searching)
+        refined = refine_all(problem, found.motions, found.scores, params) if n <= LARGE else \
+            _refine_in_time(problem, found.motions, found.scores, params, started + params.time_limit_s)
+        parts.append((refined, found))
+        if found.stopped_by != 'patience' or refined.figures[:, 7].max() >= needed_evidence(problem, params):
             break
-    refined = refine_all(problem, motions, scores, params) if n <= LARGE else \
-        _refine_in_time(problem, motions, scores, params, started + params.time_limit_s)
+    refined = max((part[0] for part in parts), key=lambda part: float(part.figures[:, 7].max()))
     accepted, rejected = conclude(problem, refined, params)
-    stopped = 'patience' if state[3] else 'exhausted' if in_time and all_ranked else 'time limit'
-    stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': int(state[2]),
-             'hypotheses': int(state[0]), 'stopped_by': stopped, 'evidence_needed': needed_evidence(problem, params)}
+    stopped = found.stopped_by if all_ranked or found.stopped_by != 'exhausted' else 'time limit'
+    stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': found.pairs,
+             'hypotheses': sum(part[1].hypotheses for part in parts), 'stopped_by': stopped, 'evidence_needed': needed_evidence(problem, params)}
     enough = refined.figures[:, 0] >= min(params.min_matched, len(index))
     if enough.any():
         stats['evidence'] = float(refined.figures[enough, 7].max())
@@ -139,6 +126,46 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'
     return MatchResult(accepted, rejected, stats, reason)
+
+
+class _Found(NamedTuple):
+    """Candidate poses (c, 12) and scores (c,), best first; the pair to go on with; why the search stopped."""
+
+    motions: np.ndarray
+    scores: np.ndarray
+    pairs: int
+    hypotheses: int
+    stopped_by: str
+
+
+def _search(problem: Problem, pairs: np.ndarray, partners: np.ndarray, begin: int, patience: tuple[float, float],
+            deadline: float) -> _Found:
+    """Try the ranked pairs from number ``begin`` on."""
+    from . import hypotheses
+    search: Any = hypotheses.search_pairs
+    index, table = problem.index, problem.table
+    block = max(8, BLOCK // len(problem.rows))
+    looked = time.perf_counter()
+    for room in (hypotheses.CANDIDATES, PERIODIC * hypotheses.CANDIDATES):
+        motions = np.zeros((room, 12))
+        scores = np.zeros(room)
+        state = np.array([0, 0, begin, 0])
+        first, in_time = begin, True
+        while first < len(pairs) and not state[3] and in_time:
+            last = min(len(pairs), first + block)
+            search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
+                   index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle,
+                   index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, patience, motions,
+                   scores, state)
+            first = last
+            now = time.perf_counter()
+            block = 2 * block if now - looked < QUICK else max(8, block // 2) if now - looked > SLOW else block
+            looked = now
+            in_time = now <= deadline
+        if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
+            break
+    stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
+    return _Found(motions, scores, int(state[2]), int(state[0]), stopped)
 
 
 def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.ndarray, bool]:
