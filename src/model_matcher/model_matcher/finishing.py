@@ -6,6 +6,7 @@ same data equally well are put together, competitors for the same data rejected,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,10 @@ DOUBTFUL = 5.0
 # Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
 # TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
 LEAST, PER_DATA, TAIL = 2.6, 1.25, 1.3
+# How well a scene fits a model by chance shows in the scene itself: each nat of evidence that the best other pose has,
+# among those that share no data with this one and are no instances themselves, asks for so many nats more; or less,
+# where that pose has less than a usual one.
+RIVAL, USUAL_RIVAL = 0.31, 7.5
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
 # Candidates that explain this share of the most distinct model features are ranked by how much of them is covered;
@@ -79,13 +84,14 @@ def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Pr
 @dataclass(eq=False)
 class Refined:
     """c refined candidates: motions (c, 12), assignments and signs (c, n) among used features, normals (c, 6, 6),
-    figures (c, 8) as hypotheses.refine_candidates gives them."""
+    figures (c, 8) as hypotheses.refine_candidates gives them; needed (c,) nats that conclude asks each for."""
 
     motions: np.ndarray
     assignments: np.ndarray
     signs: np.ndarray
     normals: np.ndarray
     figures: np.ndarray
+    needed: list[float] | None = None
 
 
 def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams,
@@ -103,24 +109,29 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params
     return refined
 
 
-def conclude(problem: Problem, refined: Refined, params: MatchParams,
+def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: bool = False,
              ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
-    """Accepted and rejected interpretations, each best first."""
-    scores, evidence = refined.figures[:, 0], refined.figures[:, 7]
+    """Accepted and rejected interpretations, each best first.
+
+    searched : the candidates are the best poses of all the data, so that they show what chance does there
+    """
+    scores, residuals, evidence = (refined.figures[:, column].tolist() for column in (0, 1, 7))
     order = _ranked(problem, refined)
-    matched = (refined.assignments != BIN).astype(np.float32)
+    matched = (refined.assignments[order] != BIN).astype(np.float32)
     common = (matched @ matched.T).astype(int).tolist()
     heads: list[int] = []
     twins: dict[int, list[int]] = {}
     rivals: dict[int, int] = {}
+    place = {k: at for at, k in enumerate(order)}
     for k in order:
-        total = max(common[k][k], 1)
+        row = common[place[k]]
+        total = max(row[place[k]], 1)
         for head in heads:
-            shared = common[k][head]
+            shared = row[place[head]]
             if shared <= CLAIMED * total:
                 continue
-            alike = int(scores[k]) >= int(scores[head]) and shared == total == common[head][head]
-            if alike and refined.figures[k, 1] <= 1.5 * refined.figures[head, 1] + 1e-9:
+            alike = int(scores[k]) >= int(scores[head]) and shared == total == common[place[head]][place[head]]
+            if alike and residuals[k] <= 1.5 * residuals[head] + 1e-9:
                 if not _near(problem, refined, k, [head, *twins[head]]):
                     twins[head].append(k)
                 rivals[k] = -1
@@ -132,16 +143,17 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
             twins[k] = []
     from . import sightlines
     settle: Any = sightlines.settle
-    needed = needed_evidence(problem, params)
-    accepted: list[tuple[int, tuple[Pose, ...], str | None]] = []
-    rejected: list[tuple[int, tuple[Pose, ...], str | None]] = []
+    usual = needed_evidence(problem, params)
+    refined.needed = _asked_in_scene(evidence, heads, usual) if searched else [usual] * len(evidence)
+    accepted: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
+    rejected: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
     for k in order:
         if len(accepted) == len(rejected) == params.max_interpretations:
             break
         if rivals.get(k) == -1:
             continue
         reason = None
-        distinct = int(scores[k])
+        distinct, needed = int(scores[k]), refined.needed[k]
         if distinct < min(params.min_matched, len(problem.index)):
             reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
         elif evidence[k] < needed:
@@ -151,8 +163,8 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
             better = rivals[k]
             reason = (f'competes for the same data with a better interpretation '
                       f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)')
-        elif params.max_bin is not None and problem.n_data - common[k][k] > params.max_bin:
-            unmatched = problem.n_data - common[k][k]
+        elif params.max_bin is not None and problem.n_data - common[place[k]][place[k]] > params.max_bin:
+            unmatched = problem.n_data - common[place[k]][place[k]]
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
         if reason is None and params.scale == 'known':
             for t in (k, *twins.get(k, ())):
@@ -161,14 +173,14 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         target = accepted if reason is None else rejected
         if len(target) == params.max_interpretations:
             continue
-        others = tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
+        pose, others = as_pose(refined.motions[k]), tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
         if reason is None:
-            others = symmetric_poses(problem.index, as_pose(refined.motions[k]), others)
-        target.append((k, others, reason))
+            others = symmetric_poses(problem.index, pose, others)
+        target.append((k, pose, others, reason))
     chosen = accepted + rejected
-    covariances = pose_covariances(problem.index, refined, [k for k, _, _ in chosen])
-    made = tuple(_interpretation(problem, refined, k, covariance, others, reason)
-                 for (k, others, reason), covariance in zip(chosen, covariances))
+    covariances = pose_covariances(problem.index, refined, [k for k, _, _, _ in chosen]) if chosen else ()
+    made = tuple(_interpretation(problem, refined, k, pose, covariance, others, reason)
+                 for (k, pose, others, reason), covariance in zip(chosen, covariances))
     return made[:len(accepted)], made[len(accepted):]
 
 
@@ -222,7 +234,18 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
 
 def false_alarm_evidence(n: int, rate: float) -> float:
     """Nats that chance reaches in a share ``rate`` of the scenes of n data features."""
-    return float(LEAST + PER_DATA * np.log(max(n, 1)) - TAIL * np.log(max(rate, 1e-12)))
+    return LEAST + PER_DATA * math.log(max(n, 1)) - TAIL * math.log(max(rate, 1e-12))
+
+
+def _asked_in_scene(evidence: list[float], heads: list[int], usual: float) -> list[float]:
+    """(c,) nats that each candidate needs where ``heads`` are the best ones that share no data with each other."""
+    chance = sorted((k for k in heads if evidence[k] < usual), key=lambda k: -evidence[k])[:2]
+    least = usual - RIVAL * USUAL_RIVAL
+    first = least + RIVAL * max(evidence[chance[0]], 0.0) if chance else least
+    needed = [first] * len(evidence)
+    if chance:
+        needed[chance[0]] = least + RIVAL * max(evidence[chance[1]], 0.0) if len(chance) > 1 else least
+    return needed
 
 
 def as_pose(motion: np.ndarray) -> Pose:
@@ -241,14 +264,14 @@ def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool
     return False
 
 
-def _interpretation(problem: Problem, refined: Refined, k: int, covariance: np.ndarray, others: tuple[Pose, ...],
-                    reason: str | None) -> Interpretation:
+def _interpretation(problem: Problem, refined: Refined, k: int, pose: Pose, covariance: np.ndarray,
+                    others: tuple[Pose, ...], reason: str | None) -> Interpretation:
     assignment = np.full(problem.n_data, BIN, np.int32)
     sign = np.zeros(problem.n_data, np.int8)
     chosen = np.flatnonzero(refined.assignments[k] != BIN)
     assignment[problem.keep[chosen]] = problem.index.source[refined.assignments[k][chosen]]
     sign[problem.keep[chosen]] = refined.signs[k][chosen]
-    return Interpretation(problem.index.name, assignment, sign, as_pose(refined.motions[k]),
+    return Interpretation(problem.index.name, assignment, sign, pose,
                           residual_rms=refined.figures[k, 1], covariance=covariance, symmetric_poses=others,
                           rejected_reason=reason)
 
@@ -258,19 +281,9 @@ def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> 
 
     A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
     """
-    lever = max(0.5 * index.size, SMALLEST_FEATURE)
-    units = np.array([1.0 / lever] * 3 + [1.0] * 3)  # rotation as displacement at the model's rim, to compare the six
+    from . import refinement_kernels
+    covariances: Any = refinement_kernels.covariances
     figures = refined.figures[chosen]
-    values, vectors = np.linalg.eigh(refined.normals[chosen] * np.outer(units, units))
-    floor = np.maximum(values[:, -1:], 1e-300) * 1e-7
-    chi = np.maximum(figures[:, 2:3], 1e-12)
-    variances = np.where(values > floor, chi / np.maximum(values, floor), index.size ** 2)
     # The fit turns about the data's centre; the pose's translation is that of the model's origin.
-    gap = refined.motions[chosen, 9:] - figures[:, 3:6]
-    shift = np.zeros((len(chosen), 6, 6))
-    shift[:, :3, 3:] = np.eye(3)
-    shift[:, 3:, :3] = np.eye(3)
-    for row, column, axis, sign in ((0, 1, 2, 1.0), (0, 2, 1, -1.0), (1, 2, 0, 1.0)):
-        shift[:, row, column], shift[:, column, row] = sign * gap[:, axis], -sign * gap[:, axis]
-    spread = shift @ (units[:, None] * vectors)
-    return (spread * variances[:, None, :]) @ np.swapaxes(spread, 1, 2)
+    return covariances(refined.normals[chosen], figures[:, 2].copy(), refined.motions[chosen, 9:] - figures[:, 3:6],
+                       index.size, SMALLEST_FEATURE)

@@ -13,6 +13,7 @@ from msgs_py.compiled import njit
 
 from .evidence import evidence, plane_table
 from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry
+from .pair_pose import into_frame, pair_frame, pair_pose, third
 from .refinement_kernels import refine
 
 CANDIDATES = 16
@@ -22,44 +23,6 @@ LOCAL_PARTNERS = 12  # the best partners of each of the two
 # While the best explains less than this share of a large model, patience is so many times longer: each data pair has
 # more hypotheses there, and 8000 are soon used up.
 LITTLE, LONGER = 0.08, 6.0
-
-
-@njit
-def _frame(u, v, out):
-    """Orthonormal frame of two directions, symmetric in their errors: rows bisector, in-plane, common normal."""
-    ax, ay, az = u[0] + v[0], u[1] + v[1], u[2] + v[2]
-    n = np.sqrt(ax * ax + ay * ay + az * az)
-    ax, ay, az = ax / n, ay / n, az / n
-    cx, cy, cz = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
-    n = np.sqrt(cx * cx + cy * cy + cz * cz)
-    cx, cy, cz = cx / n, cy / n, cz / n
-    out[0], out[1], out[2] = ax, ay, az
-    out[3], out[4], out[5] = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax
-    out[6], out[7], out[8] = cx, cy, cz
-
-
-@njit
-def _pose_of_pair(a, b, flip_b, fa, fb, i, j, flip_j, fi, fj, turn, frame_d, frame_m, motion):
-    """The pose that lays model lines i, j on data lines a, b; turn = -1 reverses both data directions."""
-    u, v = np.empty(3), np.empty(3)
-    for k in range(3):
-        u[k] = turn * a[3 + k]
-        v[k] = turn * flip_b * b[3 + k]
-    _frame(u, v, frame_d)
-    for k in range(3):
-        u[k] = i[3 + k]
-        v[k] = flip_j * j[3 + k]
-    _frame(u, v, frame_m)
-    for p in range(3):
-        for q in range(3):
-            motion[3 * p + q] = (frame_d[p] * frame_m[q] + frame_d[3 + p] * frame_m[3 + q]
-                                 + frame_d[6 + p] * frame_m[6 + q])
-    cm = np.empty(3)
-    for k in range(3):
-        cm[k] = 0.5 * (i[k] + fi * i[3 + k] + j[k] + fj * flip_j * j[3 + k])
-    for p in range(3):
-        cd = 0.5 * (a[p] + fa * a[3 + p] + b[p] + fb * flip_b * b[3 + p])
-        motion[9 + p] = cd - (motion[3 * p] * cm[0] + motion[3 * p + 1] * cm[1] + motion[3 * p + 2] * cm[2])
 
 
 @njit
@@ -130,13 +93,13 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
         1 when stopped by patience
     """
     stamp = np.zeros(model.shape[0], np.int64)
-    frame_d, frame_m, motion = np.empty(9), np.empty(9), np.empty(12)
+    data_pair, model_pair, motion = np.empty(12), np.empty(12), np.empty(12)
     n = data.shape[0]
     knn = min(partners.shape[1], LOCAL_PARTNERS)
     local = n > LOCAL_TEST
-    near = np.empty((2 * knn + 2, 9))
-    near_kind = np.empty(2 * knn + 2, kind_d.dtype)
-    near_tols = np.empty((2 * knn + 2, 3))
+    near = np.empty(2 * knn + 1, np.int32)
+    places, limits = np.empty((2 * knn, 6)), np.empty((2 * knn, 4))
+    inverse = 1.0 / cell
     entered = np.full(n, -1, np.int64)
     around, around_kind, around_tols = data.copy(), kind_d.copy(), tols.copy()
     for p in range(first, last):
@@ -152,40 +115,45 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
         a_low, d_low = _pair_cell(angle - cone, d - across, reach)
         a_high, d_high = _pair_cell(angle + cone, d + across, reach)
         before = state[1]
-        count = 0
         n_around = -1 if local else n
+        pair_frame(data, a, fa, b, flip, fb, data_pair)
+        count = 0
         if local:
-            for k in range(2 * knn + 2):
-                if k < 2:
-                    other = a if k == 0 else b
-                else:
-                    other = partners[a, k - 2] if k < knn + 2 else partners[b, k - 2 - knn]
-                if other < 0 or entered[other] == p:
-                    continue
-                entered[other] = p
-                near[count], near_kind[count], near_tols[count] = data[other], kind_d[other], tols[other]
-                count += 1
-        for ca in range(a_low, a_high + 1):
-            row = ca * OFFSET_CELLS
-            for at in range(pair_starts[row + d_low], pair_starts[row + d_high + 1]):
-                value = pair_values[at]
-                if abs(value[0] - angle) > cone or abs(value[1] - d) > across:
+            for k in range(2 * knn):
+                other = partners[a, k] if k < knn else partners[b, k - knn]
+                if other >= 0 and entered[other] != p:
+                    entered[other] = p
+                    near[count] = other
+                    count += 1
+            near[count] = -1
+            count = into_frame(a, b, data_pair, data, tols, near, widen, places, limits)
+        shortest = min(ha - slide_a, hb - slide_b)
+        for cell_of_pair in range((a_high - a_low + 1) * (d_high - d_low + 1)):
+            ca, cd = cell_of_pair // (d_high - d_low + 1), cell_of_pair % (d_high - d_low + 1)
+            row = (a_low + ca) * OFFSET_CELLS + d_low + cd
+            for at in range(pair_starts[row], pair_starts[row + 1]):
+                if pair_values[at, 5] < shortest:
+                    break
+                if abs(pair_values[at, 0] - angle) > cone or abs(pair_values[at, 1] - d) > across:
                     continue
                 i, j = pair_members[at, 0], pair_members[at, 1]
                 if kind_d[a] != kind_m[i] or kind_d[b] != kind_m[j]:
                     continue
                 room_a, room_b = model[i, 6] - ha + slide_a, model[j, 6] - hb + slide_b
+                foot_i, foot_j, flip_j = pair_values[at, 2], pair_values[at, 3], pair_values[at, 4]
+                placed = False
                 for turning in range(2):
                     turn = 1.0 - 2.0 * turning
-                    if abs(value[2] - turn * fa) > room_a or abs(value[3] - turn * fb) > room_b:
+                    if abs(foot_i - turn * fa) > room_a or abs(foot_j - turn * fb) > room_b:
                         continue
-                    _pose_of_pair(data[a], data[b], flip, fa, fb, model[i], model[j], value[4], value[2], value[3],
-                                  turn, frame_d, frame_m, motion)
                     state[0] += 1
-                    if local and count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items,
-                                               near[:count], near_kind[:count], near_tols[:count], widen, radius_tol,
-                                               stamp, -1 - state[0], 3.0) < 3.0:
+                    if not placed:
+                        pair_frame(model, i, foot_i, j, flip_j, foot_j, model_pair)
+                        placed = True
+                    if local and not third(model_pair, turn, i, j, count, places, limits, near, model, kind_m, low,
+                                           inverse, shape, vox_starts, vox_items, data, kind_d, tols, radius_tol):
                         continue
+                    pair_pose(data_pair, model_pair, turn, motion)
                     if n_around < 0:
                         reach_a = size + slide_a + across + cone * abs(fa)
                         n_around = _gather(data, kind_d, tols, a, reach_a, widen, around, around_kind, around_tols)

@@ -63,43 +63,50 @@ def build_pair_table(features, reach):
     """All ordered, non-parallel pairs of model features, sorted into cells of (angle, signed distance).
 
     A pair near 90 degrees is entered twice, because noise may turn its angle beyond 90 degrees, where the other
-    line counts as reversed. Returns starts (cells + 1,) int32, members (p, 2) int32, values (p, 5) float64: angle,
-    signed distance, foot of first, foot of second, flip of second.
+    line counts as reversed. Returns starts (cells + 1,) int32, members (p, 2) int32, values (p, 6) float64: angle,
+    signed distance, foot of first, foot of second, flip of second, half length of the shorter. Within a cell that
+    falls, so that a search for a pair of long features ends at the first too short one.
     """
     e = features.shape[0]
+    shorter = np.empty(e * e)
+    for i in range(e):
+        for j in range(e):
+            shorter[i * e + j] = min(features[i, 6], features[j, 6])
+    order = np.argsort(-shorter, kind='mergesort')
     counts = np.zeros(ANGLE_CELLS * OFFSET_CELLS + 1, np.int32)
     members = np.zeros((0, 2), np.int32)
-    values = np.zeros((0, 5))
+    values = np.zeros((0, 6))
     cursor = counts
     for sweep in range(2):
         if sweep == 1:
             for k in range(len(counts) - 1):
                 counts[k + 1] += counts[k]
             members = np.zeros((counts[-1], 2), np.int32)
-            values = np.zeros((counts[-1], 5))
+            values = np.zeros((counts[-1], 6))
             cursor = counts.copy()
-        for i in range(e):
-            for j in range(e):
-                if i == j:
-                    continue
-                c, s, d, fi, fj, flip = pair_geometry(features[i], features[j])
-                if s < PARALLEL_SINE:
-                    continue
-                angle = np.arctan2(s, c)
-                for other in range(2):
-                    if other == 1:
-                        if np.pi - angle > MAX_ANGLE:
-                            continue
-                        angle, d, fj, flip = np.pi - angle, -d, -fj, -flip
-                    p, q = _pair_cell(angle, d, reach)
-                    cell = p * OFFSET_CELLS + q
-                    if sweep == 0:
-                        counts[cell + 1] += 1
+        for k in order:
+            i, j = k // e, k % e
+            if i == j:
+                continue
+            c, s, d, fi, fj, flip = pair_geometry(features[i], features[j])
+            if s < PARALLEL_SINE:
+                continue
+            angle = np.arctan2(s, c)
+            for other in range(2):
+                if other == 1:
+                    if np.pi - angle > MAX_ANGLE:
                         continue
-                    at = cursor[cell]
-                    cursor[cell] += 1
-                    members[at, 0], members[at, 1] = i, j
-                    values[at, 0], values[at, 1], values[at, 2], values[at, 3], values[at, 4] = angle, d, fi, fj, flip
+                    angle, d, fj, flip = np.pi - angle, -d, -fj, -flip
+                p, q = _pair_cell(angle, d, reach)
+                cell = p * OFFSET_CELLS + q
+                if sweep == 0:
+                    counts[cell + 1] += 1
+                    continue
+                at = cursor[cell]
+                cursor[cell] += 1
+                members[at, 0], members[at, 1] = i, j
+                values[at, 0], values[at, 1], values[at, 2], values[at, 3], values[at, 4] = angle, d, fi, fj, flip
+                values[at, 5] = shorter[k]
     return counts, members, values
 
 
@@ -158,20 +165,31 @@ def build_voxels(features, low, cell, shape, reach):
 
 @njit
 def _cost_of_pair(features, a, b, size):
-    """gap / (length x sine) of two features, infinite for those too far apart or too nearly parallel."""
+    """gap / (length x sine) of two features, infinite for those too far apart or too nearly parallel.
+
+    As pair_geometry has it, but number by number: taking rows apart costs as much as the rest.
+    """
     ha, hb = features[a, 6], features[b, 6]
-    dx, dy, dz = features[b, 0] - features[a, 0], features[b, 1] - features[a, 1], features[b, 2] - features[a, 2]
-    if dx * dx + dy * dy + dz * dz > (size + ha + hb) ** 2:
+    wx, wy, wz = features[b, 0] - features[a, 0], features[b, 1] - features[a, 1], features[b, 2] - features[a, 2]
+    square = wx * wx + wy * wy + wz * wz
+    if square > (size + ha + hb) ** 2:
         return np.inf
-    c, s, d, fa, fb, _ = pair_geometry(features[a], features[b])
-    if s < PARALLEL_SINE:
+    ux, uy, uz = features[a, 3], features[a, 4], features[a, 5]
+    vx, vy, vz = features[b, 3], features[b, 4], features[b, 5]
+    c = ux * vx + uy * vy + uz * vz
+    sine = 1.0 - c * c
+    if sine < PARALLEL_SINE * PARALLEL_SINE:
         return np.inf
+    wu, wv = wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz
+    fa, fb = (wu - c * wv) / sine, (c * wu - wv) / sine
     over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
-    gap = np.sqrt(d * d + over_a * over_a + over_b * over_b)
+    # What is left of the gap of the mid points when both have gone to the common perpendicular.
+    across = max(square - wu * fa + wv * fb, 0.0)
+    gap = np.sqrt(across + over_a * over_a + over_b * over_b)
     # A curve's normal has no length, but its direction is as good as that of a long edge.
     la = ha if ha > 0.0 else 0.1 * size
     lb = hb if hb > 0.0 else 0.1 * size
-    return (gap + 0.05 * size) / (min(la, lb) * s + 1e-12)
+    return (gap + 0.05 * size) / (min(la, lb) * np.sqrt(sine) + 1e-12)
 
 
 @njit

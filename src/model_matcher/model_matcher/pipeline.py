@@ -115,13 +115,15 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         if found.stopped_by != 'patience' or refined.figures[:, 7].max() >= needed_evidence(problem, params):
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.figures[:, 7].max()))
-    accepted, rejected = conclude(problem, refined, params)
+    accepted, rejected = conclude(problem, refined, params, searched=True)
     stopped = found.stopped_by if all_ranked or found.stopped_by != 'exhausted' else 'time limit'
     stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': found.pairs,
-             'hypotheses': sum(part[1].hypotheses for part in parts), 'stopped_by': stopped, 'evidence_needed': needed_evidence(problem, params)}
-    enough = refined.figures[:, 0] >= min(params.min_matched, len(index))
-    if enough.any():
-        stats['evidence'] = float(refined.figures[enough, 7].max())
+             'hypotheses': sum(part[1].hypotheses for part in parts), 'stopped_by': stopped,
+             'evidence_needed': needed_evidence(problem, params)}
+    enough = np.flatnonzero(refined.figures[:, 0] >= min(params.min_matched, len(index)))
+    if len(enough) and refined.needed is not None:
+        best = enough[np.argmax(refined.figures[enough, 7])]
+        stats['evidence'], stats['evidence_needed'] = float(refined.figures[best, 7]), float(refined.needed[best])
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'
@@ -197,8 +199,10 @@ def _refine_in_time(problem: Problem, motions: np.ndarray, scores: np.ndarray, p
             break
         if scores[k] >= KEEP * np.floor(scores[0]) or max(part.figures[0, 7] for part in parts) < enough:
             parts.append(refine_all(problem, motions[k:k + 1], scores[k:k + 1], params))
-    return Refined(*(np.concatenate([getattr(part, name) for part in parts])
-                     for name in ('motions', 'assignments', 'signs', 'normals', 'figures')))
+    motions, assignments, signs, normals, figures = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ('motions', 'assignments', 'signs', 'normals', 'figures'))
+    return Refined(motions, assignments, signs, normals, figures)
 
 
 def recognise(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,

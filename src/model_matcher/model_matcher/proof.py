@@ -121,7 +121,8 @@ def _as_interpretation(problem: Problem, assignment: np.ndarray, motion: np.ndar
     refined = Refined(pose[None], assignment[None], sign[None], normal[None],
                       np.array([[0.0, figures[0], figures[1], *figures[2:], 0.0, 0.0]]))
     covariance = pose_covariances(problem.index, refined, [0])[0]
-    return _interpretation(problem, refined, 0, covariance, symmetric_poses(problem.index, as_pose(pose)), None)
+    found = as_pose(pose)
+    return _interpretation(problem, refined, 0, found, covariance, symmetric_poses(problem.index, found), None)
 
 
 class _GivenUp(Exception):
@@ -284,9 +285,10 @@ class _Tree:
 
     def first_poses(self, a: np.ndarray, i: np.ndarray) -> list[np.ndarray]:
         """Every pose that the two features which fix it best may have; none when all are nearly parallel."""
-        from .hypotheses import _pose_of_pair
+        from . import pair_pose
         from .kernels import pair_geometry
-        pose_of_pair: Any = _pose_of_pair
+        frame: Any = pair_pose.pair_frame
+        pose_of: Any = pair_pose.pair_pose
         geometry: Any = pair_geometry
         data, model = self.data[a], self.model[i]
         cosines = np.maximum(np.abs(data[:, 3:6] @ data[:, 3:6].T), np.abs(model[:, 3:6] @ model[:, 3:6].T))
@@ -300,13 +302,15 @@ class _Tree:
         model_c, model_s, _, foot_i, foot_j, model_flip = geometry(model[p], model[q])
         angle, model_angle = np.arctan2(s, c), np.arctan2(model_s, model_c)
         poses = []
+        data_pair, model_pair = np.empty(12), np.empty(12)
+        frame(data, p, foot_a, q, flip, foot_b, data_pair)
         for other in (1.0, -1.0):
             if abs(angle - (model_angle if other > 0.0 else np.pi - model_angle)) > cones[p] + cones[q]:
                 continue
+            frame(model, p, foot_i, q, other * model_flip, other * foot_j, model_pair)
             for turn in (1.0, -1.0):
                 motion = np.empty(12)
-                pose_of_pair(data[p], data[q], flip, foot_a, foot_b, model[p], model[q], other * model_flip, foot_i,
-                             other * foot_j, turn, np.empty(9), np.empty(9), motion)
+                pose_of(data_pair, model_pair, turn, motion)
                 poses.append(motion)
         return poses
 

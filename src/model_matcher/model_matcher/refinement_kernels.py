@@ -212,3 +212,39 @@ def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d,
         rms = np.sqrt(squares / max(points, 1))
         chi = cost / max(equations - 6, 1)
     return matched, rms, chi, centre[0], centre[1], centre[2]
+
+
+@njit
+def covariances(normals, chi, levers, size, smallest):
+    """(c, 6, 6) covariances of translation and rotation, metres and radians, from normal matrices of fits.
+
+    normals : (c, 6, 6), about the data's centre; chi : (c,) weighted cost per equation; levers : (c, 3) metres, from
+    the centres to the translations of the poses; size : of the model, metres; smallest : metres
+    A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
+    """
+    out = np.empty((len(chi), 6, 6))
+    # Rotation as displacement at the model's rim, to compare the six.
+    units = np.ones(6)
+    units[:3] = 1.0 / max(0.5 * size, smallest)
+    scaled, spread = np.empty((6, 6)), np.empty((6, 6))
+    for k in range(len(chi)):
+        for i in range(6):
+            for j in range(6):
+                scaled[i, j] = normals[k, i, j] * units[i] * units[j]
+        values, vectors = np.linalg.eigh(scaled)
+        floor = max(values[5], 1e-300) * 1e-7
+        x, y, z = levers[k, 0], levers[k, 1], levers[k, 2]
+        for j in range(6):
+            turn = (vectors[0, j] * units[0], vectors[1, j] * units[1], vectors[2, j] * units[2])
+            spread[0, j] = vectors[3, j] + z * turn[1] - y * turn[2]
+            spread[1, j] = vectors[4, j] + x * turn[2] - z * turn[0]
+            spread[2, j] = vectors[5, j] + y * turn[0] - x * turn[1]
+            spread[3, j], spread[4, j], spread[5, j] = turn
+        for i in range(6):
+            for j in range(i + 1):
+                total = 0.0
+                for q in range(6):
+                    variance = max(chi[k], 1e-12) / values[q] if values[q] > floor else size * size
+                    total += spread[i, q] * variance * spread[j, q]
+                out[k, i, j] = out[k, j, i] = total
+    return out
