@@ -212,8 +212,22 @@ def test_an_unusable_scene_is_a_result_of_a_batch_and_misuse_of_the_command(tmp_
     assert stop.value.code == 2 and 'no_such_scene' in capsys.readouterr().err
 
 
+def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(tmp_path, capsys):
+    (tmp_path / 'taken').write_text('a file')
+    assert main([SCENE, '--sweep', 'grid', '--count', '2', '-o', str(tmp_path / 'taken' / 'out'), '-q']) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('closed_form: ') and 'taken' in error and error.count('\n') == 1
+
+
+def test_a_saved_case_whose_scene_is_gone_fails_by_name(tmp_path, capsys):
+    (tmp_path / 'case.json').write_text('{"case": {"scene": "gone.csg"}, "limits": {}}')
+    assert main(['--replay', str(tmp_path), '-o', str(tmp_path / 'out'), '-q']) == 1
+    assert 'gone.csg' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('arguments, told', [
-    (['no_such_scene'], 'no_such_scene'), ([SCENE, '--noise', '-3'], '--noise: expected a number in 0..100'),
+    ([], 'name at least one scene'), (['no_such_scene'], 'no_such_scene'),
+    ([SCENE, '--noise', '-3'], '--noise: expected a number in 0..100'),
     ([SCENE, '--psf', '-1'], '--psf'), ([SCENE, '--baseline', '0'], '--baseline: expected a number > 0'),
     ([SCENE, '--distance', '-5', '--sweep', 'grid'], '--distance'), ([SCENE, '--min-success', '2'], 'in 0..1'),
     ([SCENE, '--focal', 'nan'], '--focal')])

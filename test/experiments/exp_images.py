@@ -271,7 +271,7 @@ def real_folder() -> Path | None:
 def real_pairs(setting: Setting) -> Outcome:
     """Chessboard pairs with reference poses (one is shipped); more of them and a tea box where their pictures are."""
     from model_matcher.comparison import best_pose_error, compare_edges
-    from model_matcher.real_pair import SQUARE_M, board_symmetries, chessboard_model, reference_pose, settle_shift
+    from model_matcher.real_pair import SQUARE_M, board_symmetries, chessboard_model, reference_pose
     from stereo_recovery.calibration import load_rig
 
     more = real_folder()
@@ -296,7 +296,6 @@ def real_pairs(setting: Setting) -> Outcome:
         row: list = [pair, len(data), 100.0 * edges.recall, edges.summary()['direction_error_deg_median'], None, None,
                      None, None]
         if best is not None:
-            best = settle_shift(best, model, data)
             error = best_pose_error(best, truth, board_symmetries(truth))
             row[4:] = error.rotation_deg, 1e3 * error.translation, best.matched, len(best.symmetric_poses)
             good += error.rotation_deg < 1.0 and error.translation < 0.2 * SQUARE_M

@@ -6,7 +6,7 @@ leaf alone says everything about itself. Thesis 4.7 (Table 4.1) and 4.8.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -89,13 +89,18 @@ class Solid:
             return self
         return Operation('DIFFERENCE', self, other)
 
+    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Solid:
+        """The same solid with ``change(leaf)`` in place of every leaf, called left to right."""
+        raise NotImplementedError
+
     def transformed(self, placement: Pose | ArrayLike) -> Solid:
         """Moved by a Pose or any affine (4, 4) column-form matrix."""
-        raise NotImplementedError
+        matrix = as_matrix(placement)
+        return self.map_leaves(lambda leaf: replace(leaf, matrix=matrix @ leaf.matrix))
 
     def painted(self, surface: Surface) -> Solid:
         """With this surface on every face, whatever they had before."""
-        raise NotImplementedError
+        return self.map_leaves(lambda leaf: replace(leaf, surface=surface, face_colours=None))
 
     @property
     def primitives(self) -> tuple[Primitive, ...]:
@@ -184,11 +189,8 @@ class Primitive(Solid):
                 raise ValueError(f'face_colours: expected ({len(FACES[self.kind])}, 3) numbers in 0..1')
             object.__setattr__(self, 'face_colours', colours)
 
-    def transformed(self, placement: Pose | ArrayLike) -> Primitive:
-        return replace(self, matrix=as_matrix(placement) @ self.matrix)
-
-    def painted(self, surface: Surface) -> Primitive:
-        return replace(self, surface=surface, face_colours=None)
+    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Primitive:
+        return change(self)
 
     def _leaves(self) -> Iterator[Primitive]:
         yield self
@@ -212,31 +214,20 @@ class Operation(Solid):
             if not isinstance(getattr(self, name), Solid):
                 raise ValueError(f'{name}: expected a Solid, got {type(getattr(self, name)).__name__}')
 
-    def _map(self, change) -> Solid:
-        """The same tree with every leaf changed; a stack instead of recursion, because unions grow thousands deep."""
+    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Solid:
+        # A stack instead of recursion, because unions grow thousands deep.
         done: list[Solid] = []
         pending: list[tuple[Solid, bool]] = [(self, False)]
         while pending:
             node, ready = pending.pop()
             if not isinstance(node, Operation):
-                done.append(change(node))
+                done.append(node.map_leaves(change))
             elif ready:
                 right, left = done.pop(), done.pop()
                 done.append(Operation(node.operator, left, right))
             else:
                 pending += [(node, True), (node.right, False), (node.left, False)]
         return done[0]
-
-    def transformed(self, placement: Pose | ArrayLike) -> Solid:
-        matrix = as_matrix(placement)
-        return self._map(lambda leaf: leaf.transformed(matrix))
-
-    def painted(self, surface: Surface) -> Solid:
-        return self._map(lambda leaf: leaf.painted(surface))
-
-    def map_leaves(self, change) -> Solid:
-        """The same tree with ``change(leaf)`` in place of every leaf."""
-        return self._map(change)
 
     def _leaves(self) -> Iterator[Primitive]:
         pending: list[Solid] = [self]
@@ -255,11 +246,7 @@ class Operation(Solid):
 class Empty(Solid):
     """No points at all: NULL."""
 
-    def transformed(self, placement: Pose | ArrayLike) -> Solid:
-        as_matrix(placement)
-        return self
-
-    def painted(self, surface: Surface) -> Solid:
+    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Solid:
         return self
 
     def _leaves(self) -> Iterator[Primitive]:

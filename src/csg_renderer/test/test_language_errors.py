@@ -4,6 +4,7 @@ import pytest
 
 from csg_renderer import SceneError, load_scene, parse_scene, scene_path
 from csg_renderer.language import parser
+from csg_renderer.language.includes import MAX_CHARACTERS, MAX_DEPTH
 
 
 def error(text: str, **options) -> SceneError:
@@ -65,6 +66,11 @@ def error(text: str, **options) -> SceneError:
     ('CAMERA FOCAL (9) FROM (1, 2, 3) TO (1, 2, 3);', 1, 8, 'same point', ''),
     ('CAMERA FOCAL (9) TO (0, 0, 3) UP (0, 0, 1);', 1, 8, 'parallel', ''),
     ('CAMERA FOCAL (9) FOV (9);', 1, 8, 'same thing', ''),
+    ('CAMERA FOV (180);', 1, 8, 'FOV is 180, expected degrees in 0.1..179', ''),
+    ('CAMERA K (9,1,4, 0,9,4, 0,0,1);', 1, 8, 'no skew', ''),
+    ('CAMERA FOCAL (9) UP (0, 1, 0);', 1, 8, 'UP goes with TO', ''),
+    ('CAMERA FOCAL (9) FROM (1, 2, 3) UP (0, 1, 0);', 1, 8, 'UP goes with TO', ''),
+    ('CAMERA FOCAL (9) TO (0, 0, 3) UP (0, 0, 0);', 1, 8, 'UP has no length', ''),
     ('CAMERA FOCAL (9) RT (1,0,0,0, 0,1,0,0, 0,1,1,0);', 1, 8, 'orthonormal', ''),
     ('STEREO (0);', 1, 9, 'STEREO takes one number > 0', ''),
     ('\nDISPARITY (3);', 2, 1, 'needs a CAMERA', ''),
@@ -141,6 +147,16 @@ def test_includes_stay_inside_the_folder_of_the_scene(tmp_path):
     (inner / 'link.csg').symlink_to(tmp_path / 'secret.csg')
     for path in ('../secret.csg', 'link.csg', str(tmp_path / 'secret.csg')):
         assert 'outside the folder' in error(f'INCLUDE "{path}";', folder=inner).message
+
+
+def test_includes_that_cannot_be_read_say_why(tmp_path):
+    (tmp_path / 'large.csg').write_bytes(b' ' * (MAX_CHARACTERS + 1))
+    (tmp_path / 'loop.csg').symlink_to(tmp_path / 'loop.csg')
+    for number in range(MAX_DEPTH + 2):
+        (tmp_path / f'{number}.csg').write_text(f'INCLUDE "{number + 1}.csg";')
+    for name, why in (('large', 'is larger than'), ('loop', 'no file'), ('x' * 300, 'no file'), ('0', 'files inside')):
+        with pytest.raises(SceneError, match=why):
+            parse_scene(f'INCLUDE "{name}.csg";', folder=tmp_path)
 
 
 @pytest.mark.parametrize('data', [b'\xff\xfe\x00', b'\x80abc', b'\0'])

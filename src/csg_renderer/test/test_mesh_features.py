@@ -87,6 +87,18 @@ def test_creases_are_merged_over_needless_vertices():
     np.testing.assert_allclose(np.sort(found.lengths), [1] * 4 + [2] * 4 + [3] * 4, atol=1e-12)
 
 
+def test_the_axis_of_a_shaft_runs_through_its_bulge():
+    """Two stumps that a smooth bulge joins to one round surface, which is neither cylinder nor cone."""
+    bulge = np.linspace(0, 2 * np.pi, 41)
+    profile = np.concatenate([[[0, 0], [1, 0]], np.column_stack([1.3 - 0.3 * np.cos(bulge), 1 + bulge / 2]),
+                              [[1, 2 + np.pi], [0, 2 + np.pi]]])
+    mesh = trimesh.creation.revolve(profile, sections=SIDES)
+    found = mesh_features(np.array(mesh.vertices), np.array(mesh.faces))
+    assert counts(found) == [0, 2, 1]
+    axis = found.of_kind(FeatureKind.AXIS)
+    np.testing.assert_allclose(np.sort([axis.start[0], axis.end[0]], axis=0), [[0, 0, 0], [0, 0, 2 + np.pi]], atol=1e-6)
+
+
 @pytest.mark.parametrize('suffix', ['stl', 'obj', 'ply'])
 def test_files(tmp_path, suffix):
     path = tmp_path / f'drum.{suffix}'

@@ -1,5 +1,6 @@
 """The dap command, pictures of planes, notebook output, and image programs."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,6 +24,7 @@ def test_a_program_file_runs_and_its_cycles_are_printed(tmp_path, capsys):
 
 def test_the_library_and_the_cost_model_are_printed(capsys):
     assert main(['--list']) == 0 and 'mandelbrot' in capsys.readouterr().out
+    assert main(['--functions']) == 0 and 'MAXV' in capsys.readouterr().out
     assert main(['--costs', '--set', 'copy=3']) == 0
     out = capsys.readouterr().out
     assert 'override' in out and 'thesis 3.2.1' in out and 'not simulated' in out
@@ -38,10 +40,19 @@ def test_planes_are_drawn(tmp_path, suffix):
     assert len(set(np.asarray(picture.convert('L')).ravel().tolist())) > 3
 
 
+def test_one_plane_can_be_drawn_alone(tmp_path):
+    target = tmp_path / 'cells.png'
+    assert main(['life', '-a', 'cells=zeros:9x9:logical', '-a', 'generations=1', '--plane', 'CELLS', '--show',
+                 str(target)]) == 0
+    assert cv2.imread(str(target)) is not None
+
+
 @pytest.mark.parametrize('arguments, code, text', [
     ([], 2, 'name a program'), (['nothing'], 2, 'neither a file nor a library program'),
     (['life', '-a', 'cells'], 2, 'NAME=VALUE'), (['life', '-a', 'cells=random:axb'], 2, 'random:32x32'),
-    (['life', '-a', 'colour=1'], 2, 'no such argument'), (['life', '--set', 'speed=1'], 2, 'unknown constant'),
+    (['life', '-a', 'colour=1'], 2, 'no such argument'), (['life', '-a', 'cells=random:0x3'], 2, 'at least 1'),
+    (['life', '-a', 'cells=nothing.png'], 2, 'nothing.png: not an image'),
+    (['life', '--set', 'speed=1'], 2, 'unknown constant'),
     (['life', '-a', 'cells=random:9x9:logical', '--memory', '3'], 1, 'out of store'),
     (['sorts'], 2, '2 entries'), (['life', '--show', 'x.bmp'], 2, '.png'),
     (['life', '--plane', 'ODD', '--show', 'x.png'], 2, 'ODD is no argument')])
@@ -61,6 +72,17 @@ def test_a_runaway_program_ends_the_command(tmp_path, capsys):
 def test_values():
     assert value_of('3') == 3 and value_of('-2.5') == -2.5 and value_of('true') is True and value_of('UID0') == 'UID0'
     assert value_of('1,2,3').tolist() == [1, 2, 3] and value_of('zeros:2x3').shape == (2, 3)
+
+
+def test_values_of_files_and_made_ones(tmp_path):
+    np.savez(tmp_path / 'some.npz', a=np.arange(3), b=np.ones(2))
+    assert value_of(f'{tmp_path}/some.npz:a').tolist() == [0, 1, 2]
+    with pytest.raises(ValueError, match=r'holds a, b; name one as .*some.npz:NAME'):
+        value_of(f'{tmp_path}/some.npz')
+    cv2.imwrite(str(tmp_path / 'grey.png'), np.full((2, 3), 200, np.uint8))
+    assert value_of(f'{tmp_path}/grey.png').tolist() == [[200] * 3] * 2
+    assert value_of('zeros:2x2:logical').dtype == bool and value_of('random:2x2:integer').dtype == np.int16
+    assert np.array_equal(value_of('random:4:real:7'), value_of('random:4:real:7'))
 
 
 def test_a_long_vector_is_drawn_down_the_columns():

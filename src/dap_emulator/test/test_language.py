@@ -80,6 +80,18 @@ def test_scalar_words_wrap_and_round():
     assert (result['I'], result['X'], result['J'], result['K']) == (-2**31, 16777216.0, -2, -3)
 
 
+@pytest.mark.parametrize('expression, value', [
+    ('1.0/Z', np.inf), ('-1.0/Z', -np.inf), ('Z/Z', np.nan), ('(1.0E30*X)**3', np.inf), ('(-X)**0.5', np.nan),
+    ('Z**(-1)', np.inf)])
+def test_reals_divide_by_zero_and_overflow_as_ieee_says(expression, value):
+    np.testing.assert_equal(scalars(f'X = 1.0\nZ = 0.0\nY = {expression}')['Y'], value)
+
+
+def test_constants_are_computed_as_variables_are():
+    found = scalars('I = N\nJ = M\nX = R', 'PARAMETER (N = -7/2, M = -N + 3*2**4, R = 1.5/2)')
+    assert (found['I'], found['J'], found['X']) == (-3, 51, 0.75)
+
+
 def test_logic_relations_and_precedence():
     body = 'L = .NOT. I .GT. 1 .AND. J == 2 .OR. K /= 3\nM = L .EQV. .TRUE.\nI = 0\nIF (M .NEQV. .FALSE.) I = 1'
     assert scalars(body, 'LOGICAL L, M', i=5, j=2, k=3)['I'] == 0
@@ -311,6 +323,9 @@ def test_parallel_arrays_of_the_machine_are_passed_by_reference():
 
 # Errors.
 
+CALLED = 'SUBROUTINE S(A, N)\nREAL A(,)\nINTEGER N\nEND\nENTRY SUBROUTINE T(A)\nREAL A(,)\n'
+
+
 @pytest.mark.parametrize('source, line, column, text', [
     ('REAL A(,)\nA = A +* 2.0', 2, 8, r"'\*'"),
     ('REAL A(,)\nA = (A + 2.0', 2, 13, 'too early'),
@@ -335,6 +350,51 @@ def test_parallel_arrays_of_the_machine_are_passed_by_reference():
     ('X = 5 $ 3', 1, 7, r"'\$'"),
     ('REAL A(,)\nA = A &\n  + \xe9', 3, 5, 'character'),
     ('', 0, 0, 'empty'),
+    # Declarations.
+    ('LOGICAL*2 L', 1, 11, 'takes no length'),
+    ('REAL A(,)\nREAL A\nA = 1.0', 2, 6, 'A is declared twice'),
+    ('REAL A(,)\nDIMENSION A(,)\nA = 1.0', 2, 11, 'A has dimensions twice'),
+    ('REAL A(4,)\nA = 1.0', 1, 6, 'parallel dimensions come before serial'),
+    ('CHARACTER C(,)\nA = 1.0', 1, 11, 'CHARACTER arrays are serial'),
+    ('REAL W(3.0)\nW(1) = 1.0', 1, 8, 'an extent of W is an INTEGER scalar'),
+    ('GEOMETRY(PLANE, ROUND)\nX = 1.0', 1, 1, 'expected PLANE or CYCLIC, got ROUND'),
+    ('ENTRY SUBROUTINE T(A)\nIMPLICIT NONE\nEND', 1, 1, 'A is not declared'),
+    ('ENTRY SUBROUTINE T(A)\nREAL A(,)\nCOMMON /C/ A\nA = 1.0\nEND', 1, 1, 'both an argument and in COMMON'),
+    ('DATA Q /1.0/\nX = Q', 2, 1, 'DATA: Q must be a local'),
+    ('PARAMETER (N = I + 1)\nI = N', 1, 16, 'expected a constant expression'),
+    ('PARAMETER (N = 7/0)\nI = N', 1, 17, 'constant expression: division'),
+    ('PARAMETER (N = .TRUE.)\nI = N', 1, 12, 'N is INTEGER.4, its value is not'),
+    ('IMPLICIT NONE\nPARAMETER (N = 2)\nX = 1.0', 2, 12, 'N is not declared'),
+    # Units and calls.
+    ('SUBROUTINE X\nEND\nSUBROUTINE X\nEND', 3, 12, 'X is defined twice'),
+    ('REAL A(,)\nCALL DISPLAY()', 2, 6, 'DISPLAY takes 1 to 2 arguments'),
+    (f'{CALLED}CALL S(A)\nEND', 7, 6, r'S takes 2 argument\(s\), 1 given'),
+    (f'{CALLED}CALL S(, 1)\nEND', 7, 6, 'an argument is missing'),
+    (f'{CALLED}CALL S(1.0, 1)\nEND', 7, 8, 'argument A is REAL.4 matrix, got REAL.4 scalar'),
+    (f'{CALLED}CALL S(A, .TRUE.)\nEND', 7, 11, 'argument N is INTEGER.4 scalar, got LOGICAL'),
+    (f'{CALLED}A = S(A, 1)\nEND', 7, 5, 'S is a subroutine, not a function'),
+    (f'{CALLED}S = 1.0\nEND', 7, 1, 'S is a subroutine or function, not a variable'),
+    # Statements and expressions.
+    ('PARAMETER (N = 2)\nN = 3', 2, 1, 'N is a constant'),
+    ('REAL A(,), W(4)\nA = W', 2, 5, 'a whole array with serial dimensions'),
+    ('REAL A(,), V()\nA = V', 2, 5, 'cannot assign a vector to a matrix'),
+    ('REAL A(,), V()\nV = A', 2, 5, 'cannot assign REAL.4 matrix to REAL.4 vector'),
+    ('REAL V()\nX = V', 2, 5, 'cannot assign REAL.4 vector to REAL.4 scalar'),
+    ('REAL W(4)\nX = W + 1.0', 2, 5, 'cannot be used as a whole'),
+    ('DO X = 1, 3\nJ = 1\nEND DO', 1, 4, 'a DO variable is an INTEGER scalar'),
+    ('DO I = 1, 2.5\nJ = 1\nEND DO', 1, 11, 'a DO bound is an INTEGER scalar'),
+    ('I = .NOT. 3', 1, 5, '.NOT. of INTEGER'),
+    ('X = -.TRUE.', 1, 5, 'sign of LOGICAL'),
+    ('LOGICAL L\nL = L .AND. 3', 2, 7, '.AND. of LOGICAL scalar and INTEGER'),
+    ('REAL A(,)\nA = SQRT(A, A)', 2, 5, r'SQRT takes 1 argument\(s\), 2 given'),
+    ('REAL A(,)\nA = MERGE(A, , A)', 2, 5, 'MERGE: an argument is missing'),
+    ('REAL A(,)\nA = LENGTH(A, N)', 2, 5, 'a constant word length'),
+    # Indices.
+    ('Q(3) = 1.0', 1, 1, 'Q is not a declared array'),
+    ('X = 1.0\nY = X(3)', 2, 5, 'X is a scalar and takes no index'),
+    ('REAL A(,,4)\nA(,,+) = 1.0', 2, 1, 'a serial dimension needs an INTEGER index'),
+    ('REAL A(,)\nX = A(2.5)', 2, 5, 'a LOGICAL matrix or an INTEGER scalar as the only index'),
+    ('REAL A(,)\nX = A(2.5, 1)', 2, 7, 'an INTEGER scalar or a LOGICAL vector as index'),
 ])
 def test_errors_say_where_and_show_the_line(source, line, column, text):
     with pytest.raises(FortranError, match=text) as found:

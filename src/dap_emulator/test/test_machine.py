@@ -108,7 +108,7 @@ def test_the_bit_serial_machine_gives_the_same_answers_and_cycles(dtype):
     for serial in (False, True):
         dap = Dap.model('510', bit_serial=serial)
         x, y = dap.matrix(a), dap.matrix(b)
-        answers = [x + y, x - y, x * y, x < y, x.compare('ne', y), x >= 3]
+        answers = [x + y, x - y, x * y, x < y, x > y, x <= y, x == y, x.compare('ne', y), x >= 3]
         results.append(([r.values.tolist() for r in answers], dap.cycles))
     assert results[0] == results[1]
 
@@ -167,18 +167,52 @@ def test_arrays_compute_what_numpy_computes(values):
     assert np.array_equal(a.neighbour(-1, 0, cyclic=True).values, np.roll(values, 1, 0))
 
 
+def test_remainders_powers_and_relations(dap):
+    a, b = dap.vector(np.array([7, -7, 3], 'i2')), dap.vector(np.array([3, 3, 2], 'i2'))
+    assert (a % b).values.tolist() == [1, -1, 1] and (a % 4).values.tolist() == [3, -3, 3]
+    assert (a**2).values.tolist() == [49, 49, 9] and (+a) is a
+    np.testing.assert_allclose((a**b).values, [343.0, -343.0, 9.0], rtol=1e-6)
+    np.testing.assert_allclose((dap.vector(np.array([4.0, 9.0], 'f4'))**0.5).values, [2.0, 3.0], rtol=1e-6)
+    flags, others = dap.vector(np.array([True, True, False])), dap.vector(np.array([True, False, False]))
+    assert (flags == others).values.tolist() == [True, False, True]
+    assert (flags != others).values.tolist() == [False, True, False]
+    assert flags.astype('LOGICAL') is flags and np.asarray(a, 'f8').dtype == np.float64
+
+
+def test_planes_and_places_can_be_looked_at(dap):
+    flags, numbers = dap.vector(np.array([True, False, True])), dap.vector(np.array([1, 2, 3], 'i1'))
+    assert flags.planes().tolist() == [[0b101]] and numbers.planes()[:2].tolist() == [[0b101], [0b110]]
+    assert numbers.pe_grid().shape == (1, 32, 32) and numbers.pe_grid().sum() == 6
+    assert repr(numbers).splitlines()[0] == 'INTEGER*1 vector 3, 1 block(s)'
+
+
+def test_assignments_convert_numbers_and_respect_the_mask(dap):
+    a = dap.vector(np.zeros(3, 'f4'))
+    a.assign(dap.vector(np.array([1, 2, 3], 'i2')), dap.vector(np.array([True, False, True])))
+    a[1] = 5
+    assert a.values.tolist() == [1.0, 5.0, 3.0]
+    a[:] = 7.0
+    assert a.values.tolist() == [7.0, 7.0, 7.0]
+
+
 def test_misuse_names_what_is_wrong(dap):
     a, b = dap.matrix(np.ones((2, 2))), dap.matrix(np.ones((3, 3)))
     for action, text in ((lambda: a + b, 'shapes'), (lambda: bool(a), 'any'), (lambda: a & a, 'LOGICAL'),
                          (lambda: dap.vector(np.ones((2, 2))), 'vector'),
                          (lambda: dap.matrix(np.ones((0, 2))), 'element'),
                          (lambda: a + Dap.model('510').matrix(np.ones((2, 2))), 'different machines'),
+                         (lambda: a.planes(), 'of a LOGICAL or INTEGER'), (lambda: a + (a > 0.0), 'expected numbers'),
+                         (lambda: -(a > 0.0), 'expected numbers'), (lambda: a.astype('LOGICAL'), 'MERGE'),
+                         (lambda: a.assign(True), 'cannot put True'), (lambda: a.neighbour(1, 2), 'axis'),
+                         (lambda: dap.vector(np.ones(3)).T, 'expected a matrix'),
                          (lambda: Dap.model('720'), '510'), (lambda: Dap.model('510', mapping='odd'), 'sheet'),
                          (lambda: Dap.model('510', costs={'speed': 1}), 'speed')):
         with pytest.raises(ValueError, match=text):
             action()
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match='outside'):
         _ = a[2, 0]
+    with pytest.raises(IndexError, match='2 whole numbers'):
+        _ = a[0]
 
 
 def test_store_is_taken_and_given_back():

@@ -6,7 +6,6 @@ The pictures, their calibration and the reference pose are data of stereo_recove
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from msgs_py import BIN, FeatureSet, Interpretation, Pose, StereoRig
+from msgs_py import FeatureSet, Interpretation, Pose, StereoRig
 from stereo_recovery import recover
 from stereo_recovery.calibration import load_rig
 
@@ -29,7 +28,6 @@ SQUARE_M = 0.025
 # Inner corners (i, j) lie at (i, j, 0); the printed pattern ends here (measured, see the data's README).
 COLUMNS, ROWS = range(9), range(6)
 X_LIMITS, Y_LIMITS = (-0.52, 8.48), (-0.96, 5.94)
-SAME_COVER = 0.02  # share of the lines' length: covered so much less, a pose does not fit
 
 
 def chessboard_model() -> FeatureSet:
@@ -57,8 +55,6 @@ def run_chessboard(out: Path) -> str:
     edges = compare_edges(model.transformed(truth), features, same_place_m=0.2 * SQUARE_M)
     result = match(model, features, MatchParams(time_limit_s=10.0))
     best = result.interpretations[0] if result.interpretations else None
-    if best is not None:
-        best = settle_shift(best, model, features)
 
     out.mkdir(parents=True, exist_ok=True)
     features.save(out / 'features.npz')
@@ -93,30 +89,6 @@ def board_symmetries(pose: Pose) -> list[Pose]:
     turn = Pose.from_rotation_vector([0.0, 0.0, np.pi])
     about_middle = Pose(turn.rotation, middle - turn.rotate(middle))
     return [pose.compose(about_middle)]
-
-
-def settle_shift(found: Interpretation, model: FeatureSet, features: FeatureSet) -> Interpretation:
-    """The interpretation, at the one of the poses a square apart under which data covers most of the grid lines.
-
-    A grid shifted by one square explains nearly as many edges, as borders and clutter make up for the line that is
-    lost; but that line then has no data along it. Poses that cover as much to SAME_COVER are listed as symmetric.
-    """
-    poses = [found.pose.compose(Pose(np.eye(3), SQUARE_M * np.array([i, j, 0.0])))
-             for i in (0, -1, 1) for j in (0, -1, 1)]
-    covers = [compare_edges(model.transformed(pose), features, same_place_m=0.2 * SQUARE_M).recall for pose in poses]
-    chosen = int(np.argmax(covers))
-    equal = [pose for k, pose in enumerate(poses) if k != chosen and covers[k] > covers[chosen] - SAME_COVER]
-    if chosen == 0:
-        return replace(found, symmetric_poses=(*found.symmetric_poses, *equal))
-    # Edges off the lines drew the search away; without them the true pose explains most.
-    lines = compare_edges(model.transformed(poses[chosen]), features, same_place_m=0.2 * SQUARE_M)
-    on = np.flatnonzero(features.kind == 0)[lines.true_index >= 0]
-    again = match(model, features.select(on), MatchParams(time_limit_s=10.0)).best
-    if again is None:
-        return found
-    assignment, sign = np.full(len(features), BIN), np.zeros(len(features))
-    assignment[on], sign[on] = again.assignment, again.sign
-    return replace(again, assignment=assignment, sign=sign, symmetric_poses=(*again.symmetric_poses, *equal))
 
 
 def _read(path: Any) -> np.ndarray:

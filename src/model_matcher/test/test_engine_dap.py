@@ -88,3 +88,29 @@ def test_a_model_too_large_for_the_store_is_refused_with_the_number_of_planes():
     with pytest.raises(ValueError, match='bit-planes'):
         tree_search(indexed(MODEL, 'bar'), seen(range(12)), MatchParams(search='tree'),
                     dap=Dap.model('510', memory_bits_per_pe=2000))
+
+
+@pytest.mark.parametrize('misplaced, max_bin', [((2,), 1), ((0, 4), 2), ((1, 3), 3)])
+@pytest.mark.parametrize('signs', [True, False])
+def test_misplaced_edges_go_to_the_bin_as_they_do_natively(misplaced, max_bin, signs):
+    """Edges that agree with some of the others but not with all: the search itself must leave them out."""
+    params = MatchParams(search='tree', max_bin=max_bin, signs=signs)
+    index, right = indexed(MODEL, 'bar'), seen([1, 4, 8, 10, 12, 14], noise=5e-5, seed=4)
+    shift = np.zeros((len(right), 3))
+    shift[list(misplaced)] = POSE.rotate([[0.004, 0.0, 0.008]])
+    data = FeatureSet.from_edges(right.start + shift, right.end + shift, err_par=2e-4, err_per=2e-4)
+    native, ours = native_search(build_tables(index, data, params), params), tree_search(index, data, params)
+    assert len(native.assignments) and (native.assignments < 0).any()
+    assert np.array_equal(ours.assignments, native.assignments) and np.array_equal(ours.signs, native.signs)
+    for counter in ('levels', 'sign_cutoffs', 'unassigned_pairs'):
+        assert ours.stats[counter] == native.stats[counter], counter
+
+
+def test_a_single_edge_may_be_every_edge_of_its_kind_and_none_agrees_with_another_model():
+    params = MatchParams(search='tree', max_bin=1)
+    index, data = indexed(MODEL, 'bar'), seen([3, 9], noise=5e-5)
+    far = FeatureSet.from_edges(data.start + [[0, 0, 0], [0, 0, 5.0]], data.end + [[0, 0, 0], [0, 0, 5.0]],
+                                err_par=1e-4, err_per=1e-4)
+    for some in (far, seen([3])):
+        native, ours = native_search(build_tables(index, some, params), params), tree_search(index, some, params)
+        assert np.array_equal(ours.assignments, native.assignments)

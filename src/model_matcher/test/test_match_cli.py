@@ -73,9 +73,14 @@ def test_the_searches_of_the_thesis_can_be_chosen(files, capsys):
     (['features.npz', '--focal', '500'], '--size'),
     (['features.npz', '--camera', 'features.npz'], 'not a camera file'),
     (['features.npz', '--image', 'none.png'], 'none.png'),
+    (['features.npz', '--image', 'small.png', '--focal', '500', '--size', '640', '480', '-o', 'x.png'],
+     '5 x 4 pixels, but the camera has 640 x 480'),
+    (['features.npz', '--focal', '500', '--size', '640', '480', '-o', 'x.none'], 'x.none: cannot be written'),
+    (['features.npz', '-o', 'x.none'], 'x.none: cannot be written'),
 ])
 def test_bad_input_is_one_line_and_exit_status_2(files, capsys, monkeypatch, arguments, said):
     monkeypatch.chdir(files)
+    cv2.imwrite('small.png', np.zeros((4, 5), np.uint8))
     assert main(['l_shape.npz', *arguments]) == 2
     error = capsys.readouterr().err
     assert said in error and error.count('\n') == 1

@@ -12,6 +12,8 @@ import pytest
 
 pytest.importorskip('numba')
 
+from msgs_py.compiled import LOCK_FILE
+
 INNER = 'from msgs_py.compiled import njit\n\n\n@njit\ndef inner(x):\n    return x + {offset}\n'
 OUTER = textwrap.dedent('''\
     from inner import inner
@@ -63,3 +65,19 @@ def test_processes_that_compile_at_the_same_time_do_not_mix_their_signatures(mod
     together = [start(modules, *words) for words in (('1', '1.5'), ('1.5', '1'), ('1.5', '1'), ('1', '1.5'))]
     assert [answer(process) for process in together] == ['4 5.0', '5.0 4', '5.0 4', '4 5.0']
     assert answer(start(modules, '1', '1.5')) == '4 5.0'
+
+
+def test_where_nobody_can_write_the_cache_is_read_without_a_lock(modules):
+    """As root everything can be written; a folder in the lock's place cannot be opened by anybody."""
+    assert answer(start(modules, '1')) == '4'
+    lock = modules / '__pycache__' / LOCK_FILE
+    lock.unlink()
+    lock.mkdir()
+    assert answer(start(modules, '1')) == '4'
+
+
+def test_a_system_without_file_locks_computes_the_same(modules):
+    code = 'import sys; sys.modules["fcntl"] = None\n' + CALL
+    process = subprocess.run([sys.executable, '-c', code, '1'], cwd=modules, capture_output=True, text=True, check=True,
+                             env={**os.environ, 'NUMBA_CACHE_DIR': '', 'NUMBA_DISABLE_JIT': '0'})
+    assert process.stdout.strip() == '4'

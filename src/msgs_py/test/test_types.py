@@ -50,7 +50,7 @@ class TestPose:
 
     @pytest.mark.parametrize('arguments, name', [
         ((np.eye(3) * 2,), 'rotation'), ((np.diag([1, 1, -1]),), 'rotation'), ((np.eye(2),), 'rotation'),
-        ((np.eye(3), [0, 0, np.nan]), 'translation'), ((np.eye(3), [0, 0, 0], 0.0), 'scale'),
+        (('text',), 'rotation'), ((np.eye(3), [0, 0, np.nan]), 'translation'), ((np.eye(3), [0, 0, 0], 0.0), 'scale'),
     ])
     def test_misuse_names_the_argument(self, arguments, name):
         with pytest.raises(ValueError, match=f'^{name}'):

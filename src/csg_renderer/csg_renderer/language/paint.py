@@ -13,7 +13,6 @@ import numpy as np
 
 from ..solid import FACES, Primitive, Solid
 from ..surfaces import SurfaceTable, compile_surfaces
-from .leaves import map_leaves
 
 # Shades are factors of the colour between these; the lower is still lighter than a black background.
 DARKEST, LIGHTEST = 0.22, 1.0
@@ -56,7 +55,7 @@ def paint_faces(solid: Solid) -> Solid:
     shade = _shades(table)
     colours = iter([np.array([shade[int(group)] for group in table.slots[i][table.slot_real[i]]])[:, None]
                     * np.asarray(leaf.surface.colour) for i, leaf in enumerate(table.leaves)])
-    return map_leaves(solid, lambda leaf: replace(leaf, face_colours=next(colours)))
+    return solid.map_leaves(lambda leaf: replace(leaf, face_colours=next(colours)))
 
 
 def paint_work(leaves: int) -> int:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..solid import FACES, Primitive, Solid, Surface, colour
-from .leaves import map_leaves
 from .paint import paint_faces
 
 # The largest solid a file may build, and the most leaves it may touch doing so: names can be reused to double a solid
@@ -150,8 +149,8 @@ def paint(solid: Solid, word: str, numbers: list[float]) -> Solid:
         return _paint_faces(solid, numbers)
     if word == 'COLOUR':
         rgb = colour_of(word, numbers)
-        return map_leaves(solid, lambda leaf: replace(leaf, surface=replace(leaf.surface, colour=rgb),
-                                                      face_colours=None))
+        return solid.map_leaves(
+            lambda leaf: replace(leaf, surface=replace(leaf.surface, colour=rgb), face_colours=None))
     (value,) = _count(word, numbers, (1,), 'one number')
     name = {'REFLECT': 'reflection', 'TRANSPARENT': 'transparency'}.get(word, word.lower())
     change_to: dict[str, Any] = {name: value}
@@ -160,7 +159,7 @@ def paint(solid: Solid, word: str, numbers: list[float]) -> Solid:
     def change(leaf: Primitive) -> Primitive:
         return replace(leaf, surface=replace(leaf.surface, **change_to))
 
-    return map_leaves(solid, change)
+    return solid.map_leaves(change)
 
 
 def colour_of(word: str, numbers: list[float]) -> tuple[float, float, float]:

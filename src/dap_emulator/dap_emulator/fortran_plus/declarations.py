@@ -206,11 +206,7 @@ class Declarations:
             (a, kind_a), (b, kind_b) = self._fold(node.left), self._fold(node.right)
             try:
                 kind = combined(Type(kind_a), Type(kind_b)).kind
-                if node.operator == '/' and kind.name == 'INTEGER':
-                    return int(a / b), kind
-                value = {'+': lambda: a + b, '-': lambda: a - b, '*': lambda: a * b, '/': lambda: a / b,
-                         '**': lambda: scalar_operation('**', kind)(a, b)}[node.operator]()
-                return value, kind
+                return scalar_operation(node.operator, kind)(a, b), kind
             except (ValueError, ArithmeticError, TypeError) as error:
                 raise self.fail(node.at, f'constant expression: {error}') from None
         raise self.fail(getattr(node, 'at', 0), 'expected a constant expression')
