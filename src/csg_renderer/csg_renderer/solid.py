@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,18 +90,17 @@ class Solid:
             return self
         return Operation('DIFFERENCE', self, other)
 
-    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Solid:
+    def map_leaves(self, change: Callable[[Any], Solid]) -> Solid:
         """The same solid with ``change(leaf)`` in place of every leaf, called left to right."""
-        raise NotImplementedError
+        return change(self)
 
     def transformed(self, placement: Pose | ArrayLike) -> Solid:
         """Moved by a Pose or any affine (4, 4) column-form matrix."""
-        matrix = as_matrix(placement)
-        return self.map_leaves(lambda leaf: replace(leaf, matrix=matrix @ leaf.matrix))
+        raise NotImplementedError
 
     def painted(self, surface: Surface) -> Solid:
         """With this surface on every face, whatever they had before."""
-        return self.map_leaves(lambda leaf: replace(leaf, surface=surface, face_colours=None))
+        raise NotImplementedError
 
     @property
     def primitives(self) -> tuple[Primitive, ...]:
@@ -189,8 +189,11 @@ class Primitive(Solid):
                 raise ValueError(f'face_colours: expected ({len(FACES[self.kind])}, 3) numbers in 0..1')
             object.__setattr__(self, 'face_colours', colours)
 
-    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Primitive:
-        return change(self)
+    def transformed(self, placement: Pose | ArrayLike) -> Primitive:
+        return replace(self, matrix=as_matrix(placement) @ self.matrix)
+
+    def painted(self, surface: Surface) -> Primitive:
+        return replace(self, surface=surface, face_colours=None)
 
     def _leaves(self) -> Iterator[Primitive]:
         yield self
@@ -214,7 +217,14 @@ class Operation(Solid):
             if not isinstance(getattr(self, name), Solid):
                 raise ValueError(f'{name}: expected a Solid, got {type(getattr(self, name)).__name__}')
 
-    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Solid:
+    def transformed(self, placement: Pose | ArrayLike) -> Solid:
+        matrix = as_matrix(placement)
+        return self.map_leaves(lambda leaf: leaf.transformed(matrix))
+
+    def painted(self, surface: Surface) -> Solid:
+        return self.map_leaves(lambda leaf: leaf.painted(surface))
+
+    def map_leaves(self, change: Callable[[Any], Solid]) -> Solid:
         # A stack instead of recursion, because unions grow thousands deep.
         done: list[Solid] = []
         pending: list[tuple[Solid, bool]] = [(self, False)]
@@ -246,7 +256,14 @@ class Operation(Solid):
 class Empty(Solid):
     """No points at all: NULL."""
 
-    def map_leaves(self, change: Callable[[Primitive], Primitive]) -> Solid:
+    def map_leaves(self, change: Callable[[Any], Solid]) -> Solid:
+        return self
+
+    def transformed(self, placement: Pose | ArrayLike) -> Solid:
+        as_matrix(placement)
+        return self
+
+    def painted(self, surface: Surface) -> Solid:
         return self
 
     def _leaves(self) -> Iterator[Primitive]:
