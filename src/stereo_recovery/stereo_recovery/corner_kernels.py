@@ -8,6 +8,8 @@ from msgs_py.compiled import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
+# Unless it is that of two strings whose ends touch, pixels.
+BLUNT_SINE, BLUNT_GAP = 0.06, 6.0
 # Two pieces of one line differ in direction by less than this (sine); at a crossing by less than that.
 COLLINEAR = 0.03
 CROSSING = 0.2
@@ -17,6 +19,11 @@ NEAR_GAP = 4.0
 OVERRUN = 4.0
 # Without a corner, a string stops this uncertainly, pixels.
 LOOSE_END = 1.5
+# A string is lost beside another that is this near, pixels, and runs along with it (cosine); its line hits the corner
+# where they meet to this, pixels.
+BLURRED = 5.0
+ALONG = 0.94
+AT_CORNER = 0.7
 
 
 @njit
@@ -68,7 +75,7 @@ def meet(table, widest):
                 if k == i or x < box[k, 0] or y < box[k, 1] or x > box[k, 2] or y > box[k, 3]:
                     continue
                 sine = table[i, 2] * table[k, 3] - table[i, 3] * table[k, 2]
-                if abs(sine) < LEAST_SINE:
+                if abs(sine) < BLUNT_SINE:
                     continue
                 dx, dy = table[k, 0] - table[i, 0], table[k, 1] - table[i, 1]
                 s = (dx * table[k, 3] - dy * table[k, 2]) / sine
@@ -81,6 +88,13 @@ def meet(table, widest):
                 outside = max(table[k, 4] - r, r - table[k, 5])
                 if outside > gap:
                     continue
+                own = table[i, 6] ** 2 + (s * table[i, 7]) ** 2
+                its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
+                spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + 0.0025)
+                # Two edges that go on in nearly one direction meet where their strings do.
+                if abs(sine) < LEAST_SINE and (spread > LOOSE_END or abs(beyond) > BLUNT_GAP or abs(outside) > BLUNT_GAP
+                                               or table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.0):
+                    continue
                 # Long lines are trusted more than the scraps between them.
                 cost = abs(beyond) + max(outside, 0.0) + 20.0 / (table[k, 5] - table[k, 4])
                 if cost < best:
@@ -88,10 +102,7 @@ def meet(table, widest):
                     place[i, e] = s
                     other[i, e] = k
                     through[i, e] = outside < -OVERRUN - 2.0
-                    own = table[i, 6] ** 2 + (s * table[i, 7]) ** 2
-                    its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
-                    cosine2 = 1.0 - sine * sine
-                    sigma[i, e] = np.sqrt((its + cosine2 * own) / (sine * sine) + 0.0025)
+                    sigma[i, e] = spread
             # A bar may be broken just where the stem meets it: then one of the two goes on in another piece.
             k = other[i, e]
             if k >= 0 and not through[i, e]:
@@ -101,7 +112,50 @@ def meet(table, widest):
                     through[i, e] = not _goes_on(table, box, i, k, jx, jy, CROSSING)
                 elif _goes_on(table, box, i, k, jx, jy, COLLINEAR):
                     through[i, e] = not _goes_on(table, box, k, i, jx, jy, CROSSING)
+    _beside(table, place, other, sigma)
     return place, other, through, sigma
+
+
+@njit
+def _beside(table, place, other, sigma):
+    """Ends that no corner was found for, of strings that are lost where they near another: they share its corner."""
+    n = len(table)
+    for i in range(n):
+        length = table[i, 5] - table[i, 4]
+        for e in range(2):
+            if other[i, e] >= 0:
+                continue
+            outward = -1.0 if e == 0 else 1.0
+            x = table[i, 0] + table[i, 4 + e] * table[i, 2]
+            y = table[i, 1] + table[i, 4 + e] * table[i, 3]
+            best = 1e30
+            for k in range(n):
+                if k == i or table[k, 5] - table[k, 4] < 10.0:
+                    continue
+                cosine = table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3]
+                if abs(cosine) < ALONG:
+                    continue
+                dx, dy = x - table[k, 0], y - table[k, 1]
+                r = dx * table[k, 2] + dy * table[k, 3]
+                off = abs(dx * table[k, 3] - dy * table[k, 2])
+                if off > BLURRED or r < table[k, 4] or r > table[k, 5]:
+                    continue
+                far = e if cosine > 0.0 else 1 - e
+                if other[k, far] < 0 or other[k, far] == i:
+                    continue
+                cx = table[k, 0] + place[k, far] * table[k, 2] - table[i, 0]
+                cy = table[k, 1] + place[k, far] * table[k, 3] - table[i, 1]
+                s = cx * table[i, 2] + cy * table[i, 3]
+                beyond = (s - table[i, 4 + e]) * outward
+                miss = abs(cx * table[i, 3] - cy * table[i, 2])
+                allowed = AT_CORNER + 2.0 * np.sqrt(table[i, 6] ** 2 + (s * table[i, 7]) ** 2)
+                if beyond < 0.0 or beyond > length or miss > min(allowed, 2.0 * AT_CORNER) or miss > off:
+                    continue
+                if miss < best:
+                    best = miss
+                    place[i, e] = s
+                    other[i, e] = other[k, far]
+                    sigma[i, e] = np.sqrt(sigma[k, far] ** 2 + AT_CORNER ** 2)
 
 
 @njit

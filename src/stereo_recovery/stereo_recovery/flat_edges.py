@@ -10,7 +10,7 @@ import numpy as np
 
 from . import wireframe
 from .matching import Matches
-from .segmentation import Corners, Pieces
+from .segmentation import Corners, Pieces, opposed
 
 # Pieces flatter than this (sine) have no depth of their own. Two of them are one broken line when each misses the
 # other's line by less than so many pixels, they differ in direction by less than this sine, and the break is short.
@@ -42,7 +42,7 @@ def rough_ends(matches: Matches, left: Pieces, right: Pieces, met: Corners,
     end that runs into the middle of another edge is hidden there, in each eye at another place.
     """
     i, j = matches.left, matches.right
-    flip = (left.direction[i] * right.direction[j]).sum(axis=1) < 0.0
+    flip = opposed(left, right, i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     place, other, through = (np.take_along_axis(a[j], turned, axis=1)
                              for a in (right_met.place, right_met.other, right_met.through))
@@ -69,7 +69,7 @@ def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, 
     taken[matches.right] = True
     rows = []
     for e, (i, j) in enumerate(zip(matches.left, matches.right)):
-        same_way = left.direction[i] @ right.direction[j] > 0.0
+        same_way = not opposed(left, right, i, j)
         for end in range(2):
             far = end if same_way else 1 - end
             k, m = met.other[i, end], right_met.other[j, far]
@@ -98,7 +98,7 @@ def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> 
         return np.zeros((0, 4)), np.zeros(0, int)
     lengths = [side.length[index] for side, index in ((left, matches.left), (right, matches.right))]
     for e in np.flatnonzero((sine < FLAT) & (left.arc[matches.left] < 0)):
-        same_way = left.direction[matches.left[e]] @ right.direction[matches.right[e]] > 0.0
+        same_way = not opposed(left, right, matches.left[e], matches.right[e])
         for end in (0, 1):
             if met.other[matches.left[e], end] >= 0:
                 continue
@@ -107,8 +107,7 @@ def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> 
                     in ((left, matches.left, end, lengths[0]), (right, matches.right, far, lengths[1]))]
             good = np.flatnonzero(hits[0][3] & hits[1][3])
             # Both images must show the same end of the edge that is met.
-            turned = (left.direction[matches.left[steep[good]]]
-                      * right.direction[matches.right[steep[good]]]).sum(axis=1) < 0.0
+            turned = opposed(left, right, matches.left[steep[good]], matches.right[steep[good]])
             good = good[hits[0][2][good] == np.where(turned, 1 - hits[1][2][good], hits[1][2][good])]
             if len(good):
                 k = good[np.argmin(hits[0][4][good])]
@@ -150,7 +149,7 @@ def confirmed(joints: np.ndarray, known: np.ndarray, coefficient: np.ndarray, ma
             x = left.centre[i] + place * left.direction[i] - [coefficient[f] @ [1.0, its], 0.0]
             there = (x - right.centre[j]) @ right.direction[j]
             end = int(abs(place - left.reach[i, 1]) < abs(place - left.reach[i, 0]))
-            if left.direction[i] @ right.direction[j] < 0.0:
+            if opposed(left, right, i, j):
                 end = 1 - end
             beyond = (there - right.reach[j, end]) * (1.0 if end else -1.0)
             kept[row] &= -BEYOND < beyond < BEFORE

@@ -14,13 +14,15 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from . import broken_edges, flat_edges, vertices, wireframe
+from . import broken_edges, corner_matching, flat_edges, vertices, wireframe
 from .matching import Matches
 from .parallels import borrow
-from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces
+from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces, opposed
 
 # An edge whose disparity is known better than this at its ends, pixels, need not be told by others.
 WELL_MEASURED = 0.3
+# Corners that edges add add edges, so many times.
+CORNER_ROUNDS = 2
 # Two pieces show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
 # much at least is not its bow's.
 SAME_EXTENT = 0.15
@@ -33,7 +35,8 @@ class Lines3D:
 
     left, right : (n,) int32, the pieces; reach : (n, 2) float64, pixels along the left piece: the part both see
     coefficient : (n, 2) float64: disparity a + b s; covariance : (n, 2, 2) of them
-    end_sigma : (n, 2) float64, pixels, of the reach; fixed : (n, 2) bool, the end is a corner
+    end_sigma : (n, 2) float64, pixels, of the reach; fixed : (n, 2) bool, the end is a corner; strut : (n,) bool,
+    the edge runs from one known corner to another, whatever its pieces say
     """
 
     left: np.ndarray
@@ -43,6 +46,7 @@ class Lines3D:
     covariance: np.ndarray
     end_sigma: np.ndarray
     fixed: np.ndarray
+    strut: np.ndarray
 
     def __len__(self) -> int:
         return len(self.left)
@@ -57,7 +61,7 @@ def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right
     partner[matches.left[::-1]] = matches.right[::-1]
     i, j = matches.left, matches.right
     # Both images' pieces run the same way, and their neighbours at the corner were matched with each other.
-    same_way = (left.direction[i] * right.direction[j]).sum(axis=1) > 0.0
+    same_way = ~opposed(left, right, i, j)
     k, m = met.other[i], right_met.other[j]
     agreed = (k >= 0) & (m >= 0) & (partner[k] == m) & same_way[:, None] & (partner[i] == j)[:, None]
     agreed &= (met.sigma[i] < 0.3) & (right_met.sigma[j] < 0.3)
@@ -117,7 +121,7 @@ def _without_common_bow(left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarra
 
     slope : (n,) of disparity along the left piece.
     """
-    same_way = (left.direction[i] * right.direction[j]).sum(axis=1) > 0.0
+    same_way = ~opposed(left, right, i, j)
     bows = left.bow[i], np.where(same_way, 1.0, -1.0) * right.bow[j]
     shrink = np.hypot(left.direction[i, 0] - slope, left.direction[i, 1])
     seen_alike = np.abs(right.length[j] / np.maximum(left.length[i] * shrink, 1.0) - 1.0) < SAME_EXTENT
@@ -200,17 +204,26 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         matches = Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches)))
         matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)
         known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
+    first = len(matches)
+    for _ in range(CORNER_ROUNDS):
+        more = corner_matching.more_matches(matches, sides, ends, known, offset_v)
+        if more is None:
+            break
+        matches, coefficient, covariance, ends_sigma = _solved(more, left, right, met, right_met, spread_v, offset_v)
+        known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
     i, j = matches.left, matches.right
+    strut = np.arange(len(i)) >= first
     whole = broken_edges.complete(matches, left, right, coefficient, covariance)
     if whole:
         matches, left, coefficient, covariance, ends_sigma = broken_edges.with_whole(
             whole, matches, left, coefficient, covariance, ends_sigma)
+        strut = np.isin(matches.left, i[strut])
         i, j = matches.left, matches.right
     coefficient, covariance = borrow(matches, left, coefficient, covariance, ends_sigma, offset)
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
     # Contrast may change its sign between the views, and with it the right piece's direction.
-    flip = (tl * right.direction[j]).sum(axis=1) < 0.0
+    flip = opposed(left, right, i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     right_place, right_sigma, right_other = (np.take_along_axis(a[j], turned, axis=1)
                                              for a in (right_met.place, right_met.sigma, right_met.other))
@@ -232,13 +245,13 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         reach[row], sigma[row], fixed[row] = edge.reach, edge.end_sigma, edge.fixed
     found = vertices.between(matches, (left, right), ends, known, offset_v)
     if not found:
-        return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed), left, right
+        return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed, strut), left, right
     more = vertices.struts(found, (left, right), offset_v)
     k = len(found)
     i, j = (np.append(index, len(side) + np.arange(k)).astype(np.int32) for index, side in ((i, left), (j, right)))
     return Lines3D(i, j, np.concatenate([reach, more.reach]), np.concatenate([coefficient, more.coefficient]),
                    np.concatenate([covariance, more.covariance]), np.concatenate([sigma, more.end_sigma]),
-                   np.concatenate([fixed, np.ones((k, 2), bool)])), *more.pieces
+                   np.concatenate([fixed, np.ones((k, 2), bool)]), np.append(strut, np.ones(k, bool))), *more.pieces
 
 
 @dataclass(frozen=True, eq=False)

@@ -170,7 +170,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     # Corners that were none may tell more than any match was allowed to.
     run = of_lines[0].direction[lines.left]
     slope = lines.coefficient[:, 1]
-    keep &= np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
+    keep &= (np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])) | lines.strut
     # A piece of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one
     # image, unless it runs from corner to corner where nothing is curved.
     arcs = (of_lines[0].arc[lines.left] >= 0).astype(int) + (of_lines[1].arc[lines.right] >= 0)

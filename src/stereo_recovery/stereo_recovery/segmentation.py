@@ -27,6 +27,8 @@ BOW_SLOPE = 2.0
 UNUSUAL = 0.05
 BLURRED = 1.0
 DEVIATIONS, LONG, VARIED = 3.0, 10, 0.05
+# Pieces flatter than this (sine) may run either way along their rows.
+LEVEL = 0.1
 # Collinear pieces are joined across at most this many pixels.
 WIDEST_GAP = 15.0
 # How far the lines of such pieces may miss each other beyond their own sigma, as a share of the tolerance.
@@ -82,6 +84,14 @@ class Pieces:
     def length(self) -> np.ndarray:
         """(n,) float64, pixels."""
         return self.reach[:, 1] - self.reach[:, 0]
+
+
+def opposed(left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """(...) bool: whether left pieces i and right pieces j that show the same edges are directed against each other, as
+    when contrast changes its sign between the views. Rows have one order in both images, columns need not have."""
+    t, u = left.direction[i], right.direction[j]
+    rows = t[..., 1] * u[..., 1]
+    return np.where(np.minimum(np.abs(t[..., 1]), np.abs(u[..., 1])) > LEVEL, rows, rows + t[..., 0] * u[..., 0]) < 0.0
 
 
 def line_table(pieces: Pieces) -> np.ndarray:

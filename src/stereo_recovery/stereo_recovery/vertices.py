@@ -14,7 +14,7 @@ import numpy as np
 
 from . import vertex_kernels, wireframe
 from .matching import Matches
-from .segmentation import Corners, Pieces, line_table
+from .segmentation import Corners, Pieces, line_table, opposed
 
 # An edge tells of a corner when both its pieces end in one there, heights and columns agreeing to this, pixels.
 SAME_HEIGHT, SAME_COLUMN = 0.8, 1.5
@@ -61,7 +61,7 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     image's rows lie below the left's.
     """
     i, j = matches.left, matches.right
-    flip = (pieces[0].direction[i] * pieces[1].direction[j]).sum(axis=1) < 0.0
+    flip = opposed(pieces[0], pieces[1], i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     there = [np.take_along_axis(a[j], turned, axis=1)
              for a in (met[1].place, met[1].other, met[1].through, met[1].sigma)]
@@ -86,16 +86,22 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     # An edge along the rows is only at the same corner in both images when it meets the same edge there.
     partner = np.full(len(pieces[0]), -1)
     partner[i[::-1]] = j[::-1]
-    good &= ~vague | (partner[here[1]] == there[1])
+    taken = np.zeros(len(pieces[1]), bool)
+    taken[j] = True
+    good &= ~vague | (partner[here[1]] == there[1]) | ((partner[here[1]] < 0) & ~taken[there[1]])
     edge, end = np.nonzero(good)
     return Vertices(edge, np.stack([i[edge], j[edge]]), np.stack([p[edge, end], q[edge, end]]),
                     np.where(vague, seen, own)[edge, end],
                     np.hypot(np.where(vague, seen_sigma, own_sigma), wireframe.CORNER_SIGMA)[edge, end])
 
 
-def _tables(pieces: tuple[Pieces, Pieces], offset_v: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the pieces of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights."""
+def line_tables(pieces: tuple[Pieces, Pieces], offset_v: float,
+                met: tuple[Corners, Corners] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the pieces of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights; up to
+    their corners where these are given."""
     left, right = line_table(pieces[0]), line_table(pieces[1])
+    if met is not None:
+        left[:, 4:6], right[:, 4:6] = met[0].place, met[1].place
     right[:, 1] -= offset_v
     return left, right
 
@@ -103,7 +109,7 @@ def _tables(pieces: tuple[Pieces, Pieces], offset_v: float) -> tuple[np.ndarray,
 def contradicted(matches: Matches, pieces: tuple[Pieces, Pieces], known: Vertices, offset_v: float) -> np.ndarray:
     """(n,) bool: pairs that end at a corner in one image and miss that corner in the other."""
     wrong = np.zeros(len(matches), bool)
-    pairs, tables = (matches.left, matches.right), _tables(pieces, offset_v)
+    pairs, tables = (matches.left, matches.right), line_tables(pieces, offset_v)
     for side, sign in ((0, -1.0), (1, 1.0)):
         found, value = vertex_kernels.meetings(tables[side], known.point[side], known.disparity, known.sigma,
                                                known.own[side])
@@ -125,7 +131,7 @@ def between(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners,
     """Pieces of either image that belong to no pair and run from one corner to another: image, piece, its ends."""
     result: list[tuple[int, int, list[_Meeting]]] = []
     taken = np.stack([pieces[0].start[matches.left], pieces[0].end[matches.left]], axis=1)
-    tables = _tables(pieces, offset_v)
+    tables = line_tables(pieces, offset_v, met)
     for side in (0, 1):
         found, value = vertex_kernels.meetings(tables[side], known.point[side], known.disparity, known.sigma,
                                                known.own[side])
