@@ -8,8 +8,9 @@ from msgs_py.compiled import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
-# Unless it is that of two strings whose ends touch, pixels.
+# Unless it is that of two strings whose ends touch, pixels, and known to this, one sigma.
 BLUNT_SINE, BLUNT_GAP = 0.06, 6.0
+VAGUEST = 3.0
 # Two pieces of one line differ in direction by less than this (sine); at a crossing by less than that.
 COLLINEAR = 0.03
 CROSSING = 0.2
@@ -92,7 +93,7 @@ def meet(table, widest):
                 its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
                 spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + 0.0025)
                 # Two edges that go on in nearly one direction meet where their strings do.
-                if abs(sine) < LEAST_SINE and (spread > LOOSE_END or abs(beyond) > BLUNT_GAP or abs(outside) > BLUNT_GAP
+                if abs(sine) < LEAST_SINE and (spread > VAGUEST or abs(beyond) > BLUNT_GAP or abs(outside) > BLUNT_GAP
                                                or table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.0):
                     continue
                 # Long lines are trusted more than the scraps between them.

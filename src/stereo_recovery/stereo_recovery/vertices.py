@@ -20,6 +20,8 @@ from .segmentation import Corners, Pieces, line_table, opposed
 SAME_HEIGHT, SAME_COLUMN = 0.8, 1.5
 # Where only one image shows the corner, the other piece ends this near to it, pixels.
 NEAR_END = 4.0
+# A string stops this near to its corner's height, pixels.
+STOPS = 4.0
 # Disparity known worse than this, pixels, is taken from the two corners themselves.
 VAGUE = 0.5
 # What runs into a piece this far inside its ends, pixels, says that it is more than one edge.
@@ -83,16 +85,25 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     good &= (pieces[0].arc[i] < 0)[:, None]
     p = np.where(corner[0][..., None], p, q + own[..., None] * [1.0, 0.0])
     q = np.where(corner[1][..., None], q, p - own[..., None] * [1.0, 0.0])
-    # An edge along the rows is only at the same corner in both images when it meets the same edge there.
+    # An edge along the rows is only at the same corner in both images when it meets the same edge there, or edges that
+    # have no partner at that height.
     partner = np.full(len(pieces[0]), -1)
     partner[i[::-1]] = j[::-1]
-    taken = np.zeros(len(pieces[1]), bool)
-    taken[j] = True
-    good &= ~vague | (partner[here[1]] == there[1]) | ((partner[here[1]] < 0) & ~taken[there[1]])
+    owner = np.full(len(pieces[1]), -1)
+    owner[j[::-1]] = i[::-1]
+    alone = ~_at_height(pieces[1], partner[here[1]], q[..., 1] + offset_v) & ~_at_height(
+        pieces[0], owner[there[1]], p[..., 1])
+    good &= ~vague | (partner[here[1]] == there[1]) | alone
     edge, end = np.nonzero(good)
     return Vertices(edge, np.stack([i[edge], j[edge]]), np.stack([p[edge, end], q[edge, end]]),
                     np.where(vague, seen, own)[edge, end],
                     np.hypot(np.where(vague, seen_sigma, own_sigma), wireframe.CORNER_SIGMA)[edge, end])
+
+
+def _at_height(pieces: Pieces, index: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """(...) bool: whether piece ``index`` (-1: none) is seen at this height, pixels."""
+    a, b = pieces.start[index, 1], pieces.end[index, 1]
+    return (index >= 0) & (height > np.minimum(a, b) - STOPS) & (height < np.maximum(a, b) + STOPS)
 
 
 def line_tables(pieces: tuple[Pieces, Pieces], offset_v: float,
