@@ -18,6 +18,7 @@ from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .facing import on_faces
 from .hiding import hidden_ends
+from .faint_edges import followed
 from .joining import join_matched
 from .lines3d import edges, to_space
 from .matching import match
@@ -90,10 +91,13 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     strings = link(found, grey.shape, high)
     tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
     weakest = max(params.low, WEAKEST * gradient_noise)
-    if len(found) < SPARSE * grey.size and weakest < low:
+    sparse = len(found) < SPARSE * grey.size and weakest < low
+    if sparse:
         every = edgel_module.detect(grey, params.detector, params.sigma, weakest, noise, slopes)
         strings = with_weak(strings, every, grey.shape, max(params.low, WEAK_MEAN * gradient_noise), WEAK_COUNT)
     ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
+    if sparse:
+        ordered, pieces = followed(ordered, pieces, slopes, gradient_noise, params.sigma, tolerance)
     pieces = taken_apart(slopes, ordered, pieces, params.sigma)
     return _View(grey, ordered, pieces, ellipses)
 

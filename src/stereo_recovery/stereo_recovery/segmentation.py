@@ -126,11 +126,11 @@ def split(strings: Strings, tolerance: float, sigma: float, minimum: int = 4) ->
     arc, ellipses = find_arcs(e.position, limit, bounds, string, strings.closed, pieces.bow, pieces.direction)
     pieces = replace(pieces, arc=arc)
     for _ in range(2):
-        e, pieces = _joined(e, pieces, sigma, tolerance)
+        e, pieces = joined(e, pieces, sigma, tolerance)
     return e, pieces, ellipses
 
 
-def _joined(e: Edgels, pieces: Pieces, sigma: float, tolerance: float) -> tuple[Edgels, Pieces]:
+def joined(e: Edgels, pieces: Pieces, sigma: float, tolerance: float) -> tuple[Edgels, Pieces]:
     """Straight pieces that continue each other on one line become one."""
     straight = np.flatnonzero(pieces.arc < 0)
     successor = np.full(len(pieces), -1)
