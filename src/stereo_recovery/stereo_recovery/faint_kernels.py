@@ -13,6 +13,8 @@ WINDOW, STEP, ASIDE = 9, 2.0, 3.0
 SHARE, PROMINENT = 0.45, 0.4
 # Longest continuation, pixels, and as a share of the piece.
 LONGEST, LONGEST_SHARE = 60.0, 2.0
+# Where its sigma exceeds this, pixels, a line is not followed; nor beyond an end that another piece's end touches.
+UNSURE, TOUCHING = 0.5, 4.5
 # It ends where another piece of its line begins: within this, pixels, and this sine.
 SAME_LINE, SAME_WAY = 1.2, 0.08
 
@@ -35,10 +37,20 @@ def extend(table, magnitude, faint, gx, gy, least):
         limit = max(least, SHARE * magnitude[i])
         for e in range(2):
             outward = 1.0 if e == 1 else -1.0
-            # Room up to the next piece of the same line.
+            # Room as far as the line is known, and up to the next piece of the same line; none where another goes on.
             room = min(LONGEST, LONGEST_SHARE * length)
+            if table[i, 7] > 0.0:
+                room = min(room, UNSURE / table[i, 7] - outward * reach[i, e])
+            eu, ev = table[i, 0] + reach[i, e] * tu, table[i, 1] + reach[i, e] * tv
             for k in range(n):
-                if k == i or abs(tu * table[k, 3] - tv * table[k, 2]) > SAME_WAY:
+                if k == i:
+                    continue
+                for f in range(2):
+                    x = table[k, 0] + reach[k, f] * table[k, 2] - eu
+                    y = table[k, 1] + reach[k, f] * table[k, 3] - ev
+                    if x * x + y * y < TOUCHING ** 2:
+                        room = 0.0
+                if abs(tu * table[k, 3] - tv * table[k, 2]) > SAME_WAY:
                     continue
                 for f in range(2):
                     x = table[k, 0] + reach[k, f] * table[k, 2] - table[i, 0]
