@@ -14,8 +14,8 @@ from . import faint_kernels
 from .edgels import Edgels
 from .segmentation import Pieces, joined, line_table
 
-# Pieces with a mean gradient below this, in units of the gradient's noise, are faint; shorter ones, pixels, give no line
-# to follow; and the median of a window shows the edge when it exceeds this.
+# Pieces with a mean gradient below this, in units of the gradient's noise, are faint; shorter ones, pixels, give no
+# line to follow; and the median of a window shows the edge when it exceeds this.
 FAINT = 9.0
 SHORTEST = 9.0
 SEEN = 1.2
@@ -45,3 +45,9 @@ def followed(edgels: Edgels, pieces: Pieces, gradients: tuple[np.ndarray, np.nda
 
 def _faint(pieces: Pieces, noise: float) -> np.ndarray:
     return (pieces.magnitude < FAINT * noise) & (pieces.length > SHORTEST) & (pieces.arc < 0)
+
+
+def warm_up() -> None:
+    """Compile the loop, which only pictures with faint edges reach."""
+    slope = np.zeros((16, 16), np.float32)
+    faint_kernels.extend(np.zeros((1, 8)), np.ones(1), np.ones(1, bool), slope, slope, 1.0)

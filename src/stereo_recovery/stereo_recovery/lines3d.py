@@ -206,10 +206,10 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
     first = len(matches)
     for _ in range(CORNER_ROUNDS):
-        more = corner_matching.more_matches(matches, sides, ends, known, offset_v)
-        if more is None:
+        grown = corner_matching.more_matches(matches, sides, ends, known, offset_v)
+        if grown is None:
             break
-        matches, coefficient, covariance, ends_sigma = _solved(more, left, right, met, right_met, spread_v, offset_v)
+        matches, coefficient, covariance, ends_sigma = _solved(grown, left, right, met, right_met, spread_v, offset_v)
         known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
     i, j = matches.left, matches.right
     strut = np.arange(len(i)) >= first

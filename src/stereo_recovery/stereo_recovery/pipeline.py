@@ -19,6 +19,7 @@ from .edgels import Edgels
 from .facing import on_faces
 from .hiding import hidden_ends
 from .faint_edges import followed
+from .faint_edges import warm_up as warm_up_faint
 from .joining import join_matched
 from .lines3d import edges, to_space
 from .matching import match
@@ -200,3 +201,4 @@ def warm_up() -> None:
     left[(u - 66) ** 2 + (v - 48) ** 2 < 15 ** 2] = 90
     recover(left, np.roll(left, -12, axis=1), StereoRig.symmetric(PinholeCamera.centred(128, 96, 150.0), 0.05))
     warm_up_profiles()
+    warm_up_faint()

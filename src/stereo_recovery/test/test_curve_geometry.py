@@ -188,7 +188,7 @@ def test_outlines_of_a_rims_surface_are_no_edges(moved, is_outline):
         pieces.append(replace(side, centre=side.centre + shift * side.direction, reach=side.reach - shift))
     zero = np.zeros(1, np.int32)
     lines = Lines3D(zero, zero, pieces[0].reach, np.zeros((1, 2)), np.zeros((1, 2, 2)), np.ones((1, 2)),
-                    np.zeros((1, 2), bool))
+                    np.zeros((1, 2), bool), np.zeros(1, bool))
     found = contours(lines, (pieces[0], pieces[1]), [(rim, np.append(rim.normal, 0.0))], RIG)
     assert list(found) == [is_outline]
 

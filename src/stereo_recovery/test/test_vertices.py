@@ -95,3 +95,33 @@ def test_a_line_into_whose_middle_another_runs_is_no_edge_between_corners():
     middle = 0.5 * (np.array(LOW_LEFT[:2]) + DEEP[:2])
     more = np.array([[LOW_LEFT[:2], DEEP[:2]], [middle + [2.0, 0.0], middle + [40.0, 2.0]]])
     assert not of_ends(LOW_LEFT, DEEP, found(matches, pieces_between(np.concatenate([ends, more])), right))
+
+
+def test_an_edge_that_runs_the_other_way_in_the_other_image_is_matched_by_its_corners():
+    # Steeply away from a known corner: 14 columns to the right in the left image, 11 to the left in the right one.
+    away = (118.0, 235.0, 78.0)
+    matches, left, right = pair([*KNOWN, (LOW_LEFT, away), (away, (190.0, 262.0, 78.0))])
+    unmatched = [k for k in range(len(matches)) if k != len(KNOWN)]
+    matches = Matches(matches.left[unmatched], matches.right[unmatched], matches.disparity[unmatched],
+                      matches.rows[unmatched], matches.belief[unmatched])
+    between, = of_ends(LOW_LEFT, away, found(matches, left, right))
+    np.testing.assert_allclose(between, [53.0, 78.0], atol=0.4)
+
+
+def test_edges_that_leave_a_corner_for_different_heights_are_no_pair():
+    matches, left, right = pair([*KNOWN, (LOW_LEFT, (110.0, 240.0, 50.0), LOW_LEFT, (110.0, 225.0, 50.0))])
+    alone = np.arange(len(KNOWN))
+    matches = Matches(matches.left[alone], matches.right[alone], matches.disparity[alone], matches.rows[alone],
+                      matches.belief[alone])
+    assert len(found(matches, left, right)) == len(KNOWN)
+
+
+def test_a_string_that_is_lost_beside_another_edge_reaches_their_common_corner():
+    # A thin face: its edges meet at (150, 40), and are less than five pixels apart over the last third.
+    corner = np.array([150.0, 40.0])
+    ends = np.array([[[80.0, 140.0], corner], [[92.0, 145.0], corner + 0.35 * (np.array([92.0, 145.0]) - corner)],
+                     [corner, [230.0, 50.0]]])
+    pieces = pieces_between(ends)
+    met = corners(pieces)
+    reached = pieces.centre[1] + met.place[1, 1] * pieces.direction[1]
+    np.testing.assert_allclose(reached, corner, atol=0.5)
