@@ -17,9 +17,9 @@ from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
 from .edgels import Edgels
 from .facing import on_faces
-from .hiding import hidden_ends
 from .faint_edges import followed
 from .faint_edges import warm_up as warm_up_faint
+from .hiding import hidden_ends
 from .joining import join_matched
 from .lines3d import edges, to_space
 from .matching import match
