@@ -29,9 +29,10 @@ ROTATION_DEG, OF_DEPTH = 0.6, 0.004
 BOX_MM = (165, 80, 68)
 BOX = 'UNITS MM;\ntea_box = BLOCK ({}, {}, {});\nDRAW tea_box;\n'.format(*BOX_MM)
 TEA_BOX_EDGES = 5
-# Six edges of a plain cuboid among print that meets them are little evidence for the default rate of false alarms: who
-# looks for such a thing says that it is there. The box's reference itself is trusted to a millimetre, 0.25 % of depth.
-EXPECTED, OF_DEPTH_OF_BOX = 1.0, 0.005
+# In the second pair of the tea box the two cameras disagree by up to a pixel: its edges are little evidence for the
+# default rate of false alarms, and who looks for it says that it is there. The box's reference itself is trusted to a
+# millimetre, 0.25 % of depth.
+EXPECTED, DOUBTFUL, OF_DEPTH_OF_BOX = 1.0, 'tea box 005', 0.005
 
 
 def _scoring():
@@ -99,7 +100,7 @@ def test_the_right_pose_of_a_real_object(name):
     real = case(name)
     features = recover(real.left, real.right, real.rig).features
     params = MatcherConfig().match_params().replace(time_limit_s=20.0)
-    if name in BOXES:
+    if name == DOUBTFUL:
         params = params.replace(false_alarm_rate=EXPECTED)
     best = match(real.model, features, params).best
     assert best is not None
@@ -134,8 +135,7 @@ def test_from_real_images_through_the_graph_to_the_pose(graph, tmp_path, name):
         path = tmp_path / 'board.npz'
         real.model.save(path)
     graph.add(RecoveryNode)
-    expected = {'false_alarm_rate': EXPECTED} if name in BOXES else {}
-    graph.add(MatcherNode, parameters={'models': [str(path)], 'time_limit': 20.0} | expected)
+    graph.add(MatcherNode, parameters={'models': [str(path)], 'time_limit': 20.0})
     arrays = graph.collect(PoseArray, 'interpretations')
     poses = graph.collect(PoseStamped, f'interpretations/{path.stem}')
     images = [graph.publisher(Image, f'{side}/image_rect') for side in ('left', 'right')]

@@ -15,10 +15,12 @@ features that count but coincidences, beyond those that made the pose:
                within its error, which is the smaller the more data there is in it, and BIAS x tolerance
     coverage   a model edge covered to COVERED of its length has chance WHOLE in the model, and in the data the share of
                pieces of that length among those that would fit the edge. Equal parallel edges count once
-    neighbours an object's edges meet. Data that meet the explained data but are unexplained themselves speak for
-               another object: in a chance pose NEIGHBOURS of them are expected besides those that density explains and
-               those that noise takes from the model itself. No more than AGAINST is held against a pose, for real
-               objects stand on others and carry patterns
+    view       the share of the edges in view that is found, see views.py
+    neighbours an object's edges meet at their ends. Data that meet the explained data but are unexplained themselves
+               speak for another object, those that run into the middle of an edge half as much, as print and what
+               stands behind do: in a chance pose NEIGHBOURS of them are expected besides those that density explains
+               and those that noise takes from the model itself. No more than AGAINST is held against a pose, for
+               real objects stand on others and carry patterns
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from msgs_py.compiled import njit
 
 from .kernels import CURVE, pair_geometry
 from .regularity import PARALLEL, UPRIGHT
+from .views import nats_of_view
 
 ANGLE = 0.05
 PER_RADIUS = 2.0
@@ -41,6 +44,7 @@ ENOUGH = 64  # matched features that are looked at: with so many there is no dou
 NEIGHBOURS = 4.0
 MISSED = 0.05  # of an instance's own edges, per matched feature, noise takes so many that meet the others
 AGAINST = 12.0
+IN_THE_MIDDLE = 0.5
 REACH = 0.12  # edges meet when their lines do within this share of their lengths beyond their ends
 NEARLY_PARALLEL = 0.2
 SHORT = 6.0  # tolerances; the direction of a shorter edge is too poor to say that it is not the model's
@@ -237,16 +241,20 @@ def coverage(model, kind_m, data, kind_d, low, high, direction):
 
 @njit
 def meet(a, b, tolerance):
-    """Whether two edges (rows) meet: their lines within the tolerance (metres), and hardly beyond their ends."""
+    """How two edges (rows) meet, their lines within the tolerance (metres) and hardly beyond their ends: 1 end to end,
+    IN_THE_MIDDLE when one runs into the middle of the other, 0 not at all."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     reach = (1.0 + 2.0 * REACH) * (a[6] + b[6]) + 6.0 * tolerance
     if x * x + y * y + z * z > reach * reach:
-        return False
+        return 0.0
     _, s, d, fa, fb, _ = pair_geometry(a, b)
     if s < NEARLY_PARALLEL or abs(d) > tolerance:
-        return False
+        return 0.0
     beyond = tolerance / s
-    return abs(fa) < (1.0 + 2.0 * REACH) * a[6] + beyond and abs(fb) < (1.0 + 2.0 * REACH) * b[6] + beyond
+    if abs(fa) >= (1.0 + 2.0 * REACH) * a[6] + beyond or abs(fb) >= (1.0 + 2.0 * REACH) * b[6] + beyond:
+        return 0.0
+    at_ends = abs(fa) > (1.0 - 2.0 * REACH) * a[6] - beyond and abs(fb) > (1.0 - 2.0 * REACH) * b[6] - beyond
+    return 1.0 if at_ends else IN_THE_MIDDLE
 
 
 @njit
@@ -269,7 +277,7 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
     if count == 0:
         return 0.0
     tolerance /= count
-    met = 0
+    met = 0.0
     for k in range(n):
         if assignment[k] >= 0 or kind_d[k] == CURVE or 2.0 * data[k, 6] < SHORT * tols[k, 0]:
             continue
@@ -279,11 +287,12 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
             unexplained += 2.0 * data[k, 6]
         elif away > size + (1.0 + 2.0 * REACH) * data[k, 6]:
             continue
+        most = 0.0
         for i in range(count):
             a = matched[i]
-            if kind_d[a] != CURVE and meet(data[k], data[a], 0.5 * (tols[k, 0] + tols[a, 0])):
-                met += 1
-                break
+            if kind_d[a] != CURVE and most < 1.0:
+                most = max(most, meet(data[k], data[a], 0.5 * (tols[k, 0] + tols[a, 0])))
+        met += most
     # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
     density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius ** 3)
     expected = density + MISSED * count + 0.1
@@ -292,8 +301,9 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
 
 @njit
 def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size, order, direction, normals, number,
-             nats):
-    """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, the rest as above."""
+             nats, faces, lies):
+    """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, faces and lies as in
+    :class:`.regularity.Regularity`, the rest as above."""
     e, n = model.shape[0], data.shape[0]
     low = np.full(e, np.inf)
     high = np.full(e, -np.inf)
@@ -342,4 +352,5 @@ def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size
                 accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
     total = coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy)
     total += coverage(model, kind_m, data, kind_d, low, high, direction)
+    total += nats_of_view(motion, model, kind_m, data, kind_d, assignment, faces, lies)
     return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)

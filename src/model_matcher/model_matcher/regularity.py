@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .model_index import ModelIndex
+from .views import hull_faces
 
 PARALLEL = 0.9925  # cosine: nearer directions count as one (7 degrees)
 UPRIGHT = 0.12  # cosine: and so do right angles
@@ -29,6 +30,7 @@ class Regularity:
     offsets : (q, e) float64, metres, distance of each feature's plane from the origin, NaN when it lies in no such
         plane: a line in planes along it, a curve also in its own
     sorted : (q, e) int32, the features by offset, those without one last
+    faces, lies : of the model's convex hull, see :func:`.views.hull_faces`
     """
 
     order: np.ndarray
@@ -36,11 +38,13 @@ class Regularity:
     normals: np.ndarray
     offsets: np.ndarray
     sorted: np.ndarray
+    faces: np.ndarray
+    lies: np.ndarray
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """As evidence.py takes them."""
-        return (self.order, self.direction, self.normals, self.offsets, self.sorted)
+        return (self.order, self.direction, self.normals, self.offsets, self.sorted, self.faces, self.lies)
 
 
 _known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()
@@ -49,11 +53,12 @@ _known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()
 def regularity(index: ModelIndex) -> Regularity:
     """The regularity of a model; computed once for each index."""
     if index not in _known:
-        _known[index] = _find(index.rows)
+        _known[index] = _find(index)
     return _known[index]
 
 
-def _find(rows: np.ndarray) -> Regularity:
+def _find(index: ModelIndex) -> Regularity:
+    rows = index.rows
     directions = rows[:, 3:6]
     order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0)).astype(np.int32)
     number = np.full(len(rows), -1, np.int32)
@@ -83,4 +88,5 @@ def _find(rows: np.ndarray) -> Regularity:
     chosen = np.argsort(-lies.sum(axis=1), kind='stable')[:MAX_NORMALS]
     stack, lies = stack[chosen], lies[chosen]
     offsets = np.where(lies, stack @ rows[:, :3].T, np.nan)
-    return Regularity(order, number, stack, offsets, np.argsort(offsets, axis=1, kind='stable').astype(np.int32))
+    return Regularity(order, number, stack, offsets, np.argsort(offsets, axis=1, kind='stable').astype(np.int32),
+                      *hull_faces(index))
