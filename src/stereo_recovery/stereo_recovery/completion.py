@@ -6,6 +6,7 @@ must look like, up to where it is, and the outlines say that.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from msgs_py import StereoRig
 
 from .conics import sampson
 from .curve import Curve, picture
-from .curves3d import CLAIM_COSINE, STEADY, WORST_MISFIT, axle_of, determined, recover_curve
+from .curves3d import CLAIM_COSINE, STEADY, WORST_MISFIT, axle_of, claimed, determined, recover_curve
 from .edgels import Edgels
 from .outlines import of_cylinder
 from .segmentation import Pieces
@@ -28,6 +29,8 @@ APART = 0.25
 LEAST_SHARE = 0.2
 SAME_RADIUS = 0.05
 OTHERS = 0.3
+# The rims of one rounded block are at most so many radii apart.
+WIDEST_BLOCK = 8.0
 # Two curves whose centres and radii differ by less than this, in radii, in one plane (cosine) are one.
 SAME_RIM = 0.04
 SAME_PLANE = 0.995
@@ -58,6 +61,32 @@ def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[
             if found is not None:
                 result.append(found)
                 break
+    return result
+
+
+def counterparts(curves: Sequence[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
+    """Circles that the walls of a slot or of a rounded block have in the plane of another rim: too little of them is
+    seen to find them, but edges end where they touch them, and what lies on them is no edge."""
+    result: list[Curve] = []
+    round_ones = [c for c in curves if c.radii[0] == c.radii[1]]
+    for curve in round_ones:
+        for other in round_ones:
+            run = other.centre - curve.centre
+            height = float(run @ curve.normal)
+            radius = curve.radii[0]
+            if (abs(curve.normal @ other.normal) < SAME_PLANE or abs(height) < APART * radius
+                    or abs(other.radii[0] / radius - 1.0) > SAME_RADIUS
+                    or np.linalg.norm(run - height * curve.normal) > WIDEST_BLOCK * radius):
+                continue
+            centre = curve.centre + height * curve.normal
+            if any(np.linalg.norm(c.centre - centre) < APART * radius for c in [*curves, *result]):
+                continue
+            spread = curve.covariance.copy()
+            spread[:3, :3] += other.covariance[:3, :3] + (curve.tilt * height) ** 2 * np.eye(3)
+            moved = replace(curve, centre=centre, covariance=spread)
+            if centre[2] > 0.0:
+                result.append(replace(moved, left=claimed(moved, edgels[0], rig, 0.0, blur)[0],
+                                      right=claimed(moved, edgels[1], rig, rig.baseline, blur)[0]))
     return result
 
 

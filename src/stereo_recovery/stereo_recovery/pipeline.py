@@ -11,7 +11,7 @@ from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
 from . import edgels as edgel_module
 from .axes import axis_features, find_axes
-from .completion import completed, distinct
+from .completion import completed, counterparts, distinct
 from .conics import Ellipse
 from .curve import Curve
 from .curves3d import curve_features, on_curves, recover_curves
@@ -180,11 +180,12 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     # image, unless it runs from corner to corner where nothing is curved.
     arcs = (of_lines[0].arc[lines.left] >= 0).astype(int) + (of_lines[1].arc[lines.right] >= 0)
     keep &= (arcs == 0) | ((arcs == 1) & lines.fixed.all(axis=1) & (len(curves) == 0))
-    keep &= ~on_curves(lines, of_lines, curves) & ~contours(lines, of_lines, surfaces, rig)
+    unseen = counterparts(told, found, rig, blur)
+    keep &= ~on_curves(lines, of_lines, curves + unseen) & ~contours(lines, of_lines, surfaces, rig)
     curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
     keep &= segments.err_per < (BESIDE_CURVES if curves else LEAST_DETERMINED) * span
     err_per = segments.err_per[keep]
-    ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves)
+    ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves + unseen)
     features = FeatureSet.concatenate([
         FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per),
         curve_features(curves), axis_features(axes)])
