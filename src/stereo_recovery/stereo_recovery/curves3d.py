@@ -71,6 +71,11 @@ MOST_GROWTH = 0.06
 # this, radians and radii.
 STEADY = np.radians(1.0)
 TRUE_AXLE = 5e-4
+# A curve whose normal is known worse than the first, radians, takes it from a better known curve that it may be parallel
+# to; by how much they may differ, one sigma; chi squared beyond which they are not parallel; and the cosine from which
+# two directions are one.
+VAGUE_TILT, SLANT = np.radians(0.5), np.radians(0.2)
+PARALLEL_GATE, SAME_DIRECTION = 9.0, 0.999
 # Chi squared of four, and residuals over what the edgels state, beyond which a curve does not lie on an axis.
 ON_AXLE = 20.0
 WORST_MISFIT = 3.0
@@ -252,7 +257,24 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
         for arc in sorted(set(side.arc[side.arc >= 0].tolist())):
             curve = _followed(arc, is_right, ellipses[is_right][arc], matches, left, right, found, edgels, rig, blur)
             found += [] if curve is None else [curve]
-    return [_steadied(c, axles, edgels, rig, blur) for c in found]
+    ways = _directions(found)
+    for item in rest:
+        if ways and not any(item.shared_with(c) for c in found):
+            held = [_held(item, axle, edgels, rig, blur) for _, axle in ways]
+            good = [c for c in held if c is not None and c.misfit < ROUND_MISFIT and c.rms < FOLLOWED_RMS
+                    and min(c.left[item.left].mean(), c.right[item.right].mean()) > MOST_OF_ARC]
+            found += [min(good, key=lambda c: c.rms)] if good else []
+    steady = [_steadied(c, axles, edgels, rig, blur) for c in found]
+    return [_parallel(c, ways) if c.tilt > VAGUE_TILT else c for c in steady]
+
+
+def _directions(curves: list[Curve]) -> list[tuple[Curve, Axle]]:
+    """The normals of the best known curves, to which others may be parallel: axles that lie anywhere."""
+    result: list[tuple[Curve, Axle]] = []
+    for curve in sorted(curves, key=lambda c: c.tilt):
+        if curve.tilt < STEADY and all(abs(curve.normal @ c.normal) < SAME_DIRECTION for c, _ in result):
+            result.append((curve, Axle(curve.centre, curve.normal, np.eye(3), float(np.hypot(curve.tilt, SLANT)))))
+    return result
 
 
 def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
@@ -388,6 +410,30 @@ def _steadied(curve: Curve, axles: list[tuple[Curve, Axle]], edgels: tuple[Edgel
         if held is not None and held.tilt < best.tilt and held.rms < 1.2 * curve.rms + 0.01:
             best = replace(held, left=on_left, right=on_right)
     return best
+
+
+def _parallel(curve: Curve, ways: list[tuple[Curve, Axle]]) -> Curve:
+    """A circle whose normal is vague, with that of a better known curve if its own edgels allow that (one Kalman step:
+    what its edgels share moves all of them, so that their residuals alone would forbid what their covariance allows)."""
+    if curve.radii[0] != curve.radii[1]:
+        return curve
+    for other, axle in sorted(ways, key=lambda way: way[1].tilt):
+        if other is curve or axle.tilt > 0.5 * curve.tilt:
+            continue
+        off, slope = axle.residual(curve.centre, curve.normal)[:2], np.zeros((2, 6))
+        slope[:, :5] = axle.jacobian(curve.normal, curve.first)[:2]
+        spread = slope @ curve.covariance @ slope.T + axle.tilt ** 2 * np.eye(2)
+        if off @ np.linalg.solve(spread, off) > PARALLEL_GATE:
+            continue
+        gain = np.linalg.solve(spread, slope @ curve.covariance).T
+        step = -gain @ off
+        growth = float(np.log1p(max(step[5] / curve.radii[0], -0.5)))
+        moved = curve_kernels.moved(curve.centre, curve.normal, curve.first, curve.radii.astype(float),
+                                    np.array([*step[:5], growth, growth, 0.0]), True)
+        covariance = curve.covariance - gain @ slope @ curve.covariance
+        return replace(curve, centre=moved[0], normal=moved[1], first=moved[2], radii=moved[3],
+                       covariance=0.5 * (covariance + covariance.T))
+    return curve
 
 
 def on_curves(lines: Lines3D, pieces: tuple[Pieces, Pieces], curves: list[Curve]) -> np.ndarray:
