@@ -13,7 +13,7 @@ import numpy as np
 from msgs_py import FeatureSet, StereoRig
 
 from .curve import Curve, picture
-from .outlines import longest, of_cylinder
+from .outlines import Outlines, longest, of_cylinder
 from .segmentation import Pieces
 
 # Normals of two ends of one axis agree within this; their centres are off the axis by less than this share of a radius.
@@ -28,6 +28,10 @@ TOUCH = 1.2
 CONTOUR_REACH = 3.0
 # A cone's outlines meet within this share of the base's radius, on its axis within this one.
 MEET, CENTRED = 0.05, 0.1
+# How far, in radii, a cone's apex may lie off its rim's axis, one sigma, beside what is uncertain about that.
+TRUE_AXIS = 0.01
+# Two outlines are enough where they end this near to the apex, as a share of their lengths.
+AT_APEX = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +164,19 @@ def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[
     """A cone's axis from its base and its outlines, which meet in the apex; and the apex."""
     seen = longest((_touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
                     _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
-    if len(seen.normals) < 3:
+    # Three planes tell the apex; two do because it lies on the rim's axis, as well as that is known.
+    if len(seen.normals) < 2:
         return None, None
-    apex, *_ = np.linalg.lstsq(seen.normals, (seen.normals * seen.eyes).sum(axis=1), rcond=None)
+    frame = np.stack([curve.first, curve.second])
+    far = float(np.median(np.abs(((seen.eyes - curve.centre) * seen.normals).sum(axis=1))
+                          / np.maximum(np.abs(seen.normals @ curve.normal), 1e-3)))
+    weight = 1.0 / (np.median(seen.sigma) * np.linalg.norm(curve.centre))
+    hold = 0.0 if len(seen.normals) > 2 else 1.0 / (TRUE_AXIS * curve.radii[0] + curve.tilt * far)
+    rows = np.concatenate([weight * seen.normals, hold * frame])
+    sides = np.concatenate([weight * (seen.normals * seen.eyes).sum(axis=1), hold * (frame @ curve.centre)])
+    apex, *_ = np.linalg.lstsq(rows, sides, rcond=None)
+    if len(seen.normals) < 3 and not _run_to(apex, seen):
+        return None, None
     miss = float(np.abs(((apex - seen.eyes) * seen.normals).sum(axis=1)).max())
     run = apex - curve.centre
     height = float(run @ curve.normal)
@@ -172,10 +186,18 @@ def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[
         return None, None
     # How well planes that cross at these angles place their common point.
     distance = np.linalg.norm(apex - seen.eyes, axis=1)
-    told = seen.normals.T @ (seen.normals / (seen.sigma * distance)[:, None] ** 2)
+    told = seen.normals.T @ (seen.normals / (seen.sigma * distance)[:, None] ** 2) + hold ** 2 * frame.T @ frame
     spread = np.linalg.inv(told) + (miss / 3.0) ** 2 * np.eye(3)
     errors = [_along_and_across(c, run / np.linalg.norm(run)) for c in (spread, curve.covariance[:3, :3])]
     return Axis(apex, curve.centre, max(e[0] for e in errors), max(e[1] for e in errors)), apex
+
+
+def _run_to(apex: np.ndarray, seen: Outlines) -> bool:
+    """Whether all outlines end at an apex."""
+    sight = (apex - seen.eyes) / np.linalg.norm(apex - seen.eyes, axis=1, keepdims=True)
+    rays = seen.rays / np.linalg.norm(seen.rays, axis=2, keepdims=True)
+    length = np.linalg.norm(rays[:, 1] - rays[:, 0], axis=1)
+    return bool((np.linalg.norm(rays - sight[:, None], axis=2).min(axis=1) < AT_APEX * length).all())
 
 
 def _touching_anywhere(curve: Curve, pieces: Pieces, matrix: np.ndarray, eye: float) -> np.ndarray:

@@ -31,6 +31,8 @@ LEAST_LENGTH = 3.0
 # (which may be a neighbour's) is only so near.
 SURE_TOUCH, SURE_REACH = 0.5, 0.5
 LOOSE_TOUCH = 4.0
+# Pixels by which an outline may pass its apex.
+SHORT_OF_APEX = 3.0
 # What light and a surface's shading move an outline by, pixels.
 OUTLINE_SIGMA = 0.3
 
@@ -61,7 +63,8 @@ class _Beside:
     """How the pieces of an image lie beside the two outlines of a surface: rows are outlines, columns pieces.
 
     off : pixels off the outline's line beyond what is uncertain; inside : pixels, how far the touching point is inside
-    the piece, negative beyond its end; radius : pixels, of the rim; straight : (n,) bool, pieces that may be outlines
+    the piece, negative beyond its end; radius : pixels, of the rim; straight : (n,) bool, pieces that may be outlines;
+    length : (n,) pixels; before : whether the piece ends before a cone's apex
     """
 
     off: np.ndarray
@@ -69,6 +72,7 @@ class _Beside:
     radius: float
     straight: np.ndarray
     length: np.ndarray
+    before: np.ndarray
 
     def sides(self, touch: float, reach: float) -> np.ndarray:
         """(n,) int8, see :func:`touching`."""
@@ -77,17 +81,22 @@ class _Beside:
             self.inside < 0.25 * self.length)
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
+    def within(self, touch: float) -> np.ndarray:
+        """(n,) int8: the same for pieces that end before a cone's apex, wherever."""
+        near = self.straight & (self.off < touch) & (self.inside < 0.25 * self.length) & self.before
+        return np.where(near[1], 2, near[0]).astype(np.int8)
+
 
 def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float) -> _Beside:
     nothing = np.full((2, len(pieces)), np.inf)
     straight = (pieces.arc < 0) & (pieces.length > LEAST_LENGTH)
     if len(pieces) == 0:
-        return _Beside(nothing, nothing, 0.0, straight, pieces.length)
+        return _Beside(nothing, nothing, 0.0, straight, pieces.length, np.zeros(nothing.shape, bool))
     conic = picture(curve, matrix, eye)
     seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
     lines = tangents(conic, seen)
     if len(lines) == 0:
-        return _Beside(nothing, nothing, 0.0, straight, pieces.length)
+        return _Beside(nothing, nothing, 0.0, straight, pieces.length, np.zeros(nothing.shape, bool))
     # The same side has the same number in both images: by the side of the axis on which the line is.
     centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
     axis = cross(centre / centre[2], seen)
@@ -105,7 +114,13 @@ def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, 
     far = np.maximum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
     slack = np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0) + np.minimum(
         3.0 * curve.tilt * far, MOST_TURN)
-    return _Beside(off - slack, inside, float(radius), straight, pieces.length)
+    before = np.zeros(off.shape, bool)
+    if apex[3] != 0.0 and seen[2] > 0.0:
+        reach = seen[:2] / seen[2] - contact
+        height = np.maximum(np.hypot(reach[:, 0], reach[:, 1]), 1e-9)
+        up = np.maximum(*((end[None] - contact[:, None]) @ (reach / height[:, None])[..., None] for end in ends))
+        before = up[..., 0] < height[:, None] + SHORT_OF_APEX
+    return _Beside(off - slack, inside, float(radius), straight, pieces.length, before)
 
 
 def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float, touch: float = TOUCH,
@@ -173,5 +188,8 @@ def contours(lines: Lines3D | Matches, pieces: tuple[Pieces, Pieces], surfaces: 
         usual, sure, loose = ([b.sides(touch, reach)[index] for b, index in zip(beside, (lines.left, lines.right))]
                               for touch, reach in ((TOUCH, FAR_REACH), (SURE_TOUCH, SURE_REACH), (LOOSE_TOUCH, REACH)))
         result |= (usual[0] != 0) & (usual[0] == usual[1])
+        if apex[3] != 0.0:
+            one, other = (b.within(SURE_TOUCH)[index] != 0 for b, index in zip(beside, (lines.left, lines.right)))
+            result |= one | other
         result |= (sure[0] != 0) & (sure[0] == loose[1]) | (sure[1] != 0) & (sure[1] == loose[0])
     return result
