@@ -65,7 +65,8 @@ class Rim:
 class CurvedView:
     """A rendered pair and its truth, left camera frame.
 
-    edges : (n, 2, 3) seen by both eyes and standing out; rims : all with any piece in view
+    edges : (n, 2, 3) seen by both eyes and standing out; seen : (k, 2, 3) the same and what hardly stands
+        out; rims : all with any piece in view
     axes : (m, 2, 3), all of the model; seen_rims : (m,) how many of an axis' ends have a rim in view (share > 0.2); one
         is none when there is no outline beside it either, as in a bore
     """
@@ -75,6 +76,7 @@ class CurvedView:
     right: np.ndarray
     rig: StereoRig
     edges: np.ndarray
+    seen: np.ndarray
     rims: list[Rim]
     axes: np.ndarray
     seen_rims: np.ndarray
@@ -274,10 +276,12 @@ def _view(name: str, scene: Scene, placed: list, rig: StereoRig, imaging: Imagin
     clean = [grey(frame.image) for frame in frames]
     left, right = (SensorModel(imaging.blur, imaging.noise, [seed, side]).apply(image)
                    for side, image in enumerate(clean))
-    edges, rims, axes, counts = [], [], [], []
+    edges, all_edges, rims, axes, counts = [], [], [], [], []
     for (solid, pose), (seen, index) in zip(placed, stereo_fragments(placed, rig)):
         model = model_features(solid).transformed(pose)
         edges.append(_standing_out(seen.of_kind(FeatureKind.EDGE), clean, rig))
+        sides = seen.of_kind(FeatureKind.EDGE)
+        all_edges.append(np.stack([sides.start, sides.end], axis=1))
         mine = _rims(model, seen, index, clean, rig)
         outlines = visible_fragments(solid, pose, rig.left).contours.of_kind(FeatureKind.EDGE)
         rims += mine
@@ -291,8 +295,8 @@ def _view(name: str, scene: Scene, placed: list, rig: StereoRig, imaging: Imagin
                 count = 0
             axes.append(ends)
             counts.append(count)
-    return CurvedView(name, left, right, rig, np.concatenate(edges), rims, np.array(axes).reshape(-1, 2, 3),
-                      np.array(counts, int))
+    return CurvedView(name, left, right, rig, np.concatenate(edges), np.concatenate(all_edges), rims,
+                      np.array(axes).reshape(-1, 2, 3), np.array(counts, int))
 
 
 def _has_outline(ends: np.ndarray, radius: float, outlines: FeatureSet) -> bool:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from curve_scenes import CurvedView, Rim
-from stereo_scoring import Score
+from stereo_scoring import SAME_ANGLE, SAME_PLACE, Score
 
-from msgs_py import FeatureKind
+from msgs_py import FeatureKind, FeatureSet
 from stereo_recovery import Recovery
 
 MM = 1e-3
@@ -79,6 +79,7 @@ class CurveScore:
     reported_axes: int = 0
     false_axes: int = 0
     lines_on_rims: int = 0
+    faint: int = 0
     remarks: list[str] = field(default_factory=list)
 
     def add(self, recovery: Recovery, view: CurvedView) -> None:
@@ -86,6 +87,7 @@ class CurveScore:
         before = self.edges.right, self.edges.reported
         edges = features.of_kind(FeatureKind.EDGE)
         self.edges.add(edges, view.edges)
+        self._add_faint(edges, view)
         wrong = (self.edges.reported - before[1]) - (self.edges.right - before[0])
         on_rims = _on_rims(edges.start, edges.end, view)
         self.lines_on_rims += on_rims
@@ -93,6 +95,25 @@ class CurveScore:
             self.remarks.append(f'{view.name}: {wrong} false edges, {on_rims} of them on rims')
         self._add_curves(recovery, view)
         self._add_axes(recovery, view)
+
+    def _add_faint(self, edges: FeatureSet, view: CurvedView) -> None:
+        """Edges that are true but hardly stand out, in part or as a whole, are not false, and cover what they cover."""
+        samples = (np.arange(200) + 0.5) / 200
+        cover = np.zeros((len(view.edges), 200), bool)
+        for start, end in zip(edges.start, edges.end):
+            if not _is_one_of(start, end, view.seen) or _is_one_of(start, end, view.edges):
+                continue
+            self.edges.right += 1
+            self.faint += 1
+            for m, (a, b) in enumerate(view.edges):
+                length = np.linalg.norm(b - a)
+                line = (b - a) / length
+                places = np.sort([(x - a) @ line for x in (start, end)])
+                middle = 0.5 * (start + end) - a
+                if (abs((end - start) @ line) > np.cos(SAME_ANGLE) * np.linalg.norm(end - start)
+                        and np.linalg.norm(middle - (middle @ line) * line) < SAME_PLACE):
+                    cover[m] |= (samples * length >= places[0]) & (samples * length <= places[1])
+        self.edges.covered += sum(float(np.linalg.norm(b - a) * c.mean()) for (a, b), c in zip(view.edges, cover))
 
     def _add_curves(self, recovery: Recovery, view: CurvedView) -> None:
         curves = recovery.curves
@@ -226,10 +247,23 @@ def _on_rims(start: np.ndarray, end: np.ndarray, view: CurvedView) -> int:
             pixels = view.rig.left.project(rim.points)
             at = view.rig.left.project(np.stack([a, 0.5 * (a + b), b]))
             near = np.linalg.norm(pixels[None] - at[:, None], axis=2).min(axis=1)
-            if near.max() < 2.0 and not _is_true(a, b, view.edges):
+            if near.max() < 2.0 and not _is_true(a, b, view.seen):
                 count += 1
                 break
     return count
+
+
+def _is_one_of(start: np.ndarray, end: np.ndarray, edges: np.ndarray) -> bool:
+    """Whether an edge has the direction of a true one and both its ends near it, as :meth:`Score.add` has it."""
+    run = edges[:, 1] - edges[:, 0]
+    length = np.linalg.norm(run, axis=1)
+    line = run / length[:, None]
+    parallel = np.abs(line @ (end - start)) > np.cos(SAME_ANGLE) * np.linalg.norm(end - start)
+    off = []
+    for x in (start, end):
+        away = x - edges[:, 0]
+        off.append(np.linalg.norm(away - np.clip((away * line).sum(axis=1), 0.0, length)[:, None] * line, axis=1))
+    return bool((parallel & (np.maximum(*off) < SAME_PLACE)).any())
 
 
 def _is_true(a: np.ndarray, b: np.ndarray, edges: np.ndarray) -> bool:

@@ -165,7 +165,7 @@ def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[
     seen = longest((_touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
                     _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
     # Three planes tell the apex; two do because it lies on the rim's axis, as well as that is known.
-    if len(seen.normals) < 2:
+    if len(seen.normals) < (2 if curve.radii[0] == curve.radii[1] else 3):
         return None, None
     frame = np.stack([curve.first, curve.second])
     far = float(np.median(np.abs(((seen.eyes - curve.centre) * seen.normals).sum(axis=1))

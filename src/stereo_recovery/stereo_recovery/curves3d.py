@@ -413,8 +413,10 @@ def _steadied(curve: Curve, axles: list[tuple[Curve, Axle]], edgels: tuple[Edgel
 
 
 def _parallel(curve: Curve, ways: list[tuple[Curve, Axle]]) -> Curve:
-    """A circle whose normal is vague, with that of a better known curve if its own edgels allow that (one Kalman step:
-    what its edgels share moves all of them, so that their residuals alone would forbid what their covariance allows)."""
+    """A circle whose normal is vague, with that of a better known curve if its own edgels allow that.
+
+    One Kalman step: what its edgels share moves all of them, so that their residuals alone would forbid what their
+    covariance allows."""
     if curve.radii[0] != curve.radii[1]:
         return curve
     for other, axle in sorted(ways, key=lambda way: way[1].tilt):
