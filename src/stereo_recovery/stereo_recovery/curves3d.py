@@ -72,8 +72,8 @@ MOST_GROWTH = 0.06
 STEADY = np.radians(1.0)
 TRUE_AXLE = 5e-4
 # A curve whose normal is known worse than the first, radians, takes it from a better known curve that it may be
-# parallel to; by how much they may differ, one sigma; chi squared beyond which they are not parallel; and the cosine from which
-# two directions are one.
+# parallel to; by how much they may differ, one sigma; chi squared beyond which they are not parallel; and the cosine
+# from which two directions are one.
 VAGUE_TILT, SLANT = np.radians(0.5), np.radians(0.2)
 PARALLEL_GATE, SAME_DIRECTION = 9.0, 0.999
 # Chi squared of four, and residuals over what the edgels state, beyond which a curve does not lie on an axis.
