@@ -35,6 +35,9 @@ LEAST, PER_DATA, TAIL = 2.6, 1.25, 1.3
 RIVAL, USUAL_RIVAL = 0.31, 7.5
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
+# A pose explains the data of another and more: this share of the data, and evidence of its own that is less by no more
+# than so many nats for each further model feature; features beyond FURTHER make no difference.
+SAME_DATA, OUTDONE, FURTHER = 0.9, 4.0, 2.0
 # Candidates that explain this share of the most distinct model features are ranked by how much of them is covered;
 # covers that differ by less than that share are equal.
 NEARLY, SAME_COVER = 0.9, 0.02
@@ -115,22 +118,23 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: 
 
     searched : the candidates are the best poses of all the data, so that they show what chance does there
     """
+    matched = (refined.assignments != BIN).astype(np.float32)
+    shared_data = (matched @ matched.T).astype(int)
+    _presence(refined, shared_data)
     scores, residuals, evidence = (refined.figures[:, column].tolist() for column in (0, 1, 7))
     order = _ranked(problem, refined)
-    matched = (refined.assignments[order] != BIN).astype(np.float32)
-    common = (matched @ matched.T).astype(int).tolist()
+    common = shared_data.tolist()
     heads: list[int] = []
     twins: dict[int, list[int]] = {}
     rivals: dict[int, int] = {}
-    place = {k: at for at, k in enumerate(order)}
     for k in order:
-        row = common[place[k]]
-        total = max(row[place[k]], 1)
+        row = common[k]
+        total = max(row[k], 1)
         for head in heads:
-            shared = row[place[head]]
+            shared = row[head]
             if shared <= CLAIMED * total:
                 continue
-            alike = int(scores[k]) >= int(scores[head]) and shared == total == common[place[head]][place[head]]
+            alike = int(scores[k]) >= int(scores[head]) and shared == total == common[head][head]
             if alike and residuals[k] <= 1.5 * residuals[head] + 1e-9:
                 if not _near(problem, refined, k, [head, *twins[head]]):
                     twins[head].append(k)
@@ -163,8 +167,8 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: 
             better = rivals[k]
             reason = (f'competes for the same data with a better interpretation '
                       f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)')
-        elif params.max_bin is not None and problem.n_data - common[place[k]][place[k]] > params.max_bin:
-            unmatched = problem.n_data - common[place[k]][place[k]]
+        elif params.max_bin is not None and problem.n_data - common[k][k] > params.max_bin:
+            unmatched = problem.n_data - common[k][k]
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
         if reason is None and params.scale == 'known':
             for t in (k, *twins.get(k, ())):
@@ -182,6 +186,24 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: 
     made = tuple(_interpretation(problem, refined, k, pose, covariance, others, reason)
                  for (k, pose, others, reason), covariance in zip(chosen, covariances))
     return made[:len(accepted)], made[len(accepted):]
+
+
+def _presence(refined: Refined, common: np.ndarray) -> None:
+    """Let the evidence of a pose count for those that explain the same data and more.
+
+    A pose that explains part of a model's own data by the model's likeness to itself can be the less probable accident
+    of the two: it was not free to explain the rest. That the model is there is then as sure, and the pose that explains
+    more is where. common : (c, c) int, data that two candidates share
+    """
+    distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
+    further = np.minimum(distinct[:, None] - distinct, FURTHER)
+    more = ((further > 0.0) & (common >= SAME_DATA * common.diagonal())
+            & (evidence[:, None] < evidence) & (evidence[:, None] > evidence - OUTDONE * further))
+    if not more.any():
+        return
+    for k in np.argsort(distinct, kind='stable'):
+        if more[k].any():
+            evidence[k] = max(evidence[k], evidence[more[k]].max() + 0.01)
 
 
 def _ranked(problem: Problem, refined: Refined) -> list[int]:
