@@ -19,6 +19,8 @@ SHARES = (('full', 0.95), ('most', 0.6), ('half', 0.35), ('little', 0.2))
 SAME_NORMAL, SAME_CENTRE, SAME_RADIUS = np.radians(10.0), 0.15, 0.12
 # An axis is a true one's when its direction and its distance (metres) are this near.
 SAME_AXIS, SAME_LINE = np.radians(6.0), 3.0 * MM
+# A circle this large, pixels of radius, is measured on its own.
+LARGE = 15.0
 # Median of chi squared with 1, 2 and 3 degrees of freedom.
 CHI = {1: 0.455, 2: 1.386, 3: 2.366}
 
@@ -80,6 +82,7 @@ class CurveScore:
     false_axes: int = 0
     lines_on_rims: int = 0
     faint: int = 0
+    large: list[float] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     def add(self, recovery: Recovery, view: CurvedView) -> None:
@@ -99,12 +102,14 @@ class CurveScore:
     def _add_faint(self, edges: FeatureSet, view: CurvedView) -> None:
         """Edges that are true but hardly stand out, in part or as a whole, are not false, and cover what they cover."""
         samples = (np.arange(200) + 0.5) / 200
-        cover = np.zeros((len(view.edges), 200), bool)
+        faint, plain = (np.zeros((len(view.edges), 200), bool) for _ in range(2))
         for start, end in zip(edges.start, edges.end):
-            if not _is_one_of(start, end, view.seen) or _is_one_of(start, end, view.edges):
-                continue
-            self.edges.right += 1
-            self.faint += 1
+            stands_out = _is_one_of(start, end, view.edges)
+            if not stands_out:
+                if not _is_one_of(start, end, view.seen):
+                    continue
+                self.edges.right += 1
+                self.faint += 1
             for m, (a, b) in enumerate(view.edges):
                 length = np.linalg.norm(b - a)
                 line = (b - a) / length
@@ -112,8 +117,10 @@ class CurveScore:
                 middle = 0.5 * (start + end) - a
                 if (abs((end - start) @ line) > np.cos(SAME_ANGLE) * np.linalg.norm(end - start)
                         and np.linalg.norm(middle - (middle @ line) * line) < SAME_PLACE):
-                    cover[m] |= (samples * length >= places[0]) & (samples * length <= places[1])
-        self.edges.covered += sum(float(np.linalg.norm(b - a) * c.mean()) for (a, b), c in zip(view.edges, cover))
+                    (plain if stands_out else faint)[m] |= (samples * length >= places[0]) & (
+                        samples * length <= places[1])
+        more = (faint & ~plain).mean(axis=1)
+        self.edges.covered += float((np.linalg.norm(view.edges[:, 1] - view.edges[:, 0], axis=1) * more).sum())
 
     def _add_curves(self, recovery: Recovery, view: CurvedView) -> None:
         curves = recovery.curves
@@ -150,6 +157,8 @@ class CurveScore:
             turn = float(np.degrees(np.arccos(min(1.0, abs(curve.normal @ rim.normal)))))
             into.sure += bool(curve.normal @ rim.normal > 0.0)
             into.normal.append(turn)
+            if name == 'full' and rim.pixels > LARGE:
+                self.large.append(turn)
             into.centre.append(float(np.linalg.norm(curve.centre - rim.centre)) / MM)
             into.radius.append(float(np.abs(curve.radii - rim.radii).max()) / MM)
             if curve.normal @ rim.normal < 0.0:

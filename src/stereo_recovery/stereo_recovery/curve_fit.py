@@ -22,6 +22,9 @@ SECTORS = 12
 EVERYWHERE_SHIFT = 0.01
 COMMON_SHARE = 0.5
 EVERYWHERE_SHARE = 0.2
+# Times the sigma of the radius: an edge, a contour or a second rim a few pixels beside a rim pulls it in or out as a
+# whole, and the edgels do not tell.
+RADIUS_WIDER = 1.5
 # An ellipse whose radii differ by less than so many sigma cannot be told from a circle.
 OBLONG = 4.0
 
@@ -128,8 +131,8 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
             max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)):
         return None
     covariance = covariance[:6, :6]
-    covariance[5, :] *= radii[0]
-    covariance[:, 5] *= radii[0]
+    covariance[5, :] *= RADIUS_WIDER * radii[0]
+    covariance[:, 5] *= RADIUS_WIDER * radii[0]
     rms = float(np.sqrt(np.mean(np.minimum(r * r, 4.0))))
     if not (np.isfinite(covariance).all() and np.isfinite(rms) and (np.diag(covariance) >= 0.0).all()):
         return None

@@ -61,12 +61,12 @@ MOST_OF_ARC = 0.85
 # the curve's; least number of edgels in either eye; least share of the curve that is seen; and how well it has to fit,
 # pixels rms, and its radius to be known.
 MATCHED, FOLLOWED, LEAST_FOLLOWED, FOLLOWED_COVERAGE = 0.2, 0.6, 12, 0.2
-FOLLOWED_RMS, FOLLOWED_GROWTH = 0.12, 0.035
+FOLLOWED_RMS, FOLLOWED_GROWTH = 0.12, 0.05
 # A curve is reported when at least this share of it is seen and its normal (radians) and radius (share) are known this
 # well, one sigma.
 LEAST_COVERAGE = 0.08
 MOST_TILT = np.radians(3.0)
-MOST_GROWTH = 0.06
+MOST_GROWTH = 0.09
 # A curve whose normal is known this well, radians, holds others on its axis. Axes of one turned part agree within
 # this, radians and radii.
 STEADY = np.radians(1.0)
