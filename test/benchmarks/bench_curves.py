@@ -65,9 +65,10 @@ def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterato
                 note += f'; {100 * np.mean(values < 3):.0f} % within 3 deg, {100 * np.mean(values < 1):.0f} % within 1'
             yield Measurement(f'{head}{name} circles and ellipses: {what}', float(np.median(values)), unit, note=note)
     if total.large:
+        spread = f'p90 {np.quantile(total.large, 0.9):.3g}, max {max(total.large):.3g}'
         yield Measurement(f'{head}full circles of more than {LARGE:.0f} px radius: normal',
-                          float(np.median(total.large)), 'deg', note=f'p90 {np.quantile(total.large, 0.9):.3g}, max {max(total.large):.3g}; '
-                                      f'{len(total.large)} circles; bars {bars["normal"][1]}')
+                          float(np.median(total.large)), 'deg',
+                          note=f'{spread}; {len(total.large)} circles; bars {bars["normal"][1]}')
     for name, axes in total.axes.items():
         if not axes.there:
             continue
