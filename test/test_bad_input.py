@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import array
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from std_srvs.srv import Trigger
 
 import csg_renderer
 from csg_renderer.node import RendererNode
+from model_matcher import node as matcher_module
 from model_matcher.node import MatcherNode
 from msgs_py import FeatureSet, PinholeCamera, StereoRig, codecs
 from stereo_recovery.node import RecoveryNode
@@ -217,3 +220,45 @@ def test_poses_are_broadcast_when_asked_for(graph):
     talk.publish(codecs.features_to_cloud(model, header(1)))
     graph.spin_until(lambda: heard, what='a transform')
     assert heard[0].transforms[0].child_frame_id == 'found/l_shape' and heard[0].transforms[0].header == header(1)
+
+
+def test_what_is_broadcast_with_a_stand_in_for_tf2(graph, monkeypatch):
+    """tf2_msgs does not come with the wheels; its message holds a list of transforms and no more."""
+    sent = []
+
+    @dataclass
+    class TFMessage:
+        transforms: list
+
+    class Broadcasting(MatcherNode):
+        def create_publisher(self, kind, topic, *arguments, **options):
+            if kind is TFMessage:
+                assert topic == '/tf'
+                return SimpleNamespace(publish=sent.append)
+            return super().create_publisher(kind, topic, *arguments, **options)
+
+        def destroy_publisher(self, publisher):
+            return isinstance(publisher, SimpleNamespace) or super().destroy_publisher(publisher)
+
+    monkeypatch.setattr(matcher_module, 'transform_message_type', lambda: TFMessage)
+    node = graph.add(Broadcasting, parameters={'models': ['l_shape'], 'tf': True, 'tf_prefix': 'found/'})
+    arrays = graph.collect(PoseArray, 'interpretations')
+    talk = graph.publisher(PointCloud2, 'features')
+    graph.wait_matched(talk)
+    graph.wait_heard('/interpretations')
+    model = csg_renderer.model_features(csg_renderer.load_models(csg_renderer.scene_path('l_shape'))['l_shape'])
+
+    def answer(sec: int, features: FeatureSet) -> PoseArray:
+        talk.publish(codecs.features_to_cloud(features, header(sec)))
+        return graph.spin_until(lambda: [a for a in arrays if a.header.stamp.sec == sec], what=f'answer {sec}')[0]
+
+    (pose,) = answer(1, model).poses[:1]
+    (transform,) = sent[0].transforms
+    assert transform.child_frame_id == 'found/l_shape' and transform.header == header(1)
+    assert transform.transform.rotation == pose.orientation
+    assert transform.transform.translation.x == pose.position.x
+    answer(2, FeatureSet.empty())
+    assert len(sent) == 1, 'nothing found, nothing broadcast: tf keeps no pose alive'
+    assert node.set_parameters_atomically([rclpy.Parameter('tf', value=False)]).successful
+    answer(3, model)
+    assert len(sent) == 1

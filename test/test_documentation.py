@@ -17,7 +17,8 @@ import stereo_recovery
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'test' / 'docs'
-PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md')), *sorted((ROOT / 'src').glob('*/docs/*.md'))]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md')), *sorted((ROOT / 'src').glob('*/docs/*.md')),
+         ROOT / 'test' / 'README.md']
 EXAMPLE = ROOT / 'src' / 'model_matcher' / 'docs'
 
 
@@ -35,6 +36,15 @@ def test_tables_and_parameter_files_are_what_the_code_says():
 def test_links_lead_somewhere(page):
     for target in re.findall(r'\]\(([^)#:]+)\)', page.read_text(encoding='utf-8')):
         assert (page.parent / target).exists(), target
+
+
+def test_the_tests_that_the_list_of_promises_names_exist():
+    page = (ROOT / 'test' / 'README.md').read_text(encoding='utf-8')
+    tests = {name for path in [*(ROOT / 'test').glob('test_*.py'), *(ROOT / 'src').glob('*/test/test_*.py')]
+             for name in re.findall(r'def (test_\w+)', path.read_text(encoding='utf-8'))}
+    named = set(re.findall(r'`(test_\w+)`', page))
+    assert len(named) > 30 and named <= tests, named - tests
+    assert all((ROOT / 'test' / path).exists() for path in re.findall(r'`(\w+/\w+\.py)`', page))
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -50,6 +50,49 @@ def test_simulated_time_stamps_the_images_and_diagnostics_go_on_when_it_stands_s
     graph.spin_until(lambda: len(statuses) >= count + 2, what='diagnostics without the clock')
 
 
+def test_a_simulated_clock_that_jumps_back_stops_nothing(graph, frames):
+    """A bag that is played in a loop, or a simulation that is reset."""
+    renderer = graph.add(RendererNode, parameters={'rate': 2.0, 'use_sim_time': True, 'width': 128, 'antialias': 2})
+    recovery = graph.add(RecoveryNode, parameters={'use_sim_time': True})
+    clouds = graph.collect(PointCloud2, 'features')
+    clock = graph.publisher(Clock, '/clock')
+    graph.wait_matched(clock, count=2)
+    graph.wait_heard('/features', *(f'/{topic}' for topic in STEREO_TOPICS))
+
+    def play(first: int, seconds: int) -> list[int]:
+        del clouds[:]
+        for tenth in range(10 * first, 10 * (first + seconds) + 1):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = tenth // 10, tenth % 10 * 10**8
+            clock.publish(message)
+            graph.spin_until(lambda now=tenth: all(node.get_clock().now().nanoseconds == now * 10**8
+                                                   for node in (renderer, recovery)), what='the simulated time')
+            pairs = renderer.report_values()['pairs']
+            graph.executor.spin_once(timeout_sec=0.01)
+            if renderer.report_values()['pairs'] != pairs:
+                graph.spin_until(lambda: recovery.health.processed >= renderer.report_values()['pairs'],
+                                 what='the pair recovered')
+        return [cloud.header.stamp.sec for cloud in clouds]
+
+    before, after = play(1000, 3), play(7, 3)
+    assert len(before) >= 3 and min(before) >= 1000 and len(after) >= 3 and all(7 <= sec <= 10 for sec in after)
+    assert renderer.health.problems == 0 and recovery.health.problems == 0
+
+
+def test_a_real_source_takes_the_place_of_a_simulated_one_by_remaps_alone(graph):
+    for space in ('simulated', 'camera'):
+        graph.add(RendererNode, namespace=space, parameters={
+            'rate': 5.0, 'width': 128, 'antialias': 2, 'frame_id': f'{space}_optical_frame'})
+    clouds = {}
+    for space, source in (('one', 'simulated'), ('two', 'camera')):
+        remaps = [item for topic in STEREO_TOPICS for item in ('-r', f'{topic}:=/{source}/{topic}')]
+        graph.add(RecoveryNode, namespace=space, cli_args=['--ros-args', *remaps])
+        clouds[source] = graph.collect(PointCloud2, f'/{space}/features')
+    graph.spin_until(lambda: all(len(heard) >= 2 for heard in clouds.values()), what='features from both sources')
+    for source, heard in clouds.items():
+        assert {cloud.header.frame_id for cloud in heard} == {f'{source}_optical_frame'}
+
+
 def test_topics_are_remapped_and_namespaces_apply_to_all_of_them(graph):
     node = graph.add(MatcherNode, parameters={'models': ['l_shape']}, namespace='arm', cli_args=[
         '--ros-args', '-r', 'features:=/shared/features', '-r', 'interpretations/l_shape:=part_pose'])
