@@ -145,6 +145,9 @@ def _runner(workers: int, dask: str | None) -> Iterator[Any]:
         from concurrent.futures import ProcessPoolExecutor
         from concurrent.futures import as_completed as completed
 
+        from .closed_form_library import be_ready
+
+        be_ready()  # else every process would compile for itself
         # Fresh processes: a forked one would inherit threads of numba and of the middleware.
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context('spawn')) as pool:
             yield lambda jobs: (future.result() for future in completed([pool.submit(run_one, job) for job in jobs]))
@@ -181,7 +184,7 @@ def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) ->
         f'<h1>Closed-form sweep: {totals["passed"]} of {totals["cases"]} passed</h1>'
         f'<p>A pass is a pose within {limits.rotation_deg:g} deg and {1e3 * limits.translation_m:g} mm of the truth '
         f'with every pairing and sign right. Failing cases are kept under {FAILING}/ and run again with <code>--replay '
-        f'{FAILING}/NAME</code>. The first times of every process hold the loading of compiled code.</p>'
+        f'{FAILING}/NAME</code>.</p>'
         f'<table>{lines}</table><table><tr>{head}</tr>{"".join(body)}</table></html>\n', encoding='utf-8')
 
 

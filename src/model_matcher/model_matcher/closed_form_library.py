@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
-from csg_renderer import ideal_data, load_scene, model_features, render_stereo
+from csg_renderer import ideal_data, load_scene, model_features, render_stereo, scene_path
+from csg_renderer.pipeline import scene_rig
 from csg_renderer.sensor import SensorModel, grey
 from stereo_recovery import recover
+from stereo_recovery.pipeline import warm_up as warm_up_recovery
 
 from .closed_form_case import Case
 from .closed_form_placing import case_rig
@@ -19,7 +22,16 @@ from .closed_form_run import CaseResult, judge
 from .closed_form_scene import case_scene
 from .comparison import compare_edges, surface_residual
 from .params import MatchParams
-from .pipeline import match
+from .pipeline import match, warm_up
+
+
+@cache
+def be_ready() -> None:
+    """Compile, or load what was compiled, once a process: that takes longer than a case and is none of its times."""
+    scene = load_scene(scene_path('l_shape_v1'))
+    render_stereo(scene, scene_rig(scene, 32, 32))
+    warm_up_recovery()
+    warm_up()
 
 
 def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] = lambda stage: None) -> CaseResult:
@@ -27,6 +39,7 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
 
     Raises ValueError or OSError for an unusable scene; not being recognised is a result.
     """
+    be_ready()
     rig = case_rig(case)
     path = case_scene(case, rig, folder)
     scene = load_scene(path)
