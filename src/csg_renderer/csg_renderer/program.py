@@ -33,7 +33,6 @@ DEPARTURE = 1e-7
 
 # Convex outlines of the primitives in their unit frames; the projection of the hull holds that of the primitive.
 _BOX = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
-_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def _octagon() -> np.ndarray:

@@ -251,9 +251,3 @@ def consistent_signs(code):
             if (code & relation) and (code & (A_PLUS << a)) and (code & (B_PLUS << b)):
                 return True
     return False
-
-
-def cone_half_angle(length: np.ndarray, err_par: np.ndarray, err_per: np.ndarray) -> np.ndarray:
-    """(n,) radians: the error cone of an edge's direction (thesis 5.4), both ends alike; lengths in metres."""
-    room = np.maximum(np.asarray(length) - 2.0 * np.asarray(err_par), 1e-12)
-    return np.arctan2(2.0 * np.asarray(err_per), room)

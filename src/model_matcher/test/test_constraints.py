@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model
-from model_matcher.constraints import cone_half_angle, pair_ranges
+from model_matcher.constraints import pair_ranges
+from model_matcher.model_index import data_tolerances, feature_rows
 from model_matcher.synthetic import MODELS, random_pose
 from model_matcher.tables import build_tables, data_ranges, model_ranges
 from msgs_py import FeatureSet
@@ -95,8 +96,9 @@ def test_direction2_is_direction1_seen_from_the_other_segment():
 
 
 def test_error_cone_is_the_thesis_formula():
-    np.testing.assert_allclose(cone_half_angle([0.1], [0.005], [0.005]), np.arctan(0.01 / 0.09))
-    np.testing.assert_allclose(cone_half_angle([0.005], [0.005], [0.005]), np.pi / 2)
+    data = FeatureSet.from_edges([[0, 0, 1]] * 2, [[0.1, 0, 1], [0.005, 0, 1]], err_par=0.005, err_per=0.005)
+    found = data_tolerances(data, feature_rows(data), 1.0, MatchParams(fracdev=1e-6, max_cone_deg=90.0))
+    np.testing.assert_allclose(found[:, 2], [np.arctan(0.01 / 0.09), np.pi / 2])
 
 
 @settings(max_examples=40, deadline=None)
