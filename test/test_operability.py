@@ -75,6 +75,7 @@ def test_a_simulated_clock_that_jumps_back_stops_nothing(graph, frames):
         return [cloud.header.stamp.sec for cloud in clouds]
 
     before, after = play(1000, 3), play(7, 3)
+    after = [sec for sec in after if sec < 1000]  # the last pair from before may still have been on its way
     assert len(before) >= 3 and min(before) >= 1000 and len(after) >= 3 and all(7 <= sec <= 10 for sec in after)
     assert renderer.health.problems == 0 and recovery.health.problems == 0
 

@@ -1,0 +1,11 @@
+"""Compiling takes a minute, once; it is done before any test's time limit runs (make test does it in test/prepare.py)."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    from model_matcher.closed_form_library import be_ready
+
+    be_ready()
