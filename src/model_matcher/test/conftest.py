@@ -1,4 +1,4 @@
-"""Compiling takes a minute, once; it is done before any test's time limit runs (make test does it in test/prepare.py)."""
+"""Compiling takes a minute, once: done before any test's time limit runs (make test does it in test/prepare.py)."""
 
 from __future__ import annotations
 
