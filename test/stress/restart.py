@@ -6,6 +6,7 @@ One round kills and restarts each node alone, and then any number of them togeth
 time runs from the start of the last process to the first pose of an image taken since: it holds start of Python,
 imports, discovery, one stereo pair. A pose of an image from before the kill is a failure, as are four seconds.
 
+--busy N keeps N other processes computing meanwhile: restarts on a robot that has other work.
 On a machine that is busy with other things every process takes longer; --share-out divides the times by how much longer
 a process takes that only starts Python and imports numpy and scipy (its time by the clock over its processor time).
 """
@@ -133,12 +134,15 @@ def main() -> int:
     parser.add_argument('--alone', action='store_true', help='only one node at a time')
     parser.add_argument('--allowed', type=float, default=RECOVERED_S, help='seconds that a restart may take')
     parser.add_argument('--share-out', action='store_true', help='divide the times by the slowness of the machine')
+    parser.add_argument('--busy', type=int, default=0, metavar='N', help='other processes that compute meanwhile')
     parser.add_argument('--domain', type=int, default=101, help='DDS domain (tests use 1 to 100)')
     arguments = parser.parse_args()
     chosen = [order for order in orders() if len(order) == 1 or not arguments.alone]
     restarts, took = Restarts(arguments.domain), []
+    others: list[subprocess.Popen] = []
     try:
         restarts.first_poses()
+        others += [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(arguments.busy)]
         for order in chosen * arguments.rounds:
             slow = slowness() if arguments.share_out else 1.0
             seconds = restarts.kill_and_restart(order)
@@ -151,6 +155,9 @@ def main() -> int:
         print(f'FAILED: {error}')
         return 1
     finally:
+        for other in others:
+            other.kill()
+            other.wait()
         restarts.close()
     print(f'{len(took)} restarts: median {np.median(took):.2f} s, p95 {np.percentile(took, 95):.2f} s, '
           f'longest {max(took):.2f} s (allowed {arguments.allowed:g} s), no pose from before')

