@@ -32,6 +32,8 @@ MEET, CENTRED = 0.05, 0.1
 TRUE_AXIS = 0.01
 # Two outlines are enough where they end this near to the apex, as a share of their lengths.
 AT_APEX = 0.1
+# Three sigma of a rim's centre, and a fifth more.
+BOUND = 3.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +129,10 @@ def _between(a: Curve, b: Curve) -> list[Surface]:
 
 
 def _along_and_across(covariance: np.ndarray, direction: np.ndarray) -> tuple[float, float]:
-    """Three sigma along a direction and across it, metres."""
+    """Three sigma along a direction and across it, metres, with room for what moves a rim as a whole."""
     rest = np.eye(3) - np.outer(direction, direction)
-    return (3.0 * float(np.sqrt(direction @ covariance @ direction)),
-            3.0 * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])))
+    return (BOUND * float(np.sqrt(direction @ covariance @ direction)),
+            BOUND * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])))
 
 
 def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Axis | None:
