@@ -75,12 +75,13 @@ class Axle:
 
 
 def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: float, circle: bool,
-           rounds: int = 12, axle: Axle | None = None) -> Curve | None:
+           rounds: int = 12, axle: Axle | None = None, rough: bool = False) -> Curve | None:
     """Move the curve until both pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
     left, right : edgels of the curve; blur : variance, px^2, of the smoothing that edgels have gone through: it pulls
     them towards the centre of curvature by blur / (2 R), which is taken off (exact for a blurred disc, to first order).
-    axle : hold the curve to an axis; its covariance then must be the one it has without.
+    axle : hold the curve to an axis; its covariance then must be the one it has without. rough : a circle whose
+    covariance nobody needs yet; it is left as it was.
     Returns it with covariance and rms, or None when the fit does not settle, or when an ellipse is none.
     """
     if circle:
@@ -106,6 +107,9 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
         matrix, _, cost, weights, rows = curve_kernels.equations(*state, circle, *told, r, bend)
         if not np.isfinite(cost):
             return None
+        if rough and circle:
+            return replace(curve, centre=state[0], normal=state[1], first=state[2], radii=state[3],
+                           rms=float(np.sqrt(np.mean(np.minimum(r * r, 4.0)))))
         if axle is not None:
             slope = axle.jacobian(state[1], state[2])
             matrix[:5, :5] += slope.T @ hold @ slope * freedom

@@ -291,14 +291,14 @@ def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: fl
             start = lift(item.ellipse, shear, rig)
             if start is None or (best is not None and best.rms < GOOD_RMS):
                 continue
-            curve = refine(start, *some, rig, blur, circle=True, rounds=8) or start
+            curve = refine(start, *some, rig, blur, circle=True, rounds=8, rough=True) or start
             if best is None or curve.rms < best.rms:
                 best, index = curve, k
     if best is None or not np.isfinite(best.rms):
         return [] if best is None else [best]
     if best.rms < GOOD_RMS and _seen(best, *mine[index], rig)[1] > WHOLE:
         return [best]
-    other = refine(mirrored(best), *mine[index], rig, blur, circle=True, rounds=8)
+    other = refine(mirrored(best), *mine[index], rig, blur, circle=True, rounds=8, rough=True)
     if other is None or abs(other.normal @ best.normal) > SAME_PLANE or other.rms > RIVAL * (best.rms + 0.02):
         return [best]
     return [best, other]
@@ -308,7 +308,7 @@ def _rivals(starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig
             blur: float) -> list[Curve]:
     """The best circle from given starts, and the next in another plane when that fits nearly as well."""
     mine = edgels[0].select(item.left), edgels[1].select(item.right)
-    tried = [refine(start, *mine, rig, blur, circle=True, rounds=8) for start in starts]
+    tried = [refine(start, *mine, rig, blur, circle=True, rounds=8, rough=True) for start in starts]
     good = sorted((c for c in tried if c is not None), key=lambda c: c.rms)
     others = [c for c in good[1:] if abs(c.normal @ good[0].normal) < SAME_PLANE
               and c.rms < RIVAL * (good[0].rms + 0.02)]
@@ -350,7 +350,7 @@ def _followed(arc: int, is_right: bool, ellipse: Ellipse, matches: Matches, left
             k[m].mean() > 0.5 for k, m in zip(known, masks)):
         return None
     mine = edgels[0].select(masks[0]), edgels[1].select(masks[1])
-    starts = [refine(start, *mine, rig, blur, circle=True, rounds=8) for start in circles_of(
+    starts = [refine(start, *mine, rig, blur, circle=True, rounds=8, rough=True) for start in circles_of(
         ellipse, samples, rig, is_right)]
     curves = [recover_curve(start, *edgels, (masks[0], masks[1]), rig, blur) for start in starts
               if start is not None and start.rms < WORST_RMS]
