@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from csg_renderer import load_scene, model_features, render_stereo, scene_path
+from dap_emulator.client import DapError
 from model_matcher.closed_form import main
 from model_matcher.closed_form_batch import brought_home, files_of, run_batch, run_far
 from model_matcher.closed_form_case import Case, Limits, result_document
+from model_matcher.closed_form_emulator import roberts_through_service
 from model_matcher.closed_form_library import run_library_case
 from model_matcher.closed_form_placing import case_lights, case_pose, case_rig, model_centre
 from model_matcher.closed_form_saved import load_case
@@ -302,3 +304,12 @@ def test_one_case_through_the_real_nodes_with_pose_and_clutter(own_scene, tmp_pa
     assert document['model'] == 'bracket' and document['camera']['cx'] == 150.0
     assert document['render']['node_image_differs_from_library_pixels'] == 0
     assert document['rotation_error_deg'] < 1.0
+
+
+def test_a_report_without_the_array_machine_says_why(monkeypatch):
+    def refuse(*arguments, **options):
+        raise DapError('emulator_node: no such service within 5 s')
+
+    monkeypatch.setattr('dap_emulator.client.DapClient', refuse)
+    row = roberts_through_service(None, None, '/emulator_node', np.zeros((80, 80), np.uint8))
+    assert row == {'program': 'Roberts operator', 'error': 'emulator_node: no such service within 5 s'}
