@@ -57,6 +57,8 @@ def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instanc
     problem = make_problem(index, scene.data, params)
     in_view = len(np.unique(scene.assignment[scene.instance == instance]))
     truth = scene.poses[instance]
+    if len(problem.rows) == 0:
+        return Verdict(in_view, 0, 0, 0)
     pairs, partners = rank_pairs(problem.rows, np.zeros((0, 0), np.int32), index.size, len(problem.rows) - 1)
     motions, scores, state = np.zeros((ROOM, 12)), np.zeros(ROOM), np.zeros(4, np.int64)
     table = problem.table

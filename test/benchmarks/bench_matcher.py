@@ -19,12 +19,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from ambiguity import is_listed, judge
+from ambiguity import is_listed, is_pose, judge
+from matcher_shapes import SHAPES
 
 from model_matcher import MatchParams, index_model, match, recognise
 from model_matcher.finishing import false_alarm_evidence
 from model_matcher.model_index import model_size
 from model_matcher.prefilter import prefilter
+from model_matcher.symmetry import symmetries
 from model_matcher.synthetic import (
     MODELS,
     SyntheticScene,
@@ -132,6 +134,25 @@ def low_visible(models: list[str], seeds: range) -> None:
         row('30 % visible', name, n, good, ms,
             f'of the {determined} determined: {100 * sum(good) / max(determined, 1):.1f} %; '
             + ', '.join(f'{kind} {count}' for kind, count in counts.items()) + f'; failed {failed[:8]}')
+
+
+def unseen(models: list[str], seeds: range) -> None:
+    """Other kinds of models, each scene another model: matcher_shapes.py."""
+    for kind, make in SHAPES.items():
+        for share in (0.0, 0.5, 0.8, 0.95):
+            chosen = seeds if share < 0.9 else part(seeds, 3)
+            good, ms, n = [], [], []
+            for seed in chosen:
+                index = index_model(make(np.random.default_rng([seed, 9])), kind)
+                scene = make_scene(index.features, seed, share, 1.0 if len(index) < 8 else 0.75)
+                symmetries(index)
+                start = time.perf_counter()
+                best = match(index, scene.data).best
+                ms.append(1e3 * (time.perf_counter() - start))
+                n.append(len(scene.data))
+                good.append(is_right(best, scene, index.size)
+                            or (best is not None and is_pose(best.pose, scene.poses[0], index)))
+            row(f'clutter {100 * share:.0f} %', kind, n, good, ms, '', chosen)
 
 
 def absent(models: list[str], seeds: range) -> None:
@@ -354,10 +375,37 @@ def false_alarms(models: list[str], seeds: range) -> None:
                   f'{100 * above["30 %"].mean():5.1f} %', flush=True)
 
 
+def target_decoys(models: list[str], seeds: range) -> None:
+    """Views of single objects recovered from rendered stereo pairs, each searched for every model: the object's own is
+    the target, all others are decoys. Other objects of round dimensions share edges with the models, as boxes do."""
+    from rendered_views import load_object, recovered_view
+    files = ('coverplate', 'table', 'widget', 'lamp', 'cylinder_box', *THESIS_SIZES)
+    objects = {file: load_object(file) for file in files}
+    indexes = {name: index_model(objects[name][1], name) for name in models}
+    answered: list[str] = []
+    tried, found, targets = 0, 0, 0
+    for seed in seeds:
+        for number, file in enumerate(files):
+            data = recovered_view(*objects[file], 100 * seed + number)
+            for name, index in indexes.items():
+                result = match(index, data)
+                if name == file:
+                    targets += 1
+                    found += bool(result)
+                    continue
+                tried += 1
+                if result:
+                    surplus = result.stats['evidence'] - result.stats['evidence_needed']
+                    answered.append(f'{name} in {file} {seed} (+{surplus:.1f} nats)')
+    print(f'target_decoys  {len(answered)} of {tried} decoys answered: {100 * len(answered) / tried:.2f} %  '
+          f'targets accepted {found} of {targets}  {answered[:12]}', flush=True)
+
+
 PRESETS = {'clutter': clutter, 'decoys': decoys, 'low_visible': low_visible, 'absent': absent,
            'absent_decoys': absent_decoys, 'instances': instances, 'prove': prove, 'large': large, 'library': library,
-           'limits': limits, 'prefilter': prefilter_kept, 'false_alarms': false_alarms}
-FIRST_SEEDS = {'false_alarms': 40_000, 'prefilter': 40_000}  # constants were found with lower ones
+           'limits': limits, 'prefilter': prefilter_kept, 'false_alarms': false_alarms,
+           'target_decoys': target_decoys, 'unseen': unseen}
+FIRST_SEEDS = dict.fromkeys(('target_decoys', 'false_alarms', 'prefilter'), 40_000)  # constants: lower ones
 
 
 def main(arguments: list[str] | None = None) -> int:
