@@ -179,17 +179,17 @@ def main(arguments: list[str] | None = None) -> int:
         for kind, count in (('the box itself', 1), *((kind, chosen.decoys) for kind in DECOYS)):
             for _ in range(count):
                 model = block(size) if kind == 'the box itself' else decoy(kind, size, rng)
-                found = match(model, features, MatchParams(false_alarm_rate=1.0))
-                margin = found.stats.get('evidence', -np.inf) - false_alarm_evidence(len(features), 1.0)
-                if kind == 'the box itself' and found.best is not None:
-                    error = min(true.error_to(found.best.pose).rotation_deg for true in
-                                poses_of(pair.left_T_object, size))
+                found = match(model, features, MatchParams(false_alarm_rate=RATES[-1]))
+                margin = found.stats.get('evidence', -np.inf) - found.stats.get('evidence_needed', 0.0)
+                first = next(iter((*found.interpretations, *found.rejected)), None)
+                if kind == 'the box itself' and first is not None:
+                    error = min(true.error_to(first.pose).rotation_deg for true in poses_of(pair.left_T_object, size))
                     right += error < 3.0
                     margin = margin if error < 3.0 else -np.inf
-                margins[kind].append(margin if found.best is not None else -np.inf)
+                margins[kind].append(margin if first is not None else -np.inf)
     print(f'{chosen.seeds} printed boxes: {100 * np.mean(edges):.0f} % of the edges in view, right pose {right}')
     for rate in RATES:
-        need = false_alarm_evidence(1, rate) - false_alarm_evidence(1, 1.0)
+        need = false_alarm_evidence(1, rate) - false_alarm_evidence(1, RATES[-1])
         print(f'rate {rate:<6g} ' + ', '.join(f'{kind} {100 * np.mean(np.array(values) >= need):.2f} % of {len(values)}'
                                               for kind, values in margins.items()))
     return 0

@@ -8,6 +8,7 @@ continuity). An end without such an edge counts as seen where the line stops in 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -187,25 +188,21 @@ def _corners(line: JoinedLine, teller: Pieces, coefficient: np.ndarray,
 def _between(members: np.ndarray, line: JoinedLine, corners: tuple[list[_Corner], list[_Corner]], left: Pieces,
              right: Pieces, partners: np.ndarray) -> FlatEdge | None:
     """The edge between the two corners that the right image shows best; None when it shows none well enough."""
-    best: tuple[float, list[_Corner]] | None = None
     nobody: list[_Corner | None] = [None]
-    for first in corners[0] or nobody:
-        for last in corners[1] or nobody:
-            ends = _with_stop(line, first, last, right, partners)
-            if ends is None:
-                continue
-            shown = _shown(line, ends, left, members, right, partners)
-            if shown < SHOWN:
-                continue
-            score = shown - 0.05 * sum(min(end.sigma, STOPPED) for end in ends)
-            score += 0.05 * sum(_agrees(end, ends) for side in corners for end in side)
-            if best is None or score > best[0]:
-                best = score, ends
+    best = _best(line, corners[0] or nobody, corners[1] or nobody, corners, left, members, right, partners)
+    if best is None and all(corners):
+        # One of the corners may be another's, or one image may lose the line before it.
+        best = _best(line, corners[0], nobody, corners, left, members, right, partners)
+        other = _best(line, nobody, corners[1], corners, left, members, right, partners)
+        if best is None or (other is not None and other[0] > best[0]):
+            best = other
     if best is None:
         return None
     ends = best[1]
     # All edges at the two corners that tell the same.
     told = [[end for end in side if _agrees(end, ends)] for side in corners]
+    # Where nothing tells the end, it is where the line stops.
+    fixed = np.array([bool(side) for side in told])
     told = [side or [end] for side, end in zip(told, ends)]
     rows = np.array([[1.0, end.place] for side in told for end in side])
     values = np.array([end.disparity for side in told for end in side])
@@ -217,11 +214,29 @@ def _between(members: np.ndarray, line: JoinedLine, corners: tuple[list[_Corner]
         covariance = covariance * max(1.0, float(misses.sum()) / (len(values) - 2))
     reach = np.array([np.average([end.place for end in side], weights=[1.0 / end.sigma ** 2 for end in side])
                       for side in told])
-    # Where nothing tells the end, it is where the line stops.
-    fixed = np.array([bool(side) for side in corners])
     partner = partners[np.argmax(_overlap(line, ends, right, partners))]
     return FlatEdge(members, int(partner), line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed,
                     np.array([end.sigma for end in ends]))
+
+
+def _best(line: JoinedLine, first: Sequence[_Corner | None], last: Sequence[_Corner | None],
+          corners: tuple[list[_Corner], list[_Corner]], left: Pieces, members: np.ndarray, right: Pieces,
+          partners: np.ndarray) -> tuple[float, list[_Corner]] | None:
+    """Score and ends of the edge between one of the first and one of the last corners that both images show best."""
+    best: tuple[float, list[_Corner]] | None = None
+    for a in first:
+        for b in last:
+            ends = _with_stop(line, a, b, right, partners)
+            if ends is None:
+                continue
+            shown = _shown(line, ends, left, members, right, partners)
+            if shown < SHOWN:
+                continue
+            score = shown - 0.05 * sum(min(end.sigma, STOPPED) for end in ends)
+            score += 0.05 * sum(_agrees(end, ends) for side in corners for end in side)
+            if best is None or score > best[0]:
+                best = score, ends
+    return best
 
 
 def _agrees(corner: _Corner, ends: list[_Corner]) -> bool:

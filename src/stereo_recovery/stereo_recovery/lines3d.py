@@ -185,11 +185,13 @@ def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_m
 
 
 def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
-          rectification_sigma: float, offset: float = 0.0) -> tuple[Lines3D, Pieces, Pieces]:
+          rectification_sigma: float, offset: float = 0.0,
+          cluttered: bool = False) -> tuple[Lines3D, Pieces, Pieces]:
     """All straight edges of a pair of segmented images, and the pieces of both, where those of one broken edge have
     become its line and edges from corner to corner are added at the end.
 
-    rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points.
+    rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points; cluttered : so much
+    print ends near the edges that its corners cannot speak against them.
     """
     offset_v, spread_v = row_error(matches, left, right, met, right_met)
     # A corner's height is known to a few hundredths of a pixel; only what exceeds that is the rig's.
@@ -199,7 +201,7 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)
     sides, ends = (left, right), (met, right_met)
     known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
-    wrong = vertices.contradicted(matches, sides, known, offset_v)
+    wrong = vertices.contradicted(matches, sides, known, offset_v) & (not cluttered)
     if wrong.any():
         matches = Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches)))
         matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)

@@ -39,6 +39,8 @@ MOST_EDGELS = 40000
 # in units of the gradient's noise, and least number of edgels.
 SPARSE = 0.01
 WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
+# With more edgels a pixel than this a picture is cluttered: print and texture end near true edges everywhere.
+CLUTTERED = 0.02
 # A curve is reported when its normal is known this well, radians, one sigma; less well, it explains edgels only.
 MOST_TILT = np.radians(2.0)
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
@@ -165,7 +167,8 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     # Outlines are no edges, and tell edges nothing; neither does an end that a curved surface hides.
     matches = matches.select(~contours(matches, pieces, surfaces, rig))
     met = hidden_ends(matches, pieces, (corners(pieces[0]), corners(pieces[1])), curves, surfaces, rig)
-    lines, *shown = edges(matches, *pieces, *met, params.rectification_sigma, offset)
+    cluttered = min(len(side) / grey.size for side, grey in zip(found, greys)) > CLUTTERED
+    lines, *shown = edges(matches, *pieces, *met, params.rectification_sigma, offset, cluttered)
     of_lines = shown[0], shown[1]
     lap('lines')
     segments = to_space(lines, of_lines[0], rig)
