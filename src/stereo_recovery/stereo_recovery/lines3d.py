@@ -23,6 +23,10 @@ from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces, opposed
 WELL_MEASURED = 0.3
 # Corners that edges add add edges, so many times.
 CORNER_ROUNDS = 2
+# How uncertainly a string stops that stops without a corner, pixels; and how much of an edge may be lost that way in one
+# image, pixels and as a share of the rest.
+LOST = 4.0
+LOST_LEAST, LOST_SHARE = 20.0, 0.5
 # Two pieces show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
 # much at least is not its bow's.
 SAME_EXTENT = 0.15
@@ -227,8 +231,9 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     # Contrast may change its sign between the views, and with it the right piece's direction.
     flip = opposed(left, right, i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
-    right_place, right_sigma, right_other = (np.take_along_axis(a[j], turned, axis=1)
-                                             for a in (right_met.place, right_met.sigma, right_met.other))
+    right_place, right_sigma, right_other, right_through = (
+        np.take_along_axis(a[j], turned, axis=1)
+        for a in (right_met.place, right_met.sigma, right_met.other, right_met.through))
     x = right.centre[j][:, None] + right_place[..., None] * right.direction[j][:, None]
     by_row = np.abs(right.direction[j][:, 1:2]) > 0.3
     tv = np.where(np.abs(tl[:, 1:2]) < 1e-3, 1e-3, tl[:, 1:2])
@@ -241,8 +246,16 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     same = fixed & (np.abs(seen - mine) < 1.5)
     reach = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
-    sigma = np.where(cut, np.where(right_other >= 0, right_sigma, 1.5), sigma)
+    sigma = np.where(cut, np.where(right_other >= 0, right_sigma, LOST), np.where(fixed, sigma, LOST))
     fixed &= ~cut
+    # A string that just stops is lost, not hidden: the edge goes on to the corner that the other image shows.
+    span = np.maximum(inner[:, 1] - inner[:, 0], 1.0)[:, None]
+    lost_right = cut & (met.other[i] >= 0) & ~met.through[i] & (right_other < 0)
+    lost_left = (met.other[i] < 0) & (inner == mine) & (right_other >= 0) & ~right_through
+    lost = (lost_right | lost_left) & (np.abs(seen - mine) < np.maximum(LOST_LEAST, LOST_SHARE * span))
+    reach = np.where(lost, np.where(lost_right, mine, seen), reach)
+    sigma = np.where(lost, np.where(lost_right, met.sigma[i], right_sigma), sigma)
+    fixed |= lost
     for row, edge in enumerate(whole, len(i) - len(whole)):
         reach[row], sigma[row], fixed[row] = edge.reach, edge.end_sigma, edge.fixed
     found = vertices.between(matches, (left, right), ends, known, offset_v)
