@@ -18,6 +18,8 @@ CROSSING = 0.2
 NEAR_GAP = 4.0
 # A string may run around a corner by this much, pixels, before it ends.
 OVERRUN = 4.0
+# Variance of a corner beyond that of its lines, px^2.
+ROUNDED_VARIANCE = 0.003
 # Without a corner, a string stops this uncertainly, pixels.
 LOOSE_END = 1.5
 # A string is lost beside another that is this near, pixels, and runs along with it (cosine); its line hits the corner
@@ -91,7 +93,7 @@ def meet(table, widest):
                     continue
                 own = table[i, 6] ** 2 + (s * table[i, 7]) ** 2
                 its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
-                spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + 0.0025)
+                spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + ROUNDED_VARIANCE)
                 # Two edges that go on in nearly one direction meet where their strings do.
                 if abs(sine) < LEAST_SINE and (spread > VAGUEST or abs(beyond) > BLUNT_GAP or abs(outside) > BLUNT_GAP
                                                or table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.0):

@@ -23,6 +23,12 @@ from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces, opposed
 WELL_MEASURED = 0.3
 # Corners that edges add add edges, so many times.
 CORNER_ROUNDS = 2
+# What makes corners doubtful, and how much, pixels, one sigma: so many ends of strings within a radius; an edge that goes
+# on behind or before the other; short edges; a string that ends so far from the corner.
+CROWD, CROWD_RADIUS, CROWDED = 4, 8.0, 0.15
+HIDDEN = 0.3
+SHORT_EDGE, SMALL = 15.0, 0.15
+FAR_GAP, FAR = 6.0, 0.3
 # How uncertainly a string stops that stops without a corner, pixels; and how much of an edge may be lost that way in one
 # image, pixels and as a share of the rest.
 LOST = 4.0
@@ -240,10 +246,11 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     run = tl[:, :1] - coefficient[:, 1:2]
     run = np.where(np.abs(run) < 1e-3, 1e-3, run)
     seen = np.where(by_row, (x[..., 1] - cl[:, 1:2]) / tv, (x[..., 0] - cl[:, :1] + coefficient[:, :1]) / run)
-    mine, sigma, fixed = met.place[i], met.sigma[i].copy(), (met.other[i] >= 0)
+    mine, fixed = met.place[i], met.other[i] >= 0
+    sigma = np.hypot(met.sigma[i], doubt(left, met)[i])
     inner = np.stack([np.maximum(mine[:, 0], seen[:, 0]), np.minimum(mine[:, 1], seen[:, 1])], axis=1)
     # Two corners that agree are one corner; the left image's is where its line is known.
-    same = fixed & (np.abs(seen - mine) < 1.5)
+    same = fixed & (np.abs(seen - mine) < 1.5) & ~met.through[i] & ~right_through
     reach = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
     sigma = np.where(cut, np.where(right_other >= 0, right_sigma, LOST), np.where(fixed, sigma, LOST))
@@ -267,6 +274,21 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     return Lines3D(i, j, np.concatenate([reach, more.reach]), np.concatenate([coefficient, more.coefficient]),
                    np.concatenate([covariance, more.covariance]), np.concatenate([sigma, more.end_sigma]),
                    np.concatenate([fixed, np.ones((k, 2), bool)]), np.append(strut, np.ones(k, bool))), *more.pieces
+
+
+def doubt(pieces: Pieces, met: Corners) -> np.ndarray:
+    """(n, 2) float64, pixels: sigma that a corner's place has beyond that of its lines: where edges are short or crowded,
+    where one hides the other, and where the other's string ends far from it."""
+    other = met.other
+    x = pieces.centre[:, None] + met.place[..., None] * pieces.direction[:, None]
+    ends = np.concatenate([pieces.start, pieces.end])
+    away = x.reshape(-1, 1, 2) - ends
+    crowd = ((away ** 2).sum(axis=2) < CROWD_RADIUS ** 2).sum(axis=1).reshape(-1, 2)
+    along = ((x - pieces.centre[other]) * pieces.direction[other]).sum(axis=2)
+    beyond = np.maximum(pieces.reach[other, 0] - along, along - pieces.reach[other, 1])
+    short = np.minimum(pieces.length[:, None], pieces.length[other]) < SHORT_EDGE
+    return np.sqrt((CROWDED * (crowd >= CROWD)) ** 2 + (HIDDEN * met.through) ** 2 + (SMALL * short) ** 2
+                   + (FAR * (beyond > FAR_GAP)) ** 2) * (other >= 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +318,7 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
         across = np.stack([-t[..., 1] * scale, t[..., 0] * scale_v, zero], axis=-1)
         length = np.linalg.norm(along, axis=-1, keepdims=True)
         direction = along / length
-        err_par = 3.0 * (lines.end_sigma * length[..., 0]).max(axis=1)
+        err_par = 3.0 * np.sqrt(((lines.end_sigma * length[..., 0]) ** 2).mean(axis=1))
         h = np.stack([np.ones_like(lines.reach), lines.reach], axis=-1)
         sigma_d = np.sqrt(np.einsum('nei,nij,nej->ne', h, lines.covariance, h))
         sigma = left.sigma[lines.left]

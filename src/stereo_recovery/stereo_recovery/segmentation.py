@@ -13,7 +13,7 @@ from .strings import Strings
 
 # Neighbouring edgels share pixels, so that several count as one: smoothing correlates them over sqrt(4 pi) sigma; the
 # errors of lines against the truth say half of that.
-CORRELATION_LENGTH = 0.5 * np.sqrt(4.0 * np.pi)
+CORRELATION_LENGTH = 0.4 * np.sqrt(4.0 * np.pi)
 # Pixels next to a corner whose edgels are pulled towards it.
 CORNER_REACH = 3.0
 # An edgel belongs to a line when it is within this many of its own sigma.
