@@ -45,7 +45,11 @@ def more_matches(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Cor
     (i, end_l, p, far_p, d, sigma, corner_p, behind_p), (j, _, q, far_q, e, _, corner_q, behind_q) = rows
     if len(i) == 0 or len(j) == 0:
         return None
-    a, b = (index.ravel() for index in np.meshgrid(np.arange(len(i)), np.arange(len(j)), indexing='ij'))
+    # Only ends in one row; a cluttered picture has thousands.
+    order = np.argsort(q[:, 1], kind='stable')
+    first, last = (np.searchsorted(q[order, 1], p[:, 1] + off) for off in (-SAME_HEIGHT, SAME_HEIGHT))
+    a = np.repeat(np.arange(len(i)), last - first)
+    b = order[np.arange(len(a)) + np.repeat(first - np.concatenate([[0], np.cumsum(last - first)[:-1]]), last - first)]
     height = np.abs(far_p[a, 1] - far_q[b, 1])
     corners = corner_p[a] & corner_q[b]
     # Or both run into one edge that hides their ends.
@@ -53,7 +57,7 @@ def more_matches(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Cor
     partner[matches.left[::-1]] = matches.right[::-1]
     hidden = (behind_p[a] >= 0) & (behind_q[b] >= 0) & (partner[behind_p[a]] == behind_q[b])
     steep = np.minimum(np.abs(pieces[0].direction[i[a], 1]), np.abs(pieces[1].direction[j[b], 1])) > FLAT
-    good = (np.abs(p[a, 1] - q[b, 1]) < SAME_HEIGHT) & (np.abs(d[a] - e[b]) < SAME_COLUMN + 3.0 * sigma[a])
+    good = (np.abs(d[a] - e[b]) < SAME_COLUMN + 3.0 * sigma[a])
     good &= np.abs(p[a, 0] - q[b, 0] - d[a]) < SAME_COLUMN + 3.0 * sigma[a]
     good &= (corners & (height < CORNERS_HEIGHT)) | (steep & ((height < ENDS_HEIGHT) | hidden))
     good &= ((far_p[a, 1] - p[a, 1]) * (far_q[b, 1] - q[b, 1]) > 0.0) | ~steep

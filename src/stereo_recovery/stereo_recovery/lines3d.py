@@ -23,14 +23,13 @@ from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces, opposed
 WELL_MEASURED = 0.3
 # Corners that edges add add edges, so many times.
 CORNER_ROUNDS = 2
-# What makes corners doubtful, and how much, pixels, one sigma: so many ends of strings within a radius; an edge that goes
-# on behind or before the other; short edges; a string that ends so far from the corner.
-CROWD, CROWD_RADIUS, CROWDED = 4, 8.0, 0.15
+# What makes corners doubtful, and how much, pixels, one sigma: an edge that goes on behind or before the other; short
+# edges; a string that ends so far from the corner.
 HIDDEN = 0.3
 SHORT_EDGE, SMALL = 15.0, 0.15
 FAR_GAP, FAR = 6.0, 0.3
-# How uncertainly a string stops that stops without a corner, pixels; and how much of an edge may be lost that way in one
-# image, pixels and as a share of the rest.
+# How uncertainly a string stops without a corner, pixels; and how much of an edge may be lost that way in one image,
+# pixels and as a share of the rest.
 LOST = 4.0
 LOST_LEAST, LOST_SHARE = 20.0, 0.5
 # Two pieces show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
@@ -277,18 +276,14 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
 
 
 def doubt(pieces: Pieces, met: Corners) -> np.ndarray:
-    """(n, 2) float64, pixels: sigma that a corner's place has beyond that of its lines: where edges are short or crowded,
-    where one hides the other, and where the other's string ends far from it."""
+    """(n, 2) float64, pixels: sigma that a corner's place has beyond that of its lines: where edges are short, one
+    hides the other, and where the other's string ends far from it."""
     other = met.other
     x = pieces.centre[:, None] + met.place[..., None] * pieces.direction[:, None]
-    ends = np.concatenate([pieces.start, pieces.end])
-    away = x.reshape(-1, 1, 2) - ends
-    crowd = ((away ** 2).sum(axis=2) < CROWD_RADIUS ** 2).sum(axis=1).reshape(-1, 2)
     along = ((x - pieces.centre[other]) * pieces.direction[other]).sum(axis=2)
     beyond = np.maximum(pieces.reach[other, 0] - along, along - pieces.reach[other, 1])
     short = np.minimum(pieces.length[:, None], pieces.length[other]) < SHORT_EDGE
-    return np.sqrt((CROWDED * (crowd >= CROWD)) ** 2 + (HIDDEN * met.through) ** 2 + (SMALL * short) ** 2
-                   + (FAR * (beyond > FAR_GAP)) ** 2) * (other >= 0)
+    return np.sqrt((HIDDEN * met.through) ** 2 + (SMALL * short) ** 2 + (FAR * (beyond > FAR_GAP)) ** 2) * (other >= 0)
 
 
 @dataclass(frozen=True, eq=False)
