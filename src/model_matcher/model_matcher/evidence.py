@@ -38,6 +38,10 @@ PER_RADIUS = 2.0
 PER_OFFSET = 0.5  # of a feature that lies in no plane of the usual orientations: there are many of such
 COVERED = 0.75
 WHOLE = 0.7
+FRAGMENTS = -1.0  # no less for all lengths together: where all is broken, pieces say little
+# Other objects that share dimensions with a model explain 5 to 8 features of it, seldom more than half: for MANY and
+# more, so many nats times the share of the model beyond HALF.
+FEW, MANY, MOST, HALF = 6.0, 10.0, 6.0, 0.5
 BIAS = 0.15  # of the tolerance; ideal data is no infinite proof
 WORST = 4.0  # a single plane off by the whole tolerance takes back no more than this, its coincidence included
 ENOUGH = 64  # matched features that are looked at: with so many there is no doubt
@@ -351,6 +355,9 @@ def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size
                 off = (sums[i, p] / weights[i, p]) ** 2 / error
                 accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
     total = coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy)
-    total += coverage(model, kind_m, data, kind_d, low, high, direction)
+    total += max(coverage(model, kind_m, data, kind_d, low, high, direction), FRAGMENTS)
+    distinct = used.sum()
+    many = min(max((distinct - FEW) / (MANY - FEW), 0.0), 1.0)
+    total += MOST * many * max(distinct / e - HALF, 0.0)
     total += nats_of_view(motion, model, kind_m, data, kind_d, assignment, faces, lies)
     return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)

@@ -28,7 +28,7 @@ KEEP = 0.6
 DOUBTFUL = 5.0
 # Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
 # TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
-LEAST, PER_DATA, TAIL = 2.6, 1.25, 1.3
+LEAST, PER_DATA, TAIL = 3.6, 1.25, 1.3
 # How well a scene fits a model by chance shows in the scene itself: each nat of evidence that the best other pose has,
 # among those that share no data with this one and are no instances themselves, asks for so many nats more; or less,
 # where that pose has less than a usual one.
