@@ -44,6 +44,10 @@ NEARLY, SAME_COVER = 0.9, 0.02
 BINS = 64  # places along a model edge that are looked at
 
 
+# Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
+FARTHEST = 1e6
+
+
 @dataclass(eq=False)
 class Problem:
     """A model and data, made ready.
@@ -74,8 +78,9 @@ class Problem:
 
 
 def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:
-    """Prepare data for a model; features without length are left out."""
-    keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
+    """Prepare data for a model; features without length or beyond all distance are left out."""
+    far = np.maximum(np.abs(data.start), np.abs(data.end)).max(axis=1, initial=0.0)
+    keep = np.flatnonzero((data.lengths > SMALLEST_FEATURE) & (far < FARTHEST))
     used = data if len(keep) == len(data) else data.select(keep)
     rows = feature_rows(used)
     tolerances = data_tolerances(used, rows, index.size, params)

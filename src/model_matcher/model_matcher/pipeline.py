@@ -75,7 +75,8 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         return result
     problem = make_problem(index, data, params)
     if len(problem.rows) == 0:
-        return no_match(data, 'the data holds no features' if len(data) == 0 else 'every data feature has length zero')
+        return no_match(data, 'the data holds no features' if len(data) == 0 else
+                        'every data feature has length zero or lies beyond all distance')
     if params.search == 'hypotheses' and not _all_parallel(problem.rows):
         result = _match_hypotheses(problem, params, started)
     else:
