@@ -121,10 +121,15 @@ class StampSync:
             self.counters.unmatched += len(self._pending.pop(0)[1])
 
     def _emit(self, messages: dict[str, Any]) -> None:
-        """Take the set out of the queue, and with it every older one: they would come out of order."""
-        stamp = next(stamp for stamp, other in self._pending if other is messages)
-        older = [entry for entry in self._pending if entry[0] <= stamp and entry[1] is not messages]
-        self.counters.unmatched += sum(len(entry[1]) for entry in older)
-        self._pending = [entry for entry in self._pending if entry[0] > stamp]
+        """Take the set out of the queue, and with it every older one: they would come out of order.
+
+        Older is also what began earlier with a later stamp: that is a stray from a clock that was wrong, which would
+        spoil the set that has its stamp by right.
+        """
+        place, stamp = next((k, stamp) for k, (stamp, other) in enumerate(self._pending) if other is messages)
+        kept = [entry for k, entry in enumerate(self._pending) if k > place and entry[0] > stamp]
+        self.counters.unmatched += sum(len(other) for _, other in self._pending if other is not messages)
+        self.counters.unmatched -= sum(len(other) for _, other in kept)
+        self._pending = kept
         self._newest_emitted = stamp
         self.counters.sets += 1

@@ -143,3 +143,21 @@ class TestHealth:
 def test_gaps_in_sequence_numbers_are_counted_and_a_restarted_writer_is_none(numbers, missed):
     gaps = SequenceGaps()
     assert sum(gaps.missed(number) for number in numbers) == missed
+
+
+def test_a_stray_from_the_future_does_not_spoil_the_set_that_has_its_stamp_by_right():
+    sync = StampSync(['left', 'right'])
+    assert sync.add('right', 5, 'stray') is None
+    assert sync.add('left', 3, 'left 3') is None
+    assert sync.add('right', 3, 'right 3') == {'left': 'left 3', 'right': 'right 3'}
+    assert sync.counters.unmatched == 1
+    assert sync.add('left', 5, 'left 5') is None
+    assert sync.add('right', 5, 'right 5') == {'left': 'left 5', 'right': 'right 5'}
+
+
+def test_one_stream_may_run_ahead_of_the_other():
+    sync = StampSync(['left', 'right'])
+    for stamp in (1, 2, 3):
+        assert sync.add('right', stamp, stamp) is None
+    assert [sync.add('left', stamp, stamp) for stamp in (1, 2, 3)] == [{'left': k, 'right': k} for k in (1, 2, 3)]
+    assert sync.counters.unmatched == sync.counters.late == 0
