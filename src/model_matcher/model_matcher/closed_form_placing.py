@@ -6,9 +6,11 @@ as it is: what nobody chose is chosen here, so that the part is in view, whole, 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
-from csg_renderer import Light, Scene, load_scene, model_features
+from csg_renderer import Light, Scene, Solid, load_scene, model_features
 from csg_renderer.language import find_scene
 from csg_renderer.language.values import rotation
 from csg_renderer.pipeline import DEFAULT_BASELINE_RATIO, scene_rig
@@ -68,7 +70,12 @@ def in_front(scene: Scene, pose: Pose) -> bool:
 
 def model_centre(scene: Scene) -> tuple[np.ndarray, float]:
     """Middle (3,) of the first object's model and the radius about it, metres, model frame."""
-    features = model_features(scene.placements[0].model)
+    return _enclosing(scene.placements[0].model)
+
+
+@lru_cache(maxsize=4)  # what a case asks is asked of one model, and finding its features is most of the work
+def _enclosing(model: Solid) -> tuple[np.ndarray, float]:
+    features = model_features(model)
     points = np.concatenate([features.polyline(k, 16) for k in range(len(features))])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     return middle, float(np.linalg.norm(points - middle, axis=1).max())

@@ -77,10 +77,21 @@ class Problem:
         return (self.rows, self.data.kind, self.tolerances)
 
 
-def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:
-    """Prepare data for a model; features without length or beyond all distance are left out."""
+def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
+    """Numbers (k,) of the features that are neither without length nor beyond all distance, in place or in error.
+
+    unit : metres, of the data; None when it is not known: what most of the data is away then stands for a metre
+    """
     far = np.maximum(np.abs(data.start), np.abs(data.end)).max(axis=1, initial=0.0)
-    keep = np.flatnonzero((data.lengths > SMALLEST_FEATURE) & (far < FARTHEST))
+    if unit is None:
+        unit = 1.0 / (float(np.median(far)) or 1.0) if len(far) else 1.0
+    far = np.maximum(far, np.maximum(data.err_par, data.err_per))
+    return np.flatnonzero((data.lengths > SMALLEST_FEATURE) & (far < FARTHEST / unit))
+
+
+def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:
+    """Prepare data for a model; of it, what is :func:`usable`."""
+    keep = usable(data)
     used = data if len(keep) == len(data) else data.select(keep)
     rows = feature_rows(used)
     tolerances = data_tolerances(used, rows, index.size, params)

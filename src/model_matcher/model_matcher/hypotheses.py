@@ -12,8 +12,8 @@ import numpy as np
 from msgs_py.compiled import njit
 
 from .evidence import evidence, plane_table
-from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, assign, count_matches, pair_geometry
-from .pair_pose import into_frame, pair_frame, pair_pose, third
+from .kernels import OFFSET_CELLS, assign, count_matches
+from .pair_pose import into_frame, pair_frame, pair_pose, pair_window, third
 from .refinement_kernels import refine
 
 CANDIDATES = 16
@@ -104,16 +104,9 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
     around, around_kind, around_tols = data.copy(), kind_d.copy(), tols.copy()
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
-        c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
-        angle = np.arctan2(s, c)
+        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low,
+         d_high) = pair_window(data, tols, a, b, reach)
         ha, hb = data[a, 6], data[b, 6]
-        over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
-        cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
-        across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
-        slide_a = tols[a, 1] + across / s
-        slide_b = tols[b, 1] + across / s
-        a_low, d_low = _pair_cell(angle - cone, d - across, reach)
-        a_high, d_high = _pair_cell(angle + cone, d + across, reach)
         before = state[1]
         n_around = -1 if local else n
         pair_frame(data, a, fa, b, flip, fb, data_pair)

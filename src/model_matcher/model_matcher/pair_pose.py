@@ -12,7 +12,26 @@ import numpy as np
 
 from msgs_py.compiled import njit
 
-from .kernels import CURVE
+from .kernels import CURVE, FLIP_MARGIN, _pair_cell, pair_geometry
+
+
+@njit
+def pair_window(data, tols, a, b, reach):
+    """What a model pair may be that a data pair lies on: where in the model's pair table it can stand, and how far off.
+
+    Returns angle, signed distance, feet and flip of the data pair (kernels.pair_geometry); by how much a model pair may
+    differ in angle (cone), in distance (across) and along either line (slides); and the table's cells, lowest and
+    highest of angle, lowest and highest of distance. reach : metres, of the table.
+    """
+    c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
+    angle = np.arctan2(s, c)
+    over_a, over_b = max(0.0, abs(fa) - data[a, 6]), max(0.0, abs(fb) - data[b, 6])
+    cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
+    across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
+    slide_a, slide_b = tols[a, 1] + across / s, tols[b, 1] + across / s
+    a_low, d_low = _pair_cell(angle - cone, d - across, reach)
+    a_high, d_high = _pair_cell(angle + cone, d + across, reach)
+    return angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low, d_high
 
 
 @njit

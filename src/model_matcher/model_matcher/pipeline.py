@@ -23,6 +23,7 @@ from .finishing import (
     make_problem,
     needed_evidence,
     refine_all,
+    usable,
 )
 from .model_index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
@@ -70,7 +71,13 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         return no_match(data, str(error))
     if params.scale == 'free':
         from .free_scale import match_free
-        result = match_free(index, data, params, started, match)
+        # One length beyond all distance would be all that the scale is read off.
+        keep = usable(data, unit=None)
+        result = match_free(index, data.select(keep), params, started, match)
+        if len(keep) < len(data):
+            found, rejected = (tuple(_spread(one, keep, len(data)) for one in ones)
+                               for ones in (result.interpretations, result.rejected))
+            result = replace(result, interpretations=found, rejected=rejected)
         result.stats['seconds'] = time.perf_counter() - started
         return result
     problem = make_problem(index, data, params)

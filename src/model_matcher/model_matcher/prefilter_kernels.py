@@ -10,8 +10,8 @@ import numpy as np
 from msgs_py.compiled import njit
 
 from .hypotheses import _insert
-from .kernels import FLIP_MARGIN, OFFSET_CELLS, _pair_cell, count_matches, pair_geometry
-from .pair_pose import into_frame, pair_frame, pair_pose, third
+from .kernels import OFFSET_CELLS, count_matches
+from .pair_pose import into_frame, pair_frame, pair_pose, pair_window, third
 
 NEEDED = 3.0  # distinct model features that a pose must explain
 
@@ -32,16 +32,9 @@ def best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_value
     inverse = 1.0 / cell
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
-        c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
-        angle = np.arctan2(s, c)
+        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low,
+         d_high) = pair_window(data, tols, a, b, reach)
         ha, hb = data[a, 6], data[b, 6]
-        over_a, over_b = max(0.0, abs(fa) - ha), max(0.0, abs(fb) - hb)
-        cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
-        across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
-        slide_a = tols[a, 1] + across / s
-        slide_b = tols[b, 1] + across / s
-        a_low, d_low = _pair_cell(angle - cone, d - across, reach)
-        a_high, d_high = _pair_cell(angle + cone, d + across, reach)
         ready = False
         count = 0
         shortest = min(ha - slide_a, hb - slide_b)

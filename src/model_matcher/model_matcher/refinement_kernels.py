@@ -69,20 +69,8 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
         if j < 0:
             continue
         m = model[j]
-        ux = motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5]
-        uy = motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5]
-        uz = motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5]
-        mx = motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9]
-        my = motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10]
-        mz = motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11]
-        # Two unit vectors across the line.
-        if abs(ux) < 0.6:
-            ex, ey, ez = 0.0, uz, -uy
-        else:
-            ex, ey, ez = -uz, 0.0, ux
-        length = np.sqrt(ex * ex + ey * ey + ez * ez)
-        ex, ey, ez = ex / length, ey / length, ez / length
-        fx, fy, fz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
+        ux, uy, uz, mx, my, mz = placed_line(motion, m)
+        ex, ey, ez, fx, fy, fz = across_line(ux, uy, uz)
         weight = 1.0 / (tols[k, 0] * tols[k, 0])
         d = data[k]
         curve = kind_d[k] == CURVE
@@ -128,6 +116,29 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
         for j in range(i):
             normal[j, i] = normal[i, j]
     return cost, equations, squares, points
+
+
+@njit
+def placed_line(motion, m):
+    """Direction and middle (ux, uy, uz, mx, my, mz) of a model feature, a row m, where a pose puts it."""
+    return (motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5],
+            motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5],
+            motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5],
+            motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9],
+            motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10],
+            motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11])
+
+
+@njit
+def across_line(ux, uy, uz):
+    """Two unit vectors (ex, ey, ez, fx, fy, fz) upright to a direction and to each other."""
+    if abs(ux) < 0.6:
+        ex, ey, ez = 0.0, uz, -uy
+    else:
+        ex, ey, ez = -uz, 0.0, ux
+    length = np.sqrt(ex * ex + ey * ey + ez * ez)
+    ex, ey, ez = ex / length, ey / length, ez / length
+    return ex, ey, ez, uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
 
 
 @njit

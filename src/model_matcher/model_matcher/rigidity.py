@@ -14,7 +14,7 @@ import numpy as np
 from msgs_py.compiled import njit
 
 from .kernels import CURVE, fit_one
-from .refinement_kernels import apply_step, normal_equations, solve6
+from .refinement_kernels import across_line, apply_step, normal_equations, placed_line, solve6
 
 FEASIBLE, INFEASIBLE, OPEN = 1, 0, 2
 BLOCKS = 4  # groups of numbers that a pairing has
@@ -33,19 +33,8 @@ def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, firs
     A block's number is the length of its values: across at one end and the other, along, tilt.
     """
     m, d = model[i], data[a]
-    ux = motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5]
-    uy = motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5]
-    uz = motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5]
-    mx = motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9]
-    my = motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10]
-    mz = motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11]
-    if abs(ux) < 0.6:
-        ex, ey, ez = 0.0, uz, -uy
-    else:
-        ex, ey, ez = -uz, 0.0, ux
-    length = np.sqrt(ex * ex + ey * ey + ez * ez)
-    ex, ey, ez = ex / length, ey / length, ez / length
-    fx, fy, fz = uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
+    ux, uy, uz, mx, my, mz = placed_line(motion, m)
+    ex, ey, ez, fx, fy, fz = across_line(ux, uy, uz)
     curve = kind_d[a] == CURVE
     c = ux * d[3] + uy * d[4] + uz * d[5]
     for block in range(BLOCKS):

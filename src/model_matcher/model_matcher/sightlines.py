@@ -13,7 +13,7 @@ import numpy as np
 from msgs_py.compiled import njit
 
 from .kernels import CURVE
-from .refinement_kernels import _add_row, apply_step, solve6
+from .refinement_kernels import _add_row, apply_step, placed_line, solve6
 
 # Error across over error along the line of sight of a pair whose baseline is a fifth of the distance.
 STEREO = 0.14
@@ -37,12 +37,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
         if j < 0:
             continue
         m, d = model[j], data[k]
-        ux = motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5]
-        uy = motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5]
-        uz = motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5]
-        mx = motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9]
-        my = motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10]
-        mz = motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11]
+        ux, uy, uz, mx, my, mz = placed_line(motion, m)
         depth = across * ratio * ratio
         # What is known worse than the rest along the line of sight counts less there.
         depth = 1.0 / (1.0 / depth + tols[k, 0] * tols[k, 0])

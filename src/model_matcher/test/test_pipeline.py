@@ -118,7 +118,7 @@ def test_the_time_limit_holds_with_far_too_much_data(scale):
 
 
 @pytest.mark.parametrize('options', [{}, {'search': 'tree'}, {'search': 'serial'}, {'search': 'subgraph'},
-                                     {'prove': True}])
+                                     {'scale': 'free'}, {'prove': True}])
 def test_absurd_numbers_are_left_out_and_the_rest_is_found(options):
     model = l_shape()
     clean = model.transformed(Pose.from_rotation_vector([0.4, 0.3, 0.1], [0.0, 0.0, 0.3]))
@@ -127,5 +127,3 @@ def test_absurd_numbers_are_left_out_and_the_rest_is_found(options):
         start[0, 1], along[1], across[2] = value, abs(value), 5e-324
         data = FeatureSet.from_edges(start, clean.end, along, across)
         assert match(model, data, MatchParams(time_limit_s=1.0, **options)).best is not None
-        free = match(model, data, MatchParams(time_limit_s=1.0, scale='free'))
-        assert free.best is not None or free.reason

@@ -127,9 +127,8 @@ class StampSync:
         spoil the set that has its stamp by right.
         """
         place, stamp = next((k, stamp) for k, (stamp, other) in enumerate(self._pending) if other is messages)
-        kept = [entry for k, entry in enumerate(self._pending) if k > place and entry[0] > stamp]
-        self.counters.unmatched += sum(len(other) for _, other in self._pending if other is not messages)
-        self.counters.unmatched -= sum(len(other) for _, other in kept)
-        self._pending = kept
+        older = [other for k, (when, other) in enumerate(self._pending) if k < place or (k > place and when <= stamp)]
+        self.counters.unmatched += sum(len(other) for other in older)
+        self._pending = [entry for entry in self._pending[place + 1:] if entry[0] > stamp]
         self._newest_emitted = stamp
         self.counters.sets += 1
