@@ -24,6 +24,7 @@ MM = 1e-3
 # An edge counts as true when its direction and both its ends are this near to a true one.
 SAME_ANGLE, SAME_PLACE = np.radians(10.0), 3.0 * MM
 FLAT = np.sin(np.radians(8.0))
+CIRCLE = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
 
 def synthetic() -> Any:
@@ -62,18 +63,29 @@ def views(kind: str, count: int, seed: int = 5) -> list[View]:
         solid = s.prism(outline, 30 * MM).at(Pose(np.eye(3), MM * np.array([-30, -22, -15])))
     result = []
     for k in range(count):
-        depth = DEPTHS[k % 3]
-        yaw = rng.uniform(-np.pi, np.pi)
-        roll = rng.uniform(-0.3, 0.3) if kind == 'block' else rng.uniform(-0.03, 0.03)
-        if kind == 'flat':
-            yaw = rng.choice([0, 0.5, 1, -0.5]) * np.pi + rng.uniform(-0.05, 0.05)
-        turn = Pose.from_rotation_vector([0, 0, roll]).rotation @ Pose.from_rotation_vector(
-            [np.pi / 2 + np.radians(rng.uniform(20, 55)), 0, 0]).rotation @ Pose.from_rotation_vector(
-            [0, 0, yaw]).rotation
-        seen = solid.at(Pose(turn, [0.025 + rng.uniform(-0.01, 0.01), rng.uniform(-0.015, 0.015), depth]))
-        left, right = s.render_pair(seen, RIG, seed=k + 10)
+        seen = None
+        while seen is None or not _whole(seen):
+            yaw = rng.uniform(-np.pi, np.pi)
+            roll = rng.uniform(-0.3, 0.3) if kind == 'block' else rng.uniform(-0.03, 0.03)
+            if kind == 'flat':
+                yaw = rng.choice([0, 0.5, 1, -0.5]) * np.pi + rng.uniform(-0.05, 0.05)
+            turn = Pose.from_rotation_vector([0, 0, roll]).rotation @ Pose.from_rotation_vector(
+                [np.pi / 2 + np.radians(rng.uniform(20, 55)), 0, 0]).rotation @ Pose.from_rotation_vector(
+                [0, 0, yaw]).rotation
+            seen = solid.at(Pose(turn, [0.025 + rng.uniform(-0.01, 0.01), rng.uniform(-0.015, 0.015), DEPTHS[k % 3]]))
+        left, right = s.render_pair(seen, RIG, seed=seed * 1000 + k)
         result.append(View(f'{kind} {k}', left, right, s.truth_edges(seen, RIG), s.truth_rims(seen, RIG), seen.axes))
     return result
+
+
+def _whole(shape: Any) -> bool:
+    """Whether both pictures show the whole of it, with a margin of 4 px."""
+    points = [np.ravel(end) for edge in shape.edges for end in edge]
+    for centre, normal, radius in shape.rims:
+        across = np.linalg.svd(np.asarray(normal)[None])[2][1:]
+        points += [*(centre + radius * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)]) @ across)]
+    return all(bool(RIG.left.contains(pixels + margin).all()) for pixels in RIG.project(np.array(points))
+               for margin in (-4.0, 4.0))
 
 
 @dataclass
