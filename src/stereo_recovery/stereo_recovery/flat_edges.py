@@ -49,11 +49,20 @@ def rough_ends(matches: Matches, left: Pieces, right: Pieces, met: Corners,
     flat = np.abs(left.direction[i, 1:2]) < FLAT
     both = (met.other[i] >= 0) & (other >= 0)
     sigma = np.where(both, MATCH_SIGMA, STRAY_SIGMA)
+    sigma = np.where(both & ~_same_neighbour(matches, len(left), len(right), met.other[i], other), HIDDEN_SIGMA, sigma)
     sigma = np.where(met.through[i] | through, HIDDEN_SIGMA, sigma)
     x = left.centre[i, :1] + met.place[i] * left.direction[i, :1]
     y = right.centre[j, :1] + place * right.direction[j, :1]
     disparity = np.where(flat & both, x - y, matches.disparity[:, [0, 2]])
     return disparity, np.where(flat, sigma, MATCH_SIGMA)
+
+
+def _same_neighbour(matches: Matches, lefts: int, rights: int, k: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Whether left pieces k and right pieces m may be one edge: they are matched, or neither is with any other."""
+    partner, taken = np.full(lefts, -1), np.zeros(rights, bool)
+    partner[matches.left[::-1]] = matches.right[::-1]
+    taken[matches.right] = True
+    return (partner[k] == m) | ((partner[k] < 0) & ~taken[m])
 
 
 def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
