@@ -32,6 +32,8 @@ FAR_GAP, FAR = 6.0, 0.3
 # pixels and as a share of the rest.
 LOST = 4.0
 LOST_LEAST, LOST_SHARE = 20.0, 0.5
+# Corners of one edge that are farther apart, pixels, are two.
+SAME_CORNER = 1.5
 # Two pieces show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
 # much at least is not its bow's.
 SAME_EXTENT = 0.15
@@ -167,8 +169,14 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
             if f < 0 or (f, e) in seen or matches.right[f] == matches.right[e]:
                 continue
             x = left.centre[i] + met.place[i, end] * left.direction[i]
+            place = (x - left.centre[k]) @ left.direction[k]
+            # The other has a corner of its own there, and does not reach this one.
+            its = int(abs(place - met.place[k, 1]) < abs(place - met.place[k, 0]))
+            beyond = (place - met.place[k, its]) * (1.0 if its else -1.0)
+            if met.other[k, its] >= 0 and beyond > SAME_CORNER + 3.0 * np.hypot(met.sigma[i, end], met.sigma[k, its]):
+                continue
             seen.add((e, f))
-            rows.append((e, met.place[i, end], f, (x - left.centre[k]) @ left.direction[k]))
+            rows.append((e, met.place[i, end], f, place))
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
@@ -207,24 +215,29 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     spread_v = max(rectification_sigma, spread_v - 0.05)
     if abs(offset_v) < spread_v:
         offset_v = 0.0
-    matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)
     sides, ends = (left, right), (met, right_met)
-    known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
+
+    def corners(of: Matches, told: tuple) -> vertices.Vertices:
+        return vertices.vertices(of, sides, ends, *borrow(of, left, *told, offset), offset_v)
+
+    matches, *solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
+    known = corners(matches, solved)
     wrong = vertices.contradicted(matches, sides, known, offset_v) & (not cluttered)
     if wrong.any():
         matches = Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches)))
-        matches, coefficient, covariance, ends_sigma = _solved(matches, left, right, met, right_met, spread_v, offset_v)
-        known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
+        matches, *solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
+        known = corners(matches, solved)
     first = len(matches)
     for _ in range(CORNER_ROUNDS):
         grown = corner_matching.more_matches(matches, sides, ends, known, offset_v)
         if grown is None:
             break
-        matches, coefficient, covariance, ends_sigma = _solved(grown, left, right, met, right_met, spread_v, offset_v)
-        known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
+        matches, *solved = _solved(grown, left, right, met, right_met, spread_v, offset_v)
+        known = corners(matches, solved)
+    coefficient, covariance, ends_sigma = solved
     i, j = matches.left, matches.right
     strut = np.arange(len(i)) >= first
-    whole = broken_edges.complete(matches, left, right, coefficient, covariance)
+    whole = broken_edges.complete(matches, left, right, *borrow(matches, left, *solved, offset))
     if whole:
         matches, left, coefficient, covariance, ends_sigma = broken_edges.with_whole(
             whole, matches, left, coefficient, covariance, ends_sigma)
