@@ -38,6 +38,8 @@ SAME_CORNER = 1.5
 # much at least is not its bow's.
 SAME_EXTENT = 0.15
 LEAST_SHARE = 0.01
+# Coefficients (n, 2) and covariances (n, 2, 2) of matched edges, and what the match knows of their ends (n, 2).
+Solution = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +183,8 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
 
 
 def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, spread_v: float,
-            offset_v: float) -> tuple[Matches, np.ndarray, np.ndarray, np.ndarray]:
-    """The matches with the disparities of their ends; coefficients, covariances, and what the match knows of the
-    ends."""
+            offset_v: float) -> tuple[Matches, Solution]:
+    """The matches with the disparities of their ends, and what corners make of them."""
     rough, ends_sigma = flat_edges.rough_ends(matches, left, right, met, right_met)
     matches = replace(matches, disparity=np.column_stack([rough[:, 0], rough.mean(axis=1), rough[:, 1]]))
     information, vector = measure(matches, left, right, spread_v, offset_v, ends_sigma)
@@ -198,7 +199,7 @@ def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_m
         information, vector, known, coefficient, covariance,
         np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)]),
         flat_edges.shared_corners(matches, left, right, met, right_met, spread_v))
-    return matches, coefficient, covariance, ends_sigma
+    return matches, (coefficient, covariance, ends_sigma)
 
 
 def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
@@ -217,24 +218,27 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         offset_v = 0.0
     sides, ends = (left, right), (met, right_met)
 
-    def corners(of: Matches, told: tuple) -> vertices.Vertices:
+    def corners(of: Matches, told: Solution) -> vertices.Vertices:
+        # Parallel edges tell the depth of one along the rows, and so that of its corners.
         return vertices.vertices(of, sides, ends, *borrow(of, left, *told, offset), offset_v)
 
-    matches, *solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
+    matches, solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
     known = corners(matches, solved)
     wrong = vertices.contradicted(matches, sides, known, offset_v) & (not cluttered)
     if wrong.any():
         matches = Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches)))
-        matches, *solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
+        matches, solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
         known = corners(matches, solved)
     first = len(matches)
     for _ in range(CORNER_ROUNDS):
         grown = corner_matching.more_matches(matches, sides, ends, known, offset_v)
         if grown is None:
             break
-        matches, *solved = _solved(grown, left, right, met, right_met, spread_v, offset_v)
+        matches, solved = _solved(grown, left, right, met, right_met, spread_v, offset_v)
         known = corners(matches, solved)
     coefficient, covariance, ends_sigma = solved
+    # What just one image shows between corners needs better ones.
+    known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
     i, j = matches.left, matches.right
     strut = np.arange(len(i)) >= first
     whole = broken_edges.complete(matches, left, right, *borrow(matches, left, *solved, offset))

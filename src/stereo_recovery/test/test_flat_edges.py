@@ -65,15 +65,25 @@ def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed)
 
 
 def test_rough_ends_are_corners_where_both_images_have_them_and_nothing_where_something_hides_them():
-    left, right = pieces(FLAT), pieces(shifted(FLAT, 30.0))
+    left, right = pieces(FLAT, STEEP), pieces(shifted(FLAT, 30.0), shifted(STEEP, 30.0))
     met, right_met = no_corners(left), no_corners(right)
-    met.other[:], right_met.other[:] = 7, 7
+    met.other[0], right_met.other[0] = 1, 1
     met.place[0, 0] -= 5.0
     right_met.place[0, 0] -= 3.0
     met.through[0, 1] = True
     disparity, sigma = flat_edges.rough_ends(all_matched(1), left, right, met, right_met)
     assert disparity[0, 0] == pytest.approx(28.0)
     assert sigma.tolist() == [[flat_edges.MATCH_SIGMA, flat_edges.HIDDEN_SIGMA]]
+
+
+def test_a_corner_with_one_edge_in_the_left_image_and_with_another_in_the_right_one_tells_no_depth():
+    """A face ends where a nearer one hides it; each eye sees another part of it, and another neighbour."""
+    left = pieces(FLAT, STEEP, ((170.0, 20.0), (175.0, 80.0)))
+    right = pieces(shifted(FLAT, 30.0), shifted(STEEP, 30.0), ((140.0, 20.0), (145.0, 80.0)))
+    met, right_met = no_corners(left), no_corners(right)
+    met.other[0, 1], right_met.other[0, 1] = 1, 2
+    _, sigma = flat_edges.rough_ends(all_matched(3), left, right, met, right_met)
+    assert sigma[0].tolist() == [flat_edges.STRAY_SIGMA, flat_edges.HIDDEN_SIGMA]
 
 
 @pytest.mark.parametrize('slope, found', [(0.0, True), (1.4, True), (4.0, True), (8.0, False)])
