@@ -19,7 +19,7 @@ NEAR_GAP = 4.0
 # A string may run around a corner by this much, pixels, before it ends.
 OVERRUN = 4.0
 # Variance of a corner beyond that of its lines, px^2.
-ROUNDED_VARIANCE = 0.003
+ROUNDED_VARIANCE = 0.0001
 # Without a corner, a string stops this uncertainly, pixels.
 LOOSE_END = 1.5
 # A string is lost beside another that is this near, pixels, and runs along with it (cosine); its line hits the corner

@@ -330,9 +330,11 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
         across = np.stack([-t[..., 1] * scale, t[..., 0] * scale_v, zero], axis=-1)
         length = np.linalg.norm(along, axis=-1, keepdims=True)
         direction = along / length
-        err_par = 3.0 * np.sqrt(((lines.end_sigma * length[..., 0]) ** 2).mean(axis=1))
         h = np.stack([np.ones_like(lines.reach), lines.reach], axis=-1)
         sigma_d = np.sqrt(np.einsum('nei,nij,nej->ne', h, lines.covariance, h))
+        # Along an edge that recedes its depth counts as much as its place in the picture.
+        deep = (by_disparity * direction).sum(-1) * sigma_d
+        err_par = 3.0 * np.sqrt(((lines.end_sigma * length[..., 0]) ** 2 + deep ** 2).mean(axis=1))
         sigma = left.sigma[lines.left]
         sigma_e = np.sqrt(sigma[:, :1] ** 2 + (sigma[:, 1:] * lines.reach) ** 2)
         spread = np.zeros(points.shape + (3,))

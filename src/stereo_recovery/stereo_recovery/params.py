@@ -30,7 +30,7 @@ class RecoveryParams:
     max_disparity: float | None = None
     support_radius: float = 100.0
     min_belief: float = 0.5
-    rectification_sigma: float = 0.02
+    rectification_sigma: float = 0.01
 
     def __post_init__(self) -> None:
         if self.detector not in DETECTORS:

@@ -12,15 +12,18 @@ from .edgels import Edgels
 from .strings import Strings
 
 # Neighbouring edgels share pixels, so that several count as one: smoothing correlates them over sqrt(4 pi) sigma; the
-# errors of lines against the truth say half of that.
-CORRELATION_LENGTH = 0.4 * np.sqrt(4.0 * np.pi)
+# errors of lines against the truth say three quarters of that.
+CORRELATION_LENGTH = 0.75 * np.sqrt(4.0 * np.pi)
 # Pixels next to a corner whose edgels are pulled towards it.
 CORNER_REACH = 3.0
 # An edgel belongs to a line when it is within this many of its own sigma.
 STANDING_OFF = 4.5
-# What a bow adds to the sigma of a line: to its offset, and (over its length) to its slope.
+# What a bow adds to the sigma of a line: to its offset, and (over its length) to its slope. Noise alone bows a straight
+# line by 3.35 times the sigma of its offset (one sigma: 3/2 of the second Legendre coefficient's); a little more is
+# taken off.
 BOW_OFFSET = 0.4
 BOW_SLOPE = 2.0
+NOISE_BOW = 4.0
 # An edge is suspect when its width differs from the picture's by more than this share, or so many times the median;
 # its place is then uncertain by so many pixels times the root of the excess. Few edgels say nothing, and neither do
 # widths in a picture where the median is above a limit (out of focus, uneven light).
@@ -45,7 +48,7 @@ class Pieces:
     bounds : (n, 2) int64, edgels [first, last) in the order that came with the pieces; string : (n,) int64
     centre, direction : (n, 2) float64, pixels; the unit direction runs along the string
     reach : (n, 2) float64, pixels: first and last place along the direction, from the centre
-    rms, bow : (n,) float64, pixels: residual, and how far the middle stands off the chord of the ends
+    rms, bow : (n,) float64, pixels: residual, and how far the middle stands off the chord of the ends, beyond noise
     count : (n,) float64, edgels used in the fit
     sigma : (n, 2) float64: of the offset at the centre, pixels, and of the slope, radians
     magnitude : (n,) float64, mean gradient, grey levels per pixel
@@ -199,7 +202,7 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     excess = np.maximum(1.0, rows[:, 6] * np.sqrt(weight / count))
     fit_sigma = excess[:, None] * np.sqrt(together[:, None] / np.maximum(np.stack([weight, moment], axis=1), 1e-9))
     # A line that bows is not quite one: two edges that meet at a slight angle, a lens, a fold. Its place is as vague.
-    bow = np.abs(rows[:, 7])
+    bow = np.sqrt(np.maximum(rows[:, 7] ** 2 - (NOISE_BOW * fit_sigma[:, 0]) ** 2, 0.0))
     length = np.maximum(rows[:, 5] - rows[:, 4], 1.0)
     fit_sigma = np.hypot(fit_sigma, np.column_stack([BOW_OFFSET * bow, BOW_SLOPE * bow / length]))
     # So is one that is narrower or wider than a step is in this picture: it is two edges, or a shadow.
@@ -207,7 +210,9 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     fit_sigma = np.hypot(fit_sigma, np.column_stack([spread, spread / length]))
     total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
-    return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], rows[:, 7], rows[:, 8],
+    # Which way it bends is told even where noise hides by how much.
+    signed = np.copysign(np.maximum(bow, 1e-9), rows[:, 7])
+    return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], signed, rows[:, 8],
                   fit_sigma, magnitude, np.full(len(bounds), -1, np.int32))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from msgs_py.grouping import linked_groups
 
 # Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
-CORNER_SIGMA = 0.05
+CORNER_SIGMA = 0.03
 # Corners whose edges disagree by more than this many sigma are occlusions, not corners.
 GATE = 3.5
 
