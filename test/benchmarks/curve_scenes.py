@@ -24,7 +24,8 @@ CAMERA = PinholeCamera.centred(512, 512, 703.0)
 # Planes n.x + d = 0 of the unit primitives' flat faces, in the order of their faces.
 UNIT_PLANES = {'BLOCK': np.array([[1.0, 0, 0, 0], [1, 0, 0, -1], [0, 1, 0, 0], [0, 1, 0, -1], [0, 0, 1, 0],
                                   [0, 0, 1, -1]]),
-               'CYLINDER': np.array([[0.0, 0, 1, 0], [0, 0, 1, -1]]), 'CONE': np.array([[0.0, 0, 1, -1]])}
+               'CYLINDER': np.array([[0.0, 0, 1, 0], [0, 0, 1, -1]]), 'CONE': np.array([[0.0, 0, 1, -1]]),
+               'SPHERE': np.zeros((0, 4))}
 # What a rim, edge or part of one must stand out by, grey levels, to count as something to be seen.
 LEAST_CONTRAST = 8.0
 THESIS = ('cylinder_box_v1', 'cylinder_box_v2', 'tubes_v1', 'lamp_v1', 'lamp_v2', 'plug_v1', 'plug_v2', 'widget_v1',
@@ -202,6 +203,77 @@ def _clutter(rng: np.random.Generator) -> Solid:
     return body
 
 
+def _ball(r: float, x: float, y: float, z: float) -> Solid:
+    return Solid.sphere(r * MM).transformed(_at(x, y, z))
+
+
+def _balls(rng: np.random.Generator) -> Solid:
+    """Two balls, one on the plate and one sunk into it, whose outlines are no curves of theirs."""
+    body = _box(68, 58, 8, z=-8)
+    for x in (-17, 17):
+        r = rng.uniform(8, 15)
+        body = body | _ball(r, x + rng.uniform(-2, 2), rng.uniform(-10, 10), r if x < 0 else rng.uniform(0.0, 0.7) * r)
+    return body
+
+
+def _dome(rng: np.random.Generator) -> Solid:
+    """A ball cut flat on top."""
+    r = rng.uniform(14, 22)
+    z, top = rng.uniform(-0.3, 0.3) * r, rng.uniform(0.4, 0.85) * r
+    return _box(68, 58, 8, z=-8) | (_ball(r, rng.uniform(-8, 8), rng.uniform(-4, 4), z) - _box(90, 90, 40, z=z + top))
+
+
+def _cut_cone(rng: np.random.Generator) -> Solid:
+    """A cone cut by a slanting plane: its upper rim is an ellipse off its axis."""
+    low, h = rng.uniform(16, 23), rng.uniform(35, 60)
+    body = _frustum(low, 0.0, h) - _tilted(0, 0, rng.uniform(0.35, 0.6) * h, rng.uniform(0.25, 0.6),
+                                           rng.uniform(-1.0, 1.0))
+    return body | _box(60, 52, 8, z=-8)
+
+
+def _turned(rng: np.random.Generator) -> Solid:
+    """A turned part: three or four steps on one axis, one of them a groove, and perhaps a bore."""
+    radii, heights = rng.permutation([26.0, 19.0, 12.5, 16.0])[:rng.integers(3, 5)], rng.uniform(6, 14, 4)
+    # Rims at least as far apart as a blurred step is wide.
+    body, z = Solid.empty(), 0.0
+    for r, h in zip(radii + rng.uniform(-1.5, 1.5, len(radii)), heights):
+        body, z = body | _can(r, h, z=z), z + h
+    return body - _can(rng.uniform(4, 8), 30, z=z - rng.uniform(4, 15)) if rng.random() < 0.5 else body
+
+
+def _several(rng: np.random.Generator) -> Solid:
+    """Four cylinders side by side, one of them lying."""
+    body = _box(76, 66, 6, z=-6)
+    for k, (x, y) in enumerate(((-20, -14), (18, -16), (-16, 17))):
+        body = body | _can(rng.uniform(6, 12), rng.uniform(8, 30), x + rng.uniform(-3, 3), y + rng.uniform(-2, 2))
+    r, half = rng.uniform(5, 8), rng.uniform(10, 14)
+    turn = (Pose.from_rotation_vector([0, 0, rng.uniform(-1, 1)]).rotation
+            @ Pose.from_rotation_vector([0, np.pi / 2, 0]).rotation)
+    return body | _can(r, 2 * half, z=-half).transformed(_at(19, 17, 0.95 * r, turn))
+
+
+def _oval(rng: np.random.Generator) -> Solid:
+    """A column of elliptical section on a box, with an elliptical pocket."""
+    def column(a: float, b: float, h: float, z: float) -> Solid:
+        turn = Pose.from_rotation_vector([0, 0, around]).matrix
+        return _can(1.0, h).transformed(turn @ np.diag([a, b, 1.0, 1.0])).transformed(_at(x, y, z))
+
+    a, around, x, y = rng.uniform(15, 22), rng.uniform(0, np.pi), rng.uniform(-5, 5), rng.uniform(-3, 3)
+    b, h = a * rng.uniform(0.5, 0.8), rng.uniform(10, 24)
+    body = _box(66, 54, 12, z=-12) | column(a, b, h, 0.0)
+    share = rng.uniform(0.45, 0.7)
+    return body - column(share * a, share * b, 20, h - rng.uniform(3, 8)) if rng.random() < 0.5 else body
+
+
+def _covered(rng: np.random.Generator) -> Solid:
+    """A disc, a bar that crosses before it in the air, and a post before that."""
+    r = rng.uniform(17, 24)
+    turn = Pose.from_rotation_vector([0, 0, rng.uniform(-0.5, 0.5)]).rotation
+    bar = _box(90, 5, 5).transformed(_at(0, -rng.uniform(8, 16), rng.uniform(24, 34), turn))
+    return (_box(66, 60, 6, z=-6) | _can(r, rng.uniform(5, 14)) | bar
+            | _can(rng.uniform(3, 5), rng.uniform(20, 32), rng.choice([-1, 1]) * rng.uniform(4, 18), -26))
+
+
 @dataclass(frozen=True)
 class Kind:
     """What to build, from how high above its ground it is seen, degrees, and how far it is turned to either side;
@@ -219,6 +291,13 @@ KINDS = {
     'tubes': Kind(_tubes), 'bores': Kind(_bores, (30.0, 70.0)), 'small': Kind(_small, (30.0, 65.0)),
     'edge-on': Kind(_discs, (6.0, 15.0)), 'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6),
     'slot': Kind(_slot, joined=True), 'clutter': Kind(_clutter, (20.0, 50.0))}
+# The number of a kind's random numbers: those of the first twelve go by the alphabet, newer ones follow.
+STREAMS = sorted(KINDS)
+KINDS |= {'balls': Kind(_balls), 'dome': Kind(_dome), 'cut cone': Kind(_cut_cone, (20.0, 50.0), 0.6),
+          'turned': Kind(_turned, (15.0, 60.0)), 'several': Kind(_several), 'oval': Kind(_oval, (25.0, 60.0)),
+          'covered': Kind(_covered, (20.0, 45.0), 0.6)}
+STREAMS += list(KINDS)[len(STREAMS):]
+
 
 
 def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedView:
@@ -228,7 +307,7 @@ def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedV
         scene = load_scene(scene_path(kind))
         placed = [(item.model, scene.camera_T_scene.compose(item.pose)) for item in scene.placements]
         return _view(f'{kind} {seed}', scene, placed, scene_rig(scene), imaging, seed)
-    rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
+    rng = np.random.default_rng([seed, STREAMS.index(kind)])
     what = KINDS[kind]
     solid = _shaded(what.build(rng), rng, what.joined)
     depth = rng.uniform(0.18, 0.33)
