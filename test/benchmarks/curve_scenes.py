@@ -244,7 +244,7 @@ def _turned(rng: np.random.Generator) -> Solid:
 def _several(rng: np.random.Generator) -> Solid:
     """Four cylinders side by side, one of them lying."""
     body = _box(76, 66, 6, z=-6)
-    for k, (x, y) in enumerate(((-20, -14), (18, -16), (-16, 17))):
+    for x, y in ((-20, -14), (18, -16), (-16, 17)):
         body = body | _can(rng.uniform(6, 12), rng.uniform(8, 30), x + rng.uniform(-3, 3), y + rng.uniform(-2, 2))
     r, half = rng.uniform(5, 8), rng.uniform(10, 14)
     turn = (Pose.from_rotation_vector([0, 0, rng.uniform(-1, 1)]).rotation

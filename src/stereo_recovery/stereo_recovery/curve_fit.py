@@ -24,7 +24,7 @@ COMMON_SHARE = 0.5
 EVERYWHERE_SHARE = 0.2
 # Times the sigma of the radius: an edge, a contour or a second rim a few pixels beside a rim pulls it in or out as a
 # whole, and the edgels do not tell.
-RADIUS_WIDER = 1.5
+RADIUS_WIDER = 1.25
 # An ellipse whose radii differ by less than so many sigma cannot be told from a circle.
 OBLONG = 4.0
 

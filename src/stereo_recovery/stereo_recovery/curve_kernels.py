@@ -6,6 +6,11 @@ import numpy as np
 
 from msgs_py.compiled import njit
 
+# Variance, px^2, by which fitting a quadratic to 3 x 3 pixels (see :mod:`.edgels`) adds to the pull of the smoothing: a
+# ridge that bends by c moves by c/2 times the mean square of what lies beside its normal, 2/3 where the normal runs
+# along the pixels and a quarter of that where it runs diagonally.
+FACET, DIAGONAL = 2.0 / 3.0, 0.75
+
 
 @njit
 def _conic(centre, major, minor, camera, eye):
@@ -42,7 +47,8 @@ def _conic(centre, major, minor, camera, eye):
 @njit
 def residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend):
     """Distances of edgels from the curve's pictures, pixels, positive outside, into out (n,); bend (n,): what
-    smoothing of variance ``blur`` moves an edgel towards the centre of curvature (already taken off ``out``)."""
+    smoothing of variance ``blur`` and the edgels' fit move an edgel towards the centre of curvature (already taken off
+    ``out``); nothing for points that come from no picture, blur 0."""
     second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
                        normal[0] * first[1] - normal[1] * first[0]])
     major, minor = radii[0] * first, radii[1] * second
@@ -56,7 +62,9 @@ def residuals(centre, normal, first, radii, points, count, camera_left, camera_r
             g2 = gu * gu + gv * gv + 1e-300
             g = np.sqrt(g2)
             curvature = (q[0] * gv * gv - 2.0 * q[1] * gu * gv + q[2] * gu * gu) / (g2 * g)
-            bend[i] = min(0.5 * blur * abs(curvature), 1.0)
+            twice = 2.0 * gu * gv / g2
+            pull = blur + FACET * (1.0 - DIAGONAL * twice * twice) if blur > 0.0 else 0.0
+            bend[i] = min(0.5 * pull * abs(curvature), 1.0)
             out[i] = 0.5 * value / g + bend[i]
 
 
@@ -110,8 +118,8 @@ def equations(centre, normal, first, radii, circle, points, count, camera_left, 
     spread = max(1.4826 * np.median(ratio), 1.0)
     cost = 0.0
     for i in range(n):
-        # Half of the correction for curvature is doubted.
-        variance = sigma[i] * sigma[i] + 0.25 * bend[i] * bend[i]
+        # A fifth of the correction for curvature is doubted.
+        variance = sigma[i] * sigma[i] + 0.04 * bend[i] * bend[i]
         weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (2.5 * spread)) ** 2))
         cost += weights[i] * out[i] * out[i]
     matrix = np.zeros((size, size))

@@ -81,7 +81,8 @@ ON_AXLE = 20.0
 WORST_MISFIT = 3.0
 
 
-def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float) -> tuple[np.ndarray, np.ndarray]:
+def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float,
+            first: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Edgels of the image seen from (eye, 0, 0) that are the curve's, (n,) bool, and those of them that measure it.
 
     The former lie on its picture and point across it. How near the latter have to be depends on how well the curve fits
@@ -102,9 +103,24 @@ def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: floa
     distance = distances(curve, edgels.position[index], rig, eye, blur)
     usual = min(curve.rms, 1.5 * float(np.median(np.abs(distance))))
     own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.shift[index], 0.1))
+    expected = np.hypot(own, usual)
+    if first:
+        expected = np.hypot(expected, np.sqrt(foreseen(curve, edgels.position[index], rig, eye, blur)))
     measures = np.zeros(len(edgels), bool)
-    measures[index[np.abs(distance) < np.clip(GATE * np.hypot(own, usual), LEAST_CLAIM, CLAIM)]] = True
+    measures[index[np.abs(distance) < np.clip(GATE * expected, LEAST_CLAIM, CLAIM)]] = True
     return near, measures
+
+
+def foreseen(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float, blur: float) -> np.ndarray:
+    """(n,) float64, px^2: variance that the curve's own uncertainty gives its picture at pixels (n, 2) near it."""
+    camera = rig.left if eye == 0.0 else rig.right
+    matrix = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+    spare = np.empty(len(points)), np.empty(len(points))
+    rows = curve_kernels.jacobian(curve.centre, curve.normal, curve.first, np.asarray(curve.radii, dtype=np.float64),
+                                  True, np.ascontiguousarray(points), len(points) if eye == 0.0 else 0, matrix, matrix,
+                                  float(eye), float(blur), *spare)
+    rows[:, 5] /= curve.radii[0]
+    return np.einsum('ni,ij,nj->n', rows, curve.covariance, rows)
 
 
 def distances(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float, blur: float) -> np.ndarray:
@@ -178,8 +194,9 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
         return None
     fitted: tuple[np.ndarray, np.ndarray] = (np.zeros(0, bool), np.zeros(0, bool))
     for turn in range(2):
-        (on_left, fit_left), (on_right, fit_right) = (claimed(curve, edgels, rig, eye, blur) for edgels, eye in (
-            (left, 0.0), (right, rig.baseline)))
+        (on_left, fit_left), (on_right, fit_right) = (
+            claimed(curve, edgels, rig, eye, blur, first=turn == 0) for edgels, eye in (
+                (left, 0.0), (right, rig.baseline)))
         if min(fit_left.sum(), fit_right.sum()) < 8:
             return None
         changed = sum(int((a != b).sum()) for a, b in zip(fitted, (fit_left, fit_right))) if turn else len(left)

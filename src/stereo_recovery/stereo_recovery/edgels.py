@@ -113,6 +113,11 @@ def noise_level(grey: np.ndarray) -> float:
     return max(QUANTISATION_NOISE, float(np.median(response)) / (0.6745 * 6.0))
 
 
+def blur_variance(found: Sequence[Edgels]) -> float:
+    """Variance, px^2, of a usual step in some pictures: the smoothing, and what the camera blurs."""
+    return float(np.median(np.concatenate([e.width for e in found]))) ** 2
+
+
 def gaussian_kernels(sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Sampled Gaussian (sum 1) and its derivative (unit response to a unit ramp), float32, radius 4 sigma."""
     radius = max(1, int(np.ceil(4.0 * sigma)))

@@ -29,6 +29,7 @@ from .params import RecoveryParams
 from .profiles import taken_apart
 from .profiles import warm_up as warm_up_profiles
 from .segmentation import Pieces, corners, roughness, split, whole_pieces
+from .spheres import without_balls
 from .strings import link, with_weak
 from .tangency import joined_ends
 
@@ -41,8 +42,12 @@ SPARSE = 0.01
 WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
 # With more edgels a pixel than this a picture is cluttered: print and texture end near true edges everywhere.
 CLUTTERED = 0.02
-# A curve is reported when its normal is known this well, radians, one sigma; less well, it explains edgels only.
-MOST_TILT = np.radians(2.0)
+# A curve is reported when its normal is known this well, radians, one sigma, and its edgels are off by at most so many
+# times what they state; less well, it explains edgels only. A short arc, of less than this share, has to be known
+# better: a crease between two tubes may look like one.
+MOST_TILT, MOST_TILT_OF_ARC = np.radians(2.0), np.radians(1.0)
+ARC = 0.7
+MOST_MISFIT = 2.0
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
 # Where there are curves a doubtful one may well be a piece of a curve: it has to be known better, and only tells on
 # which face a curve lies.
@@ -105,6 +110,11 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     return _View(grey, ordered, pieces, ellipses)
 
 
+def _well_known(curve: Curve) -> bool:
+    most = MOST_TILT if curve.coverage > ARC else MOST_TILT_OF_ARC
+    return bool(curve.tilt < most and curve.misfit < MOST_MISFIT)
+
+
 def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: RecoveryParams | None = None) -> Recovery:
     """Straight edges, planar curves and axes of rotation in space.
 
@@ -157,12 +167,13 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
     matches, *joined = join_matched(matches, *pieces)
     pieces = joined[0], joined[1]
-    blur = params.sigma ** 2 + edgel_module.CAMERA_BLUR_VARIANCE
+    blur = edgel_module.blur_variance(found)
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
     curves = distinct(completed(curves, pieces, found, rig, blur))
-    told = [c for c in curves if c.tilt < MOST_TILT]
+    rims = without_balls(curves, found, rig, blur)
+    told = [c for c in rims if _well_known(c)]
     axes, surfaces = find_axes(told, pieces, rig)
-    surfaces += [(c, np.append(c.normal, 0.0)) for c in curves if c.tilt >= MOST_TILT]
+    surfaces += [(c, np.append(c.normal, 0.0)) for c in rims if not any(c is other for other in told)]
     lap('curves')
     # Outlines are no edges, and tell edges nothing; neither does an end that a curved surface hides.
     matches = matches.select(~contours(matches, pieces, surfaces, rig))
@@ -186,7 +197,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     unseen = counterparts(told, found, rig, blur)
     keep &= ~on_curves(lines, of_lines, curves + unseen) & ~contours(lines, of_lines, surfaces, rig)
     curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
-    keep &= segments.err_per < (BESIDE_CURVES if curves else LEAST_DETERMINED) * span
+    keep &= segments.err_per < (BESIDE_CURVES if rims else LEAST_DETERMINED) * span
     err_per = segments.err_per[keep]
     ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves + unseen)
     features = FeatureSet.concatenate([

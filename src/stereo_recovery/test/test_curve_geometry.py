@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +17,7 @@ from stereo_recovery.conics import Ellipse, sampson
 from stereo_recovery.curve import Curve, picture, turned
 from stereo_recovery.curve_fit import Axle, refine
 from stereo_recovery.curve_starts import circles_of, mirrored
-from stereo_recovery.edgels import Edgels, detect
+from stereo_recovery.edgels import Edgels, blur_variance, detect
 from stereo_recovery.facing import on_faces
 from stereo_recovery.hiding import hidden_ends
 from stereo_recovery.lines3d import Lines3D
@@ -282,6 +283,27 @@ def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
     found, at_step = (detect(image, sigma=0.8, threshold=4.0) for image in (grey, stepped))
     assert len(found) < 0.03 * grey.size
     assert np.sum(np.abs(at_step.position[:, 0] - 39.5) < 0.5) > 60
+
+
+def disc(middle, radius, blur):
+    """(80, 80) float32: a bright disc, 8 x 8 samples a pixel, blurred."""
+    at = (np.arange(640) + 0.5) / 8.0 - 0.5
+    inside = (at[None, :] - middle[0]) ** 2 + (at[:, None] - middle[1]) ** 2 < radius ** 2
+    grey = 60.0 + 120.0 * inside.reshape(80, 8, 80, 8).mean(axis=(1, 3))
+    return cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
+
+
+@pytest.mark.parametrize('radius', [8.0, 15.0, 25.0])
+@pytest.mark.parametrize('blur', [0.4, 0.9])
+def test_neither_blur_nor_the_edgels_fit_make_a_circle_smaller(radius, blur):
+    rig = StereoRig.symmetric(PinholeCamera.centred(80, 80, 400.0), 0.0002)
+    pair = [detect(disc(middle, radius, blur), sigma=0.8, threshold=5.0) for middle in ((40.3, 39.6), (40.1, 39.6))]
+    depth = 400.0 * 0.0002 / 0.2
+    start = curve([0.0, 0.0, depth], [0.0, 0.0, -1.0], radius * depth / 400.0)
+    held = Axle(start.centre, start.normal, 1e-4 * np.eye(3), 1e-6)
+    found = refine(start, *pair, rig, blur_variance(pair), circle=True, axle=held)
+    assert found is not None
+    assert abs(found.radii[0] / found.centre[2] * 400.0 - radius) < 0.012
 
 
 @pytest.mark.parametrize('beyond', [-0.004, 0.0, 0.005])
