@@ -33,6 +33,7 @@ from .symmetry import symmetric_poses
 
 STEEP = 0.3  # sine of two features that may fix a first pose
 WIDE = 24  # a data feature with more nodes than this is of no use but as one more
+NEAR = 1.6  # tolerances: what misses its own by less may fit under another pose
 GROUP = 4  # data features that fix a pose well
 
 
@@ -75,7 +76,7 @@ def compile_kernels() -> None:
     tested.deviations(motion, nodes, nodes, *tree.sample)
     tested.all_fit(motion, nodes, nodes, *tree.sample, tree.kind_m, tree.radius_tol)
     tested.fit(motion, nodes.astype(np.int32), np.zeros(6, np.int8), *tree.sample, np.empty((6, 6)), np.empty(5))
-    tree.poses(nodes[:2], 2, None)
+    tree.joined(2, nodes[:2], nodes[3:], None)
 
 
 def certify(problem: Problem, result: MatchResult, params: MatchParams, started: float) -> MatchResult:
@@ -93,7 +94,8 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
     if left <= 0.0:
         result.stats['unproven'] = 'time limit'
         return result
-    proof = prove_problem(problem, best.matched, params, left)
+    motion = np.concatenate([best.pose.rotation.ravel(), best.pose.translation])
+    proof = prove_problem(problem, best.matched, params, left, motion)
     result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
     reason = proof.reason
     if proof.assignment is not None and proof.motion is not None:
@@ -149,8 +151,9 @@ def prove(index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams
     return replace(found, assignment=assignment)
 
 
-def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: float | None = None) -> Proof:
-    """As :func:`prove`; the assignment is of the problem's usable features."""
+def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: float | None = None,
+                  motion: np.ndarray | None = None) -> Proof:
+    """As :func:`prove`; the assignment is of the problem's usable features. motion : (12,) the pose of what matched."""
     if params.scale != 'known':
         return Proof(False, reason="only data of known scale can be proven, not scale='free'")
     compile_kernels()
@@ -158,6 +161,8 @@ def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: 
     tree = _Tree(problem, matched, started + (params.time_limit_s if seconds is None else seconds))
     reason = None
     try:
+        if motion is not None:
+            tree.enlarge(motion)
         tree.prune()
         while True:
             try:
@@ -185,10 +190,13 @@ class _Tree:
         self.model, self.kind_m, self.radius_tol = problem.index.rows, problem.index.kind, problem.radius_tol
         self.data, self.kind_d, self.tols = problem.sample
         self.nodes_a = self.nodes_i = np.zeros(0, np.int64)
+        self.disjoint: list[list[int]] = []  # groups of data features
         self.refuted: list[frozenset[int]] = []  # data features that are not all in a larger interpretation
+        self.group_of, self.group_sizes = np.full(len(self.data), -1), np.full(len(self.data), len(self.data))
         self.assignment: np.ndarray | None = None
         self.motion: np.ndarray | None = None
         self.branches = 0
+        self.ranges: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # of a data feature's pairs, as far as asked for
 
     @property
     def sample(self) -> tuple:
@@ -209,7 +217,9 @@ class _Tree:
         relations = self.pairs.model_relations(self.model)
         mids = np.ascontiguousarray(relations[:, :, self.pairs.MIDS])
         margins, halves = self.pairs.margins_of(self.data, self.tols), self.model[:, 6].copy()
-        self.agreement = (self.data, self.tols, self.model, margins, halves, relations)
+        span, below = self.supports.extremes(halves, relations)
+        ranges, known = np.empty((*relations.shape[:2], 11)), np.zeros(relations.shape[:2], bool)
+        self.agreement = (self.data, self.tols, self.model, margins, halves, relations, mids, ranges, known)
         before = -1
         while before != counts.sum():
             before = counts.sum()
@@ -223,9 +233,37 @@ class _Tree:
                     return
                 others = alive[np.argsort(counts[alive], kind='stable')]
                 self.supports.thin(a, others[others != a], self.data, margins, lists, counts, halves, relations, mids,
-                                   self.most, WIDE)
-        self.nodes_a = np.repeat(np.arange(len(counts)), counts)
-        self.nodes_i = np.concatenate([lists[a, :counts[a]] for a in range(len(counts))])
+                                   span, below, self.most, WIDE)
+        order = np.argsort(counts, kind='stable')  # what has few nodes is the first to show that a pose is none
+        self.nodes_a = np.repeat(order, counts[order])
+        self.nodes_i = np.concatenate([lists[a, :counts[a]] for a in order])
+
+    def enlarge(self, motion: np.ndarray) -> None:
+        """What else fits when the pose gives way: each pairing that is nearly within its tolerances is tried in turn."""
+        n, e = len(self.data), len(self.model)
+        a, i = np.repeat(np.arange(n), e), np.tile(np.arange(e), n)
+        gaps = self.tested.deviations(motion, a, i, *self.sample).reshape(n, e)
+        gaps[~self.pairs.possible(*self.sample, self.kind_m, self.radius_tol)] = np.inf
+        nearest, least = gaps.argmin(axis=1), gaps.min(axis=1)
+        order = np.argsort(least, kind='stable')
+        chosen = order[:int((least <= 1.0).sum())]
+        if len(chosen) < self.most:
+            return
+        for a_more in order[len(chosen):int((least <= NEAR).sum())]:
+            more, pose = np.append(chosen, a_more), motion.copy()
+            if self.tested.common_pose(pose, more, nearest[more], *self.sample,
+                                       np.empty(len(more))) == self.tested.FEASIBLE:
+                chosen, motion = more, pose
+        self.keep_larger(chosen, nearest[chosen], motion)
+
+    def keep_larger(self, a: np.ndarray, i: np.ndarray, motion: np.ndarray) -> bool:
+        """Note an interpretation that is larger than what is known, if a pose does explain it all."""
+        if len(a) <= self.most or not self.tested.all_fit(motion, a, i, *self.sample, self.kind_m, self.radius_tol):
+            return False
+        self.assignment = np.full(len(self.data), BIN, np.int32)
+        self.assignment[a] = i
+        self.most, self.motion = len(a), motion
+        return True
 
     # -- the tree ----------------------------------------------------------------------------------------------
 
@@ -236,10 +274,14 @@ class _Tree:
         spare = len(features) - self.most - 1
         if spare < 0:
             return
-        for group in self.groups(features[np.lexsort((self.tols[features, 2], domains > WIDE))], spare + 1):
+        if not self.disjoint:
+            self.disjoint = self.groups(features[np.lexsort((self.tols[features, 2], domains > WIDE))], spare + 1)
+        for number, group in enumerate(self.disjoint[:spare + 1]):
             if frozenset(group) not in self.refuted:
                 self.assign(group, np.zeros(0, np.int64), free, None)
                 self.refuted.append(frozenset(group))
+                self.group_of[group] = number
+                self.group_sizes[number] = len(group)
 
     def groups(self, features: np.ndarray, count: int) -> list[list[int]]:
         """Disjoint groups of data features, the firm ones first in each, with two that cross where possible."""
@@ -259,27 +301,40 @@ class _Tree:
         if not group:
             self.explore(forced, free, motion, self.refuted)
             return
-        mine = self.nodes_a[free] == group[0]
+        here = self.nodes_a[free]
+        chosen = min(group, key=lambda a: int((here == a).sum()))
+        mine = here == chosen
+        others = [a for a in group if a != chosen]
         for node in free[mine]:
-            for pose in self.poses(forced, node, motion):
-                self.assign(group[1:], np.append(forced, node), free[~mine], pose)
+            for more, rest, pose in self.joined(node, forced, free[~mine], motion):
+                self.assign(others, more, rest, pose)
 
-    def poses(self, forced: np.ndarray, node: int, motion: np.ndarray | None) -> list[np.ndarray | None]:
-        """What poses the forced nodes and one more may have: none, [None] while too few to tell, or starts."""
+    def joined(self, node: int, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None,
+               ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
+        """One more node beside the forced ones: with it, what is left of the free ones, and each pose they may have."""
         self.check_time()
-        a, i = self.nodes_a[forced], self.nodes_i[forced]
-        all_a, all_i = np.append(a, self.nodes_a[node]), np.append(i, self.nodes_i[node])
-        unused = np.empty(len(all_a))
+        least = self.most - len(forced)
+        a, n = int(self.nodes_a[node]), len(self.data)
+        if a not in self.ranges:
+            self.ranges[a] = np.empty((n, 11)), np.zeros(n, bool)
+        rest = self.supports.narrowed(a, self.nodes_i[node], free, self.nodes_a, self.nodes_i, least,
+                                      forced, self.group_of, self.group_sizes, *self.agreement, *self.ranges[a])
+        if len(rest) == 0 and least > 0:
+            return []
+        more = np.append(forced, node)
+        return [(more, rest, pose) for pose in self.poses(more, motion)]
+
+    def poses(self, nodes: np.ndarray, motion: np.ndarray | None) -> list[np.ndarray | None]:
+        """What poses some nodes may have: none, [None] while too few to tell, or starts."""
+        a, i = self.nodes_a[nodes], self.nodes_i[nodes]
         starts: list[np.ndarray | None] = [motion]
         if motion is None:
-            if not self.supports.agree(self.nodes_a[node], self.nodes_i[node], a, i, *self.agreement):
-                return []
-            starts = [*self.first_poses(all_a, all_i)] or [None]
+            starts = [*self.first_poses(a, i)] or [None]
         allowed: list[np.ndarray | None] = []
         for start in starts:
             pose = None if start is None else start.copy()
-            if pose is None or self.tested.common_pose(pose, all_a, all_i, *self.sample,
-                                                       unused) != self.tested.INFEASIBLE:
+            if pose is None or self.tested.common_pose(pose, a, i, *self.sample,
+                                                       np.empty(len(a))) != self.tested.INFEASIBLE:
                 allowed.append(pose)
         return allowed
 
@@ -350,8 +405,8 @@ class _Tree:
             open_to = np.where(domains > 1, domains, domains.max() + (motion is not None))
             chosen = self.nodes_a[free] == features[np.argmin(open_to)]
             for node in free[chosen]:
-                for pose in self.poses(forced, node, motion):
-                    self.explore(np.append(forced, node), free[~chosen], pose, refuted)
+                for more, rest, pose in self.joined(node, forced, free[~chosen], motion):
+                    self.explore(more, rest, pose, refuted)
             self.explore(forced, free[~chosen], motion, refuted)
 
     def conflicts(self, forced: np.ndarray, free: np.ndarray, singles: np.ndarray, motion: np.ndarray,
@@ -394,10 +449,11 @@ class _Tree:
         for k, node in enumerate(members):
             rest = free[~np.isin(self.nodes_a[free], self.nodes_a[members[:k + 1]])]
             self.explore(forced, rest, motion, refuted)
-            poses = self.poses(forced, node, motion)
-            if not poses:
+            others = free[self.nodes_a[free] != self.nodes_a[node]]
+            with_it = self.joined(node, forced, others, motion) if node in free else []
+            if not with_it:
                 return
-            forced, motion = np.append(forced, node), poses[0]
+            forced, free, motion = with_it[0]
 
     def try_nearest(self, forced: np.ndarray, free: np.ndarray, motion: np.ndarray) -> None:
         """The forced nodes with the nearest node of every free feature: raises _Larger when they have a common pose."""
@@ -408,8 +464,5 @@ class _Tree:
         a, i = self.nodes_a[nodes], self.nodes_i[nodes]
         pose = motion.copy()
         if self.tested.common_pose(pose, a, i, *self.sample, np.empty(len(nodes))) == self.tested.FEASIBLE and \
-                self.tested.all_fit(pose, a, i, *self.sample, self.kind_m, self.radius_tol):
-            self.assignment = np.full(len(self.data), BIN, np.int32)
-            self.assignment[a] = i
-            self.most, self.motion = len(nodes), pose
+                self.keep_larger(a, i, pose):
             raise _Larger
