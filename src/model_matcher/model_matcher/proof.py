@@ -6,13 +6,16 @@ across and along, direction within its cone, radii within curvedev (kernels.fit_
 interpretation of this data, whatever its pose, pairs more data features than this one. Clutter, occlusion, symmetry
 and the seed play no part in that; the tolerances do. An equally large one may exist.
 
-How it is shown. Pairings (nodes) that cannot be among K + 1 consistent ones go first, by the exact pair test
-(supports.py, pair_test.py). The tree over what is left is bounded by the data features that still have a node. A set of
-K + 1 out of K + 1 + s data features leaves out at most s, so of any s + 1 disjoint groups it holds one whole: the tree
-branches on which. A whole group fixes the pose, and what no pose near it explains is taken away (rigidity.py). Subsets
-of what remains that have no common pose are conflicts: each leaves out one of its own, so more than s disjoint ones end
-a branch, and otherwise the tree branches on whom one leaves out. A set larger than what is known that has a common pose
-becomes the new bound, until the tree is exhausted or time is up.
+How it is shown. What misses its tolerances by little under the known pose is tried with a pose that gives way: K is then
+hardly ever short of the largest. Pairings (nodes) that cannot be among K + 1 consistent ones go first, by the exact pair
+test (supports.py, pair_test.py). A set of K + 1 out of K + 1 + s data features leaves out at most s, so of any s + 1
+disjoint groups it holds one whole: the tree branches on which, and group by group it becomes known that one of its
+features is left out. Each node that is taken narrows the others by the pair tests, and where those left are of too few
+data features, less one for each refuted group that is whole, the branch ends: nearly all do, before there is a pose. A
+whole group fixes the pose, and what no pose near it explains is taken away (rigidity.py). Subsets of what remains that
+have no common pose are conflicts: each leaves out one of its own, so more than s disjoint ones end a branch, and
+otherwise the tree branches on whom one leaves out. A set larger than what is known that has a common pose becomes the
+new bound, until the tree is exhausted or time is up.
 """
 
 from __future__ import annotations
@@ -72,7 +75,7 @@ def compile_kernels() -> None:
     tested, weights = tree.tested, np.ones(6)
     tested.common_pose(motion.copy(), nodes, nodes, *tree.sample, weights)
     tested.conflict(motion, nodes, nodes, weights, *tree.sample)
-    tested.can_join(motion, nodes[:3], nodes[:3], nodes, nodes, *tree.sample)
+    tested.can_join(motion, nodes[:3], nodes[:3], nodes, nodes, 0, *tree.sample)
     tested.deviations(motion, nodes, nodes, *tree.sample)
     tested.all_fit(motion, nodes, nodes, *tree.sample, tree.kind_m, tree.radius_tol)
     tested.fit(motion, nodes.astype(np.int32), np.zeros(6, np.int8), *tree.sample, np.empty((6, 6)), np.empty(5))
@@ -162,7 +165,7 @@ def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: 
     reason = None
     try:
         if motion is not None:
-            tree.enlarge(motion)
+            tree.enlarge(motion, problem.index.middle, problem.index.size)
         tree.prune()
         while True:
             try:
@@ -192,7 +195,7 @@ class _Tree:
         self.nodes_a = self.nodes_i = np.zeros(0, np.int64)
         self.disjoint: list[list[int]] = []  # groups of data features
         self.refuted: list[frozenset[int]] = []  # data features that are not all in a larger interpretation
-        self.group_of, self.group_sizes = np.full(len(self.data), -1), np.full(len(self.data), len(self.data))
+        self.group_of, self.group_sizes = np.full(len(self.data), -1), np.zeros(0, np.int64)  # of the refuted ones
         self.assignment: np.ndarray | None = None
         self.motion: np.ndarray | None = None
         self.branches = 0
@@ -219,7 +222,8 @@ class _Tree:
         margins, halves = self.pairs.margins_of(self.data, self.tols), self.model[:, 6].copy()
         span, below = self.supports.extremes(halves, relations)
         ranges, known = np.empty((*relations.shape[:2], 11)), np.zeros(relations.shape[:2], bool)
-        self.agreement = (self.data, self.tols, self.model, margins, halves, relations, mids, ranges, known)
+        self.agreement = (self.data, self.tols, self.model, margins, halves, relations, mids,
+                          np.ascontiguousarray(relations[:, :, self.pairs.ANGLE]), ranges, known)
         before = -1
         while before != counts.sum():
             before = counts.sum()
@@ -238,13 +242,21 @@ class _Tree:
         self.nodes_a = np.repeat(order, counts[order])
         self.nodes_i = np.concatenate([lists[a, :counts[a]] for a in order])
 
-    def enlarge(self, motion: np.ndarray) -> None:
-        """What else fits when the pose gives way: each pairing that is nearly within its tolerances is tried in turn."""
-        n, e = len(self.data), len(self.model)
-        a, i = np.repeat(np.arange(n), e), np.tile(np.arange(e), n)
-        gaps = self.tested.deviations(motion, a, i, *self.sample).reshape(n, e)
-        gaps[~self.pairs.possible(*self.sample, self.kind_m, self.radius_tol)] = np.inf
-        nearest, least = gaps.argmin(axis=1), gaps.min(axis=1)
+    def enlarge(self, motion: np.ndarray, middle: np.ndarray, size: float) -> None:
+        """What else fits when a pose gives way: each pairing that is nearly within its tolerances is tried in turn.
+
+        middle : (3,), size : metres, of the model
+        """
+        centre = motion[:9].reshape(3, 3) @ middle + motion[9:]
+        near = np.flatnonzero(np.linalg.norm(self.data[:, :3] - centre, axis=1) <= size)
+        if len(near) < self.most:
+            return
+        e = len(self.model)
+        gaps = self.tested.deviations(motion, np.repeat(near, e), np.tile(np.arange(e), len(near)), *self.sample)
+        gaps = np.where(self.pairs.possible(self.data[near], self.kind_d[near], self.tols[near], self.model,
+                                            self.kind_m, self.radius_tol), gaps.reshape(-1, e), np.inf)
+        nearest, least = np.zeros(len(self.data), np.int64), np.full(len(self.data), np.inf)
+        nearest[near], least[near] = gaps.argmin(axis=1), gaps.min(axis=1)
         order = np.argsort(least, kind='stable')
         chosen = order[:int((least <= 1.0).sum())]
         if len(chosen) < self.most:
@@ -281,7 +293,7 @@ class _Tree:
                 self.assign(group, np.zeros(0, np.int64), free, None)
                 self.refuted.append(frozenset(group))
                 self.group_of[group] = number
-                self.group_sizes[number] = len(group)
+                self.group_sizes = np.append(self.group_sizes, len(group))
 
     def groups(self, features: np.ndarray, count: int) -> list[list[int]]:
         """Disjoint groups of data features, the firm ones first in each, with two that cross where possible."""
@@ -380,7 +392,7 @@ class _Tree:
         self.check_time()
         if motion is not None:
             free = free[self.tested.can_join(motion, self.nodes_a[forced], self.nodes_i[forced], self.nodes_a[free],
-                                             self.nodes_i[free], *self.sample)]
+                                             self.nodes_i[free], self.most + 1 - len(forced), *self.sample)]
         features, domains = np.unique(self.nodes_a[free], return_counts=True)
         spare = len(forced) + len(features) - self.most - 1
         if spare < 0:

@@ -221,8 +221,10 @@ def deviations(motion, a, i, data, kind_d, tols, model):
 
 
 @njit
-def can_join(motion, a, i, others_a, others_i, data, kind_d, tols, model):
+def can_join(motion, a, i, others_a, others_i, least, data, kind_d, tols, model):
     """(c,) bool: which pairings others_a on others_i may share a pose with the set a on i, whose pose is ``motion``.
+
+    None when they are of fewer than ``least`` data features; those of one data feature stand together in others_a.
 
     Poses of the set lie in an ellipsoid, because the mean square of its numbers is below one; what misses its
     tolerance everywhere in there is refused at once, and what misses it at ``motion`` is tried together with the set.
@@ -263,8 +265,18 @@ def can_join(motion, a, i, others_a, others_i, data, kind_d, tols, model):
         turn += np.sqrt(room * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]))
     all_a, all_i, unused = np.empty(m + 1, np.int64), np.empty(m + 1, np.int64), np.empty(m + 1)
     all_a[:m], all_i[:m] = a, i
+    spare = -least
+    for k in range(len(others_a)):
+        spare += k == 0 or others_a[k] != others_a[k - 1]
+    joins = False
     for k in range(len(others_a)):
         x = others_a[k]
+        if k > 0 and x != others_a[k - 1]:
+            spare -= not joins
+            if spare < 0:
+                out[:] = False
+                return out
+            joins = False
         _numbers(motion, centre, x, others_i[k], data, kind_d, tols, model, rows, values, 0)
         out[k] = True
         fits = True
@@ -289,6 +301,7 @@ def can_join(motion, a, i, others_a, others_i, data, kind_d, tols, model):
         if out[k] and not fits:
             all_a[m], all_i[m] = x, others_i[k]
             out[k] = common_pose(motion.copy(), all_a, all_i, data, kind_d, tols, model, unused) != INFEASIBLE
+        joins = joins or out[k]
     return out
 
 

@@ -14,7 +14,6 @@ from msgs_py.compiled import njit
 from .constraints import consistent_signs, entry, pair_ranges
 from .pair_test import ANGLE, MIDS, RELATION, ROUNDING, pair_fits, relation
 
-
 ANGLES = 180  # bins of pi/2
 
 
@@ -98,8 +97,8 @@ def thin(a, others, data, margins, lists, counts, halves, model_rel, mids, span,
 
 
 @njit
-def narrowed(a, i, free, nodes_a, nodes_i, least, forced, group_of, sizes, data, tols, model, margins, halves, model_rel,
-             mids, model_ranges, model_known, ranges, known):
+def narrowed(a, i, free, nodes_a, nodes_i, least, forced, group_of, sizes, data, tols, model, margins, halves,
+             model_rel, mids, angles, model_ranges, model_known, ranges, known):
     """Those of the nodes ``free`` that node (a, i) is consistent with: by the exact test and the five constraints.
 
     None at all when interpretations have fewer than ``least`` of their data features: of a refuted group, one at least
@@ -134,12 +133,16 @@ def narrowed(a, i, free, nodes_a, nodes_i, least, forced, group_of, sizes, data,
         error_b = np.hypot(tols[b, 0], tols[b, 1])
         relation(data[a], data[b], rel[0])
         mid, room = rel[0, MIDS], room_a + margins[b, 2] + margins[b, 3] - margins[b, 1]
+        low = rel[0, ANGLE] - margins[a, 4] - margins[b, 4] - ROUNDING
+        high = rel[0, ANGLE] + margins[a, 4] + margins[b, 4] + ROUNDING
+        if high > 0.5 * np.pi:
+            low, high = min(low, np.pi - high), 0.5 * np.pi
         before = count
         while at < len(free) and nodes_a[free[at]] == b:
             node = free[at]
             at += 1
             j = nodes_i[node]
-            if i != j and abs(mid - mids[i, j]) > room + halves[j]:
+            if i != j and (abs(mid - mids[i, j]) > room + halves[j] or not low <= angles[i, j] <= high):
                 continue
             if not pair_fits(rel, 0, margins, a, b, halves, model_rel, i, j):
                 continue

@@ -57,7 +57,7 @@ def test_ideal_data_is_proven_largest_without_a_tree(name):
     assert proof.proven and proof.reason is None and proof.nodes == 0
 
 
-@pytest.mark.parametrize('name', ['l_shape', 'wedge', 'chipped_block', 'chair', 'computer'])
+@pytest.mark.parametrize('name', ['l_shape', 'wedge', 'chipped_block', 'chair', 'computer', 'plug'])
 def test_match_is_proven_with_half_the_data_spurious(name):
     model = MODELS[name]()
     for seed in range(4):
@@ -68,6 +68,20 @@ def test_match_is_proven_with_half_the_data_spurious(name):
         assert best.matched >= plain.matched
         assert len(np.unique(best.assignment[best.assignment != BIN])) >= len(
             np.unique(plain.assignment[plain.assignment != BIN]))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_plug_with_its_short_pins_is_proven_and_no_other_pose_explains_more(seed):
+    model = MODELS['plug']()
+    scene = make_scene(model, seed, clutter=0.5)
+    best = match(model, scene.data, MatchParams(prove=True)).best
+    assert best.proven
+    problem = make_problem(index_model(model, 'plug'), scene.data, MatchParams())
+    rng = np.random.default_rng(seed)
+    for _ in range(3000):
+        turn = Pose.from_rotation_vector(rng.normal(size=3) * 0.02, rng.normal(size=3) * 3e-4)
+        motion = as_motion(Pose(turn.rotation @ best.pose.rotation, best.pose.translation + turn.translation))
+        assert (explained(problem, motion) != BIN).sum() <= best.matched
 
 
 def test_what_the_proof_adds_is_true():
@@ -137,7 +151,7 @@ def test_what_may_join_a_set_is_what_shares_a_pose_with_it(seed):
         return
     others_a = np.repeat(a, 5)
     others_i = np.random.default_rng(seed).integers(0, len(problem.index), len(others_a))
-    allowed = can_join(pose, a[few], i[few], others_a, others_i, *sample)
+    allowed = can_join(pose, a[few], i[few], others_a, others_i, 0, *sample)
     for k in range(len(others_a)):
         together = common_pose(pose.copy(), np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), *sample,
                                np.empty(5))
