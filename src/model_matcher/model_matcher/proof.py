@@ -6,16 +6,16 @@ across and along, direction within its cone, radii within curvedev (kernels.fit_
 interpretation of this data, whatever its pose, pairs more data features than this one. Clutter, occlusion, symmetry
 and the seed play no part in that; the tolerances do. An equally large one may exist.
 
-How it is shown. What misses its tolerances by little under the known pose is tried with a pose that gives way: K is then
-hardly ever short of the largest. Pairings (nodes) that cannot be among K + 1 consistent ones go first, by the exact pair
-test (supports.py, pair_test.py). A set of K + 1 out of K + 1 + s data features leaves out at most s, so of any s + 1
-disjoint groups it holds one whole: the tree branches on which, and group by group it becomes known that one of its
-features is left out. Each node that is taken narrows the others by the pair tests, and where those left are of too few
-data features, less one for each refuted group that is whole, the branch ends: nearly all do, before there is a pose. A
-whole group fixes the pose, and what no pose near it explains is taken away (rigidity.py). Subsets of what remains that
-have no common pose are conflicts: each leaves out one of its own, so more than s disjoint ones end a branch, and
-otherwise the tree branches on whom one leaves out. A set larger than what is known that has a common pose becomes the
-new bound, until the tree is exhausted or time is up.
+How it is shown. What misses its tolerances by little under the known pose is tried with a pose that gives way: K is
+then hardly ever short of the largest. Pairings (nodes) that cannot be among K + 1 consistent ones go first, by the
+exact pair test (supports.py, pair_test.py). A set of K + 1 out of K + 1 + s data features leaves out at most s, so of
+any s + 1 disjoint groups it holds one whole: the tree branches on which, and group by group it becomes known that one
+of its features is left out. Each node that is taken narrows the others by the pair tests, and where those left are of
+too few data features, less one for each refuted group that is whole, the branch ends: nearly all do, before there is a
+pose. A whole group fixes the pose, and what no pose near it explains is taken away (rigidity.py). Subsets of what
+remains that have no common pose are conflicts: each leaves out one of its own, so more than s disjoint ones end a
+branch, and otherwise the tree branches on whom one leaves out. A set larger than what is known that has a common pose
+becomes the new bound, until the tree is exhausted or time is up.
 """
 
 from __future__ import annotations
@@ -221,9 +221,7 @@ class _Tree:
         mids = np.ascontiguousarray(relations[:, :, self.pairs.MIDS])
         margins, halves = self.pairs.margins_of(self.data, self.tols), self.model[:, 6].copy()
         span, below = self.supports.extremes(halves, relations)
-        ranges, known = np.empty((*relations.shape[:2], 11)), np.zeros(relations.shape[:2], bool)
-        self.agreement = (self.data, self.tols, self.model, margins, halves, relations, mids,
-                          np.ascontiguousarray(relations[:, :, self.pairs.ANGLE]), ranges, known)
+        self.agreement = self.supports.agreement(self.data, self.tols, self.model, margins, relations)
         before = -1
         while before != counts.sum():
             before = counts.sum()

@@ -167,6 +167,14 @@ def narrowed(a, i, free, nodes_a, nodes_i, least, forced, group_of, sizes, data,
     return left[:count] if spare >= 0 else left[:0]
 
 
+def agreement(data: np.ndarray, tols: np.ndarray, model: np.ndarray, margins: np.ndarray,
+              model_rel: np.ndarray) -> tuple[np.ndarray, ...]:
+    """What :func:`narrowed` takes of data and model, from data to model_known."""
+    e = len(model)
+    return (data, tols, model, margins, model[:, 6].copy(), model_rel, np.ascontiguousarray(model_rel[:, :, MIDS]),
+            np.ascontiguousarray(model_rel[:, :, ANGLE]), np.empty((e, e, 11)), np.zeros((e, e), bool))
+
+
 def listed(possible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lists (n, e) int64 of the true columns of each row of possible (n, e), and how many they are, (n,) int64."""
     return np.argsort(~possible, axis=1, kind='stable'), possible.sum(axis=1)

@@ -8,7 +8,7 @@ from model_matcher import MatchParams, index_model
 from model_matcher.kernels import fit_one
 from model_matcher.model_index import data_tolerances, feature_rows
 from model_matcher.pair_test import margins_of, model_relations, pair_fits, possible, relation
-from model_matcher.supports import agree
+from model_matcher.supports import agreement, extremes, listed, narrowed, thin
 from model_matcher.synthetic import MODELS, fragment, random_pose
 from model_matcher.tables import build_tables
 
@@ -43,6 +43,18 @@ def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, 
                 continue
             relation(rows[a], rows[b], rel[0])
             assert pair_fits(rel, 0, margins, a, b, halves, relations, i, j)
-            assert agree(a, i, np.array([b]), np.array([j]), rows, tols, index.rows, margins, halves, relations)
             if a < b:
                 assert tables.code[tables.number(a, b), i, j]
+    nodes_a, nodes_i = np.array(fitting, dtype=np.int64).reshape(-1, 2).T.copy()
+    parts, nothing = agreement(rows, tols, index.rows, margins, relations), np.zeros(0, np.int64)
+    supporters = len(np.unique(nodes_a)) - 1
+    lists, counts = listed(alone)
+    for a, i in fitting:
+        others = np.flatnonzero(nodes_a != a)
+        left = narrowed(a, i, others, nodes_a, nodes_i, supporters, nothing, np.full(len(data), -1), nothing, *parts,
+                        np.empty((len(data), 11)), np.zeros(len(data), bool))
+        assert left.tolist() == others.tolist()
+    for a in np.unique(nodes_a):
+        thin(a, np.delete(np.arange(len(data)), a), rows, margins, lists, counts, halves, relations, parts[6],
+             *extremes(halves, relations), supporters, len(index))
+        assert set(nodes_i[nodes_a == a]) <= set(lists[a, :counts[a]])
