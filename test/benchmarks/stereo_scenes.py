@@ -2,7 +2,8 @@
 
 A seed decides everything: the solid (block, L-shape, wedge, chipped block, stacked boxes; 60 to 70 mm in its longest
 direction), its pose (180 to 330 mm away), the greys of its faces, the lights, the rig (baseline about a fifth of the
-distance) and the noise. 512 x 512 pixels, f = 703 px, point spread 0.5 px, noise of 2 grey levels.
+distance) and the noise. 512 x 512 pixels, f = 703 px, point spread 0.5 px, noise of 2 grey levels, unless another
+Imaging is asked for.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from csg_renderer import Light, Scene, Solid, Surface, model_features, render_stereo
 from csg_renderer.sensor import SensorModel, grey
-from csg_renderer.visibility import stereo_fragments
+from csg_renderer.visibility import stereo_fragments, visible_features
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 
 MM = 1e-3
@@ -28,14 +29,37 @@ SHORTEST = 4.0 * MM
 LEAST_CONTRAST = 6.0
 
 
+@dataclass(frozen=True)
+class Imaging:
+    """How pictures are taken.
+
+    camera : of both eyes; the object is moved away as far as it takes to look as large in it as in the usual one
+    depth_ratio : distance over baseline, give or take 15 %; blur : pixels, one sigma; noise : grey levels
+    """
+
+    camera: PinholeCamera = CAMERA
+    depth_ratio: float = 5.0
+    blur: float = 0.5
+    noise: float = 2.0
+
+    @property
+    def remoteness(self) -> float:
+        """How many times further away than usual objects are."""
+        usual = CAMERA.fx / min(CAMERA.width, CAMERA.height)
+        return self.camera.fx / min(self.camera.width, self.camera.height) / usual
+
+
+USUAL = Imaging()
+
+
 @dataclass(frozen=True, eq=False)
 class StereoScene:
     """A rendered pair and its truth.
 
-    left, right : (512, 512) uint8; rig : StereoRig
+    left, right : (h, w) uint8; rig : StereoRig
     edges : (n, 2, 3) float64, metres, left frame: edges that both eyes see; faint : (n,) bool: without contrast
     model_index : (n,) int, the edge of the model each is a part of; model : FeatureSet of edges, model frame
-    pose : left_T_model
+    pose : left_T_model; nearest : (n,) float64, pixels: in either picture, how near its middle half is to another edge
     """
 
     name: str
@@ -47,11 +71,12 @@ class StereoScene:
     model_index: np.ndarray
     model: FeatureSet
     pose: Pose
+    nearest: np.ndarray
 
 
-def random_scene(seed: int, kind: str = 'any', rays: int = 4) -> StereoScene:
+def random_scene(seed: int, kind: str = 'any', rays: int = 4, imaging: Imaging = USUAL) -> StereoScene:
     """kind : 'any', or 'flat' for a view with nearly half of its visible length along the rows; rays : 4 for 4 x 4 rays
-    a pixel; 0 for one ray, no blur and no noise (the pictures of 1992)."""
+    a pixel; 0 for one ray, no blur and no noise (the pictures of 1992); imaging : camera, rig and noise."""
     if kind not in KINDS:
         raise ValueError(f'kind: expected one of {", ".join(KINDS)}, got {kind!r}')
     rng = np.random.default_rng([seed, KINDS.index(kind)])
@@ -60,8 +85,8 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4) -> StereoScene:
     model = model_features(solid).of_kind(FeatureKind.EDGE)
     centre = 0.5 * (model.start.min(axis=0) + model.start.max(axis=0))
     while True:
-        distance = rng.uniform(180.0, 330.0) * MM
-        rig = StereoRig.symmetric(CAMERA, distance / 5.0 * rng.uniform(0.85, 1.15))
+        distance = rng.uniform(180.0, 330.0) * MM * imaging.remoteness
+        rig = StereoRig.symmetric(imaging.camera, distance / imaging.depth_ratio * rng.uniform(0.85, 1.15))
         turn = _flat_turn(rng) if kind == 'flat' else _any_turn(rng)
         aim = np.array([0.5 * rig.baseline + rng.uniform(-10, 10) * MM, rng.uniform(-15, 15) * MM, distance])
         pose = Pose(turn, aim - turn @ centre)
@@ -70,7 +95,7 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4) -> StereoScene:
         seen = features.select(edge)
         # The object must be in both pictures as a whole.
         corners = pose.apply(np.concatenate([model.start, model.end]))
-        whole = all(CAMERA.contains(pixels).all() for pixels in rig.project(corners))
+        whole = all(imaging.camera.contains(pixels).all() for pixels in rig.project(corners))
         if whole and (kind == 'any' or flat_share(seen) >= FLAT_SHARE):
             break
     light = [Light(tuple(rng.uniform((-0.5, -0.7, -0.5), (0.5, 0.1, 0.1))), (strength,) * 3)
@@ -80,9 +105,36 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4) -> StereoScene:
     clean = [grey(frame.image) for frame in frames]
     edges = np.stack([seen.start, seen.end], axis=1)
     faint = np.minimum(*(_contrast(image, pixels) for image, pixels in zip(clean, rig.project(edges)))) < LEAST_CONTRAST
-    images = [SensorModel(0.5, 2.0, (seed, eye)).apply(image) if rays else np.rint(image).astype(np.uint8)
-              for eye, image in enumerate(clean)]
-    return StereoScene(f'{shape} {seed} {kind}', images[0], images[1], rig, edges, faint, index[edge], model, pose)
+    images = [SensorModel(imaging.blur, imaging.noise, (seed, eye)).apply(image) if rays
+              else np.rint(image).astype(np.uint8) for eye, image in enumerate(clean)]
+    nearest = np.minimum(*(_nearest(pixels, eye.project(one.start), eye.project(one.end)) for eye, pixels, one in zip(
+        (rig.left, rig.right), rig.project(edges), _seen_by_each(solid, pose, rig))))
+    return StereoScene(f'{shape} {seed} {kind}', images[0], images[1], rig, edges, faint, index[edge], model, pose,
+                       nearest)
+
+
+def _seen_by_each(solid: Solid, pose: Pose, rig: StereoRig) -> list[FeatureSet]:
+    """The edges that the left and the right eye see, each in its own camera's frame."""
+    right = Pose(pose.rotation, pose.translation + rig.right_T_left)
+    return [visible_features(solid, eye, camera).of_kind(FeatureKind.EDGE)
+            for eye, camera in ((pose, rig.left), (right, rig.right))]
+
+
+def _nearest(lines: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(n,) float64, pixels: how near the middle half of lines (n, 2, 2) comes to others, start and end (m, 2)."""
+    share = np.linspace(0.25, 0.75, 11)[:, None]
+    result = np.full(len(lines), np.inf)
+    run = end - start
+    length = np.maximum(np.hypot(*run.T), 1e-9)
+    for k, (a, b) in enumerate(lines):
+        points = a + share * (b - a)
+        away = points[:, None] - start
+        place = np.clip((away * run).sum(axis=2) / length ** 2, 0.0, 1.0)
+        distance = np.linalg.norm(away - place[..., None] * run, axis=2)
+        own = (distance[[0, -1]] < 0.01).all(axis=0)
+        if (~own).any():
+            result[k] = distance[:, ~own].min()
+    return result
 
 
 def flat_share(seen: FeatureSet) -> float:
@@ -164,6 +216,7 @@ def _contrast(image: np.ndarray, pixels: np.ndarray, offset: float = 1.5) -> np.
     for a, b in pixels:
         across = offset * np.array([a[1] - b[1], b[0] - a[0]]) / max(np.linalg.norm(b - a), 1e-9)
         sides = [np.rint((1 - share) * a + share * b + sign * across).astype(int) for sign in (1, -1)]
-        values = [image[np.clip(p[:, 1], 0, 511), np.clip(p[:, 0], 0, 511)] for p in sides]
+        sides = [np.clip(p, 0, [image.shape[1] - 1, image.shape[0] - 1]) for p in sides]
+        values = [image[p[:, 1], p[:, 0]] for p in sides]
         result.append(float(np.median(np.abs(values[0] - values[1]))))
     return np.array(result)

@@ -19,15 +19,17 @@ from . import edgel_kernels
 
 DETECTORS = ('canny', 'sobel', 'roberts', 'marr-hildreth')
 
-# Variance, px^2, that a camera's aperture (a unit box) and a sharp lens (0.5 px) add to the smoothing.
+# Variance, px^2, that a camera's aperture (a unit box) and a sharp lens (0.5 px) add to the smoothing: where no picture
+# tells.
 CAMERA_BLUR_VARIANCE = 1.0 / 12.0 + 0.25
 # Noise below this, in grey levels, is never believed: it is what rounding to 8 bits leaves.
 QUANTISATION_NOISE = 0.3
 # Position error, px, that remains without noise: sampling, and surfaces that are not evenly shaded.
 POSITION_FLOOR = 0.015
-# The same for pictures without anti-aliasing, and the blur, px^2, below which a picture counts as one.
+# The same for pictures without anti-aliasing, and the blur, px^2, below which a picture counts as one: half of what
+# a pixel's own area blurs.
 JAGGED_FLOOR = 0.13
-LEAST_BLUR_VARIANCE = 0.12
+LEAST_BLUR_VARIANCE = 1.0 / 24.0
 # Where the two sides of an edge are looked at, in widths of the blurred step; how unequal noise makes them at most,
 # and by how much an edgel has to stand out from them, in sigmas of the gradient.
 SIDES = 2.0
@@ -151,12 +153,14 @@ def gradient(grey: np.ndarray, detector: str, sigma: float) -> tuple[np.ndarray,
 
 
 def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, threshold: float = 1.0,
-           noise: float | None = None, slopes: tuple[np.ndarray, np.ndarray] | None = None) -> Edgels:
+           noise: float | None = None, slopes: tuple[np.ndarray, np.ndarray] | None = None,
+           usual_width: float | None = None) -> Edgels:
     """Edgels of a grey image.
 
     grey : (h, w) float32, grey levels; detector : one of DETECTORS; sigma : smoothing, pixels
     threshold : least gradient magnitude, grey levels per pixel; noise : grey levels, estimated when None
-    slopes : what :func:`gradient` gave for this picture, when it is known already.
+    slopes : what :func:`gradient` gave for this picture, when it is known already; usual_width : median width of its
+    edgels, pixels, likewise
     Returns Edgels in raster order. Images smaller than 5 pixels have none.
     """
     if detector not in DETECTORS:
@@ -175,12 +179,13 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
         u, v, gu, gv, width = edgel_kernels.ridge_maxima(gx, gy, np.float32(threshold))
     magnitude = np.hypot(gu, gv)
     # Noise of the second derivative over the slope of that derivative at a step (DESIGN section 8 wants it stated):
-    # sigma_e = sqrt(3/8) noise/contrast (S/s)^3 with S^2 = s^2 + the camera's own blur.
-    total = np.sqrt(sigma ** 2 + CAMERA_BLUR_VARIANCE)
+    # sigma_e = sqrt(3/8) noise/contrast (S/s)^3 with S^2 = s^2 + the camera's own blur, which the steps show.
+    if usual_width is None:
+        usual_width = float(np.median(width)) if len(width) else sigma
+    total = max(usual_width, sigma)
     contrast = magnitude * np.sqrt(2.0 * np.pi) * total
     # A camera always blurs a little; a picture with one sample a pixel does not, and its edges are stairs.
-    jagged = len(width) > 0 and float(np.median(width)) ** 2 < sigma ** 2 + LEAST_BLUR_VARIANCE
-    floor = JAGGED_FLOOR if jagged else POSITION_FLOOR
+    floor = JAGGED_FLOOR if usual_width ** 2 < sigma ** 2 + LEAST_BLUR_VARIANCE else POSITION_FLOOR
     along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
     across = noise / (np.sqrt(8.0 * np.pi) * sigma ** 2) / magnitude
     sides = edgel_kernels.beside(gx, gy, u, v, gu, gv, SIDES * total)

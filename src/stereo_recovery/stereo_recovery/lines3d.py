@@ -21,6 +21,8 @@ from .segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces, opposed
 
 # An edge whose disparity is known better than this at its ends, pixels, need not be told by others.
 WELL_MEASURED = 0.3
+# How well a corner's height is known in an image, pixels.
+CORNER_HEIGHT = 0.05
 # Corners that edges add add edges, so many times.
 CORNER_ROUNDS = 2
 # What makes corners doubtful, and how much, pixels, one sigma: an edge that goes on behind or before the other; short
@@ -212,9 +214,9 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     print ends near the edges that its corners cannot speak against them.
     """
     offset_v, spread_v = row_error(matches, left, right, met, right_met)
-    # A corner's height is known to a few hundredths of a pixel; only what exceeds that is the rig's.
-    spread_v = max(rectification_sigma, spread_v - 0.05)
-    if abs(offset_v) < spread_v:
+    # Only what exceeds the error of corners' heights is the rig's.
+    spread_v = max(rectification_sigma, spread_v - CORNER_HEIGHT)
+    if abs(offset_v) < max(spread_v, CORNER_HEIGHT):
         offset_v = 0.0
     sides, ends = (left, right), (met, right_met)
 

@@ -101,7 +101,8 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     weakest = max(params.low, WEAKEST * gradient_noise)
     sparse = len(found) < SPARSE * grey.size and weakest < low
     if sparse:
-        every = edgel_module.detect(grey, params.detector, params.sigma, weakest, noise, slopes)
+        every = edgel_module.detect(grey, params.detector, params.sigma, weakest, noise, slopes,
+                                    float(np.median(found.width)) if len(found) else None)
         strings = with_weak(strings, every, grey.shape, max(params.low, WEAK_MEAN * gradient_noise), WEAK_COUNT)
     ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
     if sparse:

@@ -30,6 +30,9 @@ NOISE_BOW = 4.0
 UNUSUAL = 0.05
 BLURRED = 1.0
 DEVIATIONS, LONG, VARIED = 3.0, 10, 0.05
+# Another edge close beside a piece moves its edgels; they tell by how much at most, and this share of it is the sigma
+# of the line, within the bounds given, pixels: less is noise, and with more the other edge is another piece.
+MOVED, LEAST_SHIFT, MOST_MOVED = 0.5, 0.05, 0.7
 # Pieces flatter than this (sine) may run either way along their rows.
 LEVEL = 0.1
 # Collinear pieces are joined across at most this many pixels.
@@ -205,8 +208,10 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     bow = np.sqrt(np.maximum(rows[:, 7] ** 2 - (NOISE_BOW * fit_sigma[:, 0]) ** 2, 0.0))
     length = np.maximum(rows[:, 5] - rows[:, 4], 1.0)
     fit_sigma = np.hypot(fit_sigma, np.column_stack([BOW_OFFSET * bow, BOW_SLOPE * bow / length]))
-    # So is one that is narrower or wider than a step is in this picture: it is two edges, or a shadow.
-    spread = BLURRED * np.sqrt(unusual(e, bounds))
+    # So is one that is narrower or wider than a step is in this picture, or brighter on one side than a step is: it is
+    # two edges, or a shadow.
+    moved = MOVED * np.maximum(segment_kernels.medians(e.shift, bounds) - LEAST_SHIFT, 0.0)
+    spread = np.hypot(BLURRED * np.sqrt(unusual(e, bounds)), np.minimum(moved, MOST_MOVED))
     fit_sigma = np.hypot(fit_sigma, np.column_stack([spread, spread / length]))
     total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
