@@ -13,10 +13,14 @@ import numpy as np
 
 from . import profile_kernels
 from .edgels import Edgels
+from .segment_kernels import medians
 from .segmentation import CORNER_REACH, CORRELATION_LENGTH, Pieces, unusual
 
 # Variance, px^2, that linear interpolation between pixels adds to a step.
 SAMPLED = 1.0 / 6.0
+# So much edgels are moved by what is beside them, pixels, when that is another edge; scraps of noise beside an edge are
+# shorter.
+UNEVEN, LEAST_MOVED = 0.15, 20.0
 # Shorter pieces, pixels, say too little; of more than this many suspects the longest are looked at.
 SHORTEST = 10.0
 MOST = 12
@@ -40,7 +44,9 @@ def taken_apart(gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, pieces
     if len(pieces) == 0:
         return pieces
     usual = float(np.median(edgels.width))
-    suspects = np.flatnonzero((unusual(edgels, pieces.bounds) > 0.0) & (pieces.length >= SHORTEST) & (pieces.arc < 0))
+    moved = (medians(edgels.shift, pieces.bounds) > UNEVEN) & (pieces.length >= LEAST_MOVED)
+    odd = (unusual(edgels, pieces.bounds) > 0.0) | moved
+    suspects = np.flatnonzero(odd & (pieces.length >= SHORTEST) & (pieces.arc < 0))
     suspects = suspects[np.argsort(-pieces.length[suspects])]
     values = {f.name: getattr(pieces, f.name).copy() for f in fields(pieces)}
     added: list[dict[str, np.ndarray]] = []
