@@ -8,7 +8,6 @@ continuity). An end without such an edge counts as seen where the line stops in 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +40,15 @@ RECEDING, STEEPEST = 0.3, 0.15
 # Only edges whose disparity is worse than this at an end, pixels, are replaced.
 VAGUE = 2.0
 GATE = 3.0
+# How much likelier, over its sigma in pixels, a teller's disparity is when it is the edge's than when it is anything in
+# the picture (30 pixels, half of the tellers); the lines of disparity that are looked at; tellers needed where an end
+# has none; and what it counts that the images show the whole edge.
+CLEAR = 12.0
+MOST_LINES = 12
+LEAST_TELLERS = 3
+SHOWN_WEIGHT = 4.0
+# What the match knows of a broken edge's ends is what its tellers do: only their own gate limits what may improve it.
+WHOLE_ENDS = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +82,13 @@ class _Corner:
 
 def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
     """Flat straight pieces, those that lie on one line together: indices and the line through them, longest first."""
-    flat = np.flatnonzero((np.abs(pieces.direction[:, 1]) < FLAT) & (pieces.arc < 0) & (pieces.length > SCRAP))
+    flat = np.flatnonzero((np.abs(pieces.direction[:, 1]) < FLAT) & (pieces.length > SCRAP))
     flat = flat[np.argsort(-pieces.length[flat], kind='stable')]
     start, end, used = pieces.start, pieces.end, np.zeros(len(pieces), bool)
     result = []
     for seed in flat:
-        if pieces.length[seed] < SEED or used[seed]:
+        # A bent edge may pass for an arc here and there, but not everywhere.
+        if pieces.length[seed] < SEED or used[seed] or pieces.arc[seed] >= 0:
             continue
         members = np.array([seed])
         line = joined_line(pieces, members, np.array([1.0, 0.0]))
@@ -93,7 +102,9 @@ def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
             place = ends @ line.direction
             gap = np.maximum(place.min(axis=1) - line.reach[1], line.reach[0] - place.max(axis=1))
             turn = np.abs(pieces.direction[others] @ [-line.direction[1], line.direction[0]])
-            near = ((turn < ONE_DIRECTION) & (off < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
+            # A bent line misses a long piece that continues it by more than both miss the line through both.
+            reached = 1.0 + np.minimum(pieces.length[others] / span, 1.0)
+            near = ((turn < ONE_DIRECTION) & (off < reached * np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
                     & (gap < max(LEAST_GAP, GAP_SHARE * span)))
             if not near.any():
                 break
@@ -130,12 +141,12 @@ def complete(matches: Matches, left: Pieces, right: Pieces, coefficient: np.ndar
     for members, line in broken_lines(left):
         if common[members[worst[members] < VAGUE]].sum() > 0.6 * left.length[members].sum():
             continue
-        corners = _corners(line, teller, *known)
-        if not any(corners):
+        tellers = _tellers(line, teller, *known)
+        if len(tellers) == 0:
             continue
         signs = {bool(left.direction[k] @ line.direction > 0.0) for k in members}
         partners = np.array([j for j in flat_right if bool(right.direction[j] @ line.direction > 0.0) in signs], int)
-        edge = _between(members, line, corners, left, right, partners)
+        edge = _told(members, line, tellers, left, right, partners) if len(partners) else None
         if edge is not None:
             result.append(edge)
     return result
@@ -158,12 +169,12 @@ def with_whole(whole: list[FlatEdge], matches: Matches, left: Pieces, coefficien
                       np.concatenate([matches.rows[keep], rows]), np.append(matches.belief[keep], np.ones(len(whole))))
     return (matches, left, np.concatenate([coefficient[keep], [edge.coefficient for edge in whole]]),
             np.concatenate([covariance[keep], [edge.covariance for edge in whole]]),
-            np.concatenate([ends_sigma[keep], [1.5 * edge.told for edge in whole]]))
+            np.concatenate([ends_sigma[keep], [WHOLE_ENDS * edge.told for edge in whole]]))
 
 
-def _corners(line: JoinedLine, teller: Pieces, coefficient: np.ndarray,
-             covariance: np.ndarray) -> tuple[list[_Corner], list[_Corner]]:
-    """What the steep edges that end at the line's two ends know about the disparity there."""
+def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """What the steep edges that reach the line know about the disparity there: (k, 3) float64 rows of place along the
+    line, disparity and its sigma, pixels."""
     sine = line.direction[0] * teller.direction[:, 1] - line.direction[1] * teller.direction[:, 0]
     away = teller.centre - line.centre
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -176,95 +187,94 @@ def _corners(line: JoinedLine, teller: Pieces, coefficient: np.ndarray,
     beyond = np.maximum(teller.reach[:, 0] - own, own - teller.reach[:, 1])
     good = (np.abs(sine) > STEEP) & (beyond > -INSIDE) & (sigma < KNOWN)
     good &= beyond < np.maximum(END_LEAST, END_SHARE * teller.length)
+    far = max(END_LEAST, END_SHARE * (line.reach[1] - line.reach[0]))
+    good &= (place > line.reach[0] - far) & (place < line.reach[1] + far)
+    return np.column_stack([place, disparity, sigma])[good]
+
+
+def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Pieces, right: Pieces,
+          partners: np.ndarray) -> FlatEdge | None:
+    """The edge that its tellers support best among those that both images show; None when they show none."""
     span = line.reach[1] - line.reach[0]
-    far = max(END_LEAST, END_SHARE * span)
-    at = []
-    for out in (line.reach[0] - place, place - line.reach[1]):
-        here = np.flatnonzero(good & (out > -min(INSIDE, 0.1 * span)) & (out < far))
-        at.append([_Corner(float(place[k]), float(disparity[k]), float(sigma[k])) for k in here])
-    return at[0], at[1]
-
-
-def _between(members: np.ndarray, line: JoinedLine, corners: tuple[list[_Corner], list[_Corner]], left: Pieces,
-             right: Pieces, partners: np.ndarray) -> FlatEdge | None:
-    """The edge between the two corners that the right image shows best; None when it shows none well enough."""
-    nobody: list[_Corner | None] = [None]
-    best = _best(line, corners[0] or nobody, corners[1] or nobody, corners, left, members, right, partners)
-    if best is None and all(corners):
-        # One of the corners may be another's, or one image may lose the line before it.
-        best = _best(line, corners[0], nobody, corners, left, members, right, partners)
-        other = _best(line, nobody, corners[1], corners, left, members, right, partners)
-        if best is None or (other is not None and other[0] > best[0]):
-            best = other
-    if best is None:
+    inside = min(INSIDE, 0.1 * span)
+    at = tellers[:, 0] < line.reach[0] + inside, tellers[:, 0] > line.reach[1] - inside
+    spread = np.hypot(tellers[:, 2], ROUNDED)
+    # Disparity along the line: through any two tellers, and from one at an end to where both images' lines stop.
+    p, q = np.nonzero(tellers[None, :, 0] > tellers[:, None, 0] + SEED)
+    slope = (tellers[q, 1] - tellers[p, 1]) / (tellers[q, 0] - tellers[p, 0])
+    lines = [(a, b, None) for a, b in zip(tellers[p, 1] - slope * tellers[p, 0], slope) if abs(b) < RECEDING]
+    for end in (0, 1):
+        for k in np.flatnonzero(at[end]):
+            ends = _with_stop(line, _Corner(*tellers[k]), end, right, partners)
+            if ends is not None:
+                b = (ends[1].disparity - ends[0].disparity) / (ends[1].place - ends[0].place)
+                lines.append((ends[0].disparity - b * ends[0].place, b, ends[1 - end]))
+    if not lines:
         return None
-    ends = best[1]
-    # All edges at the two corners that tell the same.
-    told = [[end for end in side if _agrees(end, ends)] for side in corners]
-    # Where nothing tells the end, it is where the line stops.
-    fixed = np.array([bool(side) for side in told])
-    told = [side or [end] for side, end in zip(told, ends)]
-    rows = np.array([[1.0, end.place] for side in told for end in side])
-    values = np.array([end.disparity for side in told for end in side])
-    weight = np.array([1.0 / (end.sigma ** 2 + ROUNDED ** 2) for side in told for end in side])
-    covariance = np.linalg.inv(rows.T @ (rows * weight[:, None]))
-    coefficient = covariance @ (rows.T @ (weight * values))
+    a, b = np.array([row[:2] for row in lines]).T
+    miss = (a[:, None] + b[:, None] * tellers[:, 0] - tellers[:, 1]) / spread
+    # A teller is of the edge, or of anything in the picture. Tellers beyond an end tell nothing but that end.
+    support = np.log1p(CLEAR / spread * np.exp(-0.5 * miss ** 2)).sum(axis=1)
+    best: tuple[float, FlatEdge] | None = None
+    for k in np.argsort(-support, kind='stable')[:MOST_LINES]:
+        edge = _edge(members, line, tellers, at, np.abs(miss[k]) < GATE, lines[k][2], right, partners)
+        if edge is None or (best is not None and support[k] < best[0] - SHOWN_WEIGHT):
+            continue
+        shown = _shown(line, _ends_of(edge), left, members, right, partners)
+        score = float(support[k] + SHOWN_WEIGHT * shown)
+        if shown >= SHOWN and (best is None or score > best[0]):
+            best = score, edge
+    return None if best is None else best[1]
+
+
+def _ends_of(edge: FlatEdge) -> list[_Corner]:
+    return [_Corner(float(place), float(edge.coefficient @ [1.0, place]), float(sigma))
+            for place, sigma in zip(edge.reach, edge.told)]
+
+
+def _edge(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, at: tuple[np.ndarray, np.ndarray],
+          agree: np.ndarray, stop: _Corner | None, right: Pieces, partners: np.ndarray) -> FlatEdge | None:
+    """The edge that these tellers agree on: least squares of what they say; None when they leave it open.
+
+    at : two (k,) bool, tellers that are at either end; stop : what the line's end says, where nothing else does.
+    """
+    fixed = np.array([bool((agree & side).any()) for side in at])
+    if stop is None and not fixed.all() and (agree.sum() < LEAST_TELLERS or not fixed.any()):
+        return None
+    weight = 1.0 / (tellers[:, 2] ** 2 + ROUNDED ** 2)
+    reach = np.array([np.average(tellers[agree & side, 0], weights=1.0 / tellers[agree & side, 2] ** 2) if known else
+                      own for side, known, own in zip(at, fixed, line.reach)])
+    rows = [np.column_stack([np.ones(agree.sum()), tellers[agree, 0], tellers[agree, 1]])]
+    weights = [weight[agree]]
+    if stop is not None:
+        rows.append(np.array([[1.0, stop.place, stop.disparity]]))
+        weights.append(np.array([1.0 / (stop.sigma ** 2 + ROUNDED ** 2)]))
+    table, weight = np.concatenate(rows), np.concatenate(weights)
+    design, values = table[:, :2], table[:, 2]
+    covariance = np.linalg.inv(design.T @ (design * weight[:, None]))
+    coefficient = covariance @ (design.T @ (weight * values))
     if len(values) > 2:
-        misses = (values - rows @ coefficient) ** 2 * weight
+        misses = (values - design @ coefficient) ** 2 * weight
         covariance = covariance * max(1.0, float(misses.sum()) / (len(values) - 2))
-    reach = np.array([np.average([end.place for end in side], weights=[1.0 / end.sigma ** 2 for end in side])
-                      for side in told])
-    partner = partners[np.argmax(_overlap(line, ends, right, partners))]
-    return FlatEdge(members, int(partner), line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed,
-                    np.array([end.sigma for end in ends]))
+    ends = np.column_stack([np.ones(2), reach])
+    told = np.sqrt(np.einsum('ei,ij,ej->e', ends, covariance, ends))
+    corners = [_Corner(float(x), float(coefficient @ [1.0, x]), float(s)) for x, s in zip(reach, told)]
+    partner = int(partners[np.argmax(_overlap(line, corners, right, partners))])
+    return FlatEdge(members, partner, line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed, told)
 
 
-def _best(line: JoinedLine, first: Sequence[_Corner | None], last: Sequence[_Corner | None],
-          corners: tuple[list[_Corner], list[_Corner]], left: Pieces, members: np.ndarray, right: Pieces,
-          partners: np.ndarray) -> tuple[float, list[_Corner]] | None:
-    """Score and ends of the edge between one of the first and one of the last corners that both images show best."""
-    best: tuple[float, list[_Corner]] | None = None
-    for a in first:
-        for b in last:
-            ends = _with_stop(line, a, b, right, partners)
-            if ends is None:
-                continue
-            shown = _shown(line, ends, left, members, right, partners)
-            if shown < SHOWN:
-                continue
-            score = shown - 0.05 * sum(min(end.sigma, STOPPED) for end in ends)
-            score += 0.05 * sum(_agrees(end, ends) for side in corners for end in side)
-            if best is None or score > best[0]:
-                best = score, ends
-    return best
-
-
-def _agrees(corner: _Corner, ends: list[_Corner]) -> bool:
-    first, last = ends
-    share = (corner.place - first.place) / (last.place - first.place)
-    expected = first.disparity + share * (last.disparity - first.disparity)
-    allowed = corner.sigma ** 2 + ROUNDED ** 2 + ((1 - share) * first.sigma) ** 2 + (share * last.sigma) ** 2
-    near = 0.5 - abs(share - 0.5) < 0.1
-    return bool(near and (corner.disparity - expected) ** 2 < GATE ** 2 * allowed)
-
-
-def _with_stop(line: JoinedLine, first: _Corner | None, last: _Corner | None, right: Pieces,
+def _with_stop(line: JoinedLine, known: _Corner, end: int, right: Pieces,
                partners: np.ndarray) -> list[_Corner] | None:
-    """Both ends; the one nobody tells about is where the line stops in the left and in the right image."""
-    if first is not None and last is not None:
-        apart = last.place - first.place
-        return [first, last] if apart > SEED and abs(last.disparity - first.disparity) < RECEDING * apart else None
-    known = first or last
-    assert known is not None
+    """Both ends, of which one (0 or 1) is known; the other is where the line stops in the left and the right image."""
     # From the corner along the line, which has nearly the same slope in the right image.
-    run = (1.0 if first is not None else -1.0) * line.direction
+    run = (1.0 if end == 0 else -1.0) * line.direction
     corner = line.centre + known.place * line.direction - [known.disparity, 0.0]
     points = np.stack([right.start[partners], right.end[partners]], axis=1) - corner
     place = points[..., 0] / run[0]
     off = np.abs(points[..., 1] - place * run[1]) - STEEPEST * np.abs(place * run[1])
     span = line.reach[1] - line.reach[0]
     place = place[off.max(axis=1) < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS)]
-    stop = float(line.reach[1] - known.place if first is not None else known.place - line.reach[0])
+    stop = float(line.reach[1] - known.place if end == 0 else known.place - line.reach[0])
     front, nearest = 0.0, np.inf
     for near, far in sorted(np.sort(place, axis=1).tolist()):
         if far > front and near < front + max(LEAST_GAP, GAP_SHARE * front):
@@ -276,8 +286,8 @@ def _with_stop(line: JoinedLine, first: _Corner | None, last: _Corner | None, ri
     miss, sigma = (stop - nearest) * run[0], STOPPED
     if abs(miss) > 2.0 * STOPPED:
         miss, sigma = 0.0, 0.5 * STEEPEST * stop
-    end = _Corner(float(line.reach[1] if first is not None else line.reach[0]), float(known.disparity + miss), sigma)
-    return [known, end] if first is not None else [end, known]
+    other = _Corner(float(line.reach[1 - end]), float(known.disparity + miss), sigma)
+    return [known, other] if end == 0 else [other, known]
 
 
 def _overlap(line: JoinedLine, ends: list[_Corner], right: Pieces, partners: np.ndarray) -> np.ndarray:

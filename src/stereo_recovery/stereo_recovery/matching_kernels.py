@@ -37,6 +37,9 @@ FLIPPED = 0.75
 # this, pixels, and this share of their distance.
 BREAK_OFFSET = 1.0
 BREAK_SINE = 0.05
+# Pieces that share less than this share of the shorter one's rows are parts of an edge that each image breaks elsewhere:
+# their lines need not agree there.
+LEAST_COMMON = 0.2
 # When the rows two pieces share are less than this share of the longer, only those rows are compared.
 PART = 0.6
 # What an outline before the backdrop is worth that both images show from end to end.
@@ -119,7 +122,7 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
                 if left[i, 5] * tv <= 0.0:
                     continue
                 shorter = min(bottom - top, abs(y1 - y0))
-                if b - a < min(2.0, 0.5 * shorter):
+                if b - a < max(min(2.0, 0.5 * shorter), LEAST_COMMON * shorter):
                     continue
                 cl, cr = left[i, 4] / left[i, 5], tu / tv
                 # The piece's own disparity gradient, in cyclopean coordinates.
