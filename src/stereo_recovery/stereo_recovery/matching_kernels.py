@@ -37,8 +37,8 @@ FLIPPED = 0.75
 # this, pixels, and this share of their distance.
 BREAK_OFFSET = 1.0
 BREAK_SINE = 0.05
-# Pieces that share less than this share of the shorter one's rows are parts of an edge that each image breaks elsewhere:
-# their lines need not agree there.
+# Pieces that have less than this share of the shorter one's rows in common are parts of an edge that each image breaks
+# elsewhere: their lines need not agree there.
 LEAST_COMMON = 0.2
 # When the rows two pieces share are less than this share of the longer, only those rows are compared.
 PART = 0.6

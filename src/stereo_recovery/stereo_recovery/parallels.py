@@ -87,15 +87,17 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
         fits = misses ** 2 < GATE ** 2 * allowed
         if not fits.any():
             continue
-        rows, misses, noise, allowed = rows[fits], misses[fits], noise[fits], allowed[fits]
+        rows, misses, noise = rows[fits], misses[fits], noise[fits]
         k = int(np.argmin(noise))
         if ((misses - misses[k]) ** 2 > GATE ** 2 * (noise + noise[k])).any():
             continue
-        gain = covariance[f] @ rows[k] / allowed[k]
-        update = coefficient[f] - gain * misses[k]
+        # What all of them say, no better known than by the best: they may well be parts of one edge.
+        row, miss = np.average(rows, axis=0, weights=noise ** -2), float(np.average(misses, weights=noise ** -2))
+        gain = covariance[f] @ row / (row @ covariance[f] @ row + noise[k])
+        update = coefficient[f] - gain * miss
         rough = matches.disparity[f][[0, 2]]
         if (np.abs(update[0] + update[1] * reach[f] - rough) > ENDS * np.maximum(1.0, ends_sigma[f] / SURE)).any():
             continue
         coefficient[f] = update
-        covariance[f] = covariance[f] - np.outer(gain, rows[k] @ covariance[f])
+        covariance[f] = covariance[f] - np.outer(gain, row @ covariance[f])
     return coefficient, covariance

@@ -94,3 +94,18 @@ def test_long_edges_of_a_printed_box_along_the_rows_are_found(synthetic, seed):
         samples = np.linspace(0, length, 100)
         hit += np.mean([any(p[0] <= x <= p[1] for p in places) for x in samples]) > 0.5
     assert len(flat) == 3 and hit >= 2
+
+
+def test_print_that_reaches_an_edge_tells_its_depth_where_an_end_has_no_corner():
+    # Disparity 40 + 0.05 (u - 100) along the row 100; strokes of print end near it; a post at the left end only, and
+    # one stroke that something else explains.
+    strokes = [(u, 40.0 + 0.05 * (u - 100)) for u in (100, 140, 180, 250)] + [(220, 30.0)]
+    left = pieces(*(((u, 40), (u, 97)) for u, _ in strokes), ((105, 100), (300, 100)))
+    right = pieces(*(((u - d, 40), (u - d, 97)) for u, d in strokes), ((65, 100), (250, 100)))
+    matches = matched(*((k, k) for k in range(5)), disparity=[[d] * 3 for _, d in strokes])
+    coefficient = np.array([[d, 0.0] for _, d in strokes])
+    edge, = broken_edges.complete(matches, left, right, coefficient, np.array([np.diag([1e-3, 1e-7])] * 5))
+    assert list(edge.fixed) == [True, False]
+    ends = edge.line.centre + edge.reach[:, None] * edge.line.direction
+    assert np.allclose(ends, [[100, 100], [300, 100]], atol=1e-6)
+    assert np.allclose(edge.coefficient[0] + edge.coefficient[1] * edge.reach, [40, 50], atol=1e-6)
