@@ -202,6 +202,7 @@ def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Piec
     # Disparity along the line: through any two tellers, and from one at an end to where both images' lines stop.
     p, q = np.nonzero(tellers[None, :, 0] > tellers[:, None, 0] + SEED)
     slope = (tellers[q, 1] - tellers[p, 1]) / (tellers[q, 0] - tellers[p, 0])
+    lines: list[tuple[float, float, _Corner | None]]
     lines = [(a, b, None) for a, b in zip(tellers[p, 1] - slope * tellers[p, 0], slope) if abs(b) < RECEDING]
     for end in (0, 1):
         for k in np.flatnonzero(at[end]):
