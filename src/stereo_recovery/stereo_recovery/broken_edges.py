@@ -41,11 +41,11 @@ RECEDING, STEEPEST = 0.3, 0.15
 VAGUE = 2.0
 GATE = 3.0
 # How much likelier, over its sigma in pixels, a teller's disparity is when it is the edge's than when it is anything in
-# the picture (30 pixels, half of the tellers); the lines of disparity that are looked at; tellers needed where an end
-# has none; and what it counts that the images show the whole edge.
+# the picture (30 pixels, half of the tellers); how near to each other, pixels, they are at one corner; the lines of
+# disparity that are looked at; and what it counts that the images show the whole edge.
 CLEAR = 12.0
+ONE_PLACE = 4.0
 MOST_LINES = 12
-LEAST_TELLERS = 3
 SHOWN_WEIGHT = 4.0
 # What the match knows of a broken edge's ends is what its tellers do: only their own gate limits what may improve it.
 WHOLE_ENDS = 4.0
@@ -174,7 +174,7 @@ def with_whole(whole: list[FlatEdge], matches: Matches, left: Pieces, coefficien
 
 def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """What the steep edges that reach the line know about the disparity there: (k, 3) float64 rows of place along the
-    line, disparity and its sigma, pixels."""
+    line, disparity and its sigma, pixels, in the order of places."""
     sine = line.direction[0] * teller.direction[:, 1] - line.direction[1] * teller.direction[:, 0]
     away = teller.centre - line.centre
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -189,7 +189,8 @@ def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covarian
     good &= beyond < np.maximum(END_LEAST, END_SHARE * teller.length)
     far = max(END_LEAST, END_SHARE * (line.reach[1] - line.reach[0]))
     good &= (place > line.reach[0] - far) & (place < line.reach[1] + far)
-    return np.column_stack([place, disparity, sigma])[good]
+    table = np.column_stack([place, disparity, sigma])[good]
+    return table[np.argsort(table[:, 0], kind='stable')]
 
 
 def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Pieces, right: Pieces,
@@ -214,8 +215,9 @@ def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Piec
         return None
     a, b = np.array([row[:2] for row in lines]).T
     miss = (a[:, None] + b[:, None] * tellers[:, 0] - tellers[:, 1]) / spread
-    # A teller is of the edge, or of anything in the picture. Tellers beyond an end tell nothing but that end.
-    support = np.log1p(CLEAR / spread * np.exp(-0.5 * miss ** 2)).sum(axis=1)
+    # A teller is of the edge, or of anything in the picture. What ends at one place is one corner, and counts once.
+    corner = np.flatnonzero(np.diff(tellers[:, 0], prepend=-np.inf) > ONE_PLACE)
+    support = np.maximum.reduceat(np.log1p(CLEAR / spread * np.exp(-0.5 * miss ** 2)), corner, axis=1).sum(axis=1)
     best: tuple[float, FlatEdge] | None = None
     for k in np.argsort(-support, kind='stable')[:MOST_LINES]:
         edge = _edge(members, line, tellers, at, np.abs(miss[k]) < GATE, lines[k][2], right, partners)
@@ -240,8 +242,11 @@ def _edge(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, at: tuple[
     at : two (k,) bool, tellers that are at either end; stop : what the line's end says, where nothing else does.
     """
     fixed = np.array([bool((agree & side).any()) for side in at])
-    if stop is None and not fixed.all() and (agree.sum() < LEAST_TELLERS or not fixed.any()):
-        return None
+    if stop is None and not fixed.all():
+        # One teller besides the corner could be anything.
+        away = agree & ~(at[0] | at[1])
+        if not fixed.any() or away.sum() < 2:
+            return None
     weight = 1.0 / (tellers[:, 2] ** 2 + ROUNDED ** 2)
     reach = np.array([np.average(tellers[agree & side, 0], weights=1.0 / tellers[agree & side, 2] ** 2) if known else
                       own for side, known, own in zip(at, fixed, line.reach)])
