@@ -253,6 +253,37 @@ def _rival(strength, nearer):
 
 
 @njit
+def _supporters(node, value, first, other, gap, place):
+    """For every candidate those of its neighbours that may support it: where each one's start (k + 1,), and of each
+    supporter its candidate, the neighbour's column in ``other``, and the share of its belief that counts."""
+    start = np.zeros(len(node) + 1, np.int64)
+    who, column, share = np.empty(64 * len(node), np.int32), np.empty(64 * len(node), np.int8), np.empty(64 * len(node))
+    count = 0
+    for a in range(len(node)):
+        i = node[a, 0]
+        for m in range(other.shape[1]):
+            o = other[i, m]
+            if o < 0:
+                continue
+            da = value[a, place[i, m, 0]]
+            for b in range(first[o], first[o + 1]):
+                apart = abs(da - value[b, place[i, m, 1]]) - SLACK
+                g = apart / (gap[i, m] + 1.0)
+                if g >= GRADIENT_END:
+                    continue
+                if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
+                    continue
+                if count == len(who):
+                    who, column, share = (np.append(who, np.empty_like(who)), np.append(column, np.empty_like(column)),
+                                          np.append(share, np.empty_like(share)))
+                who[count], column[count] = b, m
+                share[count] = 1.0 / (1.0 + (g / GRADIENT_HALF) ** 2) if g > 0.0 else 1.0
+                count += 1
+        start[a + 1] = count
+    return start, who[:count], column[:count], share[:count]
+
+
+@njit
 def relax(node, value, first, other, gap, place, weight, length, right_of, right_first, rounds):
     """Relaxation: a candidate is as strong as its own evidence and the support of its neighbours' candidates.
 
@@ -262,32 +293,17 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
     k = len(node)
     belief = np.ones(k)
     strength = np.zeros(k)
+    start, who, column, share = _supporters(node, value, first, other, gap, place)
     for _ in range(rounds):
         for a in range(k):
             i = node[a, 0]
-            support = 0.0
-            for m in range(other.shape[1]):
-                o = other[i, m]
-                if o < 0:
-                    continue
-                da = value[a, place[i, m, 0]]
-                best = 0.0
-                for b in range(first[o], first[o + 1]):
-                    if belief[b] <= best:
-                        continue
-                    apart = abs(da - value[b, place[i, m, 1]]) - SLACK
-                    g = apart / (gap[i, m] + 1.0)
-                    if g >= GRADIENT_END:
-                        continue
-                    c = 1.0
-                    if g > 0.0:
-                        c = 1.0 / (1.0 + (g / GRADIENT_HALF) ** 2)
-                    if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
-                        continue
-                    c *= belief[b] * value[b, 5]
-                    if c > best:
-                        best = c
-                support += best * weight[i, m]
+            support = best = 0.0
+            for q in range(start[a], start[a + 1]):
+                b = who[q]
+                best = max(best, share[q] * (belief[b] * value[b, 5]))
+                if q + 1 == start[a + 1] or column[q + 1] != column[q]:
+                    support += best * weight[i, column[q]]
+                    best = 0.0
             strength[a] = value[a, 5] * length[a] * (1.0 + support)
         # Uniqueness, from both sides, among candidates that compete for the same rows.
         for a in range(k):
