@@ -169,3 +169,16 @@ def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, l
         if not taken:
             first += 1
     return conics[:found], errors[:found]
+
+
+@njit
+def sampson(conic, points):
+    """(n,) float64: value of a conic (3, 3) at points (n, 2) over twice its gradient there."""
+    out = np.empty(len(points))
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        hx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
+        hy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
+        value = hx * x + hy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
+        out[k] = 0.5 * value / max(np.hypot(hx, hy), 1e-12)
+    return out

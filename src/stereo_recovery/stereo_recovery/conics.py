@@ -41,9 +41,8 @@ class Ellipse:
 
 def sampson(conic: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(n,) float64, pixels: signed distance of points (n, 2) from a conic, first order (Sampson), positive outside."""
-    h = points @ conic[:2] + conic[2]
-    value = (h[:, :2] * points).sum(axis=1) + h[:, 2]
-    return 0.5 * value / np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
+    distance: np.ndarray = conic_kernels.sampson(np.ascontiguousarray(conic), np.ascontiguousarray(points))
+    return distance
 
 
 def fit_ellipse(points: np.ndarray, rounds: int = 4) -> Ellipse | None:

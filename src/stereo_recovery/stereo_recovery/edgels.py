@@ -67,6 +67,8 @@ class Edgels:
 
     def select(self, index: np.ndarray) -> Edgels:
         """A subset or reordering: (m,) indices or (n,) bool."""
+        if index.dtype == bool:
+            index = np.flatnonzero(index)  # once, not for each array
         return Edgels(*(getattr(self, f.name)[index] for f in fields(self)))
 
     @classmethod

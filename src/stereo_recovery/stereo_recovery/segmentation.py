@@ -145,12 +145,12 @@ def joined(e: Edgels, pieces: Pieces, sigma: float, tolerance: float) -> tuple[E
     successor[straight[found >= 0]] = straight[found[found >= 0]]
     if (successor < 0).all():
         return e, pieces
-    heads = np.setdiff1d(np.arange(len(pieces)), successor)
+    heads, following = np.setdiff1d(np.arange(len(pieces)), successor).tolist(), successor.tolist()
     chains = []
     for head in heads:
-        chain = [int(head)]
-        while successor[chain[-1]] >= 0:
-            chain.append(int(successor[chain[-1]]))
+        chain = [head]
+        while following[chain[-1]] >= 0:
+            chain.append(following[chain[-1]])
         chains.append(chain)
     whole = fit_chains(e, pieces, chains, sigma)[1]
     # Two edges that meet at a slight angle, with a scrap between them that could belong to either, are two edges.
@@ -173,10 +173,12 @@ def _bent(pieces: Pieces, whole: Pieces, chains: list[list[int]], limit: float) 
 
 def fit_chains(e: Edgels, pieces: Pieces, chains: list[list[int]], sigma: float) -> tuple[Edgels, Pieces]:
     """One piece for each chain of pieces: the edgels in the new order, and the fitted lines."""
-    runs = [np.concatenate([np.arange(*pieces.bounds[k]) for k in chain]) for chain in chains]
-    last = np.cumsum([len(run) for run in runs])
-    bounds = np.stack([np.concatenate([[0], last[:-1]]), last], axis=1)
-    e = e.select(np.concatenate(runs))
+    member = np.concatenate(chains)
+    start, count = pieces.bounds[member, 0], np.diff(pieces.bounds[member], axis=1)[:, 0]
+    total = np.cumsum(count)
+    e = e.select(np.arange(total[-1]) + np.repeat(start - total + count, count))
+    last = total[np.cumsum([len(chain) for chain in chains]) - 1]
+    bounds = np.stack([np.append(0, last[:-1]), last], axis=1)
     heads = [chain[0] for chain in chains]
     return e, replace(fit_pieces(e, bounds, pieces.string[heads], sigma), arc=pieces.arc[heads])
 
