@@ -1,23 +1,30 @@
-"""Pieces of one edge that an image shows broken, made one line again.
+"""Pieces of one edge that an image shows broken, made one line again; and two edges that one eye sees as one line.
 
 Real edges are not as straight as their strings are precise: card folds, worn corners, print that runs across. One eye
-may see such an edge as one piece and the other as two. What the one eye sees as one edge is one edge.
+may see such an edge as one piece and the other as two. What the one eye sees as one edge is one edge. But an eye in
+the plane of two edges that meet sees one line, where the other eye sees a corner: that line is two edges.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from .edgels import Edgels
 from .matching import Matches
-from .segmentation import BOW_OFFSET, BOW_SLOPE, Pieces
+from .segmentation import BOW_OFFSET, BOW_SLOPE, LEVEL, Pieces, fit_pieces
 
 # Two pieces are parts of one edge when their directions differ by less than this (sine), when no end of theirs is off
 # the line through both by more than so many pixels, and when the gap between them is at most this share of both.
 ONE_DIRECTION = 0.14
 ONE_LINE = 1.0
 WIDEST_SHARE = 0.3
+# Two pieces meet in a corner when their lines cross within so many pixels of the gap between their strings. A line is
+# cut there when either part keeps so many edgels, and is fitted to them when that moves its ends by less than this.
+AT_GAP = 4.0
+FEWEST = 6
+MOVED = 1.0
 
 
 @dataclass(frozen=True)
@@ -134,3 +141,82 @@ def _without_doubles(matches: Matches, left: Pieces) -> Matches:
         disparity[first[k]] = ends[0], 0.5 * (ends[0] + ends[1]), ends[1]
     order = np.sort(first)
     return Matches(matches.left[order], matches.right[order], disparity[order], rows[order], matches.belief[order])
+
+
+def split_matched(matches: Matches, left: Pieces, right: Pieces, edgels: tuple[Edgels, Edgels],
+                  sigma: float) -> tuple[Matches, Pieces, Pieces]:
+    """Pieces of either image that match two pieces which meet in a corner in the other image become two.
+
+    edgels : as the pieces' bounds count; sigma : smoothing of the detector, pixels. Returns the matches and pieces
+    after that, the second parts last.
+    """
+    pieces = [left, right]
+    for image in (0, 1):
+        own, other = (matches.left, matches.right) if image == 0 else (matches.right, matches.left)
+        for i in np.flatnonzero(np.bincount(own, minlength=len(pieces[image])) == 2):
+            rows = np.flatnonzero(own == i)
+            corner = _crossing(pieces[1 - image], *other[rows])
+            parts = None if corner is None else _cut(pieces[image], int(i), corner[1], edgels[image], sigma)
+            if corner is None or parts is None:
+                continue
+            second = len(pieces[image])
+            whole = pieces[image].select(np.array([i]))
+            pieces[image] = Pieces(*(np.concatenate([getattr(pieces[image], f.name), getattr(parts, f.name)[1:]])
+                                     for f in fields(Pieces)))
+            for f in fields(Pieces):
+                getattr(pieces[image], f.name)[i] = getattr(parts, f.name)[0]
+            # The second part lies beyond the corner in the direction of the piece.
+            far = pieces[1 - image]
+            middle = 0.5 * (far.start[other[rows], 1] + far.end[other[rows], 1])
+            beyond = (middle - corner[1]) * whole.direction[0, 1] > 0.0
+            own = own.copy()
+            own[rows[beyond]] = second
+            disparity, common = matches.disparity.copy(), matches.rows.copy()
+            for row in rows:
+                half = pieces[image].select(own[row:row + 1])
+                ends = np.stack([half.start[0], half.end[0]])
+                common[row] = np.clip(common[row], ends[:, 1].min(), ends[:, 1].max())
+                if image == 0:
+                    share = ((ends - whole.start[0]) @ whole.direction[0]) / max(float(whole.length[0]), 1e-9)
+                    first, last = (1.0 - share) * disparity[row, 0] + share * disparity[row, 2]
+                    disparity[row] = first, 0.5 * (first + last), last
+            matches = replace(matches, disparity=disparity, rows=common, **{'right' if image else 'left': own})
+    return matches, pieces[0], pieces[1]
+
+
+def _crossing(pieces: Pieces, j: int, k: int) -> np.ndarray | None:
+    """Where pieces j and k, whose strings stop before it, meet in a corner; None when they do not."""
+    (tu, tv), (xu, xv) = pieces.direction[j], pieces.direction[k]
+    sine = tu * xv - tv * xu
+    if abs(sine) < 1e-6 or pieces.arc[j] >= 0 or pieces.arc[k] >= 0:
+        return None
+    run = pieces.centre[k] - pieces.centre[j]
+    corner = pieces.centre[j] + (run[0] * xv - run[1] * xu) / sine * pieces.direction[j]
+    ends = [np.stack([pieces.start[p], pieces.end[p]]) for p in (j, k)]
+    nearest = [np.hypot(*(end - corner).T).min() for end in ends]
+    gap = np.hypot(*(ends[0][:, None] - ends[1][None]).reshape(-1, 2).T).min()
+    return corner if max(nearest) < gap + AT_GAP else None
+
+
+def _cut(pieces: Pieces, i: int, height: float, edgels: Edgels, sigma: float) -> Pieces | None:
+    """Piece i as two, cut at this row; None when that leaves too little of either."""
+    direction, first = pieces.direction[i], int(pieces.bounds[i, 0])
+    if abs(direction[1]) < LEVEL or pieces.arc[i] >= 0:
+        return None
+    place = (height - pieces.centre[i, 1]) / direction[1]
+    along = (edgels.position[first:pieces.bounds[i, 1]] - pieces.centre[i]) @ direction
+    count = int((along < place).sum())
+    if min(count, len(along) - count) < FEWEST:
+        return None
+    bounds = np.array([[first, first + count], [first + count, pieces.bounds[i, 1]]])
+    result = pieces.select(np.array([i, i]))
+    reach = np.array([[pieces.reach[i, 0], place], [place, pieces.reach[i, 1]]])
+    parts = fit_pieces(edgels, bounds, result.string, sigma)
+    across = np.array([-direction[1], direction[0]])
+    if max(np.abs((end - pieces.centre[i]) @ across).max() for end in (parts.start, parts.end)) < MOVED:
+        # A string that was followed beyond its edgels still is.
+        outer = [(pieces.centre[i] + reach[k, k] * direction - parts.centre[k]) @ parts.direction[k] for k in (0, 1)]
+        reach = parts.reach.copy()
+        reach[0, 0], reach[1, 1] = min(reach[0, 0], outer[0]), max(reach[1, 1], outer[1])
+        return replace(parts, reach=reach)
+    return replace(result, bounds=bounds, reach=reach)

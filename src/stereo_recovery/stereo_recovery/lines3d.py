@@ -151,14 +151,14 @@ def _without_common_bow(left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarra
     return result[0], result[1]
 
 
-def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -> np.ndarray:
+def meetings(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners) -> np.ndarray:
     """Corners at which two matched edges share their end: (k, 4) float64: edge, place along it, edge, place along it.
 
-    An end that runs into the middle of another edge is (mostly) hidden by it, and is left out; so is a corner whose
-    two edges do not meet in the right image.
+    An end that runs into the middle of another edge is (mostly) hidden by it, in either image, and is left out.
     """
     edge_of = np.full(len(left), -1)
     edge_of[matches.left[::-1]] = np.arange(len(matches))[::-1]
+    turned = opposed(left, right, matches.left, matches.right).astype(int)
     rows = []
     seen = set()
     for e in range(len(matches)):
@@ -167,7 +167,7 @@ def meetings(matches: Matches, left: Pieces, met: Corners, right_met: Corners) -
             continue
         for end in range(2):
             k = met.other[i, end]
-            if k < 0 or met.through[i, end]:
+            if k < 0 or met.through[i, end] or right_met.through[matches.right[e], end ^ turned[e]]:
                 continue
             f = edge_of[k]
             if f < 0 or (f, e) in seen or matches.right[f] == matches.right[e]:
@@ -191,7 +191,7 @@ def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_m
     matches = replace(matches, disparity=np.column_stack([rough[:, 0], rough.mean(axis=1), rough[:, 1]]))
     information, vector = measure(matches, left, right, spread_v, offset_v, ends_sigma)
     i = matches.left
-    joints = meetings(matches, left, met, right_met)
+    joints = meetings(matches, left, right, met, right_met)
     coefficient, covariance, known = wireframe.solve_measured(information, vector, joints, left.reach[i], WELL_MEASURED)
     far, _ = flat_edges.far_corners(matches, left, right, met)
     joints, far = (rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_met)]

@@ -354,7 +354,7 @@ def _one_edge(table, i, k, other, j):
     first, last = min(table[i, 1], table[i, 3]), max(table[i, 1], table[i, 3])
     top, bottom = min(table[k, 1], table[k, 3]), max(table[k, 1], table[k, 3])
     gap = top - last if dv > 0.0 else first - bottom
-    return (abs(gap) < END_SLACK and abs(min(first, top) - min(other[j, 1], other[j, 3])) < END_SLACK
+    return (-END_SLACK < gap < 2.0 * END_SLACK and abs(min(first, top) - min(other[j, 1], other[j, 3])) < END_SLACK
             and abs(max(last, bottom) - max(other[j, 1], other[j, 3])) < END_SLACK)
 
 

@@ -20,7 +20,7 @@ from .facing import on_faces
 from .faint_edges import followed
 from .faint_edges import warm_up as warm_up_faint
 from .hiding import hidden_ends
-from .joining import join_matched
+from .joining import join_matched, split_matched
 from .lines3d import edges, to_space
 from .matching import match
 from .matching_kernels import STEEPEST
@@ -167,6 +167,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
             reason = 'edges match only with left and right exchanged: are the images swapped?'
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
     matches, *joined = join_matched(matches, *pieces)
+    matches, *joined = split_matched(matches, joined[0], joined[1], found, params.sigma)
     pieces = joined[0], joined[1]
     blur = edgel_module.blur_variance(found)
     curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)

@@ -9,9 +9,10 @@ import pytest
 
 from msgs_py import FeatureKind, PinholeCamera, StereoRig
 from stereo_recovery import broken_edges, recover
-from stereo_recovery.joining import join_matched, joined_line
+from stereo_recovery.edgels import Edgels
+from stereo_recovery.joining import join_matched, joined_line, split_matched
 from stereo_recovery.matching import Matches
-from stereo_recovery.segmentation import Pieces
+from stereo_recovery.segmentation import Pieces, fit_pieces
 
 
 def pieces(*segments) -> Pieces:
@@ -109,3 +110,33 @@ def test_print_that_reaches_an_edge_tells_its_depth_where_an_end_has_no_corner()
     ends = edge.line.centre + edge.reach[:, None] * edge.line.direction
     assert np.allclose(ends, [[100, 100], [300, 100]], atol=1e-6)
     assert np.allclose(edge.coefficient[0] + edge.coefficient[1] * edge.reach, [40, 50], atol=1e-6)
+
+
+def strings(*polylines):
+    """Edgels of strings with one edgel a row through these (column, row) points, and one piece for each string."""
+    parts = [np.column_stack([np.interp(v, *np.array(line, float).T[::-1]), v]) for line in polylines
+             for v in [np.arange(line[0][1], line[-1][1] + 1.0)]]
+    n, last = sum(map(len, parts)), np.cumsum([len(part) for part in parts])
+    edgels = Edgels(np.concatenate(parts), np.zeros(n), np.full(n, 9.0), np.full(n, 0.05), np.full(n, 0.1), np.ones(n),
+                    np.zeros(n))
+    bounds = np.column_stack([np.append(0, last[:-1]), last])
+    return edgels, fit_pieces(edgels, bounds, np.arange(len(parts)), 0.8)
+
+
+def test_a_line_that_the_other_eye_sees_bent_is_two_edges_each_with_its_own_line():
+    edgels, left = strings([(200, 100), (201, 160), (204, 220)])
+    far, right = strings([(150, 100), (140, 157)], [(141, 164), (160, 220)])
+    disparity = [[50, 55.5, 61], [70, 57, 44]]
+    pairs, left, right = split_matched(matched((0, 0), (0, 1), disparity=disparity), left, right, (edgels, far), 0.8)
+    assert pairs.left.tolist() == [0, 1] and pairs.right.tolist() == [0, 1] and len(right) == 2
+    assert left.end[0, 1] == pytest.approx(160, abs=2) and left.start[1, 1] == pytest.approx(160, abs=2)
+    np.testing.assert_allclose(left.direction[:, 0] / left.direction[:, 1], [1 / 60, 3 / 60], atol=0.002)
+    # What the match says at the ends is what it said at these places.
+    np.testing.assert_allclose(pairs.disparity[[0, 1], [0, 2]], [50, 44], atol=0.2)
+
+
+def test_a_line_is_not_cut_where_the_other_image_shows_no_corner():
+    edgels, left = strings([(200, 100), (200, 220)])
+    far, right = strings([(150, 100), (150, 150)], [(160, 180), (160, 220)])
+    pairs = matched((0, 0), (0, 1), disparity=[[50, 50, 50], [40, 40, 40]])
+    assert len(split_matched(pairs, left, right, (edgels, far), 0.8)[1]) == 1
