@@ -21,7 +21,7 @@ STANDING_OFF = 4.5
 # What a bow adds to the sigma of a line: to its offset, and (over its length) to its slope. Noise alone bows a straight
 # line by 3.35 times the sigma of its offset (one sigma: 3/2 of the second Legendre coefficient's); a little more is
 # taken off.
-BOW_OFFSET = 0.4
+BOW_OFFSET = 0.3
 BOW_SLOPE = 2.0
 NOISE_BOW = 4.0
 # An edge is suspect when its width differs from the picture's by more than this share, or so many times the median;
