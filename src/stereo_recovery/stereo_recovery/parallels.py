@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from . import parallel_kernels
 from .matching import Matches
 from .segmentation import Pieces
 
@@ -53,34 +54,17 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
     coefficient, covariance = coefficient.copy(), covariance.copy()
     if len(lenders) == 0:
         return coefficient, covariance
-    a, b, spread = coefficient[lenders, 0] - offset, coefficient[lenders, 1], covariance[lenders]
-    for f in borrowers:
-        if flat[f]:
-            able = (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[f])
-                                                & (length[lenders] > LENGTH_SHARE * length[f]))
-        else:
-            able = slope[lenders] < CLEARER * slope[f]
-        # Towards each lender's vanishing point, homogeneous; and how that moves with the lender's coefficients.
-        away = c[lenders] - c[f]
-        toward = b[:, None] * away - a[:, None] * t[lenders]
-        by_coefficient = np.stack([-t[lenders], away], axis=1)
-        norm = np.maximum(np.hypot(toward[:, 0], toward[:, 1]), 1e-9)
-        across = np.array([-t[f, 1], t[f, 0]])
-        miss = toward @ across / norm
-        bend = by_coefficient @ across / norm[:, None]
-        variance = (np.einsum('ni,nij,nj->n', bend, spread, bend) + slope_sigma[lenders] ** 2 + slope_sigma[f] ** 2
-                    + WANDER ** 2)
-        along = toward @ t[f]
-        good = able & (miss ** 2 < GATE ** 2 * variance) & (np.abs(along) > 0.5 * norm)
-        if not good.any():
+    long = length[lenders] > LENGTH_SHARE * length[borrowers, None]
+    able = np.where(flat[borrowers, None],
+                    (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[borrowers, None]) & long),
+                    slope[lenders] < CLEARER * slope[borrowers, None])
+    start, _, ratios, noises = parallel_kernels.parallel(borrowers, able, lenders, c, t, coefficient - [offset, 0.0],
+                                                         covariance, slope_sigma, GATE, WANDER, SLOPE_WANDER)
+    for f, first, last in zip(borrowers.tolist(), start[:-1].tolist(), start[1:].tolist()):
+        if first == last:
             continue
-        along = along[good]
-        ratio = b[good] / along
-        # Disparity is nil at the vanishing point: (a - offset) ratio + slope = 0.
+        ratio, noise = ratios[first:last], noises[first:last]
         here = coefficient[f, 0] - offset
-        turn = here * (np.array([0.0, 1.0]) / along[:, None]
-                       - ratio[:, None] * (by_coefficient[good] @ t[f]) / along[:, None])
-        noise = np.einsum('ni,nij,nj->n', turn, spread[good], turn) + (SLOPE_WANDER * here) ** 2
         rows = np.stack([ratio, np.ones_like(ratio)], axis=1)
         misses = rows @ [here, coefficient[f, 1]]
         allowed = np.einsum('ni,ij,nj->n', rows, covariance[f], rows) + noise
