@@ -11,8 +11,8 @@ from msgs_py.compiled import njit
 def parallel(edges, able, lenders, centre, direction, own, covariance, slope_sigma, gate, wander, slope_wander):
     """Which lenders an edge is parallel to in the image, and what they say of its depth.
 
-    edges : (m,), lenders : (k,) numbers of edges; able : (m, k) bool, pairs to be looked at; centre, direction : (n, 2),
-    in the image; own : (n, 2), covariance : (n, 2, 2) coefficients of disparity, from that of infinitely far points;
+    edges : (m,), lenders : (k,) numbers of edges; able : (m, k) bool, pairs to be looked at; centre, direction (n, 2)
+    in the image; own (n, 2), covariance : (n, 2, 2) coefficients of disparity, from that of infinitely far points;
     slope_sigma : (n,) sigma of the direction; gate : sigma; wander, slope_wander : see :mod:`.parallels`
 
     Returns start (m + 1,), where each edge's lenders begin, and of each: its number, ratio, noise. own @ (ratio, 1) is
