@@ -19,6 +19,7 @@ from .edgels import Edgels
 from .facing import on_faces
 from .faint_edges import followed
 from .faint_edges import warm_up as warm_up_faint
+from .families import aligned
 from .hiding import hidden_ends
 from .joining import join_matched, split_matched
 from .lines3d import edges, to_space
@@ -183,6 +184,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     cluttered = min(len(side) / grey.size for side, grey in zip(found, greys)) > CLUTTERED
     lines, *shown = edges(matches, *pieces, *met, params.rectification_sigma, offset, cluttered)
     of_lines = shown[0], shown[1]
+    lines = aligned(lines, of_lines[0], told, rig)
     lap('lines')
     segments = to_space(lines, of_lines[0], rig)
     span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)

@@ -1,0 +1,96 @@
+"""Short parallel edges tell each other their direction: exact lines in both images, disparities with known noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py import PinholeCamera, StereoRig
+from stereo_recovery.curve import Curve
+from stereo_recovery.families import aligned
+from stereo_recovery.lines3d import Lines3D
+from stereo_recovery.segmentation import Pieces
+
+RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
+UP = np.array([0.15, -0.9, 0.41]) / np.linalg.norm([0.15, -0.9, 0.41])
+SLOPE_SIGMA = 0.004
+
+
+def seen(middles: np.ndarray, directions: np.ndarray, seed: int | None,
+         length: float = 0.008) -> tuple[Lines3D, Pieces]:
+    """Edges in space as both images show them; the slope of the disparity is off by its sigma; exact without a seed."""
+    n = len(middles)
+    noise = 0.0 if seed is None else SLOPE_SIGMA * np.random.default_rng(seed).normal(size=n)
+    ends = np.stack([middles - 0.5 * length * directions, middles + 0.5 * length * directions], axis=1)
+    pixels = RIG.left.project(ends.reshape(-1, 3)).reshape(n, 2, 2)
+    run = pixels[:, 1] - pixels[:, 0]
+    span = np.linalg.norm(run, axis=1)
+    reach = np.stack([-0.5 * span, 0.5 * span], axis=1)
+    many = np.arange(n)
+    left = Pieces(np.tile([0, 20], (n, 1)), many, pixels.mean(axis=1), run / span[:, None], reach, np.full(n, 0.01),
+                  np.zeros(n), np.full(n, 20.0), np.tile([0.01, 0.002], (n, 1)), np.full(n, 40.0),
+                  np.full(n, -1, np.int32))
+    disparity = RIG.left.fx * RIG.baseline / ends[..., 2]
+    slope = (disparity[:, 1] - disparity[:, 0]) / span
+    noisy = np.stack([disparity.mean(axis=1), slope + noise], axis=1)
+    covariance = np.tile(np.diag([0.01 ** 2, SLOPE_SIGMA ** 2]), (n, 1, 1))
+    no = np.zeros((n, 2), bool)
+    return Lines3D(many.astype(np.int32), many.astype(np.int32), reach, noisy, covariance, np.full((n, 2), 0.2), no,
+                   no[:, 0]), left
+
+
+def off(lines: Lines3D, middles: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """How far the slopes of the disparities are off, in what was sigma at first."""
+    exact, _ = seen(middles, directions, None)
+    return (lines.coefficient[:, 1] - exact.coefficient[:, 1]) / SLOPE_SIGMA
+
+
+def places(count: int) -> np.ndarray:
+    return np.random.default_rng(7).uniform([-0.03, -0.03, 0.23], [0.06, 0.03, 0.28], (count, 3))
+
+
+def circle(normal: np.ndarray) -> Curve:
+    first = np.cross(normal, [0.0, 0.0, 1.0])
+    spread = np.diag([1e-5, 1e-5, 1e-5, 1e-3, 1e-3, 1e-5]) ** 2
+    none = np.zeros(0, bool)
+    centre = np.array([0.0, 0.0, 0.25])
+    return Curve(centre, normal, first / np.linalg.norm(first), np.full(2, 0.01), spread, 0.01, none, none)
+
+
+def test_parallel_short_edges_know_their_direction_together():
+    middles, directions = places(12), np.tile(UP, (12, 1))
+    lines, left = seen(middles, directions, 1)
+    told = aligned(lines, left, [], RIG)
+    before, after = (np.sqrt(np.mean(off(some, middles, directions) ** 2)) for some in (lines, told))
+    assert after < 0.4 * before
+    sigma = np.sqrt(told.covariance[:, 1, 1]) / SLOPE_SIGMA
+    assert (np.abs(off(told, middles, directions)) < 3.0 * sigma).all()
+
+
+def test_the_axis_of_a_circle_tells_an_edge_that_is_parallel_to_it():
+    middles, directions = places(1), UP[None]
+    lines, left = seen(middles, directions, 2)
+    told = aligned(lines, left, [circle(UP)], RIG)
+    assert abs(off(told, middles, directions)[0]) < 0.4 * abs(off(lines, middles, directions)[0])
+    assert told.covariance[0, 1, 1] < 0.2 * lines.covariance[0, 1, 1]
+
+
+def test_edges_of_no_common_direction_stay_as_they_are():
+    directions = np.random.default_rng(3).normal(size=(6, 3))
+    directions[:, 2] *= 0.3
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    lines, left = seen(places(6), directions, 4)
+    assert np.array_equal(aligned(lines, left, [], RIG).coefficient, lines.coefficient)
+
+
+def test_an_edge_between_parallel_ones_whose_line_runs_elsewhere_is_not_turned():
+    middles, directions = places(9), np.tile(UP, (9, 1))
+    directions[4] = [0.8, -0.6, 0.0]
+    lines, left = seen(middles, directions, 5)
+    told = aligned(lines, left, [], RIG)
+    assert np.array_equal(told.coefficient[4], lines.coefficient[4])
+    assert not np.array_equal(told.coefficient[0], lines.coefficient[0])
+
+
+def test_nothing_is_told_where_there_is_nothing():
+    lines, left = seen(np.zeros((0, 3)), np.zeros((0, 3)), 6)
+    assert len(aligned(lines, left, [circle(UP)], RIG)) == 0
