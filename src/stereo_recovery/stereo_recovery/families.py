@@ -134,7 +134,7 @@ def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np
             total = added.sum(axis=0) + axes[same].sum(axis=0)
         others = fits.sum() - fits + 2 * same.sum()
         # More than so many edges of any directions would agree by accident.
-        if others.max() >= LEAST - 1 + ACCIDENTS * chance[chance < CLEAR].sum():
+        if others.max() >= max(LEAST - 1, ACCIDENTS * chance[chance < CLEAR].sum()):
             found.append((added, total, others))
             told |= fits
             told_axes |= same

@@ -17,8 +17,9 @@ from .curve import Curve
 from .curves3d import distances
 from .edgels import Edgels
 
-# Curves that face the eyes less squarely than this, cosine, are no outlines of balls.
-FACING = 0.75
+# Curves that face the eyes less squarely than this, cosine, are no outlines of balls; a fit to most of an outline, this
+# share of it, faces them better.
+FACING, WHOLE_FACING, WHOLE = 0.75, 0.98, 0.7
 # A ball is believed when it leaves at most so much more than the curve does (truncated at so many sigma, squares).
 AS_GOOD, TRUNCATED = 1.5, 4.0
 # Curves of which more than this share of edgels lies this near to a ball's outlines, pixels, are pieces of them.
@@ -41,7 +42,8 @@ def without_balls(curves: list[Curve], edgels: tuple[Edgels, Edgels], rig: Stere
 def _ball(curve: Curve, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> np.ndarray | None:
     """(4,) centre, left frame, and radius, metres, of the ball that explains a curve's edgels; None if none does."""
     middle = curve.centre - [0.5 * rig.baseline, 0.0, 0.0]
-    if curve.radii[1] < FACING * curve.radii[0] or abs(curve.normal @ middle) < FACING * np.linalg.norm(middle):
+    facing = WHOLE_FACING if curve.coverage > WHOLE else FACING
+    if curve.radii[1] < FACING * curve.radii[0] or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
         return None
     mine = edgels[0].select(curve.left), edgels[1].select(curve.right)
     if min(len(e) for e in mine) < 8:
