@@ -77,10 +77,10 @@ def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, 
     taken = np.zeros(len(right), bool)
     taken[matches.right] = True
     rows = []
+    turned = opposed(left, right, matches.left, matches.right).astype(int)
     for e, (i, j) in enumerate(zip(matches.left, matches.right)):
-        same_way = not opposed(left, right, i, j)
         for end in range(2):
-            far = end if same_way else 1 - end
+            far = end ^ turned[e]
             k, m = met.other[i, end], right_met.other[j, far]
             if k < 0 or m < 0 or met.through[i, end] or right_met.through[j, far]:
                 continue
@@ -105,19 +105,18 @@ def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> 
     rows, ends = [], []
     if len(steep) == 0:
         return np.zeros((0, 4)), np.zeros(0, int)
+    flips = opposed(left, right, matches.left, matches.right).astype(int)
     lengths = [side.length[index] for side, index in ((left, matches.left), (right, matches.right))]
     for e in np.flatnonzero((sine < FLAT) & (left.arc[matches.left] < 0)):
-        same_way = not opposed(left, right, matches.left[e], matches.right[e])
         for end in (0, 1):
             if met.other[matches.left[e], end] >= 0:
                 continue
-            far = end if same_way else 1 - end
+            far = end ^ flips[e]
             hits = [_hits(side, index[e], index[steep], at, length[e]) for side, index, at, length
                     in ((left, matches.left, end, lengths[0]), (right, matches.right, far, lengths[1]))]
             good = np.flatnonzero(hits[0][3] & hits[1][3])
             # Both images must show the same end of the edge that is met.
-            turned = opposed(left, right, matches.left[steep[good]], matches.right[steep[good]])
-            good = good[hits[0][2][good] == np.where(turned, 1 - hits[1][2][good], hits[1][2][good])]
+            good = good[hits[0][2][good] == hits[1][2][good] ^ flips[steep[good]]]
             if len(good):
                 k = good[np.argmin(hits[0][4][good])]
                 rows.append((e, hits[0][0][k], steep[k], hits[0][1][k]))
@@ -150,6 +149,7 @@ def confirmed(joints: np.ndarray, known: np.ndarray, coefficient: np.ndarray, ma
     joints : (k, 4), see :func:`.lines3d.meetings`; known : (n,) bool, edges whose coefficient (n, 2) is measured.
     """
     kept = np.ones(len(joints), bool)
+    turned = opposed(left, right, matches.left, matches.right).astype(int)
     for row, (a, s, b, r) in enumerate(joints):
         for e, place, f, its in ((int(a), s, int(b), r), (int(b), r, int(a), s)):
             if known[e] or not known[f]:
@@ -157,9 +157,7 @@ def confirmed(joints: np.ndarray, known: np.ndarray, coefficient: np.ndarray, ma
             i, j = matches.left[e], matches.right[e]
             x = left.centre[i] + place * left.direction[i] - [coefficient[f] @ [1.0, its], 0.0]
             there = (x - right.centre[j]) @ right.direction[j]
-            end = int(abs(place - left.reach[i, 1]) < abs(place - left.reach[i, 0]))
-            if opposed(left, right, i, j):
-                end = 1 - end
+            end = int(abs(place - left.reach[i, 1]) < abs(place - left.reach[i, 0])) ^ turned[e]
             beyond = (there - right.reach[j, end]) * (1.0 if end else -1.0)
             kept[row] &= -BEYOND < beyond < BEFORE
             if right_met.other[j, end] >= 0:

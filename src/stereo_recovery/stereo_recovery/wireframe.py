@@ -65,21 +65,22 @@ def joined(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> t
     if alone.any():
         covariance[alone] = np.linalg.inv(information[alone])
         coefficient[alone] = np.einsum('nij,nj->ni', covariance[alone], vector[alone])
+    # What a corner adds to the four unknowns of its two edges.
+    ones = np.ones(len(joints))
+    rows = np.column_stack([ones, joints[:, 1], -ones, -joints[:, 3]])
+    added = rows[:, :, None] * rows[:, None] / CORNER_SIGMA ** 2
+    place = np.empty(n, np.int64)
     for c in np.flatnonzero(counts > 1):
-        members = np.flatnonzero(label == c)
-        local = {int(m): k for k, m in enumerate(members)}
+        members, here = np.flatnonzero(label == c), label[e] == c
+        first = 2 * np.arange(len(members))
+        place[members] = first
         matrix = np.zeros((2 * len(members), 2 * len(members)))
-        for k, m in enumerate(members):
-            matrix[2 * k:2 * k + 2, 2 * k:2 * k + 2] = information[m]
-        for a, s, b, r in joints[label[e] == c]:
-            x, y = 2 * local[int(a)], 2 * local[int(b)]
-            row = np.zeros(len(matrix))
-            row[x:x + 2] = 1.0, s
-            row[y:y + 2] = -1.0, -r
-            index = [x, x + 1, y, y + 1]
-            matrix[np.ix_(index, index)] += np.outer(row[index], row[index]) / CORNER_SIGMA ** 2
+        blocks = first[:, None] + [0, 1]
+        matrix[blocks[:, :, None], blocks[:, None]] = information[members]
+        x, y = place[e[here]], place[f[here]]
+        index = np.column_stack([x, x + 1, y, y + 1])
+        np.add.at(matrix, (index[:, :, None], index[:, None]), added[here])
         inverse = np.linalg.inv(matrix)
         coefficient[members] = (inverse @ vector[members].ravel()).reshape(-1, 2)
-        for k, m in enumerate(members):
-            covariance[m] = inverse[2 * k:2 * k + 2, 2 * k:2 * k + 2]
+        covariance[members] = inverse[blocks[:, :, None], blocks[:, None]]
     return coefficient, covariance
