@@ -52,8 +52,29 @@ def _with_images(pair: RealPair, name: str, change: Callable[[np.ndarray, int], 
     return RealPair(f'{pair.name} {name}', left, right, pair.rig, pair.left_T_object, pair.edges)
 
 
+def shifted(pair: RealPair, right: float, down: float) -> RealPair:
+    """The pair as sampled by pixels that lie elsewhere, pixels."""
+    how = np.array([[1.0, 0.0, right], [0.0, 1.0, down]])
+    size = pair.left.shape[::-1]
+    moved = _with_images(pair, f'shifted {right:g} {down:g}', lambda image, _: cv2.warpAffine(
+        image, how, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+    cameras = (replace(camera, cx=camera.cx + right, cy=camera.cy + down)
+               for camera in (pair.rig.left, pair.rig.right))
+    return replace(moved, rig=StereoRig(*cameras, pair.rig.baseline))
+
+
+def cropped(pair: RealPair, columns: int, rows: int) -> RealPair:
+    """The pair without so many columns and rows at every side."""
+    left, right = (np.ascontiguousarray(image[rows:image.shape[0] - rows, columns:image.shape[1] - columns])
+                   for image in (pair.left, pair.right))
+    cameras = (replace(camera, width=camera.width - 2 * columns, height=camera.height - 2 * rows,
+                       cx=camera.cx - columns, cy=camera.cy - rows) for camera in (pair.rig.left, pair.rig.right))
+    return replace(pair, name=f'{pair.name} cropped {columns} {rows}', left=left, right=right,
+                   rig=StereoRig(*cameras, pair.rig.baseline))
+
+
 def variants(pair: RealPair, seed: int = SEED) -> list[RealPair]:
-    """The pair itself and sixteen others."""
+    """The pair itself and twenty-one others."""
     rng = np.random.default_rng(seed)
 
     def noise(sigma: float) -> Callable[[np.ndarray, int], np.ndarray]:
@@ -68,7 +89,9 @@ def variants(pair: RealPair, seed: int = SEED) -> list[RealPair]:
             _with_images(pair, 'gamma', lambda image, _: 255.0 * (image / 255.0) ** 0.6),
             _with_images(pair, 'unequal', lambda image, k: (1.0, 0.8)[k] * image + (0.0, 15.0)[k]),
             _with_images(pair, 'negative', lambda image, _: 255.0 - image),
-            _with_images(pair, 'noise 3', noise(3.0)), _with_images(pair, 'noise 6', noise(6.0)),
+            *(shifted(pair, *by) for by in ((0.5, 0.0), (0.0, 0.5), (0.25, 0.25))), cropped(pair, 40, 20),
+            _with_images(pair, 'noise 1', noise(1.0)), _with_images(pair, 'noise 3', noise(3.0)),
+            _with_images(pair, 'noise 6', noise(6.0)),
             _with_images(pair, 'blurred', lambda image, _: cv2.GaussianBlur(image, (0, 0), 0.8))]
 
 

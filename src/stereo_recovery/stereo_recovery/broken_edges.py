@@ -31,6 +31,8 @@ END_SHARE, END_LEAST, INSIDE = 0.25, 12.0, 8.0
 KNOWN = 1.5
 # Disparity, pixels, by which edges miss each other at a real, rounded corner; and where a line just stops.
 ROUNDED, STOPPED = 0.4, 4.0
+# Ends whose disparity is vaguer than this may lie elsewhere along the line, too.
+VAGUE_END = 6.0
 # The share of the line that each image has to show, and how much may go on beyond its ends, pixels.
 SHOWN, BEYOND = 0.6, 12.0
 # How differently far from a corner the two images' strings may stop, pixels and as a share of the edge.
@@ -337,10 +339,12 @@ def _shown(line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndar
         stops.append((places.min(), places.max()))
         hit = ((sample >= places[:, :1] - 1.0) & (sample <= places[:, 1:] + 1.0)).any(axis=0)
         shares.append(float(hit.mean()))
-        for outside in (np.maximum(np.minimum(places[:, 1], first) - np.maximum(places[:, 0], first - 2 * BEYOND), 0.0),
-                        np.maximum(np.minimum(places[:, 1], last + 2 * BEYOND) - np.maximum(places[:, 0], last), 0.0)):
-            if outside.sum() > BEYOND:
-                return 0.0
+        beyond = (np.minimum(places[:, 1], first) - np.maximum(places[:, 0], first - 2 * BEYOND),
+                  np.minimum(places[:, 1], last + 2 * BEYOND) - np.maximum(places[:, 0], last))
+        # Where nothing but a vague stop tells the end it may be elsewhere.
+        if any(end.sigma < VAGUE_END and np.maximum(outside, 0.0).sum() > BEYOND
+               for end, outside in zip(ends, beyond)):
+            return 0.0
     # Both images' strings stop about as far from a corner.
     apart = np.abs(np.array(stops[0]) - np.array(stops[1]))
     if any(end.sigma < KNOWN and miss > max(LEAST_APART, APART_SHARE * (last - first))
