@@ -230,10 +230,10 @@ class _Tree:
                 if counts[a] == 0:
                     continue
                 self.check_time()
-                alive = np.flatnonzero(counts)
-                if len(alive) <= self.most:
+                others = np.argsort(counts, kind='stable')
+                others = others[len(others) - np.count_nonzero(counts):]
+                if len(others) <= self.most:
                     return
-                others = alive[np.argsort(counts[alive], kind='stable')]
                 self.supports.thin(a, others[others != a], self.data, margins, lists, counts, halves, relations, mids,
                                    span, below, self.most, WIDE)
         order = np.argsort(counts, kind='stable')  # what has few nodes is the first to show that a pose is none
@@ -312,7 +312,7 @@ class _Tree:
             self.explore(forced, free, motion, self.refuted)
             return
         here = self.nodes_a[free]
-        chosen = min(group, key=lambda a: int((here == a).sum()))
+        chosen = min(group, key=np.bincount(here, minlength=len(self.data)).item)
         mine = here == chosen
         others = [a for a in group if a != chosen]
         for node in free[mine]:
