@@ -40,8 +40,8 @@ SAME_CORNER = 1.5
 # much at least is not its bow's.
 SAME_EXTENT = 0.15
 LEAST_SHARE = 0.01
-# Coefficients (n, 2) and covariances (n, 2, 2) of matched edges, and what the match knows of their ends (n, 2).
-Solution = tuple[np.ndarray, np.ndarray, np.ndarray]
+# Coefficients (n, 2) and covariances (n, 2, 2) of matched edges, what the match knows of their ends (n, 2), and joints.
+Solution = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +197,11 @@ def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_m
     joints, far = (rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_met)]
                    for rows in (joints, far))
     joints = joints[~(known[joints[:, 0].astype(int)] & known[joints[:, 2].astype(int)])]
+    mixed = np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)])
     coefficient, covariance = flat_edges.solve(
-        information, vector, known, coefficient, covariance,
-        np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)]),
+        information, vector, known, coefficient, covariance, mixed,
         flat_edges.shared_corners(matches, left, right, met, right_met, spread_v))
-    return matches, (coefficient, covariance, ends_sigma)
+    return matches, (coefficient, covariance, ends_sigma, mixed)
 
 
 def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
@@ -220,36 +220,37 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
         offset_v = 0.0
     sides, ends = (left, right), (met, right_met)
 
-    def corners(of: Matches, told: Solution) -> vertices.Vertices:
+    def solved(of: Matches) -> tuple[Matches, Solution, tuple[np.ndarray, np.ndarray], vertices.Vertices]:
+        of, solution = _solved(of, left, right, met, right_met, spread_v, offset_v)
         # Parallel edges tell the depth of one along the rows, and so that of its corners.
-        return vertices.vertices(of, sides, ends, *borrow(of, left, *told, offset), offset_v)
+        told = borrow(of, left, *solution, offset)
+        return of, solution, told, vertices.vertices(of, sides, ends, *told, offset_v)
 
-    matches, solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
-    known = corners(matches, solved)
+    matches, solution, told, known = solved(matches)
     wrong = vertices.contradicted(matches, sides, known, offset_v) & (not cluttered)
     if wrong.any():
-        matches = Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches)))
-        matches, solved = _solved(matches, left, right, met, right_met, spread_v, offset_v)
-        known = corners(matches, solved)
+        matches, solution, told, known = solved(
+            Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches))))
     first = len(matches)
     for _ in range(CORNER_ROUNDS):
         grown = corner_matching.more_matches(matches, sides, ends, known, offset_v)
         if grown is None:
             break
-        matches, solved = _solved(grown, left, right, met, right_met, spread_v, offset_v)
-        known = corners(matches, solved)
-    coefficient, covariance, ends_sigma = solved
+        matches, solution, told, known = solved(grown)
+    coefficient, covariance, ends_sigma, joints = solution
     # What just one image shows between corners needs better ones.
     known = vertices.vertices(matches, sides, ends, coefficient, covariance, offset_v)
     i, j = matches.left, matches.right
     strut = np.arange(len(i)) >= first
-    whole = broken_edges.complete(matches, left, right, *borrow(matches, left, *solved, offset))
+    whole = broken_edges.complete(matches, left, right, *told)
     if whole:
         matches, left, coefficient, covariance, ends_sigma = broken_edges.with_whole(
             whole, matches, left, coefficient, covariance, ends_sigma)
+        joints = wireframe.among(joints, ~np.isin(i, np.concatenate([edge.members for edge in whole])))
         strut = np.isin(matches.left, i[strut])
         i, j = matches.left, matches.right
-    coefficient, covariance = borrow(matches, left, coefficient, covariance, ends_sigma, offset)
+        told = borrow(matches, left, coefficient, covariance, ends_sigma, joints, offset)
+    coefficient, covariance = told
     cl, tl = left.centre[i], left.direction[i]
     # The right piece's ends as places along the left one, by row or by column, whichever it follows.
     # Contrast may change its sign between the views, and with it the right piece's direction.

@@ -26,6 +26,9 @@ FEW = 6
 # Places along a piece at which the grey levels beside it are looked up, and those that tell of the piece as a whole.
 SAMPLES = 8
 INNER = slice(2, 6)
+# What is left over in both images finds each other in the end. A pair less alike than the first is no match when less
+# than the second share of what has been matched around it is as far away as it would be.
+UNALIKE, ALONE = 0.3, 0.15
 # Rounds of relaxation that only serve to learn that.
 FIRST_ROUNDS = 5
 
@@ -109,6 +112,7 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
     node, value = node[kept], value[kept]
     standing, belief = _relaxed(node, value, left, right, near, flat_sine, 4)
     chosen = _unique(node, value, standing, np.flatnonzero(belief >= least_belief), table, right_table)
+    chosen = chosen[(value[chosen, 5] > UNALIKE) | (_support(node[chosen, 0], value[chosen], near, len(left)) > ALONE)]
     return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
 
 
@@ -118,6 +122,19 @@ def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
         return SIDE_CONTRAST
     difference = np.abs(left[node[:, 0], 6:8] - right[node[:, 1], 6:8]).min(axis=1)
     return float(np.clip(LIKE * np.median(difference), LEAST_CONTRAST, SIDE_CONTRAST))
+
+
+def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np.ndarray:
+    """(k,) float64: the share of an edge's neighbourhood that has been matched with disparities like its own."""
+    other, gap, place, weight = (a[left] for a in near)
+    match_of = np.full(count, -1)
+    match_of[left[::-1]] = np.arange(len(left))[::-1]
+    theirs = np.where(other >= 0, match_of[other], -1)
+    weight = np.where(theirs >= 0, weight, 0.0)
+    difference = np.take_along_axis(value[:, :3], place[..., 0].astype(int), axis=1) - value[theirs, place[..., 1]]
+    agrees = np.abs(difference) - matching_kernels.SLACK < matching_kernels.GRADIENT_END * (gap + 1.0)
+    total = weight.sum(axis=1)
+    return np.where(total > 0.0, (weight * agrees).sum(axis=1) / np.maximum(total, 1e-9), 1.0)
 
 
 def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float,

@@ -33,6 +33,14 @@ def agree(joints: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray) -
     return misses(joints, coefficient) ** 2 < GATE ** 2 * variance
 
 
+def among(joints: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """The joints of edges that are kept, (n,) bool, by their new numbers."""
+    number = np.cumsum(kept) - 1
+    joints = joints[kept[joints[:, [0, 2]].astype(int)].all(axis=1)].copy()
+    joints[:, [0, 2]] = number[joints[:, [0, 2]].astype(int)]
+    return joints
+
+
 def solve_measured(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray,
                    least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges that measure their own depth well, solved together at the corners where they agree.

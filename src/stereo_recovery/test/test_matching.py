@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stereo_recovery import matching_kernels
-from stereo_recovery.matching import Matches
+from stereo_recovery.matching import Matches, match
 from stereo_recovery.parallels import borrow
 from stereo_recovery.segmentation import Pieces
 
@@ -54,7 +54,8 @@ def two_edges(turn: float, rise: float = 0.1, slope_sigma: float = 0.1):
     given = true.copy()
     given[1, 1] += 0.5 * slope_sigma
     covariance = np.stack([np.diag([1e-6, 1e-8]), np.diag([1e-4, slope_sigma ** 2])])
-    return (matches, pieces, given, covariance, np.full((2, 2), 4.0)), true
+    return (matches, pieces, given, covariance, np.full((2, 2), 4.0),
+            np.zeros((0, 4))), true
 
 
 def test_a_flat_edge_with_one_known_end_takes_the_direction_of_a_parallel_one():
@@ -83,3 +84,49 @@ def test_a_steep_edge_that_is_known_as_well_as_its_parallel_keeps_its_slope():
     arguments, _ = two_edges(0.0, rise=3.0, slope_sigma=1.5e-4)
     coefficient, _ = borrow(*arguments, offset=0.0)
     assert np.array_equal(coefficient, arguments[2])
+
+
+def test_where_parallel_edges_contradict_one_end_the_edge_hangs_on_the_end_that_a_long_parallel_edge_knows():
+    """Three edges along the rows at one depth, the last one with 7 px too much disparity at its right end, because a
+    short edge there was matched wrongly. At its left end is a long edge, to which another is parallel."""
+    ends = np.array([[(0, 10), (100, 10)], [(0, 30), (100, 30)], [(0, 200), (100, 200)], [(0, 110), (0, 200)],
+                     [(150, 110), (150, 200)], [(100, 200), (103, 220)]], float)
+    given = np.array([[50.0, 0.0], [50.0, 0.0], [50.0, 0.07], [50.0, 0.0], [50.0, 0.0], [57.0, 0.35]])
+    run = ends[:, 1] - ends[:, 0]
+    length, n = np.hypot(*run.T), len(ends)
+    zeros = np.zeros(n)
+    pieces = Pieces(np.zeros((n, 2), int), np.zeros(n, int), ends[:, 0], run / length[:, None],
+                    np.column_stack([zeros, length]), zeros, zeros, zeros + 50.0, np.full((n, 2), 1e-4), zeros + 20.0,
+                    np.full(n, -1, np.int32))
+    at_ends = given[:, :1] + given[:, 1:] * np.column_stack([zeros, 0.5 * length, length])
+    index = np.arange(n, dtype=np.int32)
+    matches = Matches(index, index, at_ends, np.zeros((n, 2)), np.ones(n))
+    covariance = np.stack([np.diag([2.5e-3, 5e-3 / span ** 2]) for span in length])
+    joints = np.array([[2, 0, 3, 90], [2, 100, 5, 0]], float)
+    coefficient, _ = borrow(matches, pieces, given, covariance, np.full((n, 2), 3.0), joints, offset=0.0)
+    assert coefficient[2] == pytest.approx([50.0, 0.0], abs=0.02)
+    # Without such a difference neither end is believed more than the other.
+    coefficient, _ = borrow(matches, pieces, given, covariance, np.full((n, 2), 3.0), joints[:0], offset=0.0)
+    assert np.array_equal(coefficient[2], given[2])
+
+
+def test_what_is_left_over_in_both_images_is_no_match_far_from_all_others():
+    """A face with two edges that only one eye sees each: they are not one edge behind the face."""
+    def edges(columns, greys):
+        n = len(columns)
+        ends = np.array([[(u, 20.0), (u, 80.0)] for u in columns])
+        zeros = np.zeros(n)
+        return ends, greys, Pieces(np.zeros((n, 2), int), np.arange(n), ends[:, 0], np.tile([0.0, 1.0], (n, 1)),
+                                   np.column_stack([zeros, zeros + 60.0]), zeros, zeros, zeros + 50.0,
+                                   np.full((n, 2), 1e-3), zeros + 20.0, np.full(n, -1, np.int32))
+
+    def picture(shown):
+        image = np.full((100, 240), 20.0)
+        for (u, _), level in zip(shown[0][:, 0], shown[1]):
+            image[20:81, int(u):] = level
+        return image
+
+    left = edges([100.0, 104.0, 130.0, 160.0, 190.0], [90.0, 120.0, 150.0, 180.0, 210.0])
+    right = edges([60.0, 86.0, 90.0, 120.0, 150.0], [120.0, 135.0, 150.0, 180.0, 210.0])
+    found = match(picture(left), picture(right), left[2], right[2], 1.0, 200.0, 100.0)
+    assert not (left[2].start[found.left, 0] - right[2].start[found.right, 0] < 30.0).any()
