@@ -5,9 +5,10 @@ right angles, meet in corners and lie in common planes. A pose that lays one cor
 explains three edges for nothing, and five or nine when one or two dimensions happen to agree. So it is not matched
 features that count but coincidences, beyond those that made the pose:
 
-    offsets    a matched feature lies in planes (see regularity.py). A plane in which a matched feature lies already is
-               free, and so are the first three that fix the position. Each other one is a coincidence, whose chance is
-               the share of all offsets that lie within the tolerance of one of the model's
+    offsets    a matched feature lies in planes (see regularity.py) that matched directions span or are upright to. A
+               plane in which a matched feature lies already is free, and so are the first three that fix the position.
+               Each other one is a coincidence, whose chance is the share of all offsets that lie within the tolerance
+               of one of the model's
     directions a direction that is neither parallel nor perpendicular to those before: each free angle, whose chance is
                ANGLE for each direction that the model has
     radii      PER_RADIUS for each distinct radius
@@ -15,12 +16,12 @@ features that count but coincidences, beyond those that made the pose:
                within its error, which is the smaller the more data there is in it, and BIAS x tolerance
     coverage   a model edge covered to COVERED of its length has chance WHOLE in the model, and in the data the share of
                pieces of that length among those that would fit the edge. Equal parallel edges count once
-    view       the share of the edges in view that is found, see views.py
-    neighbours an object's edges meet at their ends. Data that meet the explained data but are unexplained themselves
-               speak for another object, those that run into the middle of an edge half as much, as print and what
-               stands behind do: in a chance pose NEIGHBOURS of them are expected besides those that density explains
-               and those that noise takes from the model itself. No more than AGAINST is held against a pose, for
-               real objects stand on others and carry patterns
+    view       more of the model is found, and less is missed, than by chance, see views.py
+    neighbours an object's edges meet at their ends. Unexplained data that meet the explained data, end to end, speak
+               for another object: a chance pose has NEIGHBOURS of them besides those that density explains and those
+               that noise takes from the model itself, and counts are as likely as Poisson says. Data that run into the
+               middle of an edge tell nothing, as print and what stands behind do. A share CROWDED of real objects has
+               patterns at its edges, or stands on others, and has neighbours like a chance pose
 """
 
 from __future__ import annotations
@@ -39,16 +40,13 @@ PER_OFFSET = 0.5  # of a feature that lies in no plane of the usual orientations
 COVERED = 0.75
 WHOLE = 0.7
 FRAGMENTS = -1.0  # no less for all lengths together: where all is broken, pieces say little
-# Other objects that share dimensions with a model explain 5 to 8 features of it, seldom more than half: for MANY and
-# more, so many nats times the share of the model beyond HALF.
-FEW, MANY, MOST, HALF = 6.0, 10.0, 6.0, 0.5
 BIAS = 0.15  # of the tolerance; ideal data is no infinite proof
 WORST = 4.0  # a single plane off by the whole tolerance takes back no more than this, its coincidence included
 ENOUGH = 64  # matched features that are looked at: with so many there is no doubt
-NEIGHBOURS = 4.0
-MISSED = 0.05  # of an instance's own edges, per matched feature, noise takes so many that meet the others
-AGAINST = 12.0
-IN_THE_MIDDLE = 0.5
+NEIGHBOURS = 2.2
+MISSED = 0.03  # of an instance's own edges, per matched feature, noise takes so many that meet the others
+AT_ENDS = 0.3  # of the pieces strewn about that meet, so many do so end to end
+CROWDED = 0.03
 REACH = 0.12  # edges meet when their lines do within this share of their lengths beyond their ends
 NEARLY_PARALLEL = 0.2
 SHORT = 6.0  # tolerances; the direction of a shorter edge is too poor to say that it is not the model's
@@ -122,13 +120,46 @@ def free_angles(u, earlier, count):
 
 
 @njit
-def coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy):
+def regular_planes(used, direction, usual, spanned, upright):
+    """Which of the q orientations of planes an object owes to its regularity that has the directions of the model
+    features ``used``, and those upright to two of them: (q,) bool. A slanted plane through two edges is none while
+    nothing slanted is matched. Of a single direction all are that it lies in."""
+    q, d = spanned.shape
+    seen = np.zeros(d, np.bool_)
+    for k in range(d):
+        for j in range(len(used)):
+            if used[j] and direction[j] == usual[k]:
+                seen[k] = True
+                break
+    least = min(seen.sum(), 2)
+    derived = seen.copy()
+    for a in range(d):
+        for b in range(a):
+            if seen[a] and seen[b] and upright[a, b] >= 0:
+                derived[upright[a, b]] = True
+    regular = np.zeros(q, np.bool_)
+    for i in range(q):
+        within = found = 0
+        for k in range(d):
+            if spanned[i, k] == 1:
+                within += 1
+                found += derived[k]
+            elif spanned[i, k] == 2 and derived[k]:
+                regular[i] = True
+        if found >= min(within, least):
+            regular[i] = True
+    return regular
+
+
+@njit
+def coincidences(model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats, accuracy):
     """Nats of the coincidences beyond the pose among the model features in ``used`` (e,) bool.
 
     accuracy : (q, e) nats to add for each plane. Of parallel planes any one could be the one that fixes the position:
         it is the most accurate, so that what the pose misses counts wherever it is
     """
     q, e = number.shape[0], model.shape[0]
+    regular = regular_planes(used, direction, usual, spanned, upright)
     anchor = np.full(q, np.nan)
     known = np.zeros((q, e), np.bool_)
     seen = np.zeros(e, np.bool_)
@@ -163,7 +194,7 @@ def coincidences(model, kind_m, used, order, direction, normals, number, nats, a
                 total += PER_RADIUS
         n_fixed = 0
         for i in range(q):
-            if number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
+            if regular[i] and number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
                 length = _remainder(normals[i], fixed, n_fixed, rest)
                 if length > 0.4:
                     fixed[n_fixed] = rest / length
@@ -172,7 +203,8 @@ def coincidences(model, kind_m, used, order, direction, normals, number, nats, a
             # Of the unknown planes those first that only fix the position, then the likeliest coincidence.
             best, least = -1, np.inf
             for i in range(q):
-                if number[i, j] < 0 or known[i, number[i, j]] or _remainder(normals[i], fixed, n_fixed, rest) <= 0.4:
+                if (not regular[i] or number[i, j] < 0 or known[i, number[i, j]]
+                        or _remainder(normals[i], fixed, n_fixed, rest) <= 0.4):
                     continue
                 value = nats[i]
                 if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > 0.3:
@@ -245,20 +277,16 @@ def coverage(model, kind_m, data, kind_d, low, high, direction):
 
 @njit
 def meet(a, b, tolerance):
-    """How two edges (rows) meet, their lines within the tolerance (metres) and hardly beyond their ends: 1 end to end,
-    IN_THE_MIDDLE when one runs into the middle of the other, 0 not at all."""
+    """Whether two edges (rows) meet end to end: their lines within the tolerance (metres), near an end of both."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     reach = (1.0 + 2.0 * REACH) * (a[6] + b[6]) + 6.0 * tolerance
     if x * x + y * y + z * z > reach * reach:
-        return 0.0
+        return False
     _, s, d, fa, fb, _ = pair_geometry(a, b)
     if s < NEARLY_PARALLEL or abs(d) > tolerance:
-        return 0.0
+        return False
     beyond = tolerance / s
-    if abs(fa) >= (1.0 + 2.0 * REACH) * a[6] + beyond or abs(fb) >= (1.0 + 2.0 * REACH) * b[6] + beyond:
-        return 0.0
-    at_ends = abs(fa) > (1.0 - 2.0 * REACH) * a[6] - beyond and abs(fb) > (1.0 - 2.0 * REACH) * b[6] - beyond
-    return 1.0 if at_ends else IN_THE_MIDDLE
+    return (abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond)
 
 
 @njit
@@ -291,21 +319,21 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
             unexplained += 2.0 * data[k, 6]
         elif away > size + (1.0 + 2.0 * REACH) * data[k, 6]:
             continue
-        most = 0.0
         for i in range(count):
             a = matched[i]
-            if kind_d[a] != CURVE and most < 1.0:
-                most = max(most, meet(data[k], data[a], 0.5 * (tols[k, 0] + tols[a, 0])))
-        met += most
+            if kind_d[a] != CURVE and meet(data[k], data[a], 0.5 * (tols[k, 0] + tols[a, 0])):
+                met += 1.0
+                break
     # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
     density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius ** 3)
-    expected = density + MISSED * count + 0.1
-    return max(NEIGHBOURS - met * np.log((expected + NEIGHBOURS) / expected), -AGAINST)
+    expected = AT_ENDS * density + MISSED * count + 0.05
+    alone = np.exp(NEIGHBOURS - met * np.log((expected + NEIGHBOURS) / expected))
+    return np.log((1.0 - CROWDED) * alone + CROWDED)
 
 
 @njit
-def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size, order, direction, normals, number,
-             nats, faces, lies):
+def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size, order, direction, normals, usual,
+             spanned, upright, number, nats, faces, lies):
     """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, faces and lies as in
     :class:`.regularity.Regularity`, the rest as above."""
     e, n = model.shape[0], data.shape[0]
@@ -354,10 +382,8 @@ def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size
                 error = variance / weights[i, p] + BIAS ** 2
                 off = (sums[i, p] / weights[i, p]) ** 2 / error
                 accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
-    total = coincidences(model, kind_m, used, order, direction, normals, number, nats, accuracy)
+    total = coincidences(model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats,
+                         accuracy)
     total += max(coverage(model, kind_m, data, kind_d, low, high, direction), FRAGMENTS)
-    distinct = used.sum()
-    many = min(max((distinct - FEW) / (MANY - FEW), 0.0), 1.0)
-    total += MOST * many * max(distinct / e - HALF, 0.0)
-    total += nats_of_view(motion, model, kind_m, data, kind_d, assignment, faces, lies)
+    total += nats_of_view(motion, used, faces, lies)
     return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)

@@ -28,11 +28,7 @@ KEEP = 0.6
 DOUBTFUL = 5.0
 # Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
 # TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
-LEAST, PER_DATA, TAIL = 3.6, 1.25, 1.3
-# How well a scene fits a model by chance shows in the scene itself: each nat of evidence that the best other pose has,
-# among those that share no data with this one and are no instances themselves, asks for so many nats more; or less,
-# where that pose has less than a usual one.
-RIVAL, USUAL_RIVAL = 0.31, 7.5
+LEAST, PER_DATA, TAIL = -0.6, 1.5, 1.3
 # A candidate whose data is claimed to more than this share by a better interpretation competes with it.
 CLAIMED = 0.34
 # A pose explains the data of another and more: this share of the data, and evidence of its own that is less by no more
@@ -103,14 +99,13 @@ def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Pr
 @dataclass(eq=False)
 class Refined:
     """c refined candidates: motions (c, 12), assignments and signs (c, n) among used features, normals (c, 6, 6),
-    figures (c, 8) as hypotheses.refine_candidates gives them; needed (c,) nats that conclude asks each for."""
+    figures (c, 8) as hypotheses.refine_candidates gives them."""
 
     motions: np.ndarray
     assignments: np.ndarray
     signs: np.ndarray
     normals: np.ndarray
     figures: np.ndarray
-    needed: list[float] | None = None
 
 
 def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams,
@@ -128,12 +123,9 @@ def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params
     return refined
 
 
-def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: bool = False,
+def conclude(problem: Problem, refined: Refined, params: MatchParams,
              ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
-    """Accepted and rejected interpretations, each best first.
-
-    searched : the candidates are the best poses of all the data, so that they show what chance does there
-    """
+    """Accepted and rejected interpretations, each best first."""
     matched = (refined.assignments != BIN).astype(np.float32)
     shared_data = (matched @ matched.T).astype(int)
     _presence(refined, shared_data)
@@ -163,8 +155,7 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: 
             twins[k] = []
     from . import sightlines
     settle: Any = sightlines.settle
-    usual = needed_evidence(problem, params)
-    refined.needed = _asked_in_scene(evidence, heads, usual) if searched else [usual] * len(evidence)
+    needed = needed_evidence(problem, params)
     accepted: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
     rejected: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
     for k in order:
@@ -173,7 +164,7 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams, searched: 
         if rivals.get(k) == -1:
             continue
         reason = None
-        distinct, needed = int(scores[k]), refined.needed[k]
+        distinct = int(scores[k])
         if distinct < min(params.min_matched, len(problem.index)):
             reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
         elif evidence[k] < needed:
@@ -273,17 +264,6 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
 def false_alarm_evidence(n: int, rate: float) -> float:
     """Nats that chance reaches in a share ``rate`` of the scenes of n data features."""
     return LEAST + PER_DATA * math.log(max(n, 1)) - TAIL * math.log(max(rate, 1e-12))
-
-
-def _asked_in_scene(evidence: list[float], heads: list[int], usual: float) -> list[float]:
-    """(c,) nats that each candidate needs where ``heads`` are the best ones that share no data with each other."""
-    chance = sorted((k for k in heads if evidence[k] < usual), key=lambda k: -evidence[k])[:2]
-    least = usual - RIVAL * USUAL_RIVAL
-    first = least + RIVAL * max(evidence[chance[0]], 0.0) if chance else least
-    needed = [first] * len(evidence)
-    if chance:
-        needed[chance[0]] = least + RIVAL * max(evidence[chance[1]], 0.0) if len(chance) > 1 else least
-    return needed
 
 
 def as_pose(motion: np.ndarray) -> Pose:

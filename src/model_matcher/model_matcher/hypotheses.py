@@ -173,7 +173,7 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
 @njit(nogil=True)
 def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
                       kind_d, tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
-                      faces, lies, assignments, signs, matrices, figures):
+                      usual, spanned, upright, faces, lies, assignments, signs, matrices, figures):
     """Refine every candidate whose score is at least keep x best; all, when the best evidence of these is doubtful.
 
     doubtful : nats
@@ -201,5 +201,5 @@ def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell,
         figures[k, 1], figures[k, 2] = rms, chi
         figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
         figures[k, 7] = evidence(motions[k], model, kind_m, data, kind_d, tols, assignments[k], middle, size, order,
-                                 direction, normals, number, nats, faces, lies)
+                                 direction, normals, usual, spanned, upright, number, nats, faces, lies)
         best = max(best, figures[k, 7])

@@ -123,15 +123,14 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         if found.stopped_by != 'patience' or refined.figures[:, 7].max() >= needed_evidence(problem, params):
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.figures[:, 7].max()))
-    accepted, rejected = conclude(problem, refined, params, searched=True)
+    accepted, rejected = conclude(problem, refined, params)
     stopped = found.stopped_by if all_ranked or found.stopped_by != 'exhausted' else 'time limit'
     stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': found.pairs,
              'hypotheses': sum(part[1].hypotheses for part in parts), 'stopped_by': stopped,
              'evidence_needed': needed_evidence(problem, params)}
     enough = np.flatnonzero(refined.figures[:, 0] >= min(params.min_matched, len(index)))
-    if len(enough) and refined.needed is not None:
-        best = enough[np.argmax(refined.figures[enough, 7])]
-        stats['evidence'], stats['evidence_needed'] = float(refined.figures[best, 7]), float(refined.needed[best])
+    if len(enough):
+        stats['evidence'] = float(refined.figures[enough, 7].max())
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'

@@ -30,6 +30,9 @@ class Regularity:
     offsets : (q, e) float64, metres, distance of each feature's plane from the origin, NaN when it lies in no such
         plane: a line in planes along it, a curve also in its own
     sorted : (q, e) int32, the features by offset, those without one last
+    usual : (d,) int32, numbers of the most frequent directions, which span the planes
+    spanned : (q, d) int8, by plane and usual direction: 1 when it lies in the plane, 2 when it is upright to it
+    upright : (d, d) int32, which usual direction is upright to two of them, -1 for none
     faces, lies : of the model's convex hull, see :func:`.views.hull_faces`
     """
 
@@ -38,13 +41,17 @@ class Regularity:
     normals: np.ndarray
     offsets: np.ndarray
     sorted: np.ndarray
+    usual: np.ndarray
+    spanned: np.ndarray
+    upright: np.ndarray
     faces: np.ndarray
     lies: np.ndarray
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """As evidence.py takes them."""
-        return (self.order, self.direction, self.normals, self.offsets, self.sorted, self.faces, self.lies)
+        return (self.order, self.direction, self.normals, self.offsets, self.sorted, self.usual, self.spanned,
+                self.upright, self.faces, self.lies)
 
 
 _known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()
@@ -88,5 +95,11 @@ def _find(index: ModelIndex) -> Regularity:
     chosen = np.argsort(-lies.sum(axis=1), kind='stable')[:MAX_NORMALS]
     stack, lies = stack[chosen], lies[chosen]
     offsets = np.where(lies, stack @ rows[:, :3].T, np.nan)
+    frequent = np.array(distinct)[usual]
+    towards = np.abs(stack @ frequent.T)
+    spanned = np.where(towards > PARALLEL, 2, np.where(towards < UPRIGHT, 1, 0)).astype(np.int8)
+    towards = np.abs(frequent @ frequent.T)
+    both = (towards[:, None, :] < UPRIGHT) & (towards[None, :, :] < UPRIGHT) & (towards < PARALLEL)[:, :, None]
+    upright = np.where(both.any(axis=2), both.argmax(axis=2), -1).astype(np.int32)
     return Regularity(order, number, stack, offsets, np.argsort(offsets, axis=1, kind='stable').astype(np.int32),
-                      *hull_faces(index))
+                      usual.astype(np.int32), spanned, upright, *hull_faces(index))

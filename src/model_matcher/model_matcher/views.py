@@ -1,9 +1,14 @@
-"""How much of what a camera sees of a model was found: evidence beyond coincidences.
+"""How much of a model was found: evidence beyond coincidences.
 
-An edge on a model's convex hull is in view when a face of the hull that it lies on looks at the eye: nothing of the
-model itself can hide it. Of a real object most edges in view are found; a pose that lies on the data by chance explains
-those few that made it, and seldom half of what it would show. So a larger share speaks for the pose. A smaller one
-does not speak against it: objects hide each other.
+Where the model is, more of its features are found than a pose explains by chance, and fewer are missed. Which ones,
+tells how the data came about; each of two ways is as likely as the other:
+
+    thinned   every feature is found as often as any other
+    seen      of an opaque object. An edge on its convex hull is in view when a face of the hull that it lies on looks
+              at the eye: nothing of the object itself can hide it. Hidden edges of the hull are hardly ever found;
+              what is in view of the others is not known, so they do not count
+
+The chances say little for a single feature, because objects hide each other: what is found is found together.
 """
 
 from __future__ import annotations
@@ -13,14 +18,14 @@ import numpy as np
 from msgs_py import FeatureKind
 from msgs_py.compiled import njit
 
-from .kernels import CURVE
 from .model_index import ModelIndex
 
 # Corners and edges lie on a face of the hull when they are this near to it, as a share of the model's size.
 ON_FACE = 0.005
-# Nats for each further share of the length in view, above the share that chance explains as well.
-PER_SHARE, COMMON = 20.0, 0.55
-BINS = 24  # places along an edge that are looked at
+# Chances that a feature is explained: by a pose at random, among objects as regular as the model; where the model is,
+# when any feature may be missing; there, when it is in view, and when it is hidden. Measured with the thresholds of
+# finishing.py.
+BY_CHANCE, THINNED, SEEN, HIDDEN = 0.28, 0.39, 0.47, 0.1
 RIM = 16  # points that stand for a curve
 
 
@@ -68,43 +73,30 @@ def _planes(points: np.ndarray, size: float) -> np.ndarray:
 
 
 @njit
-def nats_of_view(motion, model, kind_m, data, kind_d, assignment, planes, lies):
-    """Nats for the share of the edges in view that data (n, 9) assigned (n,) to them covers; the eye is the origin of
-    the data's frame, pose (12,). planes (h, 4), lies (h, e) : see :func:`hull_faces`; rows as in kernels.py."""
-    e = model.shape[0]
-    in_view = np.zeros(e, np.bool_)
+def _nats(found, missed, chance):
+    """Of a chance against BY_CHANCE."""
+    return found * np.log(chance / BY_CHANCE) + missed * np.log((1.0 - chance) / (1.0 - BY_CHANCE))
+
+
+@njit
+def nats_of_view(motion, used, planes, lies):
+    """Nats for the features ``used`` (e,) bool that were found, and those that were not; the eye is the origin of the
+    data's frame, pose (12,). planes (h, 4), lies (h, e) : see :func:`hull_faces`."""
+    e = len(used)
+    hull, in_view = np.zeros(e, np.bool_), np.zeros(e, np.bool_)
     for h in range(planes.shape[0]):
         # The eye in the model's frame is -R^T t.
         side = planes[h, 3]
         for axis in range(3):
             side -= planes[h, axis] * (motion[axis] * motion[9] + motion[3 + axis] * motion[10]
                                        + motion[6 + axis] * motion[11])
-        if side > 0.0:
-            for j in range(e):
-                in_view[j] |= lies[h, j]
-    total = 0.0
-    for j in range(e):
-        if in_view[j]:
-            total += model[j, 6]
-    if total == 0.0:
-        return 0.0
-    hit = np.zeros((e, BINS), np.bool_)
-    covered = 0.0
-    for k in range(data.shape[0]):
-        j = assignment[k]
-        if j < 0 or kind_d[k] == CURVE or kind_m[j] == CURVE or not in_view[j]:
-            continue
-        along = dot = 0.0
-        for axis in range(3):
-            rotated = (motion[axis] * data[k, 3] + motion[3 + axis] * data[k, 4] + motion[6 + axis] * data[k, 5])
-            x = (motion[axis] * (data[k, 0] - motion[9]) + motion[3 + axis] * (data[k, 1] - motion[10])
-                 + motion[6 + axis] * (data[k, 2] - motion[11]) - model[j, axis])
-            along += x * model[j, 3 + axis]
-            dot += rotated * model[j, 3 + axis]
-        half, reach = model[j, 6], abs(dot) * data[k, 6]
-        for b in range(BINS):
-            place = half * (2.0 * (b + 0.5) / BINS - 1.0)
-            if not hit[j, b] and abs(place - along) <= reach:
-                hit[j, b] = True
-                covered += half / BINS
-    return PER_SHARE * max(covered / total - COMMON, 0.0)
+        for j in range(e):
+            hull[j] |= lies[h, j]
+            in_view[j] |= lies[h, j] and side > 0.0
+    count = used.sum()
+    seen = (in_view & used).sum()
+    hidden = (hull & ~in_view & used).sum()
+    of_view = _nats(seen, in_view.sum() - seen, SEEN) + hidden * np.log(HIDDEN / BY_CHANCE)
+    thinned = _nats(count, e - count, THINNED)
+    most = max(thinned, of_view)
+    return most + np.log(0.5 * (np.exp(thinned - most) + np.exp(of_view - most)))

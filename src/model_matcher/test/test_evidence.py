@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.evidence import AGAINST, ANGLE, NEIGHBOURS, coincidences, meet, neighbours, plane_table
+from model_matcher.evidence import ANGLE, CROWDED, NEIGHBOURS, coincidences, meet, neighbours, plane_table
 from model_matcher.finishing import make_problem, needed_evidence
 from model_matcher.model_index import ModelIndex, feature_rows
 from model_matcher.regularity import regularity
-from model_matcher.synthetic import box, l_shape, lattice, make_scene, prism, tubes
+from model_matcher.synthetic import box, chipped_block, l_shape, lattice, make_scene, prism, tubes
 from msgs_py import FeatureSet
 
 SIZE = np.array([0.10, 0.06, 0.04])
@@ -20,8 +20,8 @@ IDENTITY = np.r_[np.eye(3).ravel(), np.zeros(3)]
 def nats_of(index: ModelIndex, used: np.ndarray) -> float:
     made = regularity(index)
     number, nats = plane_table(made.offsets, made.sorted, TOLERANCE)
-    return coincidences(index.rows, index.kind, used, made.order, made.direction, made.normals, number, nats,
-                        np.zeros(number.shape))
+    return coincidences(index.rows, index.kind, used, made.order, made.direction, made.normals, made.usual,
+                        made.spanned, made.upright, number, nats, np.zeros(number.shape))
 
 
 def of_length(length: float) -> float:
@@ -89,6 +89,24 @@ def test_an_oblique_edge_counts_its_angle_and_each_offset_once():
     assert gained == pytest.approx(-np.log(4 * ANGLE) + nats[across])
 
 
+def test_edges_on_a_diagonal_count_their_offsets_unless_something_else_slants_like_it():
+    """Two upright edges of a block at opposite corners lie in one slanted plane, as a chip between them may too."""
+    index = index_model(chipped_block())
+    upright = np.flatnonzero(np.abs(index.rows[:, 5]) > 0.9)
+    diagonal = [k for k in upright if (index.rows[k, :2].min() < 1e-9) and (index.rows[k, :2].max() > 1e-9)]
+    level = [k for k in range(len(index)) if abs(index.rows[k, 2]) < 1e-9 and abs(index.rows[k, 5]) < 1e-9]
+    slanted = [k for k in level if np.abs(index.rows[k, 3:5]).max() < 0.99]
+    along = [next(k for k in level if abs(index.rows[k, 3 + axis]) > 0.99 and index.rows[k, 1 - axis] < 1e-9)
+             for axis in (0, 1)]
+    assert len(diagonal) == 2 and len(slanted) == 1
+    one, both = np.zeros(len(index), bool), np.zeros(len(index), bool)
+    one[[*along, diagonal[0]]] = both[[*along, *diagonal]] = True
+    width = nats_of(index, both) - nats_of(index, one)
+    assert width > 2.0
+    one[slanted] = both[slanted] = True
+    assert nats_of(index, both) - nats_of(index, one) < width
+
+
 def test_a_model_of_many_directions_owes_nothing_to_its_angles():
     index = index_model(lattice())
     pair = np.zeros(len(index), bool)
@@ -106,32 +124,33 @@ def test_the_lines_of_a_flat_grid_count_their_offsets():
     assert nats_of(index, np.ones(10, bool)) == pytest.approx(8.0 * one)
 
 
-def test_edges_meet_at_a_corner_and_slightly_beyond_their_ends_but_not_across_a_gap():
+def test_edges_meet_end_to_end_and_slightly_beyond_their_ends_but_not_across_a_gap():
     def rows(start, end):
         return feature_rows(FeatureSet.from_edges(np.array([start], float), np.array([end], float)))[0]
     along = rows((0, 0, 0), (0.1, 0, 0))
     assert meet(along, rows((0.1, 0, 0), (0.1, 0.05, 0)), TOLERANCE)
     assert meet(along, rows((0.105, 0.002, 0), (0.105, 0.05, 0)), TOLERANCE)
     assert not meet(along, rows((0.13, 0, 0), (0.13, 0.05, 0)), TOLERANCE)
-    assert not meet(along, rows((0.05, 0, 0.003), (0.05, 0.05, 0.003)), TOLERANCE)
+    assert not meet(along, rows((0.05, 0, 0), (0.05, 0.05, 0)), TOLERANCE)  # into its middle
+    assert not meet(along, rows((0.1, 0, 0.003), (0.1, 0.05, 0.003)), TOLERANCE)
     assert not meet(along, rows((0.1, 0, 0), (0.2, 0.001, 0)), TOLERANCE)
 
 
-def test_unexplained_edges_at_an_explained_corner_speak_against_it_up_to_a_limit(block):
-    # The model's bottom, and a second, taller object that stands on it.
+def test_unexplained_edges_at_explained_corners_speak_against_a_pose_up_to_a_limit(block):
+    # The model's bottom, and at one of its corners, and later at all, edges of another, taller object.
     own = block.features.select(np.arange(4))
     kinds = np.zeros(40, np.uint8)
     values = []
     for extra in (0, 1, 4, 30):
-        start = np.column_stack([np.linspace(0.01, 0.09, max(extra, 1))[:extra], np.zeros(extra), np.zeros(extra)])
+        start = np.zeros((extra, 3))
         data = FeatureSet.concatenate([own, FeatureSet.from_edges(start, start + [0.0, 0.0, 0.05])])
         rows = feature_rows(data)
         tols = np.full((len(rows), 3), TOLERANCE)
         assignment = np.r_[np.arange(4), np.full(extra, -1)].astype(np.int32)
         values.append(neighbours(IDENTITY, rows, kinds[:len(rows)], tols, assignment, block.middle, block.size))
-    assert values[0] == NEIGHBOURS
+    assert values[0] == pytest.approx(np.log((1.0 - CROWDED) * np.exp(NEIGHBOURS) + CROWDED))
     assert values[0] > values[1] > values[2]
-    assert values[3] == -AGAINST
+    assert values[3] == pytest.approx(np.log(CROWDED), abs=1e-6)
 
 
 def test_evidence_needed_grows_with_the_data_and_with_the_certainty_asked_for():

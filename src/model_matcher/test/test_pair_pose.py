@@ -1,10 +1,8 @@
 """Poses from pairs of features, and what the search leaves out because it cannot fit."""
 
 import numpy as np
-import pytest
 
 from model_matcher import index_model
-from model_matcher.finishing import RIVAL, USUAL_RIVAL, _asked_in_scene
 from model_matcher.kernels import _cost_of_pair, pair_geometry
 from model_matcher.model_index import feature_rows
 from model_matcher.pair_pose import pair_frame, pair_pose
@@ -55,14 +53,3 @@ def test_the_cost_of_a_pair_is_gap_over_length_and_sine():
         if sine > 0.17:
             wanted = (np.sqrt(offset ** 2 + over[0] ** 2 + over[1] ** 2) + 0.05 * size) / (min(rows[[a, b], 6]) * sine)
         np.testing.assert_allclose(_cost_of_pair(rows, a, b, size), wanted, rtol=1e-6)
-
-
-def test_the_best_accident_of_a_scene_tells_what_an_instance_needs():
-    usual = 15.0
-    quiet = _asked_in_scene([30.0, 0.0], [0, 1], usual)
-    busy = _asked_in_scene([30.0, 12.0], [0, 1], usual)
-    assert busy[0] - quiet[0] == pytest.approx(RIVAL * 12.0)
-    assert _asked_in_scene([30.0, USUAL_RIVAL], [0, 1], usual)[0] == pytest.approx(usual)
-    # A second instance is no accident, and no pose is its own rival.
-    assert _asked_in_scene([30.0, 29.0], [0, 1], usual)[0] == quiet[0]
-    assert _asked_in_scene([14.0], [0], usual) == [usual - RIVAL * USUAL_RIVAL]

@@ -5,7 +5,7 @@ import pytest
 
 from model_matcher import index_model
 from model_matcher.synthetic import box, cylinder_box, l_shape
-from model_matcher.views import COMMON, PER_SHARE, hull_faces, nats_of_view
+from model_matcher.views import BY_CHANCE, HIDDEN, SEEN, THINNED, hull_faces, nats_of_view
 from msgs_py import FeatureSet, Pose
 
 SIZE = np.array([0.10, 0.06, 0.04])
@@ -13,13 +13,15 @@ AWAY = Pose(np.eye(3), [-0.05, -0.03, 0.5])
 BEFORE_A_CORNER = Pose.from_rotation_vector([0.6, -0.5, 0.0], [-0.05, -0.03, 0.5])
 
 
-def nats(model: FeatureSet, pose: Pose, shown: np.ndarray) -> float:
-    """Of a model of which these features were found exactly, whole."""
-    index = index_model(model)
-    data = index_model(model.select(shown).transformed(pose))
-    motion = np.r_[pose.rotation.ravel(), pose.translation]
-    return nats_of_view(motion, index.rows, index.kind, data.rows, data.kind, np.asarray(shown, np.int32),
-                        *hull_faces(index))
+def nats(model: FeatureSet, pose: Pose, found: np.ndarray) -> float:
+    """Of a model of which these features were found."""
+    used = np.zeros(len(model), bool)
+    used[found] = True
+    return nats_of_view(np.r_[pose.rotation.ravel(), pose.translation], used, *hull_faces(index_model(model)))
+
+
+def ratio(found: int, missed: int, chance: float) -> float:
+    return (chance / BY_CHANCE) ** found * ((1.0 - chance) / (1.0 - BY_CHANCE)) ** missed
 
 
 def in_view(size: np.ndarray, pose: Pose) -> np.ndarray:
@@ -60,16 +62,20 @@ def test_a_box_shows_four_edges_of_one_face_or_nine_of_three():
 
 
 @pytest.mark.parametrize('pose', [AWAY, BEFORE_A_CORNER])
-def test_all_in_view_found_is_worth_most_and_hidden_edges_nothing(pose):
+def test_what_is_found_is_explained_by_a_view_or_by_thinning(pose):
     shown = in_view(SIZE, pose)
     hidden = np.setdiff1d(np.arange(12), shown)
-    assert nats(box(SIZE), pose, shown) == pytest.approx(PER_SHARE * (1.0 - COMMON))
-    assert nats(box(SIZE), pose, hidden) == 0.0
+    view, thinned = ratio(len(shown), 0, SEEN), ratio(len(shown), len(hidden), THINNED)
+    assert nats(box(SIZE), pose, shown) == pytest.approx(np.log(0.5 * (view + thinned)))
+    view, thinned = ratio(0, len(shown), SEEN), ratio(len(hidden), len(shown), THINNED)
+    view *= (HIDDEN / BY_CHANCE) ** len(hidden)
+    assert nats(box(SIZE), pose, hidden) == pytest.approx(np.log(0.5 * (view + thinned)))
 
 
-def test_less_than_is_common_is_worth_nothing_and_never_held_against_a_pose():
+def test_each_edge_in_view_speaks_for_a_pose_and_each_missed_one_against_it():
     shown = in_view(SIZE, BEFORE_A_CORNER)
-    assert nats(box(SIZE), BEFORE_A_CORNER, shown[:3]) == 0.0
+    values = [nats(box(SIZE), BEFORE_A_CORNER, shown[:count]) for count in range(10)]
+    assert (np.diff(values) > 0.0).all() and values[2] < 0.0 < values[9]
 
 
 def test_edges_in_a_notch_are_not_counted():
@@ -80,4 +86,5 @@ def test_edges_in_a_notch_are_not_counted():
 
 def test_from_inside_nothing_is_in_view():
     inside = Pose(np.eye(3), [-0.05, -0.03, 0.02])
-    assert nats(box(SIZE), inside, np.arange(12)) == 0.0
+    hidden = (HIDDEN / BY_CHANCE) ** 12
+    assert nats(box(SIZE), inside, np.arange(12)) == pytest.approx(np.log(0.5 * (hidden + ratio(12, 0, THINNED))))
