@@ -37,6 +37,7 @@ SETTLED = 0.03
 # A circle is an ellipse unless the ellipse lowers the sum of squares by this factor, and its radii differ by this much.
 ELLIPSE_GAIN = 1.3
 ELLIPSE_RATIO = 0.985
+ELLIPSE_TURNS = 5
 # A circle that fits this well, pixels rms and times what its edgels state, is one.
 ROUND_RMS = 0.06
 ROUND_MISFIT = 1.3
@@ -82,12 +83,12 @@ WORST_MISFIT = 3.0
 
 
 def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float,
-            first: bool = False) -> tuple[np.ndarray, np.ndarray]:
+            wide: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Edgels of the image seen from (eye, 0, 0) that are the curve's, (n,) bool, and those of them that measure it.
 
     The former lie on its picture and point across it. How near the latter have to be depends on how well the curve fits
     and on what each says of itself: a contour that leaves a rim leaves it slowly. Where a run ends, a corner has
-    displaced the last few.
+    displaced the last few. wide : as far away as the curve's own uncertainty allows as well.
     """
     matrix = rig.left.matrix if eye == 0.0 else rig.right.matrix
     conic = picture(curve, matrix, eye)
@@ -104,7 +105,7 @@ def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: floa
     usual = min(curve.rms, 1.5 * float(np.median(np.abs(distance))))
     own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.shift[index], 0.1))
     expected = np.hypot(own, usual)
-    if first:
+    if wide:
         expected = np.hypot(expected, np.sqrt(foreseen(curve, edgels.position[index], rig, eye, blur)))
     measures = np.zeros(len(edgels), bool)
     measures[index[np.abs(distance) < np.clip(GATE * expected, LEAST_CLAIM, CLAIM)]] = True
@@ -193,10 +194,11 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
     if curve is None or curve.rms > WORST_RMS or curve.centre[2] <= 0.0:
         return None
     fitted: tuple[np.ndarray, np.ndarray] = (np.zeros(0, bool), np.zeros(0, bool))
-    for turn in range(2):
-        (on_left, fit_left), (on_right, fit_right) = (
-            claimed(curve, edgels, rig, eye, blur, first=turn == 0) for edgels, eye in (
-                (left, 0.0), (right, rig.baseline)))
+    # An ellipse, which has more to learn, picks up its edgels step by step.
+    for turn in range(2 if curve.radii[0] == curve.radii[1] else ELLIPSE_TURNS):
+        wide = turn == 0 or bool(curve.radii[0] != curve.radii[1])
+        (on_left, fit_left), (on_right, fit_right) = (claimed(curve, edgels, rig, eye, blur, wide) for edgels, eye in (
+            (left, 0.0), (right, rig.baseline)))
         if min(fit_left.sum(), fit_right.sum()) < 8:
             return None
         changed = sum(int((a != b).sum()) for a, b in zip(fitted, (fit_left, fit_right))) if turn else len(left)
