@@ -27,8 +27,9 @@ WANDER = 2e-3
 # An edge tells its family when the chance that it had any other direction is below the first, and is told below the
 # second. There have to be more of them than so many times what agrees by accident.
 CLEAR, UNCLEAR, ACCIDENTS = 0.01, 0.05, 3.0
-# At most so many families, the best known seeds first; so many edges or axes are one at least.
-MOST, LEAST = 12, 3
+# At most so many families, from so many seeds, the best known first: texture has thousands of edges and no family. So
+# many edges or axes are one at least.
+MOST, SEEDS, LEAST = 12, 100, 3
 # A family must know the slope in disparity this much better than the edge itself (sigma); how far, pixels a pixel, it
 # misses that; an edge that recedes more steeply than this (of its direction, what is seen) is not told.
 BETTER, SLOPE_WANDER, LEVER = 0.7, 2e-4, 0.1
@@ -121,9 +122,13 @@ def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np
     told = np.zeros(len(order), bool)
     told_axes = np.zeros(len(axes), bool)
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    tried = 0
     for seed, k in [(axes, k) for k in range(len(axes))] + [(alone, k) for k in order]:
-        if len(found) == MOST or (told_axes[k] if seed is axes else told[k]):
+        if told_axes[k] if seed is axes else told[k]:
             continue
+        if len(found) == MOST or tried == SEEDS:
+            break
+        tried += 1
         total = seed[k]
         for _ in range(2):
             d, spread = _direction(total)

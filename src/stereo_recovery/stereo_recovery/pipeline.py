@@ -37,6 +37,8 @@ from .tangency import joined_ends
 # Edgels a pixel, and in all, above which the thresholds rise.
 DENSEST = 0.03
 MOST_EDGELS = 40000
+# Texture without end: more than so many pieces (a room has a thousand) would take minutes. The longest are kept.
+MOST_PIECES = 6000
 # In a picture with fewer edgels a pixel than this, long strings of weak ones count too: least magnitude and least mean
 # in units of the gradient's noise, and least number of edgels.
 SPARSE = 0.01
@@ -112,6 +114,12 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     return _View(grey, ordered, pieces, ellipses)
 
 
+def _worth_while(pieces: Pieces) -> Pieces:
+    """Without scraps, and of too many the longest."""
+    kept = pieces.select(whole_pieces(pieces))
+    return kept.select(np.sort(np.argsort(-kept.length, kind='stable')[:MOST_PIECES]))
+
+
 def _well_known(curve: Curve) -> bool:
     most = MOST_TILT if curve.coverage > ARC else MOST_TILT_OF_ARC
     return bool(curve.tilt < most and curve.misfit < MOST_MISFIT)
@@ -152,8 +160,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     if np.array_equal(greys[0], greys[1]):
         return Recovery(FeatureSet.empty(), found, 'left and right are the same picture, so nothing has a disparity',
                         stages, counts)
-    pieces = (views[0].pieces.select(whole_pieces(views[0].pieces)),
-              views[1].pieces.select(whole_pieces(views[1].pieces)))
+    pieces = _worth_while(views[0].pieces), _worth_while(views[1].pieces)
     offset = rig.left.cx - rig.right.cx
     lowest = params.min_disparity + offset
     highest = (0.9 * rig.left.width if params.max_disparity is None else params.max_disparity) + offset

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
-from stereo_recovery import RecoveryParams, recover
+from stereo_recovery import RecoveryParams, pipeline, recover
 
 
 def rig_for(depth: float, size: int = 512) -> StereoRig:
@@ -65,3 +65,15 @@ def test_image_of_another_size_is_refused_by_name():
 def test_parameters_out_of_range_are_refused_by_name(bad):
     with pytest.raises(ValueError, match=list(bad)[-1]):
         RecoveryParams(**bad)
+
+
+def test_of_more_pieces_than_can_be_matched_in_time_the_longest_are_taken(synthetic, solids, monkeypatch):
+    rig = rig_for(0.25)
+    solid = solids['L-block'].at(Pose.from_rotation_vector((0.5, -0.7, 0.1), [0.025, 0, 0.25]))
+    left, right = synthetic.render_pair(solid, rig)
+    every = recover(left, right, rig).features
+    monkeypatch.setattr(pipeline, 'MOST_PIECES', 6)
+    some = recover(left, right, rig).features
+
+    assert 0 < len(some) < len(every)
+    assert some.lengths.min() > np.median(every.lengths) / 2
