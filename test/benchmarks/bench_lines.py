@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 from line_scoring import LineScore, pose_errors
-from measure import Measurement, milliseconds
-from stereo_scenes import StereoScene, random_scene
+from measure import Measurement, milliseconds, seed_range
+from stereo_scenes import USUAL, Imaging, StereoScene, random_scene
 from tqdm import tqdm
 
 from msgs_py import FeatureKind, FeatureSet
@@ -36,7 +36,7 @@ def score(kind: str, seeds: Sequence[int], each: bool = False) -> LineScore:
     """Recovery of one scene a seed against its truth."""
     total = LineScore()
     for seed in tqdm(seeds, desc=kind, unit='pair', file=sys.stderr, disable=not sys.stderr.isatty()):
-        scene = random_scene(seed, 'any', 0) if kind == 'aliased' else random_scene(seed, kind)
+        scene = scene_of(kind, seed)
         found = edges_of(scene)
         one = LineScore()
         for add_to in (one, total):
@@ -48,6 +48,11 @@ def score(kind: str, seeds: Sequence[int], each: bool = False) -> LineScore:
                             if name in ('recall', 'recall of flat edges', 'precision', 'direction p90', 'end p90'))
             tqdm.write(f'{scene.name:<18} {line}' + (f' pose {error[0]:.3f} deg {error[1]:.3f} mm' if error else ''))
     return total
+
+
+def scene_of(kind: str, seed: int, imaging: Imaging = USUAL) -> StereoScene:
+    """kind : one of KINDS."""
+    return random_scene(seed, 'any', 0, imaging) if kind == 'aliased' else random_scene(seed, kind, imaging=imaging)
 
 
 def edges_of(scene: StereoScene) -> FeatureSet:
@@ -85,18 +90,14 @@ def _verdict(name: str, value: float, bars: dict[str, tuple[float, float]]) -> s
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--seeds', default='0..19', metavar='A..B', help='scenes, both ends included')
+    parser.add_argument('--seeds', type=seed_range, default='0..19', metavar='A..B', help='scenes, both ends included')
     parser.add_argument('--kinds', nargs='+', choices=KINDS, default=list(KINDS), help='any pose, many edges along the '
                         'rows, or any pose with one ray a pixel')
     parser.add_argument('--each', action='store_true', help='a line for every scene')
     options = parser.parse_args(arguments)
-    try:
-        first, last = (int(part) for part in options.seeds.split('..'))
-    except ValueError:
-        parser.error(f'--seeds: expected A..B, e.g. 100..139, got {options.seeds!r}')
     for kind in options.kinds:
-        figures = score(kind, range(first, last + 1), options.each).figures()
-        print(f'-- {kind}, seeds {first}..{last}')
+        figures = score(kind, options.seeds, options.each).figures()
+        print(f'-- {kind}, seeds {options.seeds[0]}..{options.seeds[-1]}')
         for name, value in figures.items():
             bars = ALIASED_BARS if kind == 'aliased' else BARS
             print(f'{name:<24} {value:>8.3f} {_unit(name):<4} {_verdict(name, value, bars)}'.rstrip())

@@ -36,7 +36,7 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     for kind, count in VIEWS.items():
         shown = views(kind, 2 if quick else count)
         for by, method in methods.items():
-            yield from _accuracy(kind, by, method, shown)
+            yield from _accuracy(kind, by, [method(view.left, view.right) for view in shown], shown)
             ours = np.median([milliseconds(partial(method, v.left, v.right), 0.1, 3, 10) for v in shown])
             yield Measurement(f'{kind}: a 512 x 512 pair', float(ours), 'ms', by)
         if kind == 'cylinder':
@@ -44,10 +44,9 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     yield from _real()
 
 
-def _accuracy(kind: str, by: str, method: Callable, shown: list) -> Iterator[Measurement]:
+def _accuracy(kind: str, by: str, found: list[FeatureSet], shown: list) -> Iterator[Measurement]:
     score = Score()
-    for view in shown:
-        features = method(view.left, view.right)
+    for features, view in zip(found, shown):
         score.add(features.of_kind(FeatureKind.EDGE), view.edges)
     yield Measurement(f'{kind}: recall of edge length', 100 * score.covered / score.length, '%', by, False)
     if score.flat_length > 0.0:
@@ -102,13 +101,14 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     for kind in options.kinds:
         shown = views(kind, options.views, options.seed)
-        for view in shown if options.each else ():
+        found = [recover(view.left, view.right, RIG).features for view in shown]
+        for features, view in zip(found, shown) if options.each else ():
             score = Score()
-            score.add(recover(view.left, view.right, RIG).features.of_kind(FeatureKind.EDGE), view.edges)
+            score.add(features.of_kind(FeatureKind.EDGE), view.edges)
             if score.covered < 0.9 * score.length or score.right < score.reported:
                 print(f'{view.name:<12} recall {100 * score.covered / score.length:5.1f} %, {score.right} of '
                       f'{score.reported} right')
-        for item in _accuracy(kind, OURS, lambda left, right: recover(left, right, RIG).features, shown):
+        for item in _accuracy(kind, OURS, found, shown):
             print(f'{item.what:<44} {item.value:>9.3f} {item.unit:<4} {item.note}')
     return 0
 

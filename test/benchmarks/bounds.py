@@ -13,14 +13,14 @@ import sys
 from collections.abc import Iterator
 
 import numpy as np
+from bench_lines import KINDS, edges_of, scene_of
 from line_scoring import HALF_NORMAL, LineScore
-from stereo_scenes import USUAL, Imaging, StereoScene, random_scene
+from measure import seed_range
+from stereo_scenes import USUAL, Imaging, StereoScene
 from tqdm import tqdm
 
-from msgs_py import FeatureKind, PinholeCamera
-from stereo_recovery import recover
+from msgs_py import PinholeCamera
 
-KINDS = ('any', 'flat', 'aliased')
 CONDITIONS = {
     'usual': USUAL,
     'small, wide': Imaging(PinholeCamera.centred(640, 480, 500.0)),
@@ -41,7 +41,7 @@ Groups = dict[str, dict[str, list[float]]]
 def add(groups: Groups, head: str, scene: StereoScene) -> None:
     """The ratios of errors to stated bounds of one scene, by groups."""
     score = LineScore()
-    found = recover(scene.left, scene.right, scene.rig).features.of_kind(FeatureKind.EDGE)
+    found = edges_of(scene)
     paired = score.add(found, scene.edges, scene.faint)
     true = paired[paired >= 0]
     run = np.diff(scene.rig.left.project(scene.edges), axis=1)[:, 0]
@@ -80,23 +80,18 @@ def rows(groups: Groups) -> Iterator[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--seeds', default='0..19', metavar='A..B', help='scenes, both ends included')
+    parser.add_argument('--seeds', type=seed_range, default='0..19', metavar='A..B', help='scenes, both ends included')
     parser.add_argument('--kinds', nargs='+', choices=KINDS, default=['any', 'flat'])
     parser.add_argument('--conditions', nargs='*', choices=list(CONDITIONS), help='cameras, rigs and noise; without a '
                         'name: all; only their sums are shown')
     options = parser.parse_args(arguments)
-    try:
-        first, last = (int(part) for part in options.seeds.split('..'))
-    except ValueError:
-        parser.error(f'--seeds: expected A..B, e.g. 100..139, got {options.seeds!r}')
     names = ['usual'] if options.conditions is None else options.conditions or list(CONDITIONS)
     groups: Groups = {}
     for name in names:
         for kind in options.kinds:
-            for seed in tqdm(range(first, last + 1), desc=f'{name} {kind}', unit='pair', file=sys.stderr,
+            for seed in tqdm(options.seeds, desc=f'{name} {kind}', unit='pair', file=sys.stderr,
                              disable=not sys.stderr.isatty()):
-                add(groups, f'{name}, {kind}: ', random_scene(seed, 'any' if kind == 'aliased' else kind,
-                                                              0 if kind == 'aliased' else 4, CONDITIONS[name]))
+                add(groups, f'{name}, {kind}: ', scene_of(kind, seed, CONDITIONS[name]))
     if options.conditions is not None:
         groups = {name: columns for name, columns in groups.items() if ': all ' in name}
     print('\n'.join(rows(groups)))

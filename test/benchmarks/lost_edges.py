@@ -26,6 +26,7 @@ import numpy as np
 from bench_stereo import VIEWS
 from curve_scenes import KINDS as CURVES
 from curve_scenes import curved_view
+from measure import seed_range
 from stereo_scenes import KINDS, random_scene
 from stereo_scoring import RIG, SAME_ANGLE, SAME_PLACE, views
 from tqdm import tqdm
@@ -230,13 +231,12 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
 
 
 def scenes(options: argparse.Namespace) -> Iterator[tuple[str, np.ndarray, np.ndarray, StereoRig, np.ndarray]]:
-    first, last = (int(part) for part in options.seeds.split('..')) if options.seeds else (0, -1)
     for kind in options.kinds:
         if not options.seeds:
             for view in views(kind, options.views, options.seed):
                 yield view.name, view.left, view.right, RIG, view.edges
             continue
-        for seed in range(first, last + 1):
+        for seed in options.seeds:
             if kind == 'curves':
                 for name in CURVES:
                     seen = curved_view(name, seed)
@@ -263,7 +263,7 @@ def draw(path: Path, images: tuple[np.ndarray, np.ndarray], found: list[Loss], s
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--seeds', default='', metavar='A..B', help='scenes of bench_lines or bench_curves')
+    parser.add_argument('--seeds', type=seed_range, metavar='A..B', help='scenes of bench_lines or bench_curves')
     parser.add_argument('--seed', type=int, default=5, help='of the views of bench_stereo')
     parser.add_argument('--views', type=int, default=20, help='of bench_stereo, of each kind')
     parser.add_argument('--kinds', nargs='+', default=['flat'], choices=sorted({*VIEWS, *KINDS, 'curves'}))

@@ -6,6 +6,7 @@ that is a plain script instead is run as such and its printed rows are read by :
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 import statistics
@@ -46,6 +47,15 @@ class Absent:
 
     what: str
     why: str
+
+
+def seed_range(text: str) -> range:
+    """For argparse: A..B, both ends included."""
+    try:
+        first, last = (int(part) for part in text.split('..'))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected A..B, e.g. 100..139, got {text!r}') from None
+    return range(first, last + 1)
 
 
 def milliseconds(function: Callable[[], Any], budget_s: float = 1.0, least: int = 3, most: int = 200) -> float:

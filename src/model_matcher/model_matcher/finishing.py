@@ -38,8 +38,6 @@ SAME_DATA, OUTDONE, FURTHER = 0.9, 4.0, 2.0
 # covers that differ by less than that share are equal.
 NEARLY, SAME_COVER = 0.9, 0.02
 BINS = 64  # places along a model edge that are looked at
-
-
 # Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
 FARTHEST = 1e6
 

@@ -218,10 +218,10 @@ class _Tree:
         lists, counts = self.supports.listed(self.pairs.possible(self.data, self.kind_d, self.tols, self.model,
                                                                  self.kind_m, self.radius_tol))
         relations = self.pairs.model_relations(self.model)
-        mids = np.ascontiguousarray(relations[:, :, self.pairs.MIDS])
-        margins, halves = self.pairs.margins_of(self.data, self.tols), self.model[:, 6].copy()
-        span, below = self.supports.extremes(halves, relations)
+        margins = self.pairs.margins_of(self.data, self.tols)
         self.agreement = self.supports.agreement(self.data, self.tols, self.model, margins, relations)
+        halves, _, mids = self.agreement[4:7]
+        span, below = self.supports.extremes(halves, relations)
         before = -1
         while before != counts.sum():
             before = counts.sum()

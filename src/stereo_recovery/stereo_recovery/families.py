@@ -16,13 +16,10 @@ from msgs_py import StereoRig
 
 from .curve import Curve
 from .lines3d import Lines3D
-from .parallels import FLAT
+from .parallels import FLAT, GATE, VAGUE
 from .segmentation import Pieces
 
-# Sigma of an edge's slope in disparity, pixels a pixel, above which it wants to be told.
-VAGUE = 0.001
-# Gates in sigma; how far, radians, edges of one direction miss it.
-GATE = 3.0
+# How far, radians, edges of one direction miss it.
 WANDER = 2e-3
 # An edge tells its family when the chance that it had any other direction is below the first, and is told below the
 # second. There have to be more of them than so many times what agrees by accident.

@@ -8,7 +8,7 @@ disparity at their corner (figural continuity). One linear least squares per con
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -229,8 +229,7 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     matches, solution, told, known = solved(matches)
     wrong = vertices.contradicted(matches, sides, known, offset_v) & (not cluttered)
     if wrong.any():
-        matches, solution, told, known = solved(
-            Matches(*(getattr(matches, f.name)[~wrong] for f in fields(matches))))
+        matches, solution, told, known = solved(matches.select(~wrong))
     first = len(matches)
     for _ in range(CORNER_ROUNDS):
         grown = corner_matching.more_matches(matches, sides, ends, known, offset_v)

@@ -15,12 +15,12 @@ def parallel(edges, able, lenders, centre, direction, own, covariance, slope_sig
     in the image; own (n, 2), covariance : (n, 2, 2) coefficients of disparity, from that of infinitely far points;
     slope_sigma : (n,) sigma of the direction; gate : sigma; wander, slope_wander : see :mod:`.parallels`
 
-    Returns start (m + 1,), where each edge's lenders begin, and of each: its number, ratio, noise. own @ (ratio, 1) is
+    Returns start (m + 1,), where each edge's lenders begin, and of each: ratio, noise. own @ (ratio, 1) is
     nil for parallel edges, with the variance noise.
     """
     start = np.zeros(len(edges) + 1, np.int64)
     size = 1024
-    who, ratios, noises = np.empty(size, np.int64), np.empty(size), np.empty(size)
+    ratios, noises = np.empty(size), np.empty(size)
     count = 0
     for m in range(len(edges)):
         f = edges[m]
@@ -51,12 +51,11 @@ def parallel(edges, able, lenders, centre, direction, own, covariance, slope_sig
             turn0 = here * ratio * (ux * tx + uy * ty) / along
             turn1 = here * (1.0 - ratio * (ax * tx + ay * ty)) / along
             if count == size:
-                who, ratios = np.append(who, np.empty_like(who)), np.append(ratios, np.empty_like(ratios))
-                noises = np.append(noises, np.empty_like(noises))
+                ratios, noises = np.append(ratios, np.empty_like(ratios)), np.append(noises, np.empty_like(noises))
                 size *= 2
-            who[count], ratios[count] = q, ratio
+            ratios[count] = ratio
             noises[count] = (c00 * turn0 * turn0 + 2.0 * c01 * turn0 * turn1 + c11 * turn1 * turn1
                              + (slope_wander * here) ** 2)
             count += 1
         start[m + 1] = count
-    return start, who[:count], ratios[:count], noises[:count]
+    return start, ratios[:count], noises[:count]

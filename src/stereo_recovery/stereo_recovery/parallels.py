@@ -67,7 +67,7 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
     able &= lenders != borrowers[:, None]
     own = coefficient - [offset, 0.0]
     told = c, t, own, covariance.copy(), slope_sigma, GATE, WANDER, SLOPE_WANDER
-    start, _, ratios, noises = parallel_kernels.parallel(borrowers, able, lenders, *told)
+    start, ratios, noises = parallel_kernels.parallel(borrowers, able, lenders, *told)
     tellers = np.flatnonzero(straight & ~flat & (worst < LENDER))
     for f, first, last in zip(borrowers.tolist(), start[:-1].tolist(), start[1:].tolist()):
         if first == last:
@@ -123,7 +123,7 @@ def _trusted(f: int, joints: np.ndarray, middle: float, length: np.ndarray, tell
                 continue
             rest = tellers[tellers != other]
             every = np.ones((1, len(rest)), bool)
-            _, _, ratio, noise = parallel_kernels.parallel(np.array([other]), every, rest, *told)
+            _, ratio, noise = parallel_kernels.parallel(np.array([other]), every, rest, *told)
             rows = np.column_stack([ratio, np.ones_like(ratio)])
             allowed = np.einsum('ni,ij,nj->n', rows, covariance[other], rows) + noise
             supported = ((rows @ own[other]) ** 2 < GATE ** 2 * allowed).any()

@@ -183,7 +183,7 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     rims = without_balls(curves, found, rig, blur)
     told = [c for c in rims if _well_known(c)]
     axes, surfaces = find_axes(told, pieces, rig)
-    surfaces += [(c, np.append(c.normal, 0.0)) for c in rims if not any(c is other for other in told)]
+    surfaces += [(c, np.append(c.normal, 0.0)) for c in rims if not _well_known(c)]
     lap('curves')
     # Outlines are no edges, and tell edges nothing; neither does an end that a curved surface hides.
     matches = matches.select(~contours(matches, pieces, surfaces, rig))
