@@ -1,4 +1,4 @@
-"""Compiled functions: what processes and changed sources may not do to their cache."""
+"""Compiled functions: whose machine code is used again, and what may not go wrong with it."""
 
 from __future__ import annotations
 
@@ -12,32 +12,58 @@ import pytest
 
 pytest.importorskip('numba')
 
-from msgs_py.compiled import LOCK_FILE
+from msgs_py.compiled import SUFFIX
 
-INNER = 'from msgs_py.compiled import njit\n\n\n@njit\ndef inner(x):\n    return x + {offset}\n'
+SETTINGS = 'LIMIT = {limit}\n'
+KERNEL = 'from msgs_py.compiled import njit\n\nkernel = njit(nogil=True)\n'
+INNER = textwrap.dedent('''\
+    from lower.options import kernel
+    from lower.settings import LIMIT
+
+
+    @kernel
+    def inner(x):
+        """{words}"""
+        return x + {offset} if x < LIMIT else x
+    ''')
 OUTER = textwrap.dedent('''\
-    from inner import inner
+    from lower import sums
     from msgs_py.compiled import njit
 
 
     @njit
     def outer(x):
-        return 2 * inner(x)
+        return 2 * sums.inner(x)
     ''')
 # One process calls with an integer first, the other with a float: two signatures of the same functions.
-CALL = 'from outer import outer\nimport sys\nprint(*(outer(eval(word)) for word in sys.argv[1:]))'
+CALL = 'from upper.doubled import outer\nimport sys\nprint(*(outer(eval(word)) for word in sys.argv[1:]))'
+
+
+def write(folder: Path, offset: int = 1, limit: int = 100, words: str = 'Add.') -> Path:
+    """Two packages: a function of ``upper`` calls one of ``lower``, which takes its options from a third module."""
+    for name, text in (('lower/settings.py', SETTINGS.format(limit=limit)), ('lower/options.py', KERNEL),
+                       ('lower/sums.py', INNER.format(offset=offset, words=words)), ('upper/doubled.py', OUTER)):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (path.parent / '__init__.py').touch()
+        path.write_text(text)
+    return folder
 
 
 @pytest.fixture
 def modules(tmp_path: Path) -> Path:
-    (tmp_path / 'inner.py').write_text(INNER.format(offset=1))
-    (tmp_path / 'outer.py').write_text(OUTER)
-    return tmp_path
+    return write(tmp_path / 'checkout')
 
 
-def start(folder: Path, *words: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, 'NUMBA_CACHE_DIR': '', 'NUMBA_DISABLE_JIT': '0'}
-    return subprocess.Popen([sys.executable, '-c', CALL, *words], cwd=folder, env=environment, text=True,
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    return tmp_path / 'cache'
+
+
+def start(folder: Path, cache: Path, *words: str, code: str = CALL, **extra: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, 'MSGS_PY_CACHE_DIR': str(cache), 'NUMBA_DISABLE_JIT': '0',
+                   'PYTHONDONTWRITEBYTECODE': '1', **extra}
+    return subprocess.Popen([sys.executable, '-c', code, *words], cwd=folder, env=environment, text=True,
                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
@@ -47,37 +73,98 @@ def answer(process: subprocess.Popen[str]) -> str:
     return out.strip()
 
 
-def test_a_second_process_loads_what_the_first_compiled(modules):
-    assert answer(start(modules, '1')) == '4'
-    cached = sorted(path.name for path in (modules / '__pycache__').glob('outer.*.nbc'))
-    assert len(cached) == 1
-    assert answer(start(modules, '5')) == '12'
-    assert sorted(path.name for path in (modules / '__pycache__').glob('outer.*.nbc')) == cached
+def entries(cache: Path) -> list[str]:
+    return sorted(path.name for path in cache.glob(f'*{SUFFIX}'))
 
 
-def test_a_change_in_a_called_function_is_followed(modules):
-    assert answer(start(modules, '1')) == '4'
-    (modules / 'inner.py').write_text(INNER.format(offset=10))
-    assert answer(start(modules, '1')) == '22'
+def test_a_second_process_loads_what_the_first_compiled(modules, cache):
+    assert answer(start(modules, cache, '1')) == '4'
+    made = entries(cache)
+    assert len(made) == 2
+    assert answer(start(modules, cache, '5')) == '12'
+    assert entries(cache) == made
 
 
-def test_processes_that_compile_at_the_same_time_do_not_mix_their_signatures(modules):
-    together = [start(modules, *words) for words in (('1', '1.5'), ('1.5', '1'), ('1.5', '1'), ('1', '1.5'))]
+def test_a_second_checkout_and_another_docstring_share_the_machine_code(modules, cache, tmp_path):
+    assert answer(start(modules, cache, '1')) == '4'
+    made = entries(cache)
+    other = write(tmp_path / 'elsewhere', words='Says the same in other words.')
+    assert answer(start(other, cache, '1')) == '4'
+    assert entries(cache) == made
+
+
+def test_a_change_in_a_function_that_another_room_calls_is_followed(modules, cache):
+    assert answer(start(modules, cache, '1')) == '4'
+    write(modules, offset=10)
+    assert answer(start(modules, cache, '1')) == '22'
+
+
+def test_a_changed_constant_of_another_module_is_followed(modules, cache):
+    assert answer(start(modules, cache, '50')) == '102'
+    write(modules, limit=10)
+    assert answer(start(modules, cache, '50')) == '100'
+
+
+def test_an_earlier_content_finds_its_code_again(modules, cache):
+    assert answer(start(modules, cache, '1')) == '4'
+    made = entries(cache)
+    write(modules, offset=10)
+    assert answer(start(modules, cache, '1')) == '22'
+    write(modules, offset=1)
+    assert answer(start(modules, cache, '1')) == '4'
+    assert len(entries(cache)) == 2 * len(made)
+
+
+def test_the_order_of_a_named_tuples_fields_belongs_to_the_content(tmp_path, cache):
+    code = textwrap.dedent('''\
+        from collections import namedtuple
+        import sys
+        from msgs_py.compiled import njit
+        Pair = namedtuple('Pair', sys.argv[1])
+        @njit
+        def first(pair):
+            return pair.a
+        print(first(Pair(1, 2)))
+        ''')
+    assert answer(start(tmp_path, cache, 'a b', code=code)) == '1'
+    assert answer(start(tmp_path, cache, 'b a', code=code)) == '2'
+
+
+def test_processes_that_compile_at_the_same_time_do_not_mix_their_signatures(modules, cache):
+    together = [start(modules, cache, *words) for words in (('1', '1.5'), ('1.5', '1'), ('1.5', '1'), ('1', '1.5'))]
     assert [answer(process) for process in together] == ['4 5.0', '5.0 4', '5.0 4', '4 5.0']
-    assert answer(start(modules, '1', '1.5')) == '4 5.0'
+    assert answer(start(modules, cache, '1', '1.5')) == '4 5.0'
+    assert len(entries(cache)) == 4
 
 
-def test_where_nobody_can_write_the_cache_is_read_without_a_lock(modules):
-    """As root everything can be written; a folder in the lock's place cannot be opened by anybody."""
-    assert answer(start(modules, '1')) == '4'
-    lock = modules / '__pycache__' / LOCK_FILE
-    lock.unlink()
-    lock.mkdir()
-    assert answer(start(modules, '1')) == '4'
+def test_a_damaged_entry_is_compiled_again(modules, cache):
+    assert answer(start(modules, cache, '1')) == '4'
+    for path in cache.glob(f'*{SUFFIX}'):
+        path.write_bytes(path.read_bytes()[:-100])
+    assert answer(start(modules, cache, '1')) == '4'
 
 
-def test_a_system_without_file_locks_computes_the_same(modules):
-    code = 'import sys; sys.modules["fcntl"] = None\n' + CALL
-    process = subprocess.run([sys.executable, '-c', code, '1'], cwd=modules, capture_output=True, text=True, check=True,
-                             env={**os.environ, 'NUMBA_CACHE_DIR': '', 'NUMBA_DISABLE_JIT': '0'})
-    assert process.stdout.strip() == '4'
+def test_where_nothing_can_be_written_everything_is_compiled(modules, tmp_path):
+    """As root everything can be written; below a file nothing can, and a full device takes no byte."""
+    blocked = tmp_path / 'file'
+    blocked.write_text('')
+    assert answer(start(modules, blocked / 'cache', '1')) == '4'
+    full = tmp_path / 'full'
+    full.mkdir()
+    no_room = 'import os, errno\n\ndef replace(a, b):\n    raise OSError(errno.ENOSPC, "no space")\n\nos.replace = replace\n'
+    assert answer(start(modules, full, '1', code=no_room + CALL)) == '4'
+    assert list(full.iterdir()) == []
+
+
+def test_the_cache_is_the_users_own_unless_a_variable_moves_it(modules, tmp_path):
+    assert answer(start(modules, Path(), '1', MSGS_PY_CACHE_DIR='', NUMBA_CACHE_DIR='',
+                        XDG_CACHE_HOME=str(tmp_path / 'xdg'))) == '4'
+    assert len(entries(tmp_path / 'xdg' / 'msgs_py' / 'machinecode')) == 2
+    assert answer(start(modules, Path(), '1', MSGS_PY_CACHE_DIR='', NUMBA_CACHE_DIR=str(tmp_path / 'numba'))) == '4'
+    assert len(entries(tmp_path / 'numba' / 'msgs_py' / 'machinecode')) == 2
+
+
+def test_the_cache_stays_within_its_size(modules, cache):
+    limited = 'import msgs_py.compiled as c\nc.MOST_BYTES = 1\n' + CALL
+    assert answer(start(modules, cache, '1', code=limited)) == '4'
+    assert len(entries(cache)) <= 1
