@@ -24,7 +24,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from msgs_py.transport import make_room_for_images
+from msgs_py.node_runtime.transport import make_room_for_images
 
 make_room_for_images()  # as every node does
 

@@ -12,8 +12,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 pytest.importorskip('rosbags', reason='rosbags (pip) is not installed')
 
+from model_matcher.closed_form.real_pair import chessboard_model, reference_pose
 from model_matcher.node import MatcherNode
-from model_matcher.real_pair import chessboard_model, reference_pose
 from msgs_py import Pose, codecs
 from stereo_recovery.node import RecoveryNode
 

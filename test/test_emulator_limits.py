@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from dap_emulator.workspaces import Refused, ServiceLimits, Workspaces
+from dap_emulator.service.workspaces import Refused, ServiceLimits, Workspaces
 
 SECONDS = 1.0
 

@@ -18,9 +18,9 @@ from geometry_msgs.msg import PoseStamped
 
 from csg_renderer.node import RendererConfig, RendererNode
 from dap_emulator.node import EmulatorNode
-from dap_emulator.service_config import EmulatorConfig
+from dap_emulator.service.service_config import EmulatorConfig
 from model_matcher.node import MatcherConfig, MatcherNode
-from msgs_py.runtime import STEREO_TOPICS
+from msgs_py.node_runtime.runtime import STEREO_TOPICS
 from stereo_recovery.node import RecoveryConfig, RecoveryNode
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -1,4 +1,4 @@
-"""The shape of the house: what may import what, and what must work without ROS (DESIGN section 2)."""
+"""The shape of the house: what may import what, package by package and room by room, and what must work without ROS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,17 @@ BELOW = {
     'stereo_recovery': ('msgs_py',), 'model_matcher': ('msgs_py', 'dap_emulator', 'csg_renderer'),
 }
 # The closed-form harness joins the two halves of the graph; nothing else may.
-JOINS = ('closed_form', 'real_pair')
+JOINS = ('closed_form',)
+# Rooms from the lowest to the highest: a module imports from its own room and from those before it. Modules at the root
+# of a package stand in the list by name where a room imports them; all others are after the last room.
+ROOMS = {
+    'msgs_py': ('_checks', 'pose', 'camera', 'features', 'interpretation', 'numeric', 'codecs', 'node_runtime'),
+    'dap_emulator': ('machine', 'fortran_plus', 'service'),
+    'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
+    'stereo_recovery': ('params', 'cameras', 'detection', 'matching', 'curves', 'edges'),
+    'model_matcher': ('params', 'geometry', 'model', 'verification', 'interpretation_tree', 'search', 'proof',
+                      'drawing', 'pipeline', 'node', 'closed_form'),
+}
 ROS = ('rclpy', 'sensor_msgs', 'geometry_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs', 'visualization_msgs',
        'rcl_interfaces', 'builtin_interfaces')
 
@@ -48,11 +58,54 @@ def may_use_ros(path: Path) -> bool:
     return path.stem in ('node', 'runtime', 'client') or 'codecs' in path.parts
 
 
+def inner_imports(path: Path, package: str) -> set[str]:
+    """Dotted names, below the package, of what a module imports from its own package, inside functions too."""
+    here = module_name(path).split('.')
+    folder = here if path.name == '__init__.py' else here[:-1]
+    modules = {module_name(other) for other in sources(package)}
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.level:
+            base = '.'.join([*folder[:len(folder) - node.level + 1], *([node.module] if node.module else [])])
+        elif node.module and node.module.split('.')[0] == package:
+            base = node.module
+        else:
+            continue
+        found |= {f'{base}.{alias.name}' if f'{base}.{alias.name}' in modules else base for alias in node.names}
+    return found - {'.'.join(here)}
+
+
+def room_number(module: str, package: str) -> int:
+    """Place of a module in the order of rooms; what is not named comes after all."""
+    first = module.split('.')[1] if '.' in module else ''
+    return ROOMS[package].index(first) if first in ROOMS[package] else len(ROOMS[package])
+
+
+def circles(graph: dict[str, set[str]]) -> list[str]:
+    """Modules that import one another, each circle as its path."""
+    done: set[str] = set()
+    found: list[str] = []
+
+    def visit(module: str, way: list[str]) -> None:
+        if module in way:
+            found.append(' -> '.join([*way[way.index(module):], module]))
+        elif module not in done:
+            for other in sorted(graph.get(module, ())):
+                visit(other, [*way, module])
+            done.add(module)
+
+    for module in sorted(graph):
+        visit(module, [])
+    return found
+
+
 @pytest.mark.parametrize('package', PACKAGES)
 def test_no_import_goes_against_the_layers(package):
     for path in sources(package):
         allowed = {package, *BELOW[package]}
-        if package == 'model_matcher' and path.stem.startswith(JOINS):
+        if package == 'model_matcher' and set(path.parts) & set(JOINS):
             allowed |= {'stereo_recovery'}
         against = imports(path) & set(PACKAGES) - allowed
         assert not against, f'{path.relative_to(ROOT)} imports {against}'
@@ -74,10 +127,26 @@ def test_every_pure_module_imports_with_ros_blocked():
 
 
 @pytest.mark.parametrize('package', PACKAGES)
-def test_no_file_is_over_500_lines(package):
-    long = {str(path.relative_to(ROOT)): n for path in sources(package)
-            if (n := len(path.read_text().splitlines())) > 500}
-    assert not long
+def test_no_room_imports_a_later_one(package):
+    against = [f'{module_name(path)} imports {other}' for path in sources(package) if path.name != '__init__.py'
+               for other in inner_imports(path, package)
+               if room_number(other, package) > room_number(module_name(path), package)]
+    assert not against, '\n'.join(against)
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_no_imports_run_in_a_circle(package):
+    """Inside functions and for annotations too; the face of a package or room may import its own modules."""
+    graph = {module_name(path): inner_imports(path, package) for path in sources(package) if path.name != '__init__.py'}
+    found = circles(graph)
+    assert not found, '\n'.join(found)
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_every_room_says_in_one_sentence_what_it_is_for(package):
+    for folder in {path.parent for path in sources(package)}:
+        words = ast.get_docstring(ast.parse((folder / '__init__.py').read_text()))
+        assert words and words.splitlines()[0].endswith('.'), f'{folder.relative_to(ROOT)}/__init__.py'
 
 
 @pytest.mark.parametrize('package', PACKAGES)

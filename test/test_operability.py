@@ -14,7 +14,7 @@ import csg_renderer
 from csg_renderer.node import RendererNode
 from model_matcher.node import MatcherNode
 from msgs_py import PinholeCamera, StereoRig, codecs
-from msgs_py.runtime import STEREO_TOPICS
+from msgs_py.node_runtime.runtime import STEREO_TOPICS
 from stereo_recovery.node import RecoveryNode
 
 

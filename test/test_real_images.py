@@ -18,8 +18,8 @@ from std_msgs.msg import Header
 
 import csg_renderer
 from model_matcher import match
+from model_matcher.closed_form.real_pair import SQUARE_M, board_symmetries, chessboard_model
 from model_matcher.node import MatcherConfig, MatcherNode
-from model_matcher.real_pair import SQUARE_M, board_symmetries, chessboard_model
 from msgs_py import FeatureSet, Pose, StereoRig, codecs
 from stereo_recovery import recover
 from stereo_recovery.node import RecoveryNode

@@ -12,9 +12,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter as NodeParameter
 from std_msgs.msg import String
 
-from msgs_py.config import Config, parameter
-from msgs_py.renaming import renamed_arguments, renamed_names
-from msgs_py.runtime import GraphNode
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.renaming import renamed_arguments, renamed_names
+from msgs_py.node_runtime.runtime import GraphNode
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from msgs_py.config import Config, parameter
-from msgs_py.runtime import STEREO_TOPICS, GraphNode, spin_once
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.runtime import STEREO_TOPICS, GraphNode, spin_once
 
 
 @dataclass(frozen=True)

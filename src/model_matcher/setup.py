@@ -35,7 +35,7 @@ setup(
         'console_scripts': [
             'match = model_matcher.match_cli:main',
             'matcher_node = graph_executables:matcher_node',
-            'closed_form = model_matcher.closed_form:main',
+            'closed_form = model_matcher.closed_form.cli:main',
         ],
     },
 )

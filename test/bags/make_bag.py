@@ -23,7 +23,7 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from msgs_py import codecs
-from stereo_recovery.calibration import CameraFile, load_cameras
+from stereo_recovery.cameras.calibration import CameraFile, load_cameras
 
 # Calibration is in squares of the board; one is taken to be this long.
 SQUARE_M = 0.025

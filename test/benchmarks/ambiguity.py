@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from model_matcher import MatchParams, MatchResult, ModelIndex
-from model_matcher.finishing import SEARCH_WIDTH, make_problem, refine_all
-from model_matcher.symmetry import symmetries
-from model_matcher.synthetic import SyntheticScene
+from model_matcher.closed_form.synthetic import SyntheticScene
+from model_matcher.model.symmetry import symmetries
+from model_matcher.verification.acceptance import SEARCH_WIDTH, make_problem, refine_all
 from msgs_py import BIN, Pose
 
 ROOM = 256  # poses kept, near duplicates apart
@@ -51,9 +51,9 @@ def is_pose(pose: Pose, truth: Pose, index: ModelIndex) -> bool:
 
 def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instance: int = 0) -> Verdict:
     """Search everything for a pose other than that of the instance."""
-    from model_matcher import hypotheses
-    from model_matcher.kernels import rank_pairs
-    search: Any = hypotheses.search_pairs
+    from model_matcher.geometry.kernels import rank_pairs
+    from model_matcher.search import pair_search
+    search: Any = pair_search.search_pairs
     problem = make_problem(index, scene.data, params)
     in_view = len(np.unique(scene.assignment[scene.instance == instance]))
     truth = scene.poses[instance]

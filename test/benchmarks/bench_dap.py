@@ -18,12 +18,13 @@ from collections.abc import Iterator
 import numpy as np
 from measure import Measurement, milliseconds
 
-from csg_renderer import engine_dap, ideal_data, load_scene, model_features, render, scene_path
-from csg_renderer.frame import RenderOptions
-from csg_renderer.pipeline import default_rig
+from csg_renderer import ideal_data, load_scene, model_features, render, scene_path
+from csg_renderer.raycast import engine_dap
+from csg_renderer.raycast.frame import RenderOptions
+from csg_renderer.raycast.render import default_rig
 from dap_emulator import Dap
-from dap_emulator.apal import sobel
 from dap_emulator.fortran_plus import compile
+from dap_emulator.machine.apal import sobel
 from model_matcher import MatchParams, match
 from model_matcher.params import CONSTRAINTS
 from msgs_py import FeatureSet
@@ -116,7 +117,7 @@ def matching_table(quick: bool) -> None:
 
 def plug_table() -> None:
     """Table 5.11: tables of 54 x 54 as a whole (Fortran*), and what quadrants of 32 x 32 would add."""
-    from dap_emulator import intrinsics as f
+    from dap_emulator.machine import intrinsics as f
     print('\nTable 5.11: the plug, 54 edges, ideal data, all five constraints, tables of four blocks; DAP 510, seconds')
     for name, thesis in PLUG_S.items():
         model, data = ideal(name)
@@ -164,7 +165,7 @@ WHOLE_IMAGE = {
 
 def overheads(budget: float) -> Iterator[tuple[str, float, float]]:
     """(expression, emulated ms, bare numpy ms) on 512 x 512 REAL*4."""
-    from dap_emulator import intrinsics as f
+    from dap_emulator.machine import intrinsics as f
     rng = np.random.default_rng(1)
     a, b = rng.random((2, 512, 512)).astype(np.float32)
     m = a > 0.7
@@ -200,8 +201,8 @@ def service(runs: int) -> tuple[float, float, int]:
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
 
-    from dap_emulator.client import DapClient
     from dap_emulator.node import EmulatorNode
+    from dap_emulator.service.client import DapClient
     context = Context()
     rclpy.init(context=context, domain_id=83)
     node = EmulatorNode(context=context)

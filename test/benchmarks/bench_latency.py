@@ -20,7 +20,7 @@ import numpy as np
 from measure import Absent, Measurement
 
 from csg_renderer import default_rig, load_scene, render_stereo, scene_path
-from csg_renderer.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel, grey
 
 SCENES = ('l_shape_v1', 'chipped_block_v1', 'computer_v1', 'plug_v1')
 TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
@@ -90,7 +90,7 @@ class Pipe:
         from std_msgs.msg import Header
 
         from msgs_py import codecs
-        from msgs_py.transport import make_room_for_images
+        from msgs_py.node_runtime.transport import make_room_for_images
 
         # As our own renderer_node does; a camera driver with the default of 512 KiB loses a tenth of the pairs.
         make_room_for_images()

@@ -23,11 +23,7 @@ from ambiguity import is_listed, is_pose, judge
 from matcher_shapes import SHAPES
 
 from model_matcher import MatchParams, index_model, match, recognise
-from model_matcher.finishing import false_alarm_evidence
-from model_matcher.model_index import model_size
-from model_matcher.prefilter import prefilter
-from model_matcher.symmetry import symmetries
-from model_matcher.synthetic import (
+from model_matcher.closed_form.synthetic import (
     MODELS,
     SyntheticScene,
     box,
@@ -37,6 +33,10 @@ from model_matcher.synthetic import (
     random_pose,
     scaled,
 )
+from model_matcher.model.index import model_size
+from model_matcher.model.symmetry import symmetries
+from model_matcher.search.prefilter import prefilter
+from model_matcher.verification.acceptance import false_alarm_evidence
 from msgs_py import FeatureKind, FeatureSet, Interpretation, Pose
 
 THESIS_SIZES = ('chipped_block', 'l_shape', 'wedge', 'chair', 'computer', 'plug')
@@ -333,7 +333,7 @@ def recovered_parts() -> tuple[FeatureSet, ...]:
     """Edges recovered from a real stereo pair (the chessboard that comes with stereo_recovery), by neighbourhoods."""
     import tempfile
 
-    from model_matcher.real_pair import run_chessboard
+    from model_matcher.closed_form.real_pair import run_chessboard
     with tempfile.TemporaryDirectory() as folder:
         run_chessboard(Path(folder))
         features = FeatureSet.load(Path(folder) / 'features.npz')

@@ -16,9 +16,9 @@ import numpy as np
 from measure import Absent, Measurement, milliseconds
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.model_index import ModelIndex
-from model_matcher.synthetic import MODELS, make_scene
-from model_matcher.tables import Tables, build_tables
+from model_matcher.closed_form.synthetic import MODELS, make_scene
+from model_matcher.interpretation_tree.tables import Tables, build_tables
+from model_matcher.model.index import ModelIndex
 from msgs_py import FeatureSet
 
 CASES = (('l_shape', 0.0), ('l_shape', 0.5), ('chair', 0.3), ('chair', 0.5))

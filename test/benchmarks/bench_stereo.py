@@ -20,7 +20,7 @@ from stereo_scoring import RIG, Score, peer, views
 
 from msgs_py import FeatureKind, FeatureSet
 from stereo_recovery import recover
-from stereo_recovery.calibration import load_rig
+from stereo_recovery.cameras.calibration import load_rig
 
 PEER = 'LSD + epipolar'
 VIEWS = {'block': 8, 'cylinder': 8, 'flat': 6}

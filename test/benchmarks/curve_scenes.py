@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from csg_renderer import Light, Placement, Scene, Solid, Surface, load_scene, model_features, render_stereo, scene_path
-from csg_renderer.pipeline import scene_rig
-from csg_renderer.sensor import SensorModel, grey
-from csg_renderer.solid import Operation, Primitive
-from csg_renderer.visibility import stereo_fragments, visible_fragments
+from csg_renderer.raycast.render import scene_rig
+from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.scene.solid import Operation, Primitive
+from csg_renderer.visibility.hidden_lines import stereo_fragments, visible_fragments
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 
 MM = 1e-3

@@ -13,7 +13,7 @@ import numpy as np
 from measure import milliseconds
 
 from csg_renderer import Scene, Solid
-from csg_renderer.mesh_export import mesh_of
+from csg_renderer.scene.mesh_export import mesh_of
 from msgs_py import PinholeCamera
 
 SEGMENTS = 64

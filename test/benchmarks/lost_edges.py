@@ -32,8 +32,10 @@ from stereo_scoring import RIG, SAME_ANGLE, SAME_PLACE, views
 from tqdm import tqdm
 
 from msgs_py import FeatureKind, FeatureSet, StereoRig
-from stereo_recovery import Recovery, lines3d, matching_kernels, pipeline, recover
-from stereo_recovery.segmentation import Pieces, whole_pieces
+from stereo_recovery import Recovery, pipeline, recover
+from stereo_recovery.detection.segmentation import Pieces, whole_pieces
+from stereo_recovery.edges import lines3d
+from stereo_recovery.matching import relaxation_kernels
 
 # Stages in their order. What is alive less than this, percent of an edge, is lost.
 STAGES = ('edgels', 'pieces', 'whole', 'pairs', 'matches', 'joined', 'no outline', 'no contradiction', 'lines', 'kept')
@@ -98,7 +100,7 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
 
     with ExitStack() as stack:
         for patch in (after(pipeline, '_segment', segmented), after(pipeline, 'match', matched),
-                      after(matching_kernels, 'candidates', paired), after(pipeline, 'join_matched', joined),
+                      after(relaxation_kernels, 'candidates', paired), after(pipeline, 'join_matched', joined),
                       after(pipeline, 'edges', of_lines), after(lines3d, '_solved', solved),
                       after(pipeline, 'to_space', spaced)):
             stack.enter_context(patch)

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from csg_renderer import Frame, Scene, default_camera, render
-from csg_renderer.solid import Operation, Primitive, Solid
+from csg_renderer.scene.solid import Operation, Primitive, Solid
 from msgs_py import PinholeCamera, Pose
 
 SHAPES = {

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
-from stereo_recovery.calibration import load_rig
+from stereo_recovery.cameras.calibration import load_rig
 
 PACKAGED = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
 # Where the printed pattern ends, squares; the inner corners (i, j) lie at (i, j, 0).

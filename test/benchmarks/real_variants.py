@@ -98,7 +98,7 @@ def variants(pair: RealPair, seed: int = SEED) -> list[RealPair]:
 def in_metres(pair: RealPair) -> tuple[StereoRig, FeatureSet, list[Pose], np.ndarray]:
     """Rig, model, every pose that the model's symmetry makes as true, and the model's middle; metres."""
     import csg_renderer
-    from model_matcher.real_pair import board_symmetries, chessboard_model
+    from model_matcher.closed_form.real_pair import board_symmetries, chessboard_model
     if len(pair.edges):
         middle = 0.5 * BOX_M
         halves = [np.diag(np.array(turn, float)) for turn in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from csg_renderer import Light, Scene, Solid, load_models, model_features, render_stereo, scene_path
-from csg_renderer.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel, grey
 from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csg_renderer import Light, Scene, Solid, Surface, model_features, render_stereo
-from csg_renderer.sensor import SensorModel, grey
-from csg_renderer.visibility import stereo_fragments, visible_features
+from csg_renderer.raycast.sensor import SensorModel, grey
+from csg_renderer.visibility.hidden_lines import stereo_fragments, visible_features
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 
 MM = 1e-3

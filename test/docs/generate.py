@@ -21,8 +21,8 @@ from rclpy.context import Context
 from csg_renderer.node import RendererNode
 from dap_emulator.node import EmulatorNode
 from model_matcher.node import MatcherNode
-from msgs_py.config import ParameterSpec
-from msgs_py.runtime import GraphNode
+from msgs_py.node_runtime.config import ParameterSpec
+from msgs_py.node_runtime.runtime import GraphNode
 from stereo_recovery.node import RecoveryNode
 
 ROOT = Path(__file__).resolve().parents[2]

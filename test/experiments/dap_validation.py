@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from dap_emulator import Dap
-from dap_emulator import intrinsics as f
-from dap_emulator.kinds import real
-from model_matcher.model_index import feature_rows
+from dap_emulator.machine import intrinsics as f
+from dap_emulator.machine.kinds import real
+from model_matcher.model.index import feature_rows
 from msgs_py import FeatureSet, Pose
 
 PARTS = ('set-up', 'rotation', 'Jacobi', 'translation and scale', 'test')

@@ -9,8 +9,8 @@ import numpy as np
 from lab import Experiment, Line, Outcome, Plot, Setting, Table
 
 from model_matcher import MatchParams, index_model, match, recognise
-from model_matcher.model_index import ModelIndex
-from model_matcher.synthetic import MODELS, SyntheticScene, make_scene, random_polyhedron
+from model_matcher.closed_form.synthetic import MODELS, SyntheticScene, make_scene, random_polyhedron
+from model_matcher.model.index import ModelIndex
 from msgs_py import Interpretation
 
 NAMES = ('l_shape', 'chair', 'plug')
@@ -138,7 +138,7 @@ def library(setting: Setting) -> Outcome:
 def _shelf(indexes: list[ModelIndex]):
     """A shared index where the matcher offers one, else the list."""
     try:
-        from model_matcher.library import build_library
+        from model_matcher.model.library import build_library
     except ImportError:
         return indexes
     return build_library(indexes)

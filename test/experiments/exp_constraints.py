@@ -6,8 +6,8 @@ from lab import Experiment, Line, Outcome, Plot, Setting, Table, recovered, stat
 from thesis import CONSTRAINT_ALONE, CONSTRAINT_OFF, VIEWS
 
 from model_matcher import MatchParams, index_model
+from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.params import CONSTRAINTS
-from model_matcher.tables import build_tables
 from msgs_py import FeatureKind
 
 

@@ -28,9 +28,9 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from csg_renderer import Scene, render_stereo
-from csg_renderer.sensor import grey
+from csg_renderer.raycast.sensor import grey
 from model_matcher import MatchParams, index_model, match
-from model_matcher.synthetic import MODELS, make_scene
+from model_matcher.closed_form.synthetic import MODELS, make_scene
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
 
@@ -270,9 +270,9 @@ def real_folder() -> Path | None:
 
 def real_pairs(setting: Setting) -> Outcome:
     """Chessboard pairs with reference poses (one is shipped); more of them and a tea box where their pictures are."""
-    from model_matcher.comparison import best_pose_error, compare_edges
-    from model_matcher.real_pair import SQUARE_M, board_symmetries, chessboard_model, reference_pose
-    from stereo_recovery.calibration import load_rig
+    from model_matcher.closed_form.comparison import best_pose_error, compare_edges
+    from model_matcher.closed_form.real_pair import SQUARE_M, board_symmetries, chessboard_model, reference_pose
+    from stereo_recovery.cameras.calibration import load_rig
 
     more = real_folder()
     folder = Path(str(resources.files('stereo_recovery') / 'data' / 'chessboard'))
@@ -327,7 +327,7 @@ def _grey(path: Path) -> np.ndarray:
 
 def _teabox(folder: Path, setting: Setting) -> tuple[Table, int]:
     """The box's pairs, and how many are placed. folder : left000_rect.png, ..., calibration.json, box_poses.json."""
-    from model_matcher.comparison import best_pose_error, compare_edges
+    from model_matcher.closed_form.comparison import best_pose_error, compare_edges
 
     given = json.loads((folder / 'calibration.json').read_text())['rectified']
     document = json.loads((folder / 'box_poses.json').read_text())

@@ -10,8 +10,8 @@ from thesis import CURVE_MEANS, VIEWS, WIDGET
 
 from csg_renderer import Placement, Scene, load_models, scene_names, scene_path
 from model_matcher import MatchParams, match
-from model_matcher.closed_form import Case, Limits, result_document
-from model_matcher.closed_form_run import run_case
+from model_matcher.closed_form.cli import Case, Limits, result_document
+from model_matcher.closed_form.run_graph import run_case
 from msgs_py import FeatureKind, Pose
 
 # Bars of the closed-form laboratory: the thesis' means, five times better in the median.

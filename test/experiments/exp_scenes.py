@@ -7,16 +7,8 @@ from lab import Experiment, NotAvailable, Outcome, Plot, Setting, Table, mean, t
 from lab import Line as L
 from thesis import MODELS, VIEWS
 
-from csg_renderer import (
-    boundary,
-    ideal_data,
-    load_models,
-    model_features,
-    render_stereo,
-    scene_path,
-    visible_features,
-)
-from csg_renderer.solid import FACES
+from csg_renderer import boundary, ideal_data, load_models, model_features, render_stereo, scene_path, visible_features
+from csg_renderer.scene.solid import FACES
 from msgs_py import FeatureKind
 
 

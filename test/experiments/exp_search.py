@@ -17,14 +17,14 @@ from thesis import (
 )
 
 from csg_renderer import ideal_data
-from csg_renderer.ideal_data import IdealData
+from csg_renderer.features.ideal_data import IdealData
 from model_matcher import MatchParams, index_model, match
-from model_matcher.model_index import model_size
-from model_matcher.ordering import order_pairs
+from model_matcher.interpretation_tree.absolute_pose import Validation, validate
+from model_matcher.interpretation_tree.ordering import order_pairs
+from model_matcher.interpretation_tree.tables import build_tables
+from model_matcher.interpretation_tree.tree import tree_search
+from model_matcher.model.index import model_size
 from model_matcher.params import ORDERINGS
-from model_matcher.tables import build_tables
-from model_matcher.tree import tree_search
-from model_matcher.validation import Validation, validate
 from msgs_py import FeatureSet
 
 POLYHEDRA = [f'{model}_v{k}' for model in ('chipped_block', 'chair', 'computer', 'l_shape', 'wedge') for k in (1, 2)]
@@ -292,7 +292,7 @@ def validation(setting: Setting) -> Outcome:
 
 def combinatorics(setting: Setting) -> Outcome:
     """7.4: the search effort against spurious data, with and without the elimination of what cannot belong."""
-    from model_matcher.synthetic import MODELS, make_scene
+    from model_matcher.closed_form.synthetic import MODELS, make_scene
 
     model = MODELS['l_shape']()
     index = index_model(model, 'l_shape')

@@ -8,22 +8,13 @@ import numpy as np
 from lab import Experiment, Line, NotAvailable, Outcome, Plot, Setting, Table, mean, ratio, timed
 from thesis import TILING, TILING_SAVED, TILING_SPEEDUP
 
-from csg_renderer import (
-    Frame,
-    Scene,
-    default_camera,
-    engine_dap,
-    engine_native,
-    load_scene,
-    render,
-    scene_names,
-    scene_path,
-)
-from csg_renderer.frame import RenderOptions
-from csg_renderer.program import program_of, view_of
-from csg_renderer.solid import FACES
+from csg_renderer import Frame, Scene, default_camera, load_scene, render, scene_names, scene_path
+from csg_renderer.raycast import engine_dap, engine_native
+from csg_renderer.raycast.array_caster import Caster
+from csg_renderer.raycast.frame import RenderOptions
+from csg_renderer.raycast.program import program_of, view_of
+from csg_renderer.scene.solid import FACES
 from dap_emulator import Dap
-from dap_emulator.csg_arrays import Caster
 from msgs_py import PinholeCamera
 
 # What the emulated machine's cycles are charged to.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from csg_renderer import Scene, default_rig, load_scene, model_features, render_stereo, scene_names, scene_path
-from csg_renderer.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel, grey
 from msgs_py import FeatureSet, Pose, StereoRig
 
 Cell = float | int | str | None

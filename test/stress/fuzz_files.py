@@ -23,9 +23,9 @@ import numpy as np
 
 import csg_renderer
 from dap_emulator.fortran_plus import compile as compile_program
-from dap_emulator.library import program_names, program_source
+from dap_emulator.fortran_plus.library import program_names, program_source
 from msgs_py import FeatureSet
-from stereo_recovery.calibration import load_cameras
+from stereo_recovery.cameras.calibration import load_cameras
 
 HANG_S = 2.0
 ODD_NUMBERS = ('0', '-1', '1e308', '-1e-320', '9' * 400, 'nan', 'inf', '1e', '0x10', '1..2', '99999999999')

@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from msgs_py.runtime import GraphNode, spin_once
+from msgs_py.node_runtime.runtime import GraphNode, spin_once
 
 HANG_S = 2.0
 

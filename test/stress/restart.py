@@ -32,7 +32,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from msgs_py.transport import make_room_for_images
+from msgs_py.node_runtime.transport import make_room_for_images
 
 RECOVERED_S = 4.0
 START_S = 120.0  # the first start of all may compile

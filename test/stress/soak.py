@@ -26,10 +26,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 import csg_renderer
-from csg_renderer.pipeline import scene_rig
+from csg_renderer.raycast.render import scene_rig
 from model_matcher.node import MatcherNode
 from msgs_py import codecs
-from msgs_py.runtime import OUTPUT_QOS, STEREO_TOPICS
+from msgs_py.node_runtime.runtime import OUTPUT_QOS, STEREO_TOPICS
 from stereo_recovery.node import RecoveryNode
 
 SCENE = 'l_shape_v1'

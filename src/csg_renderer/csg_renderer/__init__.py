@@ -1,16 +1,16 @@
 """Constructive solid geometry: modelling language, exact ray caster, model features, renderer node."""
 
-from .frame import Frame, RenderOptions, RenderStats
-from .ideal_data import IdealData, Wear, ideal_data
+from .brep.model_features import boundary, model_features
+from .features.ideal_data import IdealData, Wear, ideal_data
+from .features.library import load_model_features
+from .features.mesh_features import features_from_mesh
 from .language import SceneError, SceneWarning, load_models, load_scene, parse_scene, scene_names, scene_path
-from .library import load_model_features
-from .mesh_features import features_from_mesh
-from .model_features import boundary, model_features
-from .pipeline import default_camera, default_rig, render, render_stereo
-from .scene import Light, Placement, Scene
-from .solid import Solid, Surface
-from .terrain import Terrain
-from .visibility import visible_features, visible_fragments
+from .raycast.frame import Frame, RenderOptions, RenderStats
+from .raycast.render import default_camera, default_rig, render, render_stereo
+from .scene.scene import Light, Placement, Scene
+from .scene.solid import Solid, Surface
+from .scene.terrain import Terrain
+from .visibility.hidden_lines import visible_features, visible_fragments
 
 __all__ = ['Frame', 'IdealData', 'Light', 'Placement', 'RenderOptions', 'RenderStats', 'Scene', 'SceneError',
            'SceneWarning', 'Solid', 'Surface', 'Terrain', 'Wear', 'boundary', 'default_camera', 'default_rig',

@@ -11,12 +11,12 @@ import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose
 
-from .drawing import Drawing, draw_mesh, draw_solid, save_drawing, view_from
-from .export import as_json, save_dxf, save_json
+from .brep.model_features import boundary
+from .features.drawing import Drawing, draw_mesh, draw_solid, save_drawing, view_from
+from .features.export import as_json, save_dxf, save_json
+from .features.mesh_features import CREASE_ANGLE, MESH_SUFFIXES, mesh_features, read_mesh
 from .language import load_models, load_scene
-from .mesh_features import CREASE_ANGLE, MESH_SUFFIXES, mesh_features, read_mesh
-from .model_features import boundary
-from .solid import Solid
+from .scene.solid import Solid
 
 DRAWINGS = ('.png', '.svg', '.pdf')
 OUTPUTS = (*DRAWINGS, '.dxf', '.json', '.npz')

@@ -13,11 +13,11 @@ from tqdm import tqdm
 
 from msgs_py import PinholeCamera
 
+from .brep.model_features import model_features
 from .language import load_models, load_scene
-from .model_features import model_features
-from .outputs import save_image
-from .pipeline import render, scene_rig
-from .visibility import visible_fragments
+from .raycast.outputs import save_image
+from .raycast.render import render, scene_rig
+from .visibility.hidden_lines import visible_fragments
 
 # Model: title, and the thesis' primitives, half-spaces, edges, curves, axes (Tables 5.1, 5.3, 6.1; 6.9), or None.
 MODELS: dict[str, tuple[str, tuple[int | None, ...]]] = {

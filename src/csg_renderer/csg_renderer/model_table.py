@@ -17,9 +17,9 @@ import numpy as np
 
 from msgs_py import FeatureKind
 
+from .brep.model_features import boundary
 from .language import SceneError, load_models, load_scene
-from .model_features import boundary
-from .visibility import visible_fragments
+from .visibility.hidden_lines import visible_fragments
 
 # Thesis: primitives, half-spaces, faces (chapter 6: planar faces), edges, curves, axes. None: not stated.
 MODELS: dict[str, tuple[int | None, int | None, int | None, int, int, int]] = {

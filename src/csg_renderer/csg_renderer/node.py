@@ -14,16 +14,16 @@ from std_srvs.srv import Trigger
 
 from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
-from msgs_py.config import Config, parameter
-from msgs_py.confinement import TrustedFolders
-from msgs_py.runtime import GraphNode, run_node
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.confinement import TrustedFolders
+from msgs_py.node_runtime.runtime import GraphNode, run_node
 
-from .frame import Frame
 from .language import SceneError, SceneFile, read_scene
 from .language.loader import models_folder
-from .pipeline import ENGINES, render_stereo, scene_rig, viewing_hints
-from .scene import Scene
-from .sensor import SensorModel, grey
+from .raycast.frame import Frame
+from .raycast.render import ENGINES, render_stereo, scene_rig, viewing_hints
+from .raycast.sensor import SensorModel, grey
+from .scene.scene import Scene
 
 # About a gigabyte for each eye; anybody on the network can set the size.
 MAX_PIXELS = 2**25
@@ -202,7 +202,7 @@ class RendererNode(GraphNode[RendererConfig]):
         if self.wanted(self._pose):
             self._pose.publish(pose_to_stamped(camera_T_model, header))
         if self.wanted(self._features):
-            from .visibility import visible_features
+            from .visibility.hidden_lines import visible_features
 
             features = visible_features(placement.model, camera_T_model, camera)
             self._features.publish(features_to_cloud(features, header))

@@ -14,10 +14,9 @@ from tqdm import tqdm
 
 from msgs_py import Pose
 
-from .frame import Frame
 from .language import SceneError, SceneFile, find_scene, format_scene, read_scene, scene_names
-from .mesh_export import ExportError, export_mesh
-from .outputs import (
+from .raycast.frame import Frame
+from .raycast.outputs import (
     camera_record,
     depth_picture,
     id_picture,
@@ -26,9 +25,10 @@ from .outputs import (
     save_camera,
     save_image,
 )
-from .pipeline import ENGINES, render, scene_rig, viewing_hints
-from .scene import Scene
-from .sensor import SensorModel
+from .raycast.render import ENGINES, render, scene_rig, viewing_hints
+from .raycast.sensor import SensorModel
+from .scene.mesh_export import ExportError, export_mesh
+from .scene.scene import Scene
 
 # How often --watch looks at the files, seconds.
 LOOK_EVERY = 0.25

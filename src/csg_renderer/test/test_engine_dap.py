@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from csg_renderer import Light, Scene, Solid, Surface, render
-from csg_renderer.engine_dap import render as render_dap
-from csg_renderer.frame import RenderOptions
+from csg_renderer.raycast.engine_dap import render as render_dap
+from csg_renderer.raycast.frame import RenderOptions
 from msgs_py import PinholeCamera, Pose
 
 CAMERA = PinholeCamera.centred(70, 50, 90.0)

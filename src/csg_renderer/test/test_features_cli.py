@@ -9,10 +9,10 @@ import pytest
 import trimesh
 
 from csg_renderer import Solid, boundary
-from csg_renderer.drawing import draw_mesh, draw_solid, save_drawing, view_from
-from csg_renderer.export import as_json, save_dxf
+from csg_renderer.features.drawing import draw_mesh, draw_solid, save_drawing, view_from
+from csg_renderer.features.export import as_json, save_dxf
+from csg_renderer.features.mesh_features import mesh_features
 from csg_renderer.features_cli import describe, main
-from csg_renderer.mesh_features import mesh_features
 from csg_renderer.model_table import MODELS, VIEWS, as_markdown
 from csg_renderer.model_table import main as table_main
 from msgs_py import FeatureSet

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import Placement, Scene, Solid, model_features
-from csg_renderer.ideal_data import Wear, ideal_data
+from csg_renderer.features.ideal_data import Wear, ideal_data
 from msgs_py import BIN, FeatureKind, PinholeCamera, Pose, StereoRig
 
 L_SHAPE = Solid.block(-0.06, 0.02, -0.03) | Solid.block(-0.02, 0.06, -0.03)

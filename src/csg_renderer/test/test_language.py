@@ -7,7 +7,7 @@ import pytest
 
 from csg_renderer import SceneError, SceneWarning, Solid, load_models, parse_scene
 from csg_renderer.language import read_text
-from csg_renderer.solid import Operation
+from csg_renderer.scene.solid import Operation
 
 BOX = 'box = BLOCK (10, 20, 30); ball = SPHERE (5); tube = CYLINDER (2, 0, 0, 40);\n'
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from csg_renderer import Light, Placement, Scene, Solid, Surface, load_scene, parse_scene, scene_names
 from csg_renderer.language import format_scene
-from csg_renderer.solid import FACES, Operation, Primitive
+from csg_renderer.scene.solid import FACES, Operation, Primitive
 from msgs_py import PinholeCamera, Pose
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import Light, Scene, Solid, Surface, render
-from csg_renderer.sensor import SensorModel, grey
+from csg_renderer.raycast.sensor import SensorModel, grey
 from msgs_py import PinholeCamera, Pose
 
 CAMERA = PinholeCamera.centred(64, 64, 80.0)

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from csg_renderer import Solid, Surface, mesh_export, parse_scene
+from csg_renderer import Solid, Surface, parse_scene
+from csg_renderer.scene import mesh_export
 
 trimesh = pytest.importorskip('trimesh')
 _originals = count(1)

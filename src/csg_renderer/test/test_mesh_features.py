@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from csg_renderer import Solid, features_from_mesh, load_model_features, model_features
-from csg_renderer.mesh_features import mesh_features
+from csg_renderer.features.mesh_features import mesh_features
 from msgs_py import FeatureKind, FeatureSet
 
 SIDES = 64

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from csg_renderer import Light, Scene, Solid, Surface, default_camera, render
-from csg_renderer.products import products_of
-from csg_renderer.program import postfix
-from csg_renderer.solid import FACES, Operation, Primitive
+from csg_renderer.raycast.products import products_of
+from csg_renderer.raycast.program import postfix
+from csg_renderer.scene.solid import FACES, Operation, Primitive
 from msgs_py import PinholeCamera, Pose
 
 CAMERA = PinholeCamera.centred(72, 60, 110.0)

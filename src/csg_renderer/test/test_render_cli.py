@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from csg_renderer import load_scene, mesh_export, parse_scene, render, scene_names
-from csg_renderer.outputs import id_picture
+from csg_renderer import load_scene, parse_scene, render, scene_names
+from csg_renderer.raycast.outputs import id_picture
 from csg_renderer.render_cli import main, turned
+from csg_renderer.scene import mesh_export
 
 BALL = 'DRAW SPHERE (20) COLOUR (1, 0, 0) AT (0, 0, 100); AMBIENT (1);\n'
 

@@ -147,7 +147,7 @@ def test_a_pair_rendered_by_many_threads_is_its_two_images(threads, options):
 def test_what_goes_wrong_in_one_eye_is_raised_and_nobody_waits_for_it(monkeypatch):
     scene = Scene(L_SHAPE.transformed(POSE))
     rig = default_rig(scene, default_camera(64))
-    monkeypatch.setattr('csg_renderer.engine_native.plan_of', lambda *arguments: 1 / 0)
+    monkeypatch.setattr('csg_renderer.raycast.engine_native.plan_of', lambda *arguments: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         render_stereo(scene, rig, threads=2)
     monkeypatch.undo()

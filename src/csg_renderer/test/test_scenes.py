@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import SceneWarning, load_models, load_scene, model_features, render, scene_names
-from csg_renderer.visibility import visible_fragments
+from csg_renderer.visibility.hidden_lines import visible_fragments
 from msgs_py import PinholeCamera
 
 # Model: primitives, half-spaces (Table 5.1), edges, curves, axes (Tables 5.3, 6.1; thesis 6.9).

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import Solid, Surface
-from csg_renderer.solid import Operation, Primitive
+from csg_renderer.scene.solid import Operation, Primitive
 from msgs_py import Pose
 
 BLOCK, BALL = Solid.block(1, 2, 3), Solid.sphere(1)

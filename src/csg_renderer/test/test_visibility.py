@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import Solid, model_features, visible_features, visible_fragments
-from csg_renderer.visibility import stereo_fragments
+from csg_renderer.visibility.hidden_lines import stereo_fragments
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 
 CAMERA = PinholeCamera.centred(640, 480, 600.0)

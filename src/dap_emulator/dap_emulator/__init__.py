@@ -1,12 +1,13 @@
 """Emulator of the AMT DAP array processor: bit-plane machine, Fortran-Plus subset, cost model and ROS service node."""
 
-from . import fortran_plus, intrinsics
-from .arrays import DapArray
-from .client import DapClient
-from .costs import CONSTANTS, CostTable
-from .kinds import Kind
-from .machine import MODELS, Dap, Model, OutOfStore, Stats
-from .mapping import MAPPINGS, Layout
+from . import fortran_plus
+from .machine import intrinsics
+from .machine.arrays import DapArray
+from .machine.costs import CONSTANTS, CostTable
+from .machine.kinds import Kind
+from .machine.machine import MODELS, Dap, Model, OutOfStore, Stats
+from .machine.mapping import MAPPINGS, Layout
+from .service.client import DapClient
 
 __all__ = ['CONSTANTS', 'CostTable', 'Dap', 'DapArray', 'DapClient', 'Kind', 'Layout', 'MAPPINGS', 'MODELS', 'Model',
            'OutOfStore', 'Stats', 'fortran_plus', 'intrinsics']

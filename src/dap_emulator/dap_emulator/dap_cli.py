@@ -18,8 +18,8 @@ import numpy as np
 
 from .fortran_plus import FortranError, Limits, Result, Stopped
 from .fortran_plus.functions import FUNCTIONS
-from .library import load_program, program_names, summary
-from .machine import MODELS, Dap, OutOfStore
+from .fortran_plus.library import load_program, program_names, summary
+from .machine.machine import MODELS, Dap, OutOfStore
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.pgm', '.tif', '.tiff')
 
@@ -166,7 +166,7 @@ def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
 
 
 def _show(options: argparse.Namespace, dap: Dap, result: Result) -> None:
-    from .drawing import draw
+    from .machine.drawing import draw
     if options.plane:
         if options.plane not in result:
             raise ValueError(f'--plane: {options.plane} is no argument, expected one of {", ".join(result)}')

@@ -19,15 +19,15 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from msgs_py.codecs import array_to_image, gray_from_image
-from msgs_py.confinement import TrustedFolders
-from msgs_py.runtime import GraphNode, run_node
+from msgs_py.node_runtime.confinement import TrustedFolders
+from msgs_py.node_runtime.runtime import GraphNode, run_node
 
-from .client import DapError
 from .fortran_plus import FortranError, Stopped
-from .imaging import ImageProgram
-from .library import program_names, summary
-from .service_config import EmulatorConfig
-from .workspaces import Refused, ServiceLimits, Workspaces
+from .fortran_plus.library import program_names, summary
+from .service.client import DapError
+from .service.imaging import ImageProgram
+from .service.service_config import EmulatorConfig
+from .service.workspaces import Refused, ServiceLimits, Workspaces
 
 _FIELDS = {ParameterType.PARAMETER_BOOL: 'bool_value', ParameterType.PARAMETER_INTEGER: 'integer_value',
            ParameterType.PARAMETER_DOUBLE: 'double_value', ParameterType.PARAMETER_STRING: 'string_value',

@@ -8,9 +8,9 @@ import pytest
 from scipy import ndimage
 
 from dap_emulator import Dap, OutOfStore
-from dap_emulator import intrinsics as f
-from dap_emulator.apal import sobel
-from dap_emulator.kinds import bits
+from dap_emulator.machine import intrinsics as f
+from dap_emulator.machine.apal import sobel
+from dap_emulator.machine.kinds import bits
 
 GAMMA_CLOCK = 33.3e-9
 

@@ -6,8 +6,8 @@ import pytest
 
 from dap_emulator import Dap
 from dap_emulator.dap_cli import main, value_of
-from dap_emulator.drawing import draw, grid_of
-from dap_emulator.imaging import ImageProgram
+from dap_emulator.machine.drawing import draw, grid_of
+from dap_emulator.service.imaging import ImageProgram
 
 
 def test_a_program_file_runs_and_its_cycles_are_printed(tmp_path, capsys):

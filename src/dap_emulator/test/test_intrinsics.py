@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dap_emulator import Dap
-from dap_emulator import intrinsics as f
 from dap_emulator.fortran_plus import compile
 from dap_emulator.fortran_plus.functions import FUNCTIONS
+from dap_emulator.machine import intrinsics as f
 
 SIZES = st.sampled_from([1, 31, 32, 33, 65])
 SEEDS = st.integers(0, 2**32 - 1)

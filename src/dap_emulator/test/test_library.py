@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from dap_emulator import Dap
-from dap_emulator.library import load_program, program_names, summary
+from dap_emulator.fortran_plus.library import load_program, program_names, summary
 
 SIZES = st.sampled_from([1, 31, 32, 33, 65])
 FEW = settings(max_examples=12, deadline=None)

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from dap_emulator import CONSTANTS, Dap, Layout, OutOfStore, planes
-from dap_emulator.kinds import bits, integer, kind_of, parse_kind, real
+from dap_emulator import CONSTANTS, Dap, Layout, OutOfStore
+from dap_emulator.machine import planes
+from dap_emulator.machine.kinds import bits, integer, kind_of, parse_kind, real
 
 SIZES = st.sampled_from([1, 31, 32, 33, 65])
 FEW = settings(max_examples=30, deadline=None)

@@ -1,6 +1,6 @@
 """Finds known objects among recovered 3D features: interpretation search, validation, closed-form testing."""
 
-from .model_index import ModelIndex, index_model
+from .model.index import ModelIndex, index_model
 from .params import MatchParams, MatchResult
 from .pipeline import match, recognise
 

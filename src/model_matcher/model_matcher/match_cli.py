@@ -74,7 +74,7 @@ def _run(options: argparse.Namespace) -> int:
     camera = camera_of(options, image)
     if options.out is not None and not options.out.suffix:
         raise ValueError(f'{options.out}: expected a file name of a picture, such as found.png')
-    from .library import load_library  # parsers and numba: not before the options are known to be good
+    from .model.library import load_library  # parsers and numba: not before the options are known to be good
     from .pipeline import survey
     library = load_library([options.model])
     for problem in library.problems:

@@ -22,11 +22,11 @@ from msgs_py.codecs import (
     report_from_interpretations,
     transform_message_type,
 )
-from msgs_py.config import Config, parameter
-from msgs_py.confinement import TrustedFolders
-from msgs_py.runtime import GraphNode, run_node
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.confinement import TrustedFolders
+from msgs_py.node_runtime.runtime import GraphNode, run_node
 
-from .library import Library, load_library
+from .model.library import Library, load_library
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey, warm_up
 

@@ -12,7 +12,11 @@ from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
-from .finishing import (
+from .interpretation_tree.match import match_by_tree
+from .model.index import ModelIndex, indexed
+from .params import MatchParams, MatchResult, no_match
+from .search.threads import spread
+from .verification.acceptance import (
     DOUBTFUL,
     KEEP,
     NEARLY,
@@ -25,10 +29,6 @@ from .finishing import (
     refine_all,
     usable,
 )
-from .model_index import ModelIndex, indexed
-from .params import MatchParams, MatchResult, no_match
-from .threads import spread
-from .tree_match import match_by_tree
 
 NEIGHBOURS = 24
 PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
@@ -70,7 +70,7 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
     except ValueError as error:
         return no_match(data, str(error))
     if params.scale == 'free':
-        from .free_scale import match_free
+        from .search.free_scale import match_free
         # One length beyond all distance would be all that the scale is read off.
         keep = usable(data, unit=None)
         result = match_free(index, data.select(keep), params, started, match)
@@ -89,7 +89,7 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
     else:
         result = match_by_tree(problem, params, started)
     if params.prove and result.best is not None:
-        from .proof import certify
+        from .proof.certificate import certify
         result = certify(problem, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
@@ -97,14 +97,14 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
 
 def _all_parallel(rows: np.ndarray) -> bool:
     """Whether no two features fix a pose; a tree then finds what there is, with the shift along them left free."""
-    from .kernels import PARALLEL_SINE
+    from .geometry.kernels import PARALLEL_SINE
     least = float(np.abs(rows[:, 3:6] @ rows[0, 3:6]).min())
     return 1.0 - least * least < PARALLEL_SINE ** 2 / 4.0
 
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:
     """The production search and what follows it."""
-    from .kernels import rank_pairs
+    from .geometry.kernels import rank_pairs
     index, rows = problem.index, problem.rows
     n = len(rows)
     neighbours, all_ranked = EVERYONE, True
@@ -150,7 +150,7 @@ class _Found(NamedTuple):
 def _search(problem: Problem, pairs: np.ndarray, partners: np.ndarray, begin: int, patience: tuple[float, float],
             deadline: float) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
-    from . import hypotheses
+    from .search import pair_search as hypotheses
     search: Any = hypotheses.search_pairs
     index, table = problem.index, problem.table
     block = max(8, BLOCK // len(problem.rows))
@@ -247,7 +247,7 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
     left = np.arange(len(data))
     n_models = len(indexes)
     if n_models > LIBRARY and params.scale == 'known':
-        from .prefilter import prefilter
+        from .search.prefilter import prefilter
         indexes = [indexes[k] for k in prefilter(indexes, data, params)]
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
     if not _warm:
@@ -316,5 +316,5 @@ def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
     bars = FeatureSet.from_edges(corners[:4], corners[:4] * [1, 1, 0] + [0, 0, 2])
     match(bars, bars)  # a tree's, all being parallel
     if n_models > LIBRARY:
-        from .prefilter import prefilter
+        from .search.prefilter import prefilter
         prefilter([indexed(model, 'model')], model, params or MatchParams())

@@ -6,6 +6,6 @@ import pytest
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    from model_matcher.closed_form_library import be_ready
+    from model_matcher.closed_form.run_library import be_ready
 
     be_ready()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model_matcher.comparison import best_pose_error, compare_assignment, compare_edges
+from model_matcher.closed_form.comparison import best_pose_error, compare_assignment, compare_edges
 from msgs_py import FeatureSet, Interpretation, Pose
 
 TRUE = FeatureSet.from_edges([[0, 0, 1], [0, 0, 1]], [[0.1, 0, 1], [0, 0.2, 1]])

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 
 from dap_emulator import Dap
 from model_matcher import MatchParams, match
-from model_matcher.engine_dap import DapTables, sort_pairs, tree_search
-from model_matcher.model_index import indexed
-from model_matcher.ordering import order_pairs
+from model_matcher.interpretation_tree.engine_dap import DapTables, sort_pairs, tree_search
+from model_matcher.interpretation_tree.ordering import order_pairs
+from model_matcher.interpretation_tree.tables import all_pairs, build_tables
+from model_matcher.interpretation_tree.tree import tree_search as native_search
+from model_matcher.model.index import indexed
 from model_matcher.params import ORDERINGS
-from model_matcher.tables import all_pairs, build_tables
-from model_matcher.tree import tree_search as native_search
 from msgs_py import FeatureSet, Pose
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.free_scale import likely_scales
-from model_matcher.synthetic import MODELS, box, make_scene
+from model_matcher.closed_form.synthetic import MODELS, box, make_scene
+from model_matcher.search.free_scale import likely_scales
 from msgs_py import FeatureSet, Pose
 
 NAMES = ('chipped_block', 'l_shape', 'chair', 'computer', 'cylinder_box', 'tubes')

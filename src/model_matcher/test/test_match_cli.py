@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from model_matcher.closed_form.synthetic import l_shape, make_scene, wedge
 from model_matcher.match_cli import main
-from model_matcher.synthetic import l_shape, make_scene, wedge
 
 
 @pytest.fixture

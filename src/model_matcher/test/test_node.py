@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model_matcher.synthetic import l_shape, make_scene
+from model_matcher.closed_form.synthetic import l_shape, make_scene
 from msgs_py import FeatureSet
 
 rclpy = pytest.importorskip('rclpy')

@@ -3,10 +3,10 @@
 import numpy as np
 
 from model_matcher import index_model
-from model_matcher.kernels import _cost_of_pair, pair_geometry
-from model_matcher.model_index import feature_rows
-from model_matcher.pair_pose import pair_frame, pair_pose
-from model_matcher.synthetic import chair, plug, random_pose
+from model_matcher.closed_form.synthetic import chair, plug, random_pose
+from model_matcher.geometry.kernels import _cost_of_pair, pair_geometry
+from model_matcher.geometry.pair_pose import pair_frame, pair_pose
+from model_matcher.model.index import feature_rows
 
 
 def test_a_pair_laid_on_its_own_image_gives_the_motion():

@@ -5,12 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model
-from model_matcher.kernels import fit_one
-from model_matcher.model_index import data_tolerances, feature_rows
-from model_matcher.pair_test import margins_of, model_relations, pair_fits, possible, relation
-from model_matcher.supports import agreement, extremes, listed, narrowed, thin
-from model_matcher.synthetic import MODELS, fragment, random_pose
-from model_matcher.tables import build_tables
+from model_matcher.closed_form.synthetic import MODELS, fragment, random_pose
+from model_matcher.geometry.kernels import fit_one
+from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
+from model_matcher.interpretation_tree.tables import build_tables
+from model_matcher.model.index import data_tolerances, feature_rows
+from model_matcher.proof.support_pruning import agreement, extremes, listed, narrowed, thin
 
 NAMES = ('chair', 'plug', 'lamp', 'tubes', 'wedge', 'cylinder_box')
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, match, recognise
-from model_matcher.synthetic import MODELS, chipped_block, l_shape, make_scene, random_pose
+from model_matcher.closed_form.synthetic import MODELS, chipped_block, l_shape, make_scene, random_pose
 from msgs_py import FeatureSet, Pose
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, recognise
-from model_matcher.prefilter import prefilter
-from model_matcher.synthetic import l_shape, make_scene, random_polyhedron
+from model_matcher.closed_form.synthetic import l_shape, make_scene, random_polyhedron
+from model_matcher.search.prefilter import prefilter
 from msgs_py import FeatureSet
 
 PARAMS = MatchParams()

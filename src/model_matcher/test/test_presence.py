@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from csg_renderer import load_scene, model_features, scene_path
 from model_matcher import match
-from model_matcher.comparison import best_pose_error
-from model_matcher.finishing import OUTDONE, Refined, _presence
+from model_matcher.closed_form.comparison import best_pose_error
+from model_matcher.verification.acceptance import OUTDONE, Refined, _presence
 from msgs_py import FeatureSet, Pose
 
 

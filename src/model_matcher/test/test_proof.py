@@ -6,11 +6,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.finishing import make_problem
-from model_matcher.kernels import assign
-from model_matcher.proof import prove
-from model_matcher.rigidity import FEASIBLE, INFEASIBLE, OPEN, all_fit, can_join, common_pose, conflict, deviations
-from model_matcher.synthetic import MODELS, fragment, make_scene, random_pose
+from model_matcher.closed_form.synthetic import MODELS, fragment, make_scene, random_pose
+from model_matcher.geometry.kernels import assign
+from model_matcher.proof.certificate import prove
+from model_matcher.proof.feasibility import (
+    FEASIBLE,
+    INFEASIBLE,
+    OPEN,
+    all_fit,
+    can_join,
+    common_pose,
+    conflict,
+    deviations,
+)
+from model_matcher.verification.acceptance import make_problem
 from msgs_py import BIN, Pose
 
 SMALL = ('l_shape', 'wedge', 'chipped_block', 'cylinder_box', 'tubes')

@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from model_matcher import MatchResult, real_pair
-from model_matcher.real_pair import SQUARE_M, run_chessboard
+from model_matcher import MatchResult
+from model_matcher.closed_form import real_pair
+from model_matcher.closed_form.real_pair import SQUARE_M, run_chessboard
 
 
 def test_pair_01_has_the_pose_of_the_reference_up_to_half_a_turn(tmp_path):

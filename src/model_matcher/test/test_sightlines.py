@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from model_matcher import MatchParams, finishing, match, sightlines
-from model_matcher.model_index import indexed
-from model_matcher.synthetic import chipped_block
+from model_matcher import MatchParams, match
+from model_matcher.closed_form.synthetic import chipped_block
+from model_matcher.model.index import indexed
+from model_matcher.verification import acceptance, line_of_sight
 from msgs_py import FeatureSet, Pose
 
 
@@ -25,7 +26,7 @@ def seen(model: FeatureSet, truth: Pose, across: float, along: float, rng: np.ra
 def errors(across: float, along: float, plain: bool, monkeypatch) -> np.ndarray:
     """Degrees and millimetres of 20 matches."""
     if plain:
-        monkeypatch.setattr(sightlines, 'settle', lambda *arguments: 1.0)
+        monkeypatch.setattr(line_of_sight, 'settle', lambda *arguments: 1.0)
     model, rng, result = chipped_block(), np.random.default_rng(8), []
     for _ in range(20):
         truth = Pose.from_rotation_vector(rng.normal(0.0, 1.0, 3), [*rng.uniform(-0.02, 0.02, 2), 0.3])
@@ -73,10 +74,10 @@ def test_a_grid_is_not_a_period_off_though_something_lies_along_each_of_its_line
 
 def test_covered_length_counts_each_place_once():
     model = chipped_block()
-    problem = finishing.make_problem(indexed(model, 'block'), model, MatchParams())
+    problem = acceptance.make_problem(indexed(model, 'block'), model, MatchParams())
     whole = np.arange(len(model), dtype=np.int32)
     here = np.append(np.eye(3).ravel(), np.zeros(3))
     twice = FeatureSet.concatenate([model, model])
-    again = finishing.make_problem(indexed(model, 'block'), twice, MatchParams())
-    assert np.isclose(finishing.covered(problem, here, whole), model.lengths.sum())
-    assert np.isclose(finishing.covered(again, here, np.tile(whole, 2)), model.lengths.sum())
+    again = acceptance.make_problem(indexed(model, 'block'), twice, MatchParams())
+    assert np.isclose(acceptance.covered(problem, here, whole), model.lengths.sum())
+    assert np.isclose(acceptance.covered(again, here, np.tile(whole, 2)), model.lengths.sum())

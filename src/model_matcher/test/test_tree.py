@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.ordering import order_pairs
+from model_matcher.closed_form.synthetic import MODELS, make_scene, random_pose
+from model_matcher.interpretation_tree.ordering import order_pairs
+from model_matcher.interpretation_tree.serial import serial_search
+from model_matcher.interpretation_tree.signs import apply_code, initial, relate, set_sign, states
+from model_matcher.interpretation_tree.subgraph import subgraph_search
+from model_matcher.interpretation_tree.tables import all_pairs, build_tables
+from model_matcher.interpretation_tree.tree import core_numbers, largest_core, tree_search
 from model_matcher.params import ORDERINGS
-from model_matcher.serial import serial_search
-from model_matcher.signs import apply_code, initial, relate, set_sign, states
-from model_matcher.subgraph import subgraph_search
-from model_matcher.synthetic import MODELS, make_scene, random_pose
-from model_matcher.tables import all_pairs, build_tables
-from model_matcher.tree import core_numbers, largest_core, tree_search
 from msgs_py import FeatureSet
 
 

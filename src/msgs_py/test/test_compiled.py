@@ -12,10 +12,10 @@ import pytest
 
 pytest.importorskip('numba')
 
-from msgs_py.compiled import SUFFIX
+from msgs_py.numeric.compiled import SUFFIX
 
 SETTINGS = 'LIMIT = {limit}\n'
-KERNEL = 'from msgs_py.compiled import njit\n\nkernel = njit(nogil=True)\n'
+KERNEL = 'from msgs_py.numeric.compiled import njit\n\nkernel = njit(nogil=True)\n'
 INNER = textwrap.dedent('''\
     from lower.options import kernel
     from lower.settings import LIMIT
@@ -28,7 +28,7 @@ INNER = textwrap.dedent('''\
     ''')
 OUTER = textwrap.dedent('''\
     from lower import sums
-    from msgs_py.compiled import njit
+    from msgs_py.numeric.compiled import njit
 
 
     @njit
@@ -119,7 +119,7 @@ def test_the_order_of_a_named_tuples_fields_belongs_to_the_content(tmp_path, cac
     code = textwrap.dedent('''\
         from collections import namedtuple
         import sys
-        from msgs_py.compiled import njit
+        from msgs_py.numeric.compiled import njit
         Pair = namedtuple('Pair', sys.argv[1])
         @njit
         def first(pair):
@@ -165,6 +165,6 @@ def test_the_cache_is_the_users_own_unless_a_variable_moves_it(modules, tmp_path
 
 
 def test_the_cache_stays_within_its_size(modules, cache):
-    limited = 'import msgs_py.compiled as c\nc.MOST_BYTES = 1\n' + CALL
+    limited = 'import msgs_py.numeric.compiled as c\nc.MOST_BYTES = 1\n' + CALL
     assert answer(start(modules, cache, '1', code=limited)) == '4'
     assert len(entries(cache)) <= 1

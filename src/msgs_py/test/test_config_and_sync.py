@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msgs_py.config import Config, parameter
-from msgs_py.health import REMEMBERED_PROBLEMS, Health, SequenceGaps
-from msgs_py.stamp_sync import NANOSECONDS, StampSync
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.health import REMEMBERED_PROBLEMS, Health, SequenceGaps
+from msgs_py.node_runtime.stamp_sync import NANOSECONDS, StampSync
 
 
 @dataclass(frozen=True)

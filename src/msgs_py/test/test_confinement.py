@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from msgs_py.confinement import TrustedFolders
+from msgs_py.node_runtime.confinement import TrustedFolders
 
 
 @pytest.fixture

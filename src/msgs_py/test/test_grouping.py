@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from msgs_py.grouping import linked_groups
+from msgs_py.numeric.grouping import linked_groups
 
 
 def test_what_a_chain_of_pairs_connects_is_one_group():

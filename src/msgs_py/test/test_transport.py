@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from msgs_py.transport import USER_FILES, USER_SETTINGS, make_room_for_images
+from msgs_py.node_runtime.transport import USER_FILES, USER_SETTINGS, make_room_for_images
 
 
 def test_the_profile_is_named_and_holds_several_images(tmp_path):

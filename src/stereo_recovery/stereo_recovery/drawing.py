@@ -7,7 +7,7 @@ import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera
 
-from .edgels import as_grey
+from .detection.edgels import as_grey
 
 # Sub-pixel bits of OpenCV's drawing functions.
 SHIFT = 4

@@ -9,14 +9,14 @@ from visualization_msgs.msg import MarkerArray
 
 from msgs_py import FeatureKind, StereoRig
 from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers, image_to_array
-from msgs_py.config import Config, parameter
-from msgs_py.runtime import GraphNode, StereoMessages, run_node
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
 
+from .cameras.rectification import Rectifier
+from .detection.edgels import DETECTORS
 from .drawing import draw_features
-from .edgels import DETECTORS
 from .params import RecoveryParams
 from .pipeline import recover, warm_up
-from .rectification import Rectifier
 
 DEFAULT = RecoveryParams()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .edgels import DETECTORS
+from .detection.edgels import DETECTORS
 
 
 @dataclass(frozen=True)

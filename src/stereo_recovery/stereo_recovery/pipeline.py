@@ -9,30 +9,30 @@ import numpy as np
 
 from msgs_py import FeatureSet, PinholeCamera, StereoRig
 
-from . import edgels as edgel_module
-from .axes import axis_features, find_axes
-from .completion import completed, counterparts, distinct
-from .conics import Ellipse
-from .curve import Curve
-from .curves3d import curve_features, on_curves, recover_curves
-from .edgels import Edgels
-from .facing import on_faces
-from .faint_edges import followed
-from .faint_edges import warm_up as warm_up_faint
-from .families import aligned
-from .hiding import hidden_ends
-from .joining import join_matched, split_matched
-from .lines3d import edges, to_space
-from .matching import match
-from .matching_kernels import STEEPEST
-from .outlines import contours
+from .curves.axes import axis_features, find_axes
+from .curves.curve import Curve
+from .curves.occluding_contours import contours
+from .curves.opposite_rims import completed, counterparts, distinct
+from .curves.orientation import on_faces
+from .curves.recovery import curve_features, on_curves, recover_curves
+from .curves.spheres import without_balls
+from .detection import edgels as edgel_module
+from .detection.chains import link, with_weak
+from .detection.conics import Ellipse
+from .detection.double_edges import taken_apart
+from .detection.double_edges import warm_up as warm_up_profiles
+from .detection.edgels import Edgels
+from .detection.low_contrast import followed
+from .detection.low_contrast import warm_up as warm_up_faint
+from .detection.segmentation import Pieces, corners, roughness, split, whole_pieces
+from .edges.families import aligned
+from .edges.hiding import hidden_ends
+from .edges.lines3d import edges, to_space
+from .edges.tangency import joined_ends
+from .matching.merging import join_matched, split_matched
+from .matching.relaxation import match
+from .matching.relaxation_kernels import STEEPEST
 from .params import RecoveryParams
-from .profiles import taken_apart
-from .profiles import warm_up as warm_up_profiles
-from .segmentation import Pieces, corners, roughness, split, whole_pieces
-from .spheres import without_balls
-from .strings import link, with_weak
-from .tangency import joined_ends
 
 # Edgels a pixel, and in all, above which the thresholds rise.
 DENSEST = 0.03

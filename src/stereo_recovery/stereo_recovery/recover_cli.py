@@ -15,12 +15,12 @@ import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, StereoRig
 
-from .calibration import load_cameras, load_rig
+from .cameras.calibration import load_cameras, load_rig
+from .cameras.rectification import Rectifier
+from .detection.edgels import DETECTORS
 from .drawing import draw_features
-from .edgels import DETECTORS
 from .params import RecoveryParams
 from .pipeline import recover
-from .rectification import Rectifier
 
 COLUMNS = ('kind', 'start x', 'start y', 'start z', 'end x', 'end y', 'end z', 'radius', 'minor', 'err along',
            'err across')

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import norm
 
 from msgs_py import PinholeCamera, StereoRig
-from stereo_recovery.edgels import detect
-from stereo_recovery.lines3d import Lines3D, to_space
-from stereo_recovery.segmentation import Pieces, split
-from stereo_recovery.strings import link
+from stereo_recovery.detection.chains import link
+from stereo_recovery.detection.edgels import detect
+from stereo_recovery.detection.segmentation import Pieces, split
+from stereo_recovery.edges.lines3d import Lines3D, to_space
 
 SIZE = 96
 

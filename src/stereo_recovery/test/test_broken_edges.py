@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from msgs_py import FeatureKind, PinholeCamera, StereoRig
-from stereo_recovery import broken_edges, recover
-from stereo_recovery.edgels import Edgels
-from stereo_recovery.joining import join_matched, joined_line, split_matched
-from stereo_recovery.matching import Matches
-from stereo_recovery.segmentation import Pieces, fit_pieces
+from stereo_recovery import recover
+from stereo_recovery.detection.edgels import Edgels
+from stereo_recovery.detection.segmentation import Pieces, fit_pieces
+from stereo_recovery.edges import broken_edges
+from stereo_recovery.matching.merging import join_matched, joined_line, split_matched
+from stereo_recovery.matching.relaxation import Matches
 
 
 def pieces(*segments) -> Pieces:

@@ -11,20 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs_py import PinholeCamera, Pose, StereoRig
-from stereo_recovery.axes import find_axes
-from stereo_recovery.completion import distinct
-from stereo_recovery.conics import Ellipse, sampson
-from stereo_recovery.curve import Curve, picture, turned
-from stereo_recovery.curve_fit import Axle, refine
-from stereo_recovery.curve_starts import circles_of, mirrored
-from stereo_recovery.edgels import Edgels, blur_variance, detect
-from stereo_recovery.facing import on_faces
-from stereo_recovery.hiding import hidden_ends
-from stereo_recovery.lines3d import Lines3D
-from stereo_recovery.matching import Matches
-from stereo_recovery.outlines import contours, tangents
-from stereo_recovery.segmentation import Pieces, corners
-from stereo_recovery.tangency import joined_ends
+from stereo_recovery.curves.axes import find_axes
+from stereo_recovery.curves.curve import Curve, picture, turned
+from stereo_recovery.curves.fit import Axle, refine
+from stereo_recovery.curves.initialisation import circles_of, mirrored
+from stereo_recovery.curves.occluding_contours import contours, tangents
+from stereo_recovery.curves.opposite_rims import distinct
+from stereo_recovery.curves.orientation import on_faces
+from stereo_recovery.detection.conics import Ellipse, sampson
+from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
+from stereo_recovery.detection.segmentation import Pieces, corners
+from stereo_recovery.edges.hiding import hidden_ends
+from stereo_recovery.edges.lines3d import Lines3D
+from stereo_recovery.edges.tangency import joined_ends
+from stereo_recovery.matching.relaxation import Matches
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 EYES = ((RIG.left, 0.0), (RIG.right, RIG.baseline))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
-from stereo_recovery.conics import fit_ellipse, sampson
+from stereo_recovery.detection.conics import fit_ellipse, sampson
 
 
 def upright(elevation: float, yaw: float, depth: float) -> Pose:

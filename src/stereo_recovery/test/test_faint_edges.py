@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_recovery import edgels
-from stereo_recovery.faint_edges import followed
-from stereo_recovery.segmentation import Pieces, fit_pieces
+from stereo_recovery.detection import edgels
+from stereo_recovery.detection.low_contrast import followed
+from stereo_recovery.detection.segmentation import Pieces, fit_pieces
 
 SIGMA = 0.8
 NOISE = 2.0

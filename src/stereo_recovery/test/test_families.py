@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py import PinholeCamera, StereoRig
-from stereo_recovery.curve import Curve
-from stereo_recovery.families import aligned
-from stereo_recovery.lines3d import Lines3D
-from stereo_recovery.segmentation import Pieces
+from stereo_recovery.curves.curve import Curve
+from stereo_recovery.detection.segmentation import Pieces
+from stereo_recovery.edges.families import aligned
+from stereo_recovery.edges.lines3d import Lines3D
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 UP = np.array([0.15, -0.9, 0.41]) / np.linalg.norm([0.15, -0.9, 0.41])

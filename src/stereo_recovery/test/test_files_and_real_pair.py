@@ -14,9 +14,9 @@ import pytest
 
 from msgs_py import FeatureKind, FeatureSet, Pose
 from stereo_recovery import recover
-from stereo_recovery.calibration import load_cameras, load_rig
+from stereo_recovery.cameras.calibration import load_cameras, load_rig
+from stereo_recovery.cameras.rectification import Rectifier
 from stereo_recovery.recover_cli import main
-from stereo_recovery.rectification import Rectifier
 
 DATA = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
 REAL = Path(os.environ.get('STEREO_REAL_DATA') or Path(__file__).resolve().parents[3].parent / 'shared' / 'real')

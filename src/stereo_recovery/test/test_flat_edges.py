@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery import flat_edges, matching_kernels
-from stereo_recovery.matching import SAMPLES, Matches
-from stereo_recovery.segmentation import Corners, Pieces
+from stereo_recovery.detection.segmentation import Corners, Pieces
+from stereo_recovery.edges import flat_edges
+from stereo_recovery.matching.relaxation import SAMPLES, Matches, relaxation_kernels
 
 
 def pieces(*lines) -> Pieces:
@@ -93,7 +93,7 @@ def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
     run = np.array([slope, 1.0]) / np.hypot(slope, 1.0)
     right = np.array([[40.0, 10.0, 40.0 + 40.0 * slope, 50.0, *run, 50.0, 100.0, 20.0]])
     beside = np.tile([50.0, 100.0], (1, SAMPLES, 1))
-    node, _ = matching_kernels.candidates(left, right, beside, beside, -1000.0, 1000.0, 0.1, -1000.0, 12.0)
+    node, _ = relaxation_kernels.candidates(left, right, beside, beside, -1000.0, 1000.0, 0.1, -1000.0, 12.0)
     assert bool(len(node)) == found
 
 
@@ -104,7 +104,7 @@ def test_a_piece_that_matches_part_of_a_longer_one_is_compared_with_that_part():
     beside = np.tile([50.0, 100.0], (1, SAMPLES, 1))
     right_beside = beside.copy()
     right_beside[0, :SAMPLES // 2] = 90.0, 180.0
-    _, value = matching_kernels.candidates(left, right, beside, right_beside, 0.0, 1000.0, 0.1, -1000.0, 12.0)
+    _, value = relaxation_kernels.candidates(left, right, beside, right_beside, 0.0, 1000.0, 0.1, -1000.0, 12.0)
     assert value[0, 5] > 0.5
 
 
@@ -115,7 +115,7 @@ def test_the_nearer_of_two_edges_side_by_side_goes_first_when_it_is_nearly_as_st
     value = np.array([[30.0, 30.0, 30.0, 10.0, 50.0, 1.0], [33.0, 33.0, 33.0, 10.0, 50.0, 0.8]])
     first, right_first, right_of = np.array([0, 2]), np.array([0, 1, 2]), np.array([0, 1])
     for strength, order in (((1.0, 0.8), [1, 0]), ((1.0, 0.4), [0, 1])):
-        standing = matching_kernels.standing(node, value, np.array(strength), np.ones(2), first, right_of, right_first)
+        standing = relaxation_kernels.standing(node, value, np.array(strength), np.ones(2), first, right_of, right_first)
         assert list(np.argsort(-standing)) == order
 
 
@@ -125,5 +125,5 @@ def test_an_outline_before_the_backdrop_is_a_candidate_when_both_images_show_it_
     left = np.array([[100.0, 10.0, 100.0, 50.0, 0.0, 1.0, 90.0, 170.0, 20.0]])
     right = np.array([[40.0, 10.0, 40.0, bottom, 0.0, 1.0, 130.0, 169.0, 20.0]])
     beside = [np.tile(table[0, 6:8], (1, SAMPLES, 1)) for table in (left, right)]
-    node, _ = matching_kernels.candidates(left, right, *beside, 0.0, 1000.0, 0.1, 170.0, 6.0)
+    node, _ = relaxation_kernels.candidates(left, right, *beside, 0.0, 1000.0, 0.1, 170.0, 6.0)
     assert bool(len(node)) == found

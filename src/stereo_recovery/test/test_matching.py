@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery import matching_kernels
-from stereo_recovery.matching import Matches, match
-from stereo_recovery.parallels import borrow
-from stereo_recovery.segmentation import Pieces
+from stereo_recovery.detection.segmentation import Pieces
+from stereo_recovery.edges.parallels import borrow
+from stereo_recovery.matching.relaxation import Matches, match, relaxation_kernels
 
 
 def piece(start, end):
@@ -28,7 +27,7 @@ def test_two_pieces_match_one_only_if_they_can_be_one_edge(second, both):
     right = np.array([piece((40.0, 10.0), (40.0, 90.0))])
     node = np.array([[0, 0], [1, 0]], np.int32)
     value = np.array([[60, 60, 60, 10, 50, 1.0], [60, 60, 60, second[0][1], second[1][1], 0.9]])
-    chosen = matching_kernels.greedy(node, value, np.arange(2), left, right)
+    chosen = relaxation_kernels.greedy(node, value, np.arange(2), left, right)
     assert list(chosen) == ([0, 1] if both else [0])
 
 

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_recovery import edgels, profile_kernels
-from stereo_recovery.profiles import taken_apart
-from stereo_recovery.segmentation import split
-from stereo_recovery.strings import link
+from stereo_recovery.detection import double_edge_kernels, edgels
+from stereo_recovery.detection.chains import link
+from stereo_recovery.detection.double_edges import taken_apart
+from stereo_recovery.detection.segmentation import split
 
 SIGMA = 0.8
 
@@ -73,14 +73,14 @@ def test_an_unusual_edge_that_is_no_pair_of_steps_is_less_certain():
 
 
 def test_two_steps_are_recovered_from_their_own_profile():
-    x = np.linspace(-profile_kernels.REACH, profile_kernels.REACH, 17)
+    x = np.linspace(-double_edge_kernels.REACH, double_edge_kernels.REACH, 17)
     place = np.array([-20.0, -7.0, 7.0, 20.0])
 
     def bell(at):
         return np.exp(-0.5 * ((x - at) / 1.0) ** 2) / np.sqrt(2 * np.pi)
 
     profile = np.array([80.0 * bell(0.3 + 0.01 * s) - 50.0 * bell(2.1 + 0.02 * s) for s in place])
-    p, left, single, _ = profile_kernels.two_steps(profile, place, 1.0)
+    p, left, single, _ = double_edge_kernels.two_steps(profile, place, 1.0)
     if p[0] < 0:  # either may come first
         p = np.array([p[1], p[0], p[2] + p[4], p[3] + p[5], -p[4], -p[5]])
     assert left < 1e-3 * single

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from msgs_py import PinholeCamera, StereoRig
-from stereo_recovery.curve import Curve
-from stereo_recovery.curve_fit import refine
-from stereo_recovery.edgels import Edgels
-from stereo_recovery.spheres import without_balls
+from stereo_recovery.curves.curve import Curve
+from stereo_recovery.curves.fit import refine
+from stereo_recovery.curves.spheres import without_balls
+from stereo_recovery.detection.edgels import Edgels
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 CENTRE = np.array([0.03, -0.01, 0.25])

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_recovery import edgels
-from stereo_recovery.segmentation import split
-from stereo_recovery.strings import link, with_weak
+from stereo_recovery.detection import edgels
+from stereo_recovery.detection.chains import link, with_weak
+from stereo_recovery.detection.segmentation import split
 
 SIGMA, NOISE = 0.8, 2.0
 GRADIENT_NOISE = NOISE / (np.sqrt(8.0 * np.pi) * SIGMA ** 2)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery.lines3d import edges
-from stereo_recovery.matching import Matches
-from stereo_recovery.segmentation import Pieces, corners
+from stereo_recovery.detection.segmentation import Pieces, corners
+from stereo_recovery.edges.lines3d import edges
+from stereo_recovery.matching.relaxation import Matches
 
 # A quadrangle of known edges and, below its lower left corner, an edge that leads to the corner of another face.
 TOP_LEFT, TOP_RIGHT, LOW_RIGHT, LOW_LEFT, DEEP, DEEP_RIGHT = (

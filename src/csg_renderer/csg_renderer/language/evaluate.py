@@ -7,7 +7,7 @@ from pathlib import Path
 
 from msgs_py import PinholeCamera, Pose
 
-from ..scene import Light, Placement, Scene
+from ..scene.scene import Light, Placement, Scene
 from . import ast
 from .camera import CLAUSES, camera_of
 from .errors import Place, SceneError, did_you_mean

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..solid import Solid
+from ..scene.solid import Solid
 from . import ast
 from .errors import Place, SceneError, did_you_mean
 from .paint import paint_work

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import Scene
-from ..solid import Operation, Primitive, Solid
+from ..scene.scene import Scene
+from ..scene.solid import Operation, Primitive, Solid
 from .errors import SceneError, SceneWarning
 from .evaluate import Evaluator
 from .expressions import Skip

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..solid import FACES, Primitive, Solid
-from ..surfaces import SurfaceTable, compile_surfaces
+from ..brep.surfaces import SurfaceTable, compile_surfaces
+from ..scene.solid import FACES, Primitive, Solid
 
 # Shades are factors of the colour between these; the lower is still lighter than a black background.
 DARKEST, LIGHTEST = 0.22, 1.0

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import Placement, Scene
-from ..solid import Empty, Operation, Primitive, Solid, Surface
+from ..scene.scene import Placement, Scene
+from ..scene.solid import Empty, Operation, Primitive, Solid, Surface
 from .ast import KEYWORDS
 from .values import CONSTANTS, FUNCTIONS
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..solid import FACES, Primitive, Solid, Surface, colour
+from ..scene.solid import FACES, Primitive, Solid, Surface, colour
 from .paint import paint_faces
 
 # The largest solid a file may build, and the most leaves it may touch doing so: names can be reused to double a solid

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..kinds import LOGICAL, integer, real
+from ..machine.kinds import LOGICAL, integer, real
 from .declarations import CheckedUnit, Declarations, Symbol, implicit_kind
 from .errors import FortranError
 from .functions import FUNCTIONS, combined, combined_rank

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..kinds import CHARACTER, LOGICAL, Kind, integer, real
+from ..machine.kinds import CHARACTER, LOGICAL, Kind, integer, real
 from .errors import FortranError
 from .functions import combined
 from .parser import located

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..machine import OutOfStore
+from ..machine.machine import OutOfStore
 
 
 class FortranError(ValueError):

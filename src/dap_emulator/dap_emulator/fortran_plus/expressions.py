@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import intrinsics
-from ..arrays import DapArray
-from ..kinds import Kind
+from ..machine import intrinsics
+from ..machine.arrays import DapArray
+from ..machine.kinds import Kind
 from .checker import RELATIONS
 from .declarations import CheckedUnit, Symbol
 from .functions import FUNCTIONS

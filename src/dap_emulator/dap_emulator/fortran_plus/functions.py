@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .. import intrinsics as f
-from ..arrays import DapArray
-from ..kinds import LOGICAL, Kind, common_kind, integer, real
-from ..machine import Dap
+from ..machine import intrinsics as f
+from ..machine.arrays import DapArray
+from ..machine.kinds import LOGICAL, Kind, common_kind, integer, real
+from ..machine.machine import Dap
 from .syntax import Type
 
 Rule = Callable[[Sequence[Type]], Type]

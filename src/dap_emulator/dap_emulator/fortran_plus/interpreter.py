@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import DapArray
-from ..machine import OutOfStore
+from ..machine.arrays import DapArray
+from ..machine.machine import OutOfStore
 from .control import Step, flatten
 from .declarations import CheckedUnit, Symbol
 from .errors import FortranError, FortranStoreError

@@ -9,7 +9,7 @@ from typing import Any
 from lark import Lark, Token, Transformer, v_args
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
 
-from ..kinds import CHARACTER, LOGICAL, integer, real
+from ..machine.kinds import CHARACTER, LOGICAL, integer, real
 from .errors import FortranError
 from .source import Statement, statements
 from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Step, Unary, Unit, Whole

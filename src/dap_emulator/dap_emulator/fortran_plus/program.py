@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import DapArray
-from ..machine import Dap, Stats
+from ..machine.arrays import DapArray
+from ..machine.machine import Dap, Stats
 from .checker import check
 from .declarations import CheckedUnit, Symbol
 from .errors import FortranError

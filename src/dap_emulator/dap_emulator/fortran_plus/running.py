@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..machine import Dap
+from ..machine.machine import Dap
 from .errors import Stopped
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from ..kinds import Kind
+from ..machine.kinds import Kind
 
 
 def _integer_divide(a: int, b: int) -> int:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import planes
-from ..arrays import DapArray
-from ..kinds import LOGICAL, Kind
-from ..machine import Dap
-from ..operands import checked_scalar
+from ..machine import planes
+from ..machine.arrays import DapArray
+from ..machine.kinds import LOGICAL, Kind
+from ..machine.machine import Dap
+from ..machine.operands import checked_scalar
 
 Place = tuple[int, ...]
 

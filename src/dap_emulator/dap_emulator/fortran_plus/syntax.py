@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Union
 
-from ..kinds import Kind
+from ..machine.kinds import Kind
 from .source import Statement
 
 

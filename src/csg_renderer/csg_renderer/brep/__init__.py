@@ -1,0 +1,1 @@
+"""Boundary evaluation: the exact edges, curves, faces and axes of a solid, straight from its tree."""

@@ -1,0 +1,162 @@
+"""The boundary of a solid, straight from its CSG tree: its creases, the faces they bound, and its axes.
+
+Tentative curves (``candidates``) are cut at all surfaces (``pieces``), classified by their neighbourhood
+(``neighbourhood``) and joined. In the manner of Requicha & Voelcker (Boolean operations in solid modeling, 1985); this
+is what thesis 4.12 and 7.4 leave as future work.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from msgs_py import FeatureSet
+
+from ..scene.solid import Solid
+from .axes import axes
+from .candidates import candidates
+from .conics import is_ellipse
+from .details import Anatomy, Details, details
+from .pieces import Pieces, Runs, conic_pieces, creases, line_pieces
+from .space_curves import skew_pieces
+from .surfaces import SurfaceTable, compile_surfaces
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The boundary of a solid, model frame, metres.
+
+    edge_start, edge_end : (e, 3) float64: maximal straight creases
+    conic : (c, 4, 3) float64: the conics that carry curved creases; the point at angle t is conic (cos t, sin t, 1)
+    curve : (k,) int row of conic, curve_low, curve_high : (k,) angles: maximal planar curved creases
+    curve_normal : (k, 3) unit: out of the planar face that the curve bounds
+    ellipse : (k,) bool: the curve is (an arc of) a circle or ellipse and so a matching feature
+    axis_start, axis_end : (a, 3) float64
+    skew : creases in no plane, each (2 k + 1, 3) points along it, of which every second one ends a chord
+    notices : what could not be given, in words
+    """
+
+    anatomy: Anatomy
+    edge_start: np.ndarray
+    edge_end: np.ndarray
+    conic: np.ndarray
+    curve: np.ndarray
+    curve_low: np.ndarray
+    curve_high: np.ndarray
+    curve_normal: np.ndarray
+    ellipse: np.ndarray
+    axis_start: np.ndarray
+    axis_end: np.ndarray
+    skew: tuple[np.ndarray, ...]
+    notices: tuple[str, ...]
+
+    @property
+    def table(self) -> SurfaceTable:
+        return self.anatomy.table
+
+    @cached_property
+    def details(self) -> Details:
+        """Faces, vertices, dihedral angles, bounding box, area and volume; worked out when first asked for."""
+        return details(self.anatomy)
+
+    @cached_property
+    def features(self) -> FeatureSet:
+        """The matching features: edges, then circles and ellipses, then axes."""
+        k = self.ellipse
+        return FeatureSet.concatenate([
+            FeatureSet.from_edges(self.edge_start, self.edge_end),
+            arcs(self.conic[self.curve[k]], self.curve_low[k], self.curve_high[k], self.curve_normal[k]),
+            FeatureSet.from_axes(self.axis_start, self.axis_end)])
+
+
+def evaluate(solid: Solid) -> Boundary:
+    """Evaluate the boundary of a solid."""
+    table = compile_surfaces(solid)
+    found = candidates(table)
+    straight = line_pieces(table, found.point, found.direction)
+    curved = conic_pieces(table, found.conic, found.extra)
+    edges, curves = creases(straight), creases(curved, 2.0 * np.pi)
+    point, direction = found.point[edges.curve], found.direction[edges.curve]
+    axis_start, axis_end = axes(table, curved, is_ellipse(found.conic))
+    to_metres = np.diag([table.size] * 3 + [1.0])
+    to_metres[:3, 3] = table.centre
+    ellipse = is_ellipse(found.conic)[curves.curve]
+    skew_found = skew_pieces(table, found.skew)
+    skew = tuple(table.metres(samples) for samples in skew_found.creases)
+    anatomy = Anatomy(table, found.point, found.direction, found.conic, straight, curved, skew_found, edges, curves)
+    return Boundary(
+        anatomy, table.metres(point + edges.low[:, None] * direction),
+        table.metres(point + edges.high[:, None] * direction), to_metres @ found.conic, curves.curve, curves.low,
+        curves.high, _normals(table, found.conic, curved, curves), ellipse, table.metres(axis_start),
+        table.metres(axis_end), skew, _notices(anatomy, ellipse))
+
+
+def _notices(anatomy: Anatomy, ellipse: np.ndarray) -> tuple[str, ...]:
+    out = []
+    table = anatomy.table
+    if not table.leaves:
+        out.append('the solid is empty: NULL')
+    elif not any(len(pieces.branches.point) for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces)):
+        out.append('no surfaces meet on the boundary: the solid has no creases, or nothing is left of it')
+    shared = sum(int((np.bincount(pieces.branches.point, minlength=1) > 2).sum())
+                 for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces))
+    if shared:
+        out.append(f'more than two faces meet along {shared} piece(s) of crease: parts of the solid only touch there')
+    if (~ellipse).any():
+        out.append(f'{(~ellipse).sum()} planar crease(s) are arcs of a parabola or hyperbola: no matching features')
+    if anatomy.skew.creases:
+        out.append(f'{len(anatomy.skew.creases)} crease(s) lie in no plane: no matching features')
+    if not table.bounded and _unbounded(anatomy):
+        out.append('the solid is not bounded: creases that run to infinity are left out')
+    return tuple(out)
+
+
+def _unbounded(anatomy: Anatomy) -> bool:
+    """Is there material far away? Asked of points all round the solid, far outside of everything it is made of."""
+    table = anatomy.table
+    rng = np.random.default_rng(0)
+    far = rng.normal(size=(500, 3))
+    far *= 1e4 / np.linalg.norm(far, axis=1, keepdims=True)
+    return bool(table.contains(far).any())
+
+
+def arcs(conic: np.ndarray, low: np.ndarray, high: np.ndarray, normal: np.ndarray) -> FeatureSet:
+    """Ellipses (n, 4, 3), last row (0, 0, 1), between angles low and high, as CURVE features with these normals."""
+    diameters = conic[:, :3, :2]
+    u, s, vt = np.linalg.svd(diameters, full_matrices=False)
+    # A circle has no major axis of its own: keep the parametrisation's.
+    circle = s[:, 0] - s[:, 1] <= 1e-9 * s[:, 0]
+    u[circle] = diameters[circle] / s[circle][:, :1, None]
+    vt[circle] = np.eye(2)
+    turns_left = np.einsum('ni,ni->n', np.cross(u[:, :, 0], u[:, :, 1]), normal) > 0.0
+    rising = turns_left == (np.linalg.det(vt) > 0.0)
+    first = np.where(rising, low, high)
+    x, y = np.einsum('nij,nj->in', vt, np.stack([np.cos(first), np.sin(first)], axis=1))
+    start = np.arctan2(np.where(turns_left, y, -y), x) % (2.0 * np.pi)
+    sweep = np.minimum(high - low, 2.0 * np.pi)
+    whole = sweep > 2.0 * np.pi - 1e-6
+    arc = np.stack([np.where(whole, 0.0, start), np.where(whole, 2.0 * np.pi, sweep)], axis=1)
+    return FeatureSet.from_curves(conic[:, :3, 2], normal, s, major_axis=u[:, :, 0], arc=arc)
+
+
+def _normals(table: SurfaceTable, conic: np.ndarray, pieces: Pieces, runs: Runs) -> np.ndarray:
+    """(k, 3): out of the planar face where there is one, else to the side where the curve's faces look."""
+    out = np.zeros((len(runs), 3))
+    branches = pieces.branches
+    for row, (curve, piece) in enumerate(zip(runs.curve, runs.piece)):
+        plane = np.cross(conic[curve, :3, 0] - conic[curve, 3, 0] * pieces.middle[piece],
+                         conic[curve, :3, 1] - conic[curve, 3, 1] * pieces.middle[piece])
+        plane /= np.linalg.norm(plane)
+        mine = branches.point == piece
+        flat = mine & (branches.group < len(table.planes))
+        outward = branches.outward[flat]
+        if len(outward) and abs(outward[0] @ plane) > 1.0 - 1e-6:
+            out[row] = outward[0]
+            continue
+        side = branches.outward[mine].sum(axis=0) @ plane
+        if abs(side) < 1e-6:
+            side = pieces.middle[piece] @ plane
+        out[row] = plane if side >= 0.0 else -plane
+    return out

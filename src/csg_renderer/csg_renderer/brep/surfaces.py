@@ -1,0 +1,265 @@
+"""The bounding surfaces of a solid's primitives, grouped where they coincide, and the tree as a program.
+
+Boundary evaluation and hidden-line removal both ask one question: on which side of which surface is a point? Two
+primitives that share a plane or a quadric share one *group* here, so coincident faces are equal exactly and not just
+nearly. All geometry is kept in a normalised frame (the solid's bounding box has its centre at the origin and unit
+diagonal), which makes every tolerance a fraction of the model's size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msgs_py.numeric.grouping import linked_groups
+
+from ..scene.solid import Operation, Primitive, Solid
+
+SLOTS = 6  # the block has the most faces; the others are padded
+
+# Fractions of the model's size. SAME: surfaces closer than this are one. ON: a computed point this near a surface lies
+# on it (a root of a quadratic loses some digits that a surface has).
+SAME = 1e-9
+ON = 1e-8
+
+# A direction no sensible model is perpendicular to: it gives unsigned planes and lines one sign, without the ties that
+# "first non-zero component" has.
+GENERIC = np.array([0.5373, 0.6891, 0.4863])
+
+# Outward planes (normal, offset) of the unit primitives in FACES order; a cone's second is its apex plane, no face.
+UNIT_PLANES = {
+    'BLOCK': np.array([[-1.0, 0, 0, 0], [1, 0, 0, -1], [0, -1, 0, 0], [0, 1, 0, -1], [0, 0, -1, 0], [0, 0, 1, -1]]),
+    'CYLINDER': np.array([[0.0, 0, -1, 0], [0, 0, 1, -1]]),
+    'CONE': np.array([[0.0, 0, 1, -1], [0, 0, -1, 0]]),
+    'SPHERE': np.zeros((0, 4)),
+    'PLANE': np.array([[0.0, 0, 1, 0]]),
+}
+UNIT_QUADRICS = {
+    'CYLINDER': np.diag([1.0, 1.0, 0.0, -1.0]),
+    'CONE': np.diag([1.0, 1.0, -1.0, 0.0]),
+    'SPHERE': np.diag([1.0, 1.0, 1.0, -1.0]),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTable:
+    """A solid, compiled: g plane groups, then q quadric groups, then one dummy group that is always inside.
+
+    centre : (3,), size : metres; normalised = (metres - centre) / size
+    planes : (g, 4) float64: unit normal and offset, n.x + e = 0
+    quadrics : (q, 4, 4) float64 symmetric, unit Frobenius norm, negative inside
+    quadric_leaf : (q,) int: a leaf that owns the quadric; frames : (m, 4, 4) unit frame of each leaf to normalised
+    slots : (m, 6) int: group of each face of each leaf: planes first, then the quadric; a cone also has the plane
+        through its apex, which cuts the second nappe away. slot_sign : (m, 6): inside where sign * value <= 0
+    slot_real : (m, 6) bool: a face of the primitive (neither padding nor the cone's apex plane)
+    low, high : (m, 3) boxes of the leaves, infinite for a PLANE; program : the tree in postfix form
+    """
+
+    leaves: tuple[Primitive, ...]
+    centre: np.ndarray
+    size: float
+    planes: np.ndarray
+    quadrics: np.ndarray
+    quadric_leaf: np.ndarray
+    frames: np.ndarray
+    slots: np.ndarray
+    slot_sign: np.ndarray
+    slot_real: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    program: tuple[int | str, ...]
+
+    @property
+    def groups(self) -> int:
+        """Number of groups, the dummy not counted; it is also the dummy's index."""
+        return len(self.planes) + len(self.quadrics)
+
+    @property
+    def bounded(self) -> bool:
+        """Every leaf is bounded (none is a PLANE)."""
+        return bool(np.isfinite(self.low).all())
+
+    def metres(self, points: np.ndarray) -> np.ndarray:
+        """Normalised points (..., 3) to model-frame metres."""
+        return points * self.size + self.centre
+
+    def normalised(self, points: np.ndarray) -> np.ndarray:
+        """Model-frame metres (..., 3) to normalised points."""
+        return (points - self.centre) / self.size
+
+    def values(self, points: np.ndarray) -> np.ndarray:
+        """(n, groups + 1): signed distance of (n, 3) normalised points to every group, first order for a quadric."""
+        g = len(self.planes)
+        out = np.empty((len(points), self.groups + 1))
+        out[:, :g] = points @ self.planes[:, :3].T + self.planes[:, 3]
+        for k, q in enumerate(self.quadrics):
+            half = points @ q[:3, :3] + q[:3, 3]
+            f = (half * points).sum(-1) + points @ q[:3, 3] + q[3, 3]
+            # At a cone's apex and a sphere's centre the slope vanishes; the sign is all that is needed there.
+            out[:, g + k] = f / np.maximum(2.0 * np.linalg.norm(half, axis=-1), 1e-6)
+        out[:, -1] = -1.0
+        return out
+
+    def value_of(self, points: np.ndarray, groups: np.ndarray) -> np.ndarray:
+        """(n,): value of one group (n,) at each point (n, 3); as :meth:`values`, but a quadric's is not a distance."""
+        g = len(self.planes)
+        out = np.empty(len(points))
+        flat = groups < g
+        out[flat] = np.einsum('ni,ni->n', points[flat], self.planes[groups[flat], :3]) + self.planes[groups[flat], 3]
+        x = np.concatenate([points[~flat], np.ones(((~flat).sum(), 1))], axis=1)
+        out[~flat] = np.einsum('ni,nij,nj->n', x, self.quadrics[groups[~flat] - g], x)
+        return out
+
+    def gradients(self, points: np.ndarray, groups: np.ndarray) -> np.ndarray:
+        """(n, k, 3): unit gradient of groups (n, k) at points (n, 3); zeros for the dummy and at an apex."""
+        out = np.zeros(groups.shape + (3,))
+        g = len(self.planes)
+        plane = groups < g
+        out[plane] = self.planes[groups[plane], :3]
+        curved = ~plane & (groups < self.groups)
+        if curved.any():
+            row = np.nonzero(curved)[0]
+            q = self.quadrics[groups[curved] - g]
+            slope = np.einsum('nij,nj->ni', q[:, :3, :3], points[row]) + q[:, :3, 3]
+            length = np.linalg.norm(slope, axis=1, keepdims=True)
+            out[curved] = slope / np.where(length > 1e-9, length, np.inf)
+        return out
+
+    def leaf_values(self, values: np.ndarray) -> np.ndarray:
+        """(n, m, 6): group values (n, groups + 1) as each leaf sees them, negative inside."""
+        return values[..., self.slots] * self.slot_sign
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """(n,) bool: normalised points (n, 3) inside the solid; points on its boundary may go either way."""
+        return self.combine(np.asarray((self.leaf_values(self.values(points)) < 0.0).all(axis=-1)))
+
+    def combine(self, inside: np.ndarray) -> np.ndarray:
+        """(...,) bool: the tree's answer from the leaves' (..., m) bool."""
+        stack: list[np.ndarray] = []
+        for step in self.program:
+            if isinstance(step, int):
+                stack.append(inside[..., step])
+                continue
+            right = stack.pop()
+            left = stack.pop()
+            if step == 'UNION':
+                stack.append(left | right)
+            elif step == 'INTERSECT':
+                stack.append(left & right)
+            else:
+                stack.append(left & ~right)
+        return stack[0] if stack else np.zeros(inside.shape[:-1], bool)
+
+
+def compile_surfaces(solid: Solid) -> SurfaceTable:
+    """The surfaces and tree of a solid, in its normalised frame."""
+    leaves = solid.primitives
+    program = _program(solid)
+    boxes = np.array([_leaf_box(leaf) for leaf in leaves]).reshape(-1, 2, 3)
+    low, high = bounding_box(program, boxes)
+    finite = np.isfinite(low).all() and np.isfinite(high).all() and (high >= low).all()
+    centre = 0.5 * (low + high) if finite else np.zeros(3)
+    size = float(np.linalg.norm(high - low)) if finite else 1.0
+    size = size if size > 0.0 else 1.0
+    normal = np.diag([1.0 / size] * 3 + [1.0])
+    normal[:3, 3] = -centre / size
+    frames = np.array([normal @ leaf.matrix for leaf in leaves]).reshape(-1, 4, 4)
+    m = len(leaves)
+
+    rows: list[tuple[int, int, np.ndarray, bool]] = []  # leaf, slot, plane, is a face
+    curved: list[tuple[int, int, np.ndarray]] = []
+    for i, leaf in enumerate(leaves):
+        inverse = np.linalg.inv(frames[i])
+        unit = UNIT_PLANES[leaf.kind]
+        for k, plane in enumerate(unit @ inverse):
+            rows.append((i, k, plane / np.linalg.norm(plane[:3]), not (leaf.kind == 'CONE' and k == 1)))
+        if leaf.kind in UNIT_QUADRICS:
+            quadric = inverse.T @ UNIT_QUADRICS[leaf.kind] @ inverse
+            curved.append((i, len(unit), 0.5 * (quadric + quadric.T) / np.linalg.norm(quadric)))
+
+    planes = np.array([row[2] for row in rows]).reshape(-1, 4)
+    flip = np.where(planes[:, :3] @ GENERIC < 0.0, -1.0, 1.0)
+    plane_group, first = cluster(planes * flip[:, None], SAME)
+    quadrics = np.array([row[2] for row in curved]).reshape(-1, 4, 4)
+    quadric_group, first_quadric = cluster(quadrics.reshape(-1, 16), SAME)
+    g, q = len(first), len(first_quadric)
+
+    slots = np.full((m, SLOTS), g + q)
+    sign = np.ones((m, SLOTS))
+    real = np.zeros((m, SLOTS), bool)
+    for (i, k, _, face), group, s in zip(rows, plane_group, flip):
+        slots[i, k], sign[i, k], real[i, k] = group, s, face
+    for (i, k, _), group in zip(curved, quadric_group):
+        slots[i, k], real[i, k] = g + group, True
+    return SurfaceTable(leaves, centre, size, (planes * flip[:, None])[first], quadrics[first_quadric],
+                        np.array([curved[k][0] for k in first_quadric], int), frames, slots, sign, real,
+                        (boxes[:, 0] - centre) / size, (boxes[:, 1] - centre) / size, program)
+
+
+def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Group equal rows: label (n,) of each row of (n, k), and the first row (groups,) of each group, in row order."""
+    if not len(rows):
+        return np.zeros(0, int), np.zeros(0, int)
+    from scipy.spatial import cKDTree  # not needed to render, and a fifth of a node's start
+
+    pairs = cKDTree(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
+    labels = linked_groups(len(rows), pairs)
+    return labels, np.unique(labels, return_index=True)[1]
+
+
+def bounding_box(program: tuple[int | str, ...], boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """low, high (3,) of a box that holds the solid, from its leaves' (m, 2, 3); high < low where it is surely empty."""
+    nothing = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
+    stack: list[np.ndarray] = []
+    for step in program:
+        if isinstance(step, int):
+            stack.append(boxes[step])
+            continue
+        right = stack.pop()
+        left = stack.pop()
+        if step == 'UNION':
+            stack.append(np.array([np.minimum(left[0], right[0]), np.maximum(left[1], right[1])]))
+        elif step == 'INTERSECT':
+            both = np.array([np.maximum(left[0], right[0]), np.minimum(left[1], right[1])])
+            stack.append(both if (both[1] >= both[0]).all() else nothing)
+        else:
+            stack.append(left)
+    box = stack[0] if stack else nothing
+    return box[0], box[1]
+
+
+def _program(solid: Solid) -> tuple[int | str, ...]:
+    """Postfix: an index for a leaf, an operator's name for a node. A stack, because trees grow deep."""
+    out: list[int | str] = []
+    pending: list[Solid | str] = [solid]
+    leaf = 0
+    while pending:
+        node = pending.pop()
+        if isinstance(node, str):
+            out.append(node)
+        elif isinstance(node, Operation):
+            pending += [node.operator, node.right, node.left]
+        elif isinstance(node, Primitive):
+            out.append(leaf)
+            leaf += 1
+    return tuple(out)
+
+
+def _leaf_box(leaf: Primitive) -> np.ndarray:
+    """(2, 3): the exact axis-aligned box of a placed primitive, metres."""
+    if leaf.kind == 'PLANE':
+        return np.array([np.full(3, -np.inf), np.full(3, np.inf)])
+    x, y, z, t = leaf.matrix[:3].T
+    if leaf.kind == 'BLOCK':
+        spread = np.stack([x, y, z])
+        return np.stack([t + np.minimum(spread, 0.0).sum(0), t + np.maximum(spread, 0.0).sum(0)])
+    if leaf.kind == 'SPHERE':
+        reach = np.sqrt(x**2 + y**2 + z**2)
+        return np.stack([t - reach, t + reach])
+    reach = np.sqrt(x**2 + y**2)
+    far = np.stack([t + z - reach, t + z + reach])
+    near = np.stack([t, t]) if leaf.kind == 'CONE' else np.stack([t - reach, t + reach])
+    return np.stack([np.minimum(near[0], far[0]), np.maximum(near[1], far[1])])
+
+

@@ -1,0 +1,1 @@
+"""Features of models and views, from solids and meshes, as data, drawings and files."""

@@ -1,0 +1,240 @@
+"""Matching features of a CAD mesh: creases merged to maximal lines, facetted rims fitted back to circles and ellipses.
+
+Most users' parts exist as meshes. What model_features reads off exactly from a tree is here recovered from triangles,
+within the error of the facetting: the vertices of a facetted rim are taken to lie on the curve.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msgs_py import FeatureSet
+from msgs_py.numeric.grouping import linked_groups
+
+from ..brep.surfaces import cluster
+from .mesh_curves import COLLINEAR, Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
+
+MESH_SUFFIXES = ('.stl', '.obj', '.ply')
+CREASE_ANGLE = np.radians(30.0)
+# Vertices closer than this part of the mesh's size are one.
+WELD = 2e-6
+# How well a patch's normals or planes must agree with a cylinder or a cone, and axes with each other (parts of size).
+PATCH = 0.02
+SAME_AXIS = 1e-3
+
+
+def features_from_mesh(path: str | os.PathLike[str], crease_angle: float = CREASE_ANGLE,
+                       scale: float = 1.0) -> FeatureSet:
+    """Edges, planar curves and axes of an STL, OBJ or PLY file; metres, uncertainty zero.
+
+    crease_angle : radians, neighbouring triangles that turn by more meet in a crease; it must be larger than the angle
+    between the facets of a round surface. scale : metres per unit of the file, which says nothing of its unit.
+    Raises FileNotFoundError, and ValueError that names the file or the argument.
+    """
+    if not 0.0 < crease_angle < np.pi:
+        raise ValueError(f'crease_angle: expected radians between 0 and pi, got {crease_angle}')
+    if not 0.0 < scale < np.inf:
+        raise ValueError(f'scale: expected metres per unit > 0, got {scale}')
+    vertices, triangles = read_mesh(path)
+    return mesh_features(vertices * scale, triangles, crease_angle)
+
+
+def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) float64 and triangles (m, 3) int of a mesh file. Raises as features_from_mesh."""
+    file = Path(path)
+    if not file.is_file():
+        raise FileNotFoundError(f'{path}: no such file')
+    if file.suffix.lower() not in MESH_SUFFIXES:
+        raise ValueError(f'{path}: expected a mesh ({", ".join(MESH_SUFFIXES)}), got {file.suffix or "no suffix"}')
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load(str(file), force='mesh', process=False)
+        vertices, triangles = np.array(mesh.vertices, float), np.array(mesh.faces, int)
+    except Exception as error:  # the loaders raise whatever a damaged file provokes
+        raise ValueError(f'{path}: not a readable mesh: {error}') from error
+    if not len(triangles) or not np.isfinite(vertices).all():
+        raise ValueError(f'{path}: expected a mesh of finite triangles, found {len(triangles)} triangles')
+    return vertices, triangles
+
+
+def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: float = CREASE_ANGLE) -> FeatureSet:
+    """The features of a triangle mesh: vertices (n, 3) metres, triangles (m, 3) indices, anticlockwise from outside."""
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    label, first = cluster(vertices, WELD * size)
+    points, triangles = vertices[first], label[triangles]
+    corner = points[triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    keep = area > (WELD * size)**2
+    triangles, normal = triangles[keep], normal[keep] / area[keep, None]
+    edges, sides = _edges(triangles)
+    facing = np.where(sides >= 0, sides, 0)
+    angle = np.arctan2(np.linalg.norm(np.cross(normal[facing[:, 0]], normal[facing[:, 1]]), axis=1),
+                       (normal[facing[:, 0]] * normal[facing[:, 1]]).sum(axis=1))
+    crease = (sides < 0).any(axis=1) | (angle > crease_angle)
+    facet = linked_groups(len(triangles), sides[~crease & (angle <= COLLINEAR)])
+    patch = linked_groups(len(triangles), sides[~crease])
+    bent = ~crease & (angle > COLLINEAR)
+    curved = np.zeros(facet.max(initial=0) + 1, bool)
+    curved[facet[sides[bent].ravel()]] = True
+
+    rows = np.nonzero(crease)[0]
+    lines: list[tuple[np.ndarray, np.ndarray]] = []
+    rims: list[tuple[FittedConic, np.ndarray]] = []
+    for chain in chains(edges[rows], points):
+        for part in split(chain, turns(chain) > crease_angle):
+            _sort_out(part, sides[rows], curved[facet], lines, rims)
+    axes = _axes(rims, patch, normal, points[triangles], size)
+    ends = _merged(lines, normal, size)
+    return FeatureSet.concatenate([FeatureSet.from_edges(ends[:, 0], ends[:, 1]), _curves(rims, normal),
+                                   FeatureSet.from_axes(axes[:, 0], axes[:, 1])])
+
+
+def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray,
+              lines: list[tuple[np.ndarray, np.ndarray]],
+              rims: list[tuple[FittedConic, np.ndarray]]) -> None:
+    """A chain without corners into straight lines and fitted curves; what is neither is left out.
+
+    sides : (creases, 2) triangles at each crease; curved : (triangles,) bool, part of a round surface.
+    """
+    smooth, members = straightened(chain)
+    if len(smooth.segment) == 1:
+        lines.append((smooth.points, sides[members[0][0]]))
+        return
+    round_ = np.array([curved[sides[member]].any() for member in members])
+    length = np.linalg.norm(smooth.steps, axis=1)
+    flat = ~round_ | (np.roll(~round_, 1) & (smooth.closed | (np.arange(len(round_)) > 0)))
+    for run in split(smooth, flat) if flat.any() else [smooth]:
+        if not round_[run.segment].any():
+            lines.append((run.points, sides[members[run.segment[0]][0]]))
+            continue
+        parts, fits = [run], [fit_conic(run)]
+        if fits[0] is None:
+            parts = even_runs(run)
+            fits = [fit_conic(part) for part in parts]
+        straight = [len(part.segment) == 1 and length[part.segment[0]] > 3.0 * np.median(length[run.segment])
+                    for part in parts]
+        if not all(fit is not None or line for fit, line in zip(fits, straight)):
+            continue  # a curve in no plane: its pieces would pass for arcs
+        for part, fit in zip(parts, fits):
+            if fit is None:
+                lines.append((part.points, sides[members[part.segment[0]][0]]))
+            else:
+                rims.append((fit, sides[np.concatenate([members[k] for k in part.segment])]))
+
+
+def _merged(lines: list[tuple[np.ndarray, np.ndarray]], normal: np.ndarray, size: float) -> np.ndarray:
+    """(n, 2, 3): straight creases, those joined that go straight on through a vertex between the same two planes."""
+    ends = np.array([points for points, _ in lines]).reshape(-1, 2, 3)
+    planes = [sorted(tuple(np.round(normal[side], 4) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
+              for _, sides in lines]
+    vertex = cluster(ends.reshape(-1, 3), WELD * size)[0].reshape(-1, 2)
+    alive = np.ones(len(ends), bool)
+    for where in np.unique(vertex):
+        here = [int(k) for k in np.nonzero((vertex == where).any(axis=1) & alive)[0]]
+        for i, k in enumerate(here):
+            for j in here[i + 1:]:
+                if not (alive[k] and alive[j]) or planes[k] != planes[j]:
+                    continue
+                far_k, far_j = (int(vertex[m, 0] == where) for m in (k, j))
+                one, two = ends[k, far_k] - ends[k, 1 - far_k], ends[j, far_j] - ends[j, 1 - far_j]
+                if np.linalg.norm(np.cross(one, two)) < -COLLINEAR * (one @ two):
+                    ends[k, 1 - far_k], vertex[k, 1 - far_k] = ends[j, far_j], vertex[j, far_j]
+                    alive[j] = False
+    return ends[alive]
+
+
+def _curves(rims: list[tuple[FittedConic, np.ndarray]], normal: np.ndarray) -> FeatureSet:
+    """Fitted conics as features, their normals out of the planar face where there is one."""
+    if not rims:
+        return FeatureSet.empty()
+    out, arcs = [], []
+    for conic, sides in rims:
+        flat = [n for side in sides.T if (side >= 0).all() and (n := normal[side].mean(axis=0)) @ n > 0.99
+                and abs(n @ conic.normal) > 0.99]
+        looks = (flat[0] if flat else normal[sides[sides >= 0]].sum(axis=0)) @ conic.normal
+        out.append(conic.normal if looks >= 0.0 else -conic.normal)
+        start, sweep = conic.arc
+        whole = sweep > 2.0 * np.pi - 1e-6
+        arcs.append(conic.arc if looks >= 0.0 or whole else [-(start + sweep) % (2.0 * np.pi), sweep])
+    return FeatureSet.from_curves([c.centre for c, _ in rims], out, np.array([c.radii for c, _ in rims]),
+                                  major_axis=np.array([c.major_axis for c, _ in rims]), arc=np.array(arcs))
+
+
+def _axes(rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal: np.ndarray, corners: np.ndarray,
+          size: float) -> np.ndarray:
+    """(a, 2, 3): axes between the planar ends of each round patch, or from a cone's apex to its base."""
+    found: list[list[np.ndarray]] = []
+    single: list[tuple[np.ndarray, np.ndarray]] = []
+    for k in np.unique(patch[np.concatenate([s[s >= 0] for _, s in rims])]) if rims else []:
+        mine = patch == k
+        n, p = normal[mine], corners[mine]
+        _, squares, axis = np.linalg.svd(n.T @ n)
+        spread = np.sqrt(squares)
+        if spread[1] < PATCH * spread[0]:
+            continue  # a plane
+        centres = np.array([c.centre for c, sides in rims if mine[sides[sides >= 0]].any()])
+        apex = np.linalg.lstsq(n, (n * p[:, 0]).sum(axis=1), rcond=None)[0]
+        direction = axis[2]
+        if spread[2] > PATCH * spread[0]:
+            if np.abs(((p[:, 0] - apex) * n).sum(axis=1)).max() > PATCH * size:
+                # Neither cylinder nor cone: perhaps several that meet at shallow angles. Look only beside each rim.
+                single += _rulings(rims, mine, normal)
+                continue
+            direction = centres.mean(axis=0) - apex
+            if np.linalg.norm(p - apex, axis=2).min() < SAME_AXIS * size:
+                centres = np.concatenate([centres, [apex]])
+        direction = direction / np.linalg.norm(direction)
+        # Flat sides can join several cylinders smoothly to one patch: each has its own line of centres.
+        line = cluster(centres - np.outer(centres @ direction, direction), SAME_AXIS * size)[0]
+        for label in range(line.max() + 1):
+            ends = centres[line == label]
+            along = ends @ direction
+            if np.ptp(along) > SAME_AXIS * size:
+                found.append([ends[along.argmin()], ends[along.argmax()]])
+            elif spread[2] <= PATCH * spread[0]:
+                single.append((ends[0], direction))
+    # Two stumps of one cylinder that goes through something round: its axis is between their outer ends.
+    for i, (one, direction) in enumerate(single):
+        for other, _ in single[:i]:
+            gap = other - one
+            if np.linalg.norm(np.cross(gap, direction)) < PATCH * np.linalg.norm(gap) and \
+                    np.linalg.norm(gap) > SAME_AXIS * size:
+                found.append([one, other])
+    pairs = np.array(found).reshape(-1, 2, 3)
+    ordered = np.sort(pairs, axis=1).reshape(-1, 6)
+    return pairs[cluster(ordered, SAME_AXIS * size)[1]]
+
+
+def _rulings(rims: list[tuple[FittedConic, np.ndarray]], mine: np.ndarray, normal: np.ndarray
+             ) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Centre and axis direction of every rim of a patch beside which the patch is a cylinder."""
+    out = []
+    for conic, sides in rims:
+        beside = sides[(sides >= 0) & mine[sides]]
+        _, squares, axis = np.linalg.svd(normal[beside].T @ normal[beside])
+        if squares[1] > PATCH * squares[0] and squares[2] < PATCH**2 * squares[0]:
+            out.append((conic.centre, axis[2]))
+    return out
+
+
+def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Undirected edges (n, 2), and the two triangles (n, 2) at each, -1 where there is only one.
+
+    Of more than two triangles (parts that only touch there) the first two are taken.
+    """
+    every = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort((owner, every[:, 1], every[:, 0]))
+    every, owner = every[order], owner[order]
+    edges, start, count = np.unique(every, axis=0, return_index=True, return_counts=True)
+    sides = np.full((len(edges), 2), -1)
+    sides[:, 0] = owner[start]
+    more = count > 1
+    sides[more, 1] = owner[start[more] + 1]
+    return edges, sides

@@ -1,0 +1,369 @@
+"""The array-machine engine: tiles of one pixel a PE, cast and shaded as array programs on the emulated DAP.
+
+The algorithm is that of the reference engine: the same stack of entry and exit lists, the same ties, the same shading
+(thesis 4.3, 4.5, 4.8, appendices A and B); every operation is charged to the machine. Frame.stats.dap_cycles holds the
+cycles, computed and not simulated. REAL*8 gives the other engines' image; shorter words give it but for rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dap_emulator import Dap, DapArray
+from dap_emulator.machine import intrinsics as f
+from dap_emulator.machine.kinds import LOGICAL, real
+from msgs_py import PinholeCamera, Pose
+
+from ..scene.scene import Scene
+from ..scene.solid import FACES
+from .array_caster import CODES, INFINITE, Caster, Rays, Spans
+from .engine_reference import CROW_OFFSETS, CROW_WEIGHTS, boundary, prune
+from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
+from .program import CYLINDER, DIFFERENCE, HALFSPACES, INTERSECT, KIND_CODES, SPHERE, UNION, View, program_of, view_of
+from .reference import PARALLEL
+from .shading import quantise
+
+OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE'}
+KIND_NAMES = {code: name for name, code in KIND_CODES.items()}
+# Words shorter than REAL*8 leave coincident faces this fraction of the scene's extent apart.
+SHORT_WORD_TOLERANCE = 2.0
+Vector = tuple[Any, Any, Any]
+
+
+def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, dap: Dap | None = None,
+           length: int = 8) -> Frame:
+    """See :func:`csg_renderer.render`. dap : a new DAP 510 by default; length : bytes of the REALs, 4 to 8."""
+    dap = dap or Dap.model('510', tracing=False)
+    before = dap.cycles
+    view = view_of(program_of(scene), camera_T_scene)
+    tracer = _Tracer(dap, view, camera, options, length)
+    h, w = camera.height, camera.width
+    colours = np.empty((h, w, 3))
+    colours[:] = view.program.background
+    codes = np.full((h, w), MISS, dtype=np.int64)
+    depth, normal = np.full((h, w), np.nan), np.full((h, w, 3), np.nan)
+    tiles = list(_tiles(view, camera, options, dap.es))
+    for area, children in tiles:
+        if not children:
+            continue
+        tracer.stats.tiles += 1
+        found = tracer.trace(area, children, 0.0, 0.0, options.box == 0)
+        codes[area], depth[area], normal[area] = found[1:]
+        colours[area] = found[0]
+        if options.box:
+            n = options.box
+            offsets = [((i + 0.5) / n - 0.5, (j + 0.5) / n - 0.5) for j in range(n) for i in range(n)]
+            colours[area] = sum(np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0) for du, dv in offsets) / n**2
+    if not options.tiling:
+        tracer.stats.tiles = 1
+    if options.adaptive:
+        _smooth(tracer, tiles, colours, boundary(codes))
+    tracer.stats.dap_cycles = dap.cycles - before
+    seen = codes != MISS
+    leaf = np.where(seen, codes // FACE_SLOTS, 0)
+    object_id = np.where(seen, view.program.object_of[leaf] if len(view.program.kind) else 0, MISS)
+    return Frame(quantise(colours), depth.astype(np.float32), np.where(seen, leaf, MISS).astype(np.int32),
+                 np.where(seen, codes % FACE_SLOTS, MISS).astype(np.int32), object_id.astype(np.int32),
+                 normal.astype(np.float32), camera, camera_T_scene, tracer.stats)
+
+
+def _smooth(tracer: _Tracer, tiles: list, colours: np.ndarray, edge: np.ndarray) -> None:
+    """Nine weighted samples (thesis 4.6) wherever faces meet; a tile is sampled again as a whole."""
+    for area, children in tiles:
+        if not edge[area].any():
+            continue
+        total = np.zeros((*edge[area].shape, 3))
+        for row, dv in zip(CROW_WEIGHTS, CROW_OFFSETS):
+            for weight, du in zip(row, CROW_OFFSETS):
+                total += weight * np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0)
+        colours[area] = np.where(edge[area][..., None], total, colours[area])
+
+
+def _tiles(view: View, camera: PinholeCamera, options: RenderOptions, es: int):
+    """(area, children) of every tile: children that cannot be there are left out, others pruned (thesis 4.9)."""
+    size = options.tile_size if options.tiling else es
+    boxes = _rectangles(view, camera)
+    for top in range(0, camera.height, size):
+        for left in range(0, camera.width, size):
+            right, bottom = min(left + size, camera.width), min(top + size, camera.height)
+            area = (slice(top, bottom), slice(left, right))
+            if not options.tiling:
+                yield area, list(view.program.children)
+                continue
+            present = ((boxes[:, 0] <= right - 0.5) & (boxes[:, 2] >= left - 0.5)
+                       & (boxes[:, 1] <= bottom - 0.5) & (boxes[:, 3] >= top - 0.5))
+            pruned = (prune(code, present) for code in view.program.children)
+            yield area, [code for code in pruned if len(code)]
+
+
+def _rectangles(view: View, camera: PinholeCamera) -> np.ndarray:
+    """(leaves, 4) float64: pixel bounds (u, v, u, v) of every leaf; everything where they are not known."""
+    program = view.program
+    boxes = np.tile([-np.inf, -np.inf, np.inf, np.inf], (len(program.kind), 1))
+    camera_T_scene = np.linalg.inv(view.scene_T_camera)
+    points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
+    for leaf in range(len(boxes)):
+        corners = points[program.outline_start[leaf]:program.outline_start[leaf + 1]]
+        if len(corners) and corners[:, 2].min() > view.departure:
+            pixels = camera.project(corners)
+            # Room for the samples of anti-aliasing and for rounding.
+            boxes[leaf] = [*(pixels.min(axis=0) - 1.0), *(pixels.max(axis=0) + 1.0)]
+    return boxes
+
+
+class _Tracer:
+    """Rays through the pixels of a tile to colours, one PE a ray."""
+
+    def __init__(self, dap: Dap, view: View, camera: PinholeCamera, options: RenderOptions, length: int) -> None:
+        self.dap, self.view, self.camera, self.options = dap, view, camera, options
+        self.kind = real(length)
+        short = length < 8
+        epsilon = 2.0 ** -self.kind.mantissa
+        reach = view.departure / 1e-7
+        self.tolerance = max(view.tolerance, SHORT_WORD_TOLERANCE * 8 * epsilon * reach) if short else view.tolerance
+        self.departure = max(view.departure, 4.0 * self.tolerance)
+        self.parallel = max(PARALLEL, 4.0 * epsilon) if short else PARALLEL
+        self.caster = Caster(dap, self.kind, self.tolerance)
+        self.stats = RenderStats()
+
+    def trace(self, area: tuple[slice, slice], children: Sequence[np.ndarray], du: float, dv: float,
+              shaded: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Colour (h, w, 3), code, depth (NaN on a miss) and outward normal of a tile's pixels."""
+        rows, columns = area
+        u, v = np.arange(columns.start, columns.stop) + du, np.arange(rows.start, rows.stop) + dv
+        height, width = len(v), len(u)
+        dap, camera = self.dap, self.camera
+        x = f.matr(dap.vector((u - camera.cx) / camera.fx, self.kind), height)
+        y = f.matc(dap.vector((v - camera.cy) / camera.fy, self.kind), width)
+        rays = Rays((0.0, 0.0, 0.0), (x, y, self.caster.filled(1.0, x.shape)))
+        t, hit, entering = self._cast(children, rays, self.view.local, 0.0, False)
+        place = self.view.scene_T_camera
+        scene = [place[i, 0] * x + (place[i, 1] * y + float(place[i, 2])) for i in range(3)]
+        onward = Rays(tuple(float(place[i, 3]) for i in range(3)), tuple(scene))
+        leaves = sorted({int(op) for code in children for op in code if op >= 0})
+        colour, facing = self._shade(onward, (t, hit, entering), leaves, shaded)
+        codes = hit.numpy().astype(np.int64)
+        seen = codes != MISS
+        normal = np.stack([component.numpy() for component in facing], axis=-1).astype(float)
+        image = np.stack([channel.numpy() for channel in colour], axis=-1).astype(float)
+        return (image, codes, np.where(seen, t.numpy(), np.nan), np.where(seen[..., None], normal, np.nan))
+
+    # Finding the surface.
+
+    def _cast(self, children: Sequence[np.ndarray], rays: Rays, transforms: np.ndarray, nearest: float,
+              entries_only: bool) -> tuple[DapArray, DapArray, DapArray]:
+        """t, code and "enters there" of the nearest boundary of some children."""
+        best: tuple[DapArray, DapArray, DapArray] | None = None
+        for code in children:
+            other = self.caster.first_hit(self._spans(code, rays, transforms), nearest, entries_only)
+            best = other if best is None else self._nearer(best, other)
+        if best is not None:
+            return best
+        dap, shape = self.dap, rays.shape
+        return (self.caster.filled(INFINITE, shape), f.filled(dap, MISS, shape, CODES),
+                f.filled(dap, True, shape, LOGICAL))
+
+    def _spans(self, code: np.ndarray, rays: Rays, transforms: np.ndarray) -> Spans:
+        """Walk a postfix tree with a stack of lists (appendix B)."""
+        stack: list[Spans] = []
+        count = int(np.prod(rays.shape))
+        for op in code:
+            self.stats.nodes += count
+            if op >= 0:
+                kind = int(self.view.program.kind[op])
+                self.stats.intersections += count * int(HALFSPACES[kind])
+                local = self.caster.localise(rays, transforms[op], self.parallel)
+                stack.append(self.caster.leaf(KIND_NAMES[kind], int(op) * FACE_SLOTS, local))
+            else:
+                self.stats.combines += count
+                right, left = stack.pop(), stack.pop()
+                stack.append(self.caster.combine(OPERATOR_NAMES[int(op)], left, right))
+        return stack[0]
+
+    def _nearer(self, best: tuple, other: tuple) -> tuple[DapArray, DapArray, DapArray]:
+        """The nearer of two hits; within the tolerance, the lower code's."""
+        (t, hit, entering), (new_t, new_hit, new_entering) = best, other
+        found, empty = new_t < INFINITE, ~(t < INFINITE)
+        close = abs(new_t - t) <= self.tolerance
+        better = found & (empty | (new_t - t < -self.tolerance) | (close & (new_hit < hit)))
+        return (f.merge(new_t, t, better), f.merge(new_hit, hit, better), f.merge(new_entering, entering, better))
+
+    # Shading it.
+
+    def _shade(self, rays: Rays, hits: tuple, leaves: list[int], shaded: bool = True) -> tuple[list, Vector]:
+        """Colours and outward normals of the first hits, with what further levels add."""
+        program, shape = self.view.program, rays.shape
+        colour = [self.caster.filled(0.0, shape) for _ in range(3)]
+        facing: Vector | None = None
+        pending: list[tuple] = [(rays, None, 1, hits, leaves)]
+        every = sorted(range(len(program.kind)))
+        while pending:
+            rays, weight, level, hits, leaves = pending.pop()
+            if hits is None:
+                hits = self._cast(program.children, rays, program.inverse[:, :3], self.departure, True)
+            t, hit, entering = hits
+            missed = hit.compare('eq', MISS)
+            for channel, background in zip(colour, program.background):
+                share = float(background) if weight is None else weight * float(background)
+                channel.assign(channel + share, missed)
+            seen = ~missed
+            lit = shaded and f.any_(seen)
+            if not lit and facing is not None:
+                continue
+            # A ray that meets nothing is given a point where numbers stay finite; its results are masked out.
+            reach = f.merge(t, 1.0, seen)
+            points = [o + reach * d for o, d in zip(rays.origin, rays.direction)]
+            look = self._look(hit, leaves, points, rays.direction, entering)
+            if facing is None:
+                facing = look['normal']
+            if not lit:
+                continue
+            flip = ~entering
+            towards = tuple(f.merge(-n, n, flip) for n in look['normal'])
+            view = self._unit(rays.direction)
+            local, mirrored = self._illuminate(look, points, towards, view, leaves)
+            last = level == self.options.levels
+            clear = 0.0 if last else look['transparency']
+            mirror = 0.0 if last else look['reflection']
+            through = 1.0 - clear
+            share = through if weight is None else weight * through
+            for channel, value in zip(colour, local):
+                channel.assign(channel + value * share, seen)
+            fade = 1.0 if weight is None else weight
+            for portion, direction in ((share * mirror, mirrored), (fade * clear, view)):
+                if not isinstance(portion, DapArray):
+                    if portion == 0.0:
+                        continue
+                    portion = self.caster.filled(portion, shape)
+                portion = f.merge(portion, 0.0, seen)
+                if f.any_(portion > 0.0):
+                    pending.append((Rays(tuple(points), tuple(direction)), portion, level + 1, None, every))
+        assert facing is not None
+        return colour, facing
+
+    def _look(self, hit: DapArray, leaves: list[int], points: list, direction: Sequence[DapArray],
+              entering: DapArray) -> dict[str, Any]:
+        """Outward normal, face colour and material at every hit: one masked assignment for each face that shows."""
+        program, shape = self.view.program, hit.shape
+        normal = [self.caster.filled(0.0, shape) for _ in range(3)]
+        colours = [self.caster.filled(0.0, shape) for _ in range(3)]
+        materials: dict[str, Any] = {}
+        names = ('ambient', 'diffuse', 'specular', 'shininess', 'reflection', 'transparency')
+        for index, name in enumerate(names):
+            values = {float(program.material[leaf, index]) for leaf in leaves}
+            materials[name] = values.pop() if len(values) == 1 else self.caster.filled(0.0, shape)
+        for leaf in leaves:
+            kind = int(program.kind[leaf])
+            for face in range(len(FACES[KIND_NAMES[kind]])):
+                here = hit.compare('eq', leaf * FACE_SLOTS + face)
+                if not f.any_(here):
+                    continue
+                for plane, value in zip(colours, program.colours[leaf, face]):
+                    plane.assign(float(value), here)
+                for index, name in enumerate(names):
+                    if isinstance(materials[name], DapArray):
+                        materials[name].assign(float(program.material[leaf, index]), here)
+                for plane, component in zip(normal, self._normal(leaf, kind, face, points, direction)):
+                    plane.assign(component, here)
+        n, d = normal, direction
+        along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
+        turn = (along < 0.0) ^ entering
+        return {'normal': tuple(f.merge(-component, component, turn) for component in normal), 'colour': colours,
+                **materials}
+
+    def _normal(self, leaf: int, kind: int, face: int, points: list, direction: Sequence[DapArray]) -> Sequence:
+        """Unit normal of a face, its sign not yet settled: three numbers, or planes for a curved face."""
+        inverse = self.view.program.inverse[leaf]
+        if face < len(FACES[KIND_NAMES[kind]]) - 1 or KIND_NAMES[kind] in ('BLOCK', 'PLANE'):
+            row = inverse[face // 2 if KIND_NAMES[kind] == 'BLOCK' else 2, :3]
+            return [float(value) for value in row / np.linalg.norm(row)]
+        signs = (1.0, 1.0, 0.0 if kind == CYLINDER else 1.0 if kind == SPHERE else -1.0)
+        gradient = [(inverse[i, 0] * points[0] + inverse[i, 1] * points[1] + inverse[i, 2] * points[2]
+                     + float(inverse[i, 3])) * sign if sign != 1.0 else
+                    inverse[i, 0] * points[0] + inverse[i, 1] * points[1] + inverse[i, 2] * points[2]
+                    + float(inverse[i, 3]) for i, sign in enumerate(signs) if sign]
+        rows = [i for i, sign in enumerate(signs) if sign]
+        normal = [self._sum([float(inverse[i, j]) * g for i, g in zip(rows, gradient)]) for j in range(3)]
+        square = self._sum([component * component for component in normal])
+        apex = square.compare('eq', 0.0)
+        scale = 1.0 / f.sqrt(f.merge(1.0, square, apex))
+        return [f.merge(-d, component * scale, apex) for component, d in zip(normal, direction)]
+
+    def _sum(self, terms: list) -> Any:
+        total = terms[0]
+        for term in terms[1:]:
+            total = total + term
+        return total
+
+    def _dot(self, a: Sequence, b: Sequence) -> Any:
+        return self._sum([p * q for p, q in zip(a, b)])
+
+    def _unit(self, vectors: Sequence) -> Vector:
+        length = f.sqrt(self._dot(vectors, vectors))
+        length.assign(1.0, length.compare('eq', 0.0))
+        return (vectors[0] / length, vectors[1] / length, vectors[2] / length)
+
+    def _illuminate(self, look: dict[str, Any], points: list, normal: Vector, view: Vector,
+                    leaves: list[int]) -> tuple[list, Vector]:
+        """Linear colours and the mirrored viewing ray (thesis 4.5, shading.py)."""
+        program = self.view.program
+        slope = self._dot(view, normal) * 2.0
+        mirrored = (view[0] - slope * normal[0], view[1] - slope * normal[1], view[2] - slope * normal[2])
+        result = [look['ambient'] * channel * float(light)
+                  for channel, light in zip(look['colour'], program.ambient_light)]
+        glossy = any(program.material[leaf, 2] > 0.0 for leaf in leaves)
+        for position, light in zip(program.lights, program.light_colours):
+            towards = [float(p) - q for p, q in zip(position, points)]
+            distance = f.sqrt(self._dot(towards, towards))
+            distance.assign(1.0, distance.compare('eq', 0.0))
+            to_light = (towards[0] / distance, towards[1] / distance, towards[2] / distance)
+            facing = self._dot(normal, to_light)
+            arriving = f.merge(facing, 0.0, facing > 0.0)
+            lit = facing > 0.0
+            if self.options.shadows and f.any_(lit):
+                through = self._transmission(points, to_light, distance)
+                arriving = arriving * through
+            shade = look['diffuse'] * arriving
+            glint = None
+            if glossy:
+                along = self._dot(mirrored, to_light)
+                shining = f.merge(self._power(f.merge(along, 1.0, along > 0.0), look['shininess'], leaves), 0.0,
+                                  (along > 0.0) & lit)
+                if self.options.shadows and f.any_(lit):
+                    shining = shining * through
+                glint = look['specular'] * shining
+            for index, channel in enumerate(look['colour']):
+                value = shade * channel if glint is None else shade * channel + glint
+                result[index] = result[index] + value * float(light[index])
+        return result, mirrored
+
+    def _power(self, base: DapArray, exponent: Any, leaves: list[int]) -> DapArray:
+        """base ** exponent; one pass for each exponent that the leaves have."""
+        if not isinstance(exponent, DapArray):
+            return base.power(int(exponent) if float(exponent).is_integer() else float(exponent))
+        result = self.caster.filled(1.0, base.shape)
+        for value in sorted({float(self.view.program.material[leaf, 3]) for leaf in leaves}):
+            raised = base.power(int(value) if value.is_integer() else value)
+            result.assign(raised, exponent.compare('eq', value))
+        return result
+
+    def _transmission(self, points: list, direction: Vector, distance: DapArray) -> DapArray:
+        """How much light comes along rays of some length: the product of transparencies in the way."""
+        program = self.view.program
+        light = self.caster.filled(1.0, distance.shape)
+        rays = Rays(tuple(points), direction)
+        for code in program.children:
+            spans = self._spans(code, rays, program.inverse[:, :3])
+            leaves = sorted({int(op) for op in code if op >= 0})
+            for column in range(0, len(spans.t), 2):
+                blocked = (spans.t[column] < distance - self.departure) & (spans.t[column + 1] > self.departure)
+                if not f.any_(blocked):
+                    continue
+                for leaf in leaves:
+                    first = leaf * FACE_SLOTS
+                    here = blocked & (spans.hit[column] >= first) & (spans.hit[column] < first + FACE_SLOTS)
+                    light.assign(light * float(program.material[leaf, 5]), here)
+        return light

@@ -1,0 +1,312 @@
+"""Compiled image loops: tiles of rows to finished pixels. One call does one thread's share."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+from ..program import TERRAIN
+from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
+from .secondary_rays import deep_row
+from .shade import light_run, normals_run, points_row
+from .terrain import ground_normals, ground_row
+from .tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
+
+INF = math.inf
+ZERO = np.uint64(0)
+
+
+class Plan(NamedTuple):
+    """What to render and how.
+
+    xs, ys : (w,), (h,) ray components of pixel centres; dx, dy : ray component of one pixel
+    rotation : (3, 4) scene_T_camera; tolerance : see program.View
+    span : (q, h, 2) pixels of each product in each row; band : (q, bands, 2) the same for bands of tile_size rows
+    listed_span : (k, 2) first and last row of each child to be evaluated by lists (rows only)
+    size : pixels a side of a tile; whole : no tiling; box : see RenderOptions
+    """
+
+    xs: np.ndarray
+    ys: np.ndarray
+    dx: float
+    dy: float
+    rotation: np.ndarray
+    tolerance: float
+    span: np.ndarray
+    band: np.ndarray
+    size: int
+    whole: bool
+    box: int
+
+
+class Target(NamedTuple):
+    """The arrays of a Frame."""
+
+    image: np.ndarray
+    depth: np.ndarray
+    primitive: np.ndarray
+    face: np.ndarray
+    object: np.ndarray
+    normal: np.ndarray
+
+
+@kernel
+def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_depth, size, span, band, near):
+    """Spans, bands and least depths of products from those of their leaves: an intersection lies in all its parts."""
+    height = leaf_span.shape[1]
+    for k in range(chosen.shape[0]):
+        q = chosen[k]
+        begin = product_start[q]
+        near[q] = 0.0
+        for b in range(band.shape[1]):
+            band[q, b, 0], band[q, b, 1] = 2**30, -1
+        for f in range(begin, begin + positive[q]):
+            near[q] = max(near[q], leaf_depth[factors[f]])
+        for row in range(height):
+            low, high = 0, 2**30
+            for f in range(begin, begin + positive[q]):
+                low = max(low, leaf_span[factors[f], row, 0])
+                high = min(high, leaf_span[factors[f], row, 1])
+            span[q, row, 0], span[q, row, 1] = low, high
+            if low <= high:
+                b = row // size
+                band[q, b, 0] = min(band[q, b, 0], low)
+                band[q, b, 1] = max(band[q, b, 1], high)
+
+
+@kernel
+def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, plan, ground):
+    """Nearest hits of the rays (s[X + j], y, 1), j < m, into DEPTH and HIT.
+
+    first, last : the pixels of this row that the rays lie in. offset : the pixel of ray 0 when rays are one a pixel,
+    or -1 when they are scattered over first..last. products[:count] are considered.
+    ground : the terrains, or None, which compiles without them
+    """
+    s = work.row
+    end = np.uint64(m)
+    for j in range(ZERO, end):
+        s[DEPTH + j] = INF
+        s[HIT + j] = NOTHING
+    drawn, doubtful = False, False
+    for k in range(count):
+        q = products[k]
+        low, high = 0, m
+        if not plan.whole:
+            left, right = plan.span[q, row, 0], plan.span[q, row, 1]
+            if left > last or right < first or left > right:
+                continue
+            if offset >= 0:
+                low, high = max(left - offset, 0), min(right + 1 - offset, m)
+                if low >= high:
+                    continue
+        j0, j1 = np.uint64(low), np.uint64(high)
+        if drawn:
+            # Front to back: a product all behind what is there already adds nothing.
+            nearest = eye.near[q] - 2.0 * plan.tolerance
+            open_pixels = 0
+            for j in range(j0, j1):
+                open_pixels += 1 if s[DEPTH + j] > nearest else 0
+            if open_pixels == 0:
+                continue
+        product_row(work.row, j0, j1, q, first + low if offset >= 0 else first,
+                    first + high - 1 if offset >= 0 else last, row, y, plan.tolerance, trees, eye, plan.whole,
+                    work.counts)
+        drawn = True
+        doubtful |= trees.doubt[q] > 0.0
+    if doubtful:
+        settle_row(s, m, y, plan.tolerance, trees, eye, work.times, work.hits, work.starts, work.counts)
+    for k in range(eye.listed.shape[0]):
+        list_row(s, ZERO, end, eye.listed[k], y, plan.tolerance, trees, eye, work.times, work.hits, work.starts,
+                 work.counts)
+    if ground is not None:
+        ground_row(s, end, y, ground, eye.local, plan.tolerance)
+
+
+@kernel
+def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
+    """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row.
+
+    deep : a Deep for shadows and more levels, or None, which compiles without all that
+    """
+    s = work.row
+    # Nothing is worked out for the background at both ends.
+    j, stop = 0, m
+    while stop > 0 and s[HIT + np.uint64(stop - 1)] < 0.0:
+        stop -= 1
+    while j < stop and s[HIT + np.uint64(j)] < 0.0:
+        j += 1
+    for k in range(ZERO, np.uint64(m)):
+        s[RED + k], s[GREEN + k], s[BLUE + k] = look.background[0], look.background[1], look.background[2]
+    begin = np.uint64(j)
+    points_row(s, begin, np.uint64(stop), y, plan.rotation)
+    while j < stop:
+        # A run of pixels that show one face has one normal formula and one set of constants.
+        first, hit = j, s[HIT + np.uint64(j)]
+        while j < stop and s[HIT + np.uint64(j)] == hit:
+            j += 1
+        j0, j1 = np.uint64(first), np.uint64(j)
+        if hit < 0.0:
+            continue
+        leaf = int(hit / LEAF_STEP)
+        face = int(hit - leaf * LEAF_STEP) // 2
+        normals_run(s, j0, j1, leaf, face, trees.kind[leaf], trees.inverse, look.flat)
+        if ground is not None:  # noqa: SIM102
+            if trees.kind[leaf] == TERRAIN:
+                ground_normals(s, j0, j1, leaf, ground, trees.inverse)
+        if coloured and deep is None:
+            light_run(s, j0, j1, leaf, face, look.colours, look.material, look.lights, look.light_colours,
+                      look.ambient_light)
+        else:
+            for k in range(j0, j1):
+                s[RED + k], s[GREEN + k], s[BLUE + k] = 0.0, 0.0, 0.0
+    # Two conditions: the first is settled when compiling, and with None the rest is left out.
+    if deep is not None:  # noqa: SIM102
+        if coloured:
+            deep_row(s, begin, np.uint64(stop), trees, look, work, deep, ground)
+    for k in range(ZERO, np.uint64(m)):
+        s[RED + k] = min(max(s[RED + k], 0.0), 1.0)
+        s[GREEN + k] = min(max(s[GREEN + k], 0.0), 1.0)
+        s[BLUE + k] = min(max(s[BLUE + k], 0.0), 1.0)
+
+
+@kernel
+def write_truth(s, m, row, left, target, object_of):
+    """Depth, ids and normals of a row of hits into the target, which holds background."""
+    for j in range(m):
+        k, column = np.uint64(j), left + j
+        hit = s[HIT + k]
+        if hit < 0.0:
+            continue
+        leaf = int(hit / LEAF_STEP)
+        rest = int(hit - leaf * LEAF_STEP)
+        # The outward normal faces the viewer, except on a wall seen from inside the solid (an odd code).
+        sign = -1.0 if rest & 1 else 1.0
+        target.depth[row, column] = s[DEPTH + k]
+        target.primitive[row, column] = leaf
+        target.face[row, column] = rest // 2
+        target.object[row, column] = object_of[leaf]
+        target.normal[row, column, 0] = sign * s[NX + k]
+        target.normal[row, column, 1] = sign * s[NY + k]
+        target.normal[row, column, 2] = sign * s[NZ + k]
+
+
+@kernel
+def byte(value):
+    """Linear 0..1 to 0..255, rounded."""
+    return np.uint8(min(max(value, 0.0), 1.0) * 255.0 + 0.5)
+
+
+@kernel
+def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ground, object_of):
+    """Every threads-th tile, starting with number ``thread``, of a target that holds background. Returns how many tiles
+    were not empty."""
+    s = work.row
+    height, width = target.depth.shape
+    across = (width + plan.size - 1) // plan.size
+    down = (height + plan.size - 1) // plan.size
+    products = work.products
+    active = 0
+    for tile in range(thread, across * down, threads):
+        b = tile // across
+        left, top = (tile % across) * plan.size, b * plan.size
+        right, bottom = min(left + plan.size, width), min(top + plan.size, height)
+        # A plain 0 would be a type of its own to begin with, for which hit_row would be compiled once more.
+        count = np.int64(0)
+        for i in range(eye.chosen.shape[0]):
+            q = eye.chosen[i]
+            if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
+                products[count] = q
+                count += 1
+        idle = count == 0 and eye.listed.shape[0] == 0
+        if ground is not None:
+            idle = False
+        if idle:
+            continue  # the frame came filled with background
+        active += 1
+        m = right - left
+        for row in range(top, bottom):
+            y = plan.ys[row]
+            for j in range(m):
+                s[X + np.uint64(j)] = plan.xs[left + j]
+            hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
+            colour_row(work, m, y, trees, look, plan, deep, ground, plan.box == 0)
+            write_truth(s, m, row, left, target, object_of)
+            if plan.box > 0:
+                n = plan.box
+                work.colours[:, :m] = 0.0
+                for sample in range(n * n):
+                    y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
+                    for j in range(m):
+                        s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
+                    hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
+                    colour_row(work, m, y, trees, look, plan, deep, ground, plan.box > 0)
+                    for j in range(ZERO, np.uint64(m)):
+                        work.colours[0, j] += s[RED + j]
+                        work.colours[1, j] += s[GREEN + j]
+                        work.colours[2, j] += s[BLUE + j]
+                for j in range(ZERO, np.uint64(m)):
+                    s[RED + j] = work.colours[0, j] / (n * n)
+                    s[GREEN + j] = work.colours[1, j] / (n * n)
+                    s[BLUE + j] = work.colours[2, j] / (n * n)
+            for j in range(m):
+                k = np.uint64(j)
+                target.image[row, left + j, 0] = byte(s[RED + k])
+                target.image[row, left + j, 1] = byte(s[GREEN + k])
+                target.image[row, left + j, 2] = byte(s[BLUE + k])
+    return active
+
+
+@kernel
+def on_boundary(target, row, column):
+    """Does one of the eight neighbours show another face?"""
+    height, width = target.depth.shape
+    primitive, face = target.primitive[row, column], target.face[row, column]
+    for r in range(max(row - 1, 0), min(row + 2, height)):
+        for c in range(max(column - 1, 0), min(column + 2, width)):
+            if target.primitive[r, c] != primitive or target.face[r, c] != face:
+                return True
+    return False
+
+
+@njit(error_model='numpy', nogil=True)
+def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, ground, weights, offsets):
+    """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
+    s = work.row
+    height, width = target.depth.shape
+    most = min(64, STRIDE // 3)
+    columns = np.empty(most, np.int64)
+    nine = np.empty((3, most))
+    for row in range(thread, height, threads):
+        column = 0
+        while column < width:
+            # Boundary pixels of a stretch of this row, so that the stretch says which products matter.
+            count, stop = np.int64(0), min(column + most, width)
+            while column < stop:
+                if on_boundary(target, row, column):
+                    columns[count] = column
+                    count += 1
+                column += 1
+            if count == 0:
+                continue
+            nine[:, :count] = 0.0
+            for v in range(3):
+                y = plan.ys[row] + offsets[v] * plan.dy
+                for pixel in range(count):
+                    for u in range(3):
+                        s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
+                hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
+                        trees, eye, plan, ground)
+                colour_row(work, 3 * count, y, trees, look, plan, deep, ground, plan.box == 0)
+                for pixel in range(count):
+                    for u in range(3):
+                        ray = np.uint64(3 * pixel + u)
+                        nine[0, pixel] += weights[v, u] * s[RED + ray]
+                        nine[1, pixel] += weights[v, u] * s[GREEN + ray]
+                        nine[2, pixel] += weights[v, u] * s[BLUE + ray]
+            for pixel in range(count):
+                for channel in range(3):
+                    target.image[row, columns[pixel], channel] = byte(nine[channel, pixel])

@@ -1,0 +1,178 @@
+"""Compiled terrain: rays walked cell by cell over height grids (see terrain.py)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .rows import DEPTH, HIT, NX, PX, STRIDE, VX, X, kernel
+from .tree import LEAF_STEP, NOTHING
+
+INF = math.inf
+ZERO, ONE = np.uint64(0), np.uint64(STRIDE)
+
+
+class Ground(NamedTuple):
+    """The terrains of a program. g grids.
+
+    leaf : (g,) int64; heights : (sum of points,) float64, row by row; start, rows, columns : (g,) int64
+    bilinear : (g,) bool; low, high : (g,) least and greatest height
+    """
+
+    leaf: np.ndarray
+    heights: np.ndarray
+    start: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    bilinear: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@kernel
+def crossing_in_cell(a, b, c, d, bilinear, fx, fy, z, u, v, w, length):
+    """Smallest s in 0..length where a ray meets a cell's ground, else inf. It starts at (fx, fy, z) of the cell."""
+    start = z - a - (b - a) * fx - (c - a) * fy
+    if bilinear:
+        k = a - b - c + d
+        start -= k * fx * fy
+        square = -k * u * v
+        linear = w - (b - a) * u - (c - a) * v - k * (fx * v + fy * u)
+        stop = start + length * (linear + length * square)
+        # Both ends on one side: the ray may only dip through in between, where the slope changes its sign.
+        if start * stop > 0.0 and (square == 0.0 or linear * (linear + 2.0 * square * length) >= 0.0):
+            return INF
+        root = linear * linear - 4.0 * square * start
+        if root < 0.0:
+            return INF
+        q = -0.5 * (linear + math.copysign(math.sqrt(root), linear))
+        first = start / q if q != 0.0 else 0.0
+        second = q / square if square != 0.0 else INF
+        if second < first:
+            first, second = second, first
+        slack = 1e-12 * (1.0 + length)
+        if -slack <= first <= length + slack:
+            return first
+        return second if -slack <= second <= length + slack else INF
+    # Two planes that meet on the diagonal: the height above ground is linear up to it and linear beyond it.
+    k = a - b - c + d
+    above = fx + fy > 1.0
+    begin, value = 0.0, start - (k * (fx + fy - 1.0) if above else 0.0)
+    rate = u + v
+    middle = (1.0 - fx - fy) / rate if rate != 0.0 else -1.0
+    for step in range(2):
+        end = middle if step == 0 and 0.0 < middle < length else length
+        x, y = fx + end * u, fy + end * v
+        following = z + end * w - a - (b - a) * x - (c - a) * y
+        following -= k * (x + y - 1.0) if x + y > 1.0 else 0.0
+        if value == 0.0:
+            return begin
+        if (value < 0.0) != (following < 0.0) or following == 0.0:
+            return begin + (end - begin) * value / (value - following)
+        if end == length:
+            return INF
+        begin, value = end, following
+    return INF
+
+
+@kernel
+def walk(ground, g, ox, oy, oz, u, v, w, nearest, farthest):
+    """Where a ray of the grid frame first meets the ground between nearest and farthest, inf if nowhere."""
+    rows, columns, base = ground.rows[g], ground.columns[g], ground.start[g]
+    enter, leave = nearest, farthest
+    for axis in range(3):
+        o = ox if axis == 0 else oy if axis == 1 else oz
+        d = u if axis == 0 else v if axis == 1 else w
+        low = 0.0 if axis < 2 else ground.low[g]
+        high = columns - 1.0 if axis == 0 else rows - 1.0 if axis == 1 else ground.high[g]
+        slack = 1e-9 * (1.0 + abs(low) + abs(high)) if axis == 2 else 0.0
+        if d == 0.0:
+            if o < low - slack or o > high + slack:
+                return INF
+            continue
+        p, q = (low - slack - o) / d, (high + slack - o) / d
+        enter, leave = max(enter, min(p, q)), min(leave, max(p, q))
+    if not enter <= leave:
+        return INF
+    i = int(min(max(math.floor(ox + enter * u), 0.0), columns - 2.0))
+    j = int(min(max(math.floor(oy + enter * v), 0.0), rows - 2.0))
+    t = enter
+    while True:
+        # Where the ray leaves this cell, through a column line or a row line.
+        to_x = ((i + 1 if u > 0.0 else i) - ox) / u if u != 0.0 else INF
+        to_y = ((j + 1 if v > 0.0 else j) - oy) / v if v != 0.0 else INF
+        stop = min(to_x, to_y, leave)
+        if stop >= t:
+            k = base + j * columns + i
+            found = crossing_in_cell(ground.heights[k], ground.heights[k + 1], ground.heights[k + columns],
+                                     ground.heights[k + columns + 1], ground.bilinear[g], ox + t * u - i,
+                                     oy + t * v - j, oz + t * w, u, v, w, stop - t)
+            if found < INF:
+                return t + found
+            t = stop
+        if stop >= leave:
+            return INF
+        if to_x <= to_y:
+            i += 1 if u > 0.0 else -1
+        else:
+            j += 1 if v > 0.0 else -1
+        if i < 0 or j < 0 or i > columns - 2 or j > rows - 2:
+            return INF
+
+
+@kernel
+def ground_ray(ground, g, m, ox, oy, oz, dx, dy, dz, nearest, farthest):
+    """As walk, for a ray of the frame that m (3, 4) takes to the grid frame."""
+    return walk(ground, g, m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz + m[0, 3],
+                m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz + m[1, 3],
+                m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz + m[2, 3],
+                m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz), m[1, 0] * dx + (m[1, 1] * dy + m[1, 2] * dz),
+                m[2, 0] * dx + (m[2, 1] * dy + m[2, 2] * dz), nearest, farthest)
+
+
+@kernel
+def ground_row(s, end, y, ground, local, tolerance):
+    """Merge the ground into DEPTH and HIT of a row of camera rays."""
+    for g in range(ground.leaf.shape[0]):
+        leaf = ground.leaf[g]
+        code = leaf * LEAF_STEP
+        for j in range(ZERO, end):
+            depth = s[DEPTH + j]
+            t = ground_ray(ground, g, local[leaf], 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, depth + tolerance)
+            if t < depth - tolerance or (t <= depth + tolerance and code < s[HIT + j]) or (
+                    t < INF and s[HIT + j] == NOTHING):
+                s[DEPTH + j], s[HIT + j] = t, code
+
+
+@kernel
+def ground_normals(s, j0, j1, leaf, ground, inverse):
+    """As normals_run, for a run of pixels that show the ground."""
+    m = inverse[leaf]
+    g = 0
+    while ground.leaf[g] != leaf:
+        g += 1
+    columns, rows = ground.columns[g], ground.rows[g]
+    for k in range(j0, j1):
+        px, py, pz = s[PX + k], s[PX + ONE + k], s[PX + ONE + ONE + k]
+        x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
+        y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
+        i, j = int(min(max(math.floor(x), 0.0), columns - 2.0)), int(min(max(math.floor(y), 0.0), rows - 2.0))
+        fx, fy = x - i, y - j
+        at = ground.start[g] + j * columns + i
+        a, b = ground.heights[at], ground.heights[at + 1]
+        c, d = ground.heights[at + columns], ground.heights[at + columns + 1]
+        if ground.bilinear[g]:
+            sx, sy = (b - a) + (a - b - c + d) * fy, (c - a) + (a - b - c + d) * fx
+        elif fx + fy <= 1.0:
+            sx, sy = b - a, c - a
+        else:
+            sx, sy = d - c, d - b
+        nx = -m[0, 0] * sx - m[1, 0] * sy + m[2, 0]
+        ny = -m[0, 1] * sx - m[1, 1] * sy + m[2, 1]
+        nz = -m[0, 2] * sx - m[1, 2] * sy + m[2, 2]
+        scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+        if nx * s[VX + k] + ny * s[VX + ONE + k] + nz * s[VX + ONE + ONE + k] > 0.0:
+            scale = -scale
+        s[NX + k], s[NX + ONE + k], s[NX + ONE + ONE + k] = scale * nx, scale * ny, scale * nz

@@ -1,0 +1,321 @@
+"""Compiled CSG: first entries of products for rows of pixels, and merged lists of boundaries for single rays.
+
+The rules are those of reference.py: boundaries within the tolerance are one place and belong to the lowest leaf there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..program import INTERSECT, UNION
+from ..reference import FAR, PARALLEL, TINY
+from .rows import (
+    CODE,
+    CUTTER_PARTS,
+    CUTTERS,
+    DEPTH,
+    END,
+    ENTRY,
+    FACE_IN,
+    FACE_OUT,
+    FAR_,
+    HIT,
+    NEAR,
+    X,
+    kernel,
+    leaf_row,
+    leaf_span,
+)
+
+INF = math.inf
+# Hits are written leaf * LEAF_STEP + face * FACE_STEP + (1 when the ray leaves the solid there).
+LEAF_STEP, FACE_STEP = 16.0, 2.0
+# Added to hits of which products cannot say for certain whose face it is (see settle_row), a few times at most.
+DOUBT = 1.0 / 1024.0
+NOTHING = -1.0
+
+
+class Trees(NamedTuple):
+    """The children of a program, flattened. c children, q products.
+
+    product_start : (q + 1,) into factors, the leaves of each product, its ``positive`` (q,) positives first
+    doubt : (q,) float64, DOUBT for one of several products of a child, 0 for a child's only one
+    code_start : (c + 1,) into code and jump: postfix programs; after code[i], an empty list on the stack lets the
+        program go on at jump[i], if that is not 0 (early out, Roth 1982)
+    simple : (c,) the leaf of a child that is a single leaf, else -1; child_of : (n,) the child of each leaf
+    box : (6, c) bounds of each child in the scene frame: low x y z, high x y z, metres
+    kind : (n,) of the leaves; inverse : (n, 3, 4) unit frame from scene; halfspaces : (n,)
+    sphere : (n, 4) about each leaf in the scene frame: centre and squared radius
+    """
+
+    product_start: np.ndarray
+    positive: np.ndarray
+    doubt: np.ndarray
+    factors: np.ndarray
+    code_start: np.ndarray
+    code: np.ndarray
+    jump: np.ndarray
+    simple: np.ndarray
+    child_of: np.ndarray
+    box: np.ndarray
+    kind: np.ndarray
+    inverse: np.ndarray
+    sphere: np.ndarray
+    halfspaces: np.ndarray
+
+
+class Eye(NamedTuple):
+    """Leaves seen by a camera. n leaves.
+
+    local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
+    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in Trees, camera frame
+    span : (n, h, 2) int32, first and last pixel of each image row that the leaf may touch; first > last: none
+    near : (q,) least depth of each product
+    listed : (k,) children to evaluate by lists; chosen : (p,) products to evaluate, front to back
+    """
+
+    local: np.ndarray
+    origin: np.ndarray
+    limit: np.ndarray
+    sphere: np.ndarray
+    span: np.ndarray
+    near: np.ndarray
+    listed: np.ndarray
+    chosen: np.ndarray
+
+
+@kernel
+def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole, counts):
+    """Merge the first entries of product q, on rays (s[X + j], y, 1) for j0 <= j < j1, into DEPTH and HIT.
+
+    first, last, row : the pixels that the rays lie in, for the spans of the cutters; whole : ignore the spans
+    counts : (3,) int64: intersections, nodes, combines are added
+    """
+    begin, end = trees.product_start[q], trees.product_start[q + 1]
+    split = begin + trees.positive[q]
+    mark = trees.doubt[q]
+    n = np.int64(j1 - j0)
+    for j in range(j0, j1):
+        s[ENTRY + j] = -INF
+        s[END + j] = INF
+        s[CODE + j] = NOTHING
+    for f in range(begin, split):
+        leaf = trees.factors[f]
+        leaf_row(s, j0, j1, trees.kind[leaf], leaf, eye.local, eye.origin, eye.limit, y)
+        counts[0] += n * trees.halfspaces[leaf]
+        code = leaf * LEAF_STEP
+        for j in range(j0, j1):
+            near, entry, here = s[NEAR + j], s[ENTRY + j], code + FACE_STEP * s[FACE_IN + j]
+            # A touch is no hit: a span thinner than the tolerance is none.
+            far = s[FAR_ + j]
+            far = far if far - near > tolerance else -INF
+            before = s[CODE + j]
+            later = near > entry + tolerance
+            tied = (near >= entry - tolerance) & (not later)
+            take = later | (tied & (here < before))
+            s[ENTRY + j] = near if take else entry
+            s[CODE + j] = (here if take else before) + (mark if tied else 0.0)
+            so_far = s[END + j]
+            s[END + j] = far if far < so_far else so_far
+    alive = 0
+    for j in range(j0, j1):
+        entry = s[ENTRY + j]
+        behind = entry <= tolerance
+        s[CODE + j] = NOTHING if behind else s[CODE + j]
+        entry = tolerance if behind else entry
+        s[ENTRY + j] = entry
+        alive += 1 if (entry < s[END + j] - tolerance) & (entry <= s[DEPTH + j] + tolerance) else 0
+    counts[1] += n * (2 * (split - begin) - 1)
+    counts[2] += n * (split - begin)
+    if alive == 0:
+        return
+    slots = np.uint64(0)
+    for f in range(split, end):
+        leaf = trees.factors[f]
+        if not whole and (eye.span[leaf, row, 0] > last or eye.span[leaf, row, 1] < first):
+            continue
+        leaf_row(s, j0, j1, trees.kind[leaf], leaf, eye.local, eye.origin, eye.limit, y)
+        counts[0] += n * trees.halfspaces[leaf]
+        counts[1] += 2 * n
+        counts[2] += n
+        base = CUTTERS + slots * CUTTER_PARTS
+        slots += np.uint64(1)
+        code = leaf * LEAF_STEP
+        for j in range(j0, j1):
+            near, far = s[NEAR + j], s[FAR_ + j]
+            s[base + j] = near
+            s[base + X_FAR + j] = far if far - near > tolerance else -INF
+            s[base + X_CODE + j] = code + FACE_STEP * s[FACE_OUT + j]
+    # Each pass moves entries on through cutters that cover them; the last one changes nothing.
+    moved = 1
+    while moved > 0:
+        moved = 0
+        for slot in range(np.uint64(0), slots):
+            base = CUTTERS + slot * CUTTER_PARTS
+            for j in range(j0, j1):
+                entry, code = s[ENTRY + j], s[CODE + j]
+                near, far, here = s[base + j], s[base + X_FAR + j], s[base + X_CODE + j]
+                covers = (near <= entry + tolerance) & (far > entry + tolerance)
+                tied = (near < entry - tolerance) & (far >= entry - tolerance) & (not covers) & (code != here)
+                s[ENTRY + j] = far if covers else entry
+                s[CODE + j] = here if covers | (tied & (here < code)) else code + (mark if tied else 0.0)
+                moved += 1 if covers else 0
+        if slots < 2:
+            break
+    for j in range(j0, j1):
+        entry, code, depth, hit = s[ENTRY + j], s[CODE + j], s[DEPTH + j], s[HIT + j]
+        seen = (entry < s[END + j] - tolerance) & (code >= 0.0)
+        nearer = entry < depth - tolerance
+        tied = (entry <= depth + tolerance) & (not nearer)
+        take = seen & (nearer | (tied & (code < hit)))
+        s[DEPTH + j] = entry if take else depth
+        s[HIT + j] = (code if take else hit) + (mark if seen & tied & (code != hit) else 0.0)
+
+
+X_FAR, X_CODE = NEAR, FAR_  # offsets of a cutter's second and third part: one and two strides
+
+
+@kernel
+def local_span(kind, m, ox, oy, oz, dx, dy, dz):
+    """near, far, face_in, face_out of one ray, given in the frame that m (3, 4) takes to the leaf's unit frame."""
+    lx = m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz)
+    ly = m[1, 0] * dx + (m[1, 1] * dy + m[1, 2] * dz)
+    lz = m[2, 0] * dx + (m[2, 1] * dy + m[2, 2] * dz)
+    lx = TINY if abs(lx) < PARALLEL * (abs(m[0, 0]) + abs(m[0, 1]) + abs(m[0, 2])) else lx
+    ly = TINY if abs(ly) < PARALLEL * (abs(m[1, 0]) + abs(m[1, 1]) + abs(m[1, 2])) else ly
+    lz = TINY if abs(lz) < PARALLEL * (abs(m[2, 0]) + abs(m[2, 1]) + abs(m[2, 2])) else lz
+    px = m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz + m[0, 3]
+    py = m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz + m[1, 3]
+    pz = m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz + m[2, 3]
+    nx, ny, nz = round(px), round(py), round(pz)
+    px = nx if abs(px - nx) < PARALLEL * (1.0 + abs(m[0, 3])) else px
+    py = ny if abs(py - ny) < PARALLEL * (1.0 + abs(m[1, 3])) else py
+    pz = nz if abs(pz - nz) < PARALLEL * (1.0 + abs(m[2, 3])) else pz
+    return leaf_span(kind, px, py, pz, lx, ly, lz)
+
+
+@kernel
+def combine(op, times, hits, start, middle, end, tolerance):
+    """Merge the lists [start, middle) and [middle, end) into one at start; its end is returned.
+
+    The room beyond ``end`` is used for the merging.
+    """
+    i, j, out = start, middle, end
+    left, right, inside = False, False, False
+    while i < middle or j < end:
+        place = INF
+        if i < middle:
+            place = times[i]
+        if j < end and times[j] < place:
+            place = times[j]
+        best_time, best_hit = INF, INF
+        while True:
+            take_left = i < middle and (j >= end or times[i] <= times[j])
+            if not take_left and j >= end:
+                break
+            k = i if take_left else j
+            if times[k] - place > tolerance:
+                break
+            if np.floor(hits[k] / LEAF_STEP) < np.floor(best_hit / LEAF_STEP):
+                best_time, best_hit = times[k], hits[k]
+            if take_left:
+                left = not left
+                i += 1
+            else:
+                right = not right
+                j += 1
+        if op == UNION:
+            now = left or right
+        elif op == INTERSECT:
+            now = left and right
+        else:
+            now = left and not right
+        if now != inside:
+            times[out], hits[out] = best_time, best_hit
+            out += 1
+            inside = now
+    count = out - end
+    for k in range(count):
+        times[start + k], hits[start + k] = times[end + k], hits[end + k]
+    return start + count
+
+
+@kernel
+def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
+    """All boundaries of a child along a ray, into times and hits; how many is returned.
+
+    matrices : (n, 3, 4) from the ray's frame to the unit frames; spheres : (n, 4) about the leaves in the ray's frame,
+    centre and squared radius. times, hits : room for 4 boundaries a leaf; starts : room for a stack of leaves.
+    """
+    depth = 0
+    end = 0
+    square = dx * dx + dy * dy + dz * dz
+    i = trees.code_start[child]
+    stop = trees.code_start[child + 1]
+    while i < stop:
+        op = trees.code[i]
+        counts[1] += 1
+        if op >= 0:
+            starts[depth] = end
+            depth += 1
+            cx, cy, cz = spheres[op, 0] - ox, spheres[op, 1] - oy, spheres[op, 2] - oz
+            along = cx * dx + cy * dy + cz * dz
+            near, far, face_in, face_out = INF, -INF, 0.0, 0.0
+            if (cx * cx + cy * cy + cz * cz - spheres[op, 3]) * square <= along * along:
+                near, far, face_in, face_out = local_span(trees.kind[op], matrices[op], ox, oy, oz, dx, dy, dz)
+                counts[0] += trees.halfspaces[op]
+            if far - near > tolerance:
+                times[end], hits[end] = near, op * LEAF_STEP + FACE_STEP * face_in
+                times[end + 1], hits[end + 1] = far, op * LEAF_STEP + FACE_STEP * face_out
+                end += 2
+        else:
+            counts[2] += 1
+            if starts[depth - 1] < end:
+                end = combine(op, times, hits, starts[depth - 2], starts[depth - 1], end, tolerance)
+            elif op == INTERSECT:
+                end = starts[depth - 2]
+            depth -= 1
+        while trees.jump[i] > 0 and end == starts[depth - 1]:
+            i = trees.jump[i] - 1
+        i += 1
+    return end
+
+
+@kernel
+def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, counts):
+    """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
+    for j in range(j0, j1):
+        count = child_list(trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits,
+                           starts, counts)
+        for k in range(count):
+            if tolerance < times[k] < 0.5 * FAR:
+                entry, code, depth = times[k], hits[k] + (k % 2), s[DEPTH + j]
+                if entry < depth - tolerance or (entry <= depth + tolerance and code < s[HIT + j]):
+                    s[DEPTH + j], s[HIT + j] = entry, code
+                break
+
+
+@kernel
+def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
+    """Ask the trees where products were in doubt.
+
+    Where several faces coincide, the products of a tree may disagree with it on whose face bounds the solid: what
+    bounds one product may be inside the next. The place is certain, and a list of boundaries names the face.
+    """
+    for k in range(m):
+        j = np.uint64(k)
+        hit = s[HIT + j]
+        if hit < 0.0 or hit == np.floor(hit):
+            continue
+        s[HIT + j] = np.floor(hit)
+        child = trees.child_of[int(hit / LEAF_STEP)]
+        count = child_list(trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits,
+                           starts, counts)
+        for i in range(0, count, 2):
+            if times[i] > tolerance:
+                if abs(times[i] - s[DEPTH + j]) <= 2.0 * tolerance:
+                    s[DEPTH + j], s[HIT + j] = times[i], hits[i]
+                break

@@ -1,0 +1,151 @@
+"""Render a scene: the facade that library users, the command line and the node call."""
+
+from __future__ import annotations
+
+import importlib
+import time
+
+import numpy as np
+
+from msgs_py import PinholeCamera, Pose, StereoRig
+
+from ..scene.scene import Scene
+from .frame import Frame, RenderOptions
+from .program import program_of
+
+# Where each engine lives. A module has render(scene, camera, camera_T_scene, options) -> Frame; it is imported when
+# first asked for, because one compiles and another needs the array machine.
+ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'engine_dap'}
+
+# What is used when neither the caller nor the scene file names a camera: 512 x 512 pixels and a focal length of
+# 703 pixels, a field of view of 40 degrees.
+DEFAULT_SIZE = 512
+DEFAULT_FOCAL = 703.0
+# Baseline : distance when nobody names a baseline (thesis: about 1 : 5).
+DEFAULT_BASELINE_RATIO = 5.0
+
+
+def default_camera(width: int = DEFAULT_SIZE, height: int | None = None) -> PinholeCamera:
+    """The centred camera used when none is given; its field of view across is the same at every size."""
+    return PinholeCamera.centred(width, width if height is None else height, DEFAULT_FOCAL * width / DEFAULT_SIZE)
+
+
+def default_rig(scene: Scene, camera: PinholeCamera | None = None, baseline: float | None = None) -> StereoRig:
+    """The scene's camera twice, ``baseline`` metres apart: the scene's own, or its distance / 5.
+
+    Raises ValueError, naming baseline, when there is nothing in front of the camera to measure a distance to.
+    """
+    camera = camera or scene.camera or default_camera()
+    baseline = baseline or scene.baseline
+    if baseline is None:
+        distance = scene_distance(scene)
+        if not distance > 0.0:
+            raise ValueError('baseline: the scene names none, and no solid in front of the camera suggests one')
+        baseline = distance / DEFAULT_BASELINE_RATIO
+    return StereoRig.symmetric(camera, baseline)
+
+
+def scene_rig(scene: Scene, width: int = 0, height: int = 0, focal: float = 0.0, baseline: float = 0.0) -> StereoRig:
+    """The rig of a scene with some things changed; 0 leaves one as the scene says (or as the defaults are).
+
+    width, height, focal : pixels; baseline : metres. The focal length follows the width; the principal point keeps its
+    place in the image.
+    Raises ValueError, naming the argument.
+    """
+    camera = scene.camera or default_camera()
+    if width or height or focal:
+        columns = width or (camera.width if not height else round(camera.width * height / camera.height))
+        rows = height or round(camera.height * columns / camera.width)
+        across, down = columns / camera.width, rows / camera.height
+        fx = focal or camera.fx * across
+        camera = PinholeCamera(columns, rows, fx, fx * camera.fy / camera.fx,
+                               (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5)
+    return default_rig(scene, camera, baseline or None)
+
+
+def scene_distance(scene: Scene) -> float:
+    """Metres along the camera's z to the models in front of it: to the origins of those that a Placement moved there
+    (their mean), else to the middle of what is in front; 0 when nothing is."""
+    origins = np.array([placement.matrix[:3, 3] for placement in scene.placements]).reshape(-1, 3)
+    for points in (origins, program_of(scene).outline):
+        depths = scene.camera_T_scene.apply(points)[:, 2]
+        if (depths > 0.0).any():
+            return float(depths[depths > 0.0].mean())
+    return 0.0
+
+
+def viewing_hints(scene: Scene) -> list[str]:
+    """What makes pictures of the scene poor though nothing is wrong with it, a line each: a part drawn where it was
+    modelled, about the camera, and a scene without light."""
+    hints = []
+    depths = scene.camera_T_scene.apply(program_of(scene).outline)[:, 2]
+    if len(depths) and depths.max() <= 0.0:
+        hints.append('all of it is behind the camera, which looks along z; AT (x, y, z) moves what DRAW draws')
+    elif len(scene.placements) == 1 and len(depths) and depths.min() <= 0.0:
+        hints.append('the camera, at the origin, is within or beside it; AT (0, 0, z) of DRAW moves it in front')
+    if len(depths) and not scene.lights:
+        hints.append('no LIGHT: with ambient light alone the faces of one colour look the same')
+    return hints
+
+
+def render(scene: Scene, camera: PinholeCamera | None = None, world_to_camera: Pose | None = None,
+           engine: str = 'native', tiling: bool = True, levels: int = 1, antialias: bool | int = False,
+           shadows: bool = False, **options: int) -> Frame:
+    """Ray cast (levels=1) or ray trace a scene.
+
+    camera : the scene's own by default, else :func:`default_camera`
+    world_to_camera : camera_T_scene; the scene's own by default (the identity unless the file places its camera)
+    engine : 'native' (compiled), 'dap' (the emulated array machine) or 'reference' (plain numpy, slow); the same image
+    tiling, levels, antialias, shadows, and options tile_size, threads : see :class:`RenderOptions`
+    Raises ValueError, naming the argument, and TypeError for what is no Scene.
+    """
+    camera = camera or _checked(scene).camera or default_camera()
+    pose = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
+    chosen = RenderOptions(tiling=tiling, levels=levels, antialias=antialias, shadows=shadows, **options)
+    return _render_views(scene, [(camera, pose)], engine, chosen)[0]
+
+
+def render_stereo(scene: Scene, rig: StereoRig | None = None, world_to_camera: Pose | None = None,
+                  engine: str = 'native', **options) -> tuple[Frame, Frame]:
+    """A rectified pair, (left, right). world_to_camera places the left camera; options as for :func:`render`.
+
+    rig : :func:`default_rig` of the scene by default
+    """
+    rig = rig or default_rig(_checked(scene))
+    left = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
+    # Along the camera's x whatever the scale of the pose: baselines are metres of the camera frame.
+    right = Pose(left.rotation, left.translation + rig.right_T_left, left.scale)
+    frames = _render_views(scene, [(rig.left, left), (rig.right, right)], engine, RenderOptions(**options))
+    return frames[0], frames[1]
+
+
+def _checked(scene: Scene) -> Scene:
+    if not isinstance(scene, Scene):
+        raise TypeError(f'scene: expected a Scene, got {type(scene).__name__}')
+    return scene
+
+
+def _render_views(scene: Scene, views: list[tuple[PinholeCamera, Pose]], engine: str,
+                  options: RenderOptions) -> list[Frame]:
+    """Frames of several views; an engine that can share work between them has render_views."""
+    module = _engine(engine)
+    start = time.perf_counter()
+    if hasattr(module, 'render_views'):
+        frames = module.render_views(_checked(scene), views, options)
+    else:
+        frames = [module.render(_checked(scene), camera, pose, options) for camera, pose in views]
+    for frame in frames:
+        frame.stats.seconds = (time.perf_counter() - start) / len(views)
+    return frames
+
+
+def _engine(name: str):
+    if name not in ENGINES:
+        raise ValueError(f'engine: expected one of {", ".join(ENGINES)}, got {name!r}')
+    module = f'{__package__}.{ENGINES[name]}'
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        raise ValueError(f'engine: {name!r} is not part of this installation') from None

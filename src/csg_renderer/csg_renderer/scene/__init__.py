@@ -1,0 +1,1 @@
+"""Solids, surfaces, terrains and lights: what a scene is made of."""

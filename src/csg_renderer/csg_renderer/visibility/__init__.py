@@ -1,0 +1,1 @@
+"""Which parts of edges and contours a camera sees."""

@@ -1,0 +1,52 @@
+"""Occluding contours: where an eye's rays touch the curved surfaces of a solid.
+
+The rays from a point that touch a quadric do so in one plane, the point's polar plane, so a contour is a conic or a
+pair of rulings like any other tentative curve (Semple & Kneebone, Algebraic projective geometry). It depends on the
+eye and is no crease: a stereo pair sees two different ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..brep.conics import section
+from ..brep.pieces import Pieces, conic_pieces, line_pieces
+from ..brep.surfaces import SurfaceTable
+from .image_cuts import Wires
+
+
+def contours(table: SurfaceTable, eye: np.ndarray) -> Wires:
+    """The contours of a solid's boundary from an eye (3,), model frame, metres; hidden parts are not removed."""
+    origin = np.append(table.normalised(eye), 1.0)
+    parts = []
+    for k, quadric in enumerate(table.quadrics):
+        polar = quadric @ origin
+        if np.linalg.norm(polar[:3]) <= 1e-12:
+            continue
+        conics, lines = section(table, k, polar / np.linalg.norm(polar[:3]))
+        parts.append(_on_boundary(table, len(table.planes) + k, conics, lines))
+    matrix = np.diag([table.size] * 3 + [1.0])
+    matrix[:3, 3] = table.centre
+    return Wires.concatenate(parts).moved(matrix)
+
+
+def _on_boundary(table: SurfaceTable, group: int, conics: list[np.ndarray],
+                 lines: list[tuple[np.ndarray, np.ndarray]]) -> Wires:
+    """The pieces of a quadric's contour where the quadric is the solid's boundary; normalised frame."""
+    point = np.array([line[0] for line in lines]).reshape(-1, 3)
+    direction = np.array([line[1] for line in lines]).reshape(-1, 3)
+    straight = line_pieces(table, point, direction, faces=1)
+    rows = _owned(straight, group)
+    k = straight.curve[rows]
+    segment = np.stack([point[k] + straight.low[rows, None] * direction[k],
+                        point[k] + straight.high[rows, None] * direction[k]], axis=1)
+    conic = np.array(conics).reshape(-1, 4, 3)
+    curved = conic_pieces(table, conic, np.zeros((0, 4)), faces=1)
+    rows = _owned(curved, group)
+    return Wires(segment, conic[curved.curve[rows]], curved.low[rows], curved.high[rows])
+
+
+def _owned(pieces: Pieces, group: int) -> np.ndarray:
+    """Pieces where the group is a smooth sheet of the boundary."""
+    rows = np.unique(pieces.branches.point[pieces.branches.group == group])
+    return rows[~pieces.branches.crease[rows]]

@@ -1,0 +1,210 @@
+"""Found against true: the measures of closed-form testing (thesis 4.12).
+
+Everything here compares plain values with a truth that is known because the image was rendered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from csg_renderer import Frame, Scene
+from csg_renderer.scene.solid import FACES
+from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseError
+
+# A found edge belongs to a true one when it is this close to parallel, and both its ends are this close to it.
+SAME_DIRECTION_DEG = 10.0
+SAME_PLACE_M = 0.003
+# A pairing is judged by where the ends lie, more strictly; the direction of an edge of a few millimetres says little,
+# and only has to tell it from its neighbours.
+PAIRED_DIRECTION_DEG = 30.0
+PAIRED_PLACE_M = 0.0015
+# A true edge counts as found when this part of it is covered.
+COVERED = 0.5
+
+
+@dataclass(frozen=True)
+class EdgeComparison:
+    """How well straight edges were recovered. Lengths and distances in metres, angles in degrees.
+
+    true_index : (n found,) int, which true edge each found one belongs to, -1 for none
+    covered : (n true,) float, the part of each true edge that found edges cover, 0..1
+    direction_deg : (n found,) angle to its true edge; across_m : (n found, 2) distance of its ends from the true line;
+    both NaN where it belongs to none
+    """
+
+    true_index: np.ndarray
+    covered: np.ndarray
+    true_lengths: np.ndarray
+    direction_deg: np.ndarray
+    across_m: np.ndarray
+
+    @property
+    def edges_found(self) -> int:
+        return int((self.covered >= COVERED).sum())
+
+    @property
+    def recall(self) -> float:
+        """The part of the true length that was found."""
+        total = self.true_lengths.sum()
+        return float((self.covered * self.true_lengths).sum() / total) if total > 0 else float('nan')
+
+    @property
+    def precision(self) -> float:
+        """The part of the found edges that belong to a true one."""
+        return float((self.true_index >= 0).mean()) if len(self.true_index) else float('nan')
+
+    def summary(self) -> dict[str, float | int | None]:
+        """The figures by name; None (JSON has no NaN) for those that nothing was found to compute from."""
+        good = self.true_index >= 0
+        figures: dict[str, float | int] = {
+            'true_edges': len(self.covered), 'found_edges': len(self.true_index), 'true_edges_found': self.edges_found,
+            'false_edges': int((~good).sum()), 'recall_of_length': self.recall, 'precision': self.precision,
+            'direction_error_deg_median': _median(self.direction_deg[good]),
+            'distance_from_line_m_median': _median(self.across_m[good]),
+        }
+        return {name: figure if np.isfinite(figure) else None for name, figure in figures.items()}
+
+
+def compare_edges(true: FeatureSet, found: FeatureSet, same_direction_deg: float = SAME_DIRECTION_DEG,
+                  same_place_m: float = SAME_PLACE_M) -> EdgeComparison:
+    """Straight edges found against the true visible ones; both in the same frame, other kinds left out."""
+    true, found = true.of_kind(FeatureKind.EDGE), found.of_kind(FeatureKind.EDGE)
+    n, m = len(true), len(found)
+    if n == 0 or m == 0:
+        return EdgeComparison(np.full(m, -1), np.zeros(n), true.lengths, np.full(m, np.nan), np.full((m, 2), np.nan))
+    cosine = np.abs(found.directions @ true.directions.T)
+    angle = np.degrees(np.arctan2(_sine(found.directions, true.directions), cosine))
+    ends = np.stack([found.start, found.end], axis=1)
+    offset = ends[:, None] - true.start[None, :, None]                      # (m, n, 2, 3)
+    along = np.einsum('mnek,nk->mne', offset, true.directions)
+    beyond = along - np.clip(along, 0.0, true.lengths[None, :, None])
+    across = np.linalg.norm(offset - along[..., None] * true.directions[None, :, None], axis=-1)
+    distance = np.hypot(across, beyond).max(axis=2)
+    distance[angle > same_direction_deg] = np.inf
+    nearest = distance.argmin(axis=1)
+    rows = np.arange(m)
+    index = np.where(distance[rows, nearest] <= same_place_m, nearest, -1)
+    good = index >= 0
+    covered = np.array([_coverage(along[(index == edge), edge], true.lengths[edge]) for edge in range(n)])
+    return EdgeComparison(index, covered, true.lengths, np.where(good, angle[rows, nearest], np.nan),
+                          np.where(good[:, None], across[rows, nearest], np.nan))
+
+
+def best_pose_error(found: Interpretation, truth: Pose, others: Sequence[Pose] = ()) -> PoseError:
+    """The error of the pose, or of the symmetric pose nearest to the truth, by rotation then translation.
+
+    others : further poses that are as true (the symmetries of the model applied to the truth).
+    """
+    errors = [truth_pose.error_to(pose) for truth_pose in (truth, *others)
+              for pose in (found.pose, *found.symmetric_poses)]
+    return min(errors, key=lambda error: (round(error.rotation, 3), error.translation))
+
+
+@dataclass(frozen=True)
+class AssignmentComparison:
+    """matched : data features paired; right : those paired with the model feature they lie on; signs_right : of these,
+    how many have the direction the true pose gives them; spurious : paired though they lie on no model feature."""
+
+    matched: int
+    right: int
+    signs_right: int
+    spurious: int
+
+
+def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSet,
+                       same_place_m: float = PAIRED_PLACE_M) -> AssignmentComparison:
+    """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge,
+    to within same_place_m (metres) or the error that the data edge states, whichever is larger.
+
+    Uses the interpretation's own pose, so that a symmetric answer is judged by its own symmetry.
+    """
+    placed = model.transformed(found.pose)
+    matched = right = signs = spurious = 0
+    for index in np.flatnonzero(found.assignment != BIN):
+        matched += 1
+        target = int(found.assignment[index])
+        if data.kind[index] != placed.kind[target]:
+            spurious += 1
+            continue
+        # What states that an end may be centimetres off (an axis with a far apex, say) is no wrong pairing for that.
+        allowed = max(same_place_m, float(np.hypot(data.err_par[index], data.err_per[index])))
+        if data.kind[index] == FeatureKind.CURVE:
+            close = np.linalg.norm(placed.start[target] - data.start[index]) <= allowed
+        else:
+            single = placed.select([target])
+            close = compare_edges(_as_edges(single), _as_edges(data.select([index])),
+                                  PAIRED_DIRECTION_DEG, allowed).true_index[0] == 0
+        if not close:
+            spurious += 1
+            continue
+        right += 1
+        direction = np.sign(data.directions[index] @ placed.directions[target])
+        signs += int(found.sign[index] == direction)
+    return AssignmentComparison(matched, right, signs, spurious)
+
+
+def surface_residual(scene: Scene, frame: Frame) -> float:
+    """The largest distance, metres, of a rendered point from the surface its ids name: ray caster against closed form.
+
+    To first order (the value of the surface's equation over the length of its gradient); 0 for an empty picture.
+    """
+    scene_T_camera = frame.camera_T_scene.inverse()
+    points = scene_T_camera.apply(frame.points)
+    worst = 0.0
+    for index, primitive in enumerate(scene.primitives):
+        seen = frame.primitive_id == index
+        if not seen.any():
+            continue
+        inverse = np.linalg.inv(primitive.matrix)
+        local = points[seen] @ inverse[:3, :3].T + inverse[:3, 3]
+        value, gradient = _surface_value(primitive.kind, frame.face_id[seen], local)
+        slope = np.linalg.norm(gradient @ inverse[:3, :3], axis=1)
+        worst = max(worst, float(np.max(np.abs(value) / np.maximum(slope, 1e-300))))
+    return worst
+
+
+def _surface_value(kind: str, face: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Value (n,) and gradient (n, 3) of each point's surface equation in the primitive's unit frame (Table 4.1)."""
+    value, gradient = np.zeros(len(p)), np.zeros((len(p), 3))
+    name = np.array(FACES[kind])[face]
+    for text in np.unique(name):
+        rows = name == text
+        q = p[rows]
+        if text == 'curved':
+            bend = np.array({'CYLINDER': [1.0, 1.0, 0.0], 'CONE': [1.0, 1.0, -1.0], 'SPHERE': [1.0, 1.0, 1.0]}[kind])
+            value[rows] = q**2 @ bend - (0.0 if kind == 'CONE' else 1.0)
+            gradient[rows] = 2.0 * q * bend
+        else:
+            axis = 'xyz'.index(text[0])
+            value[rows] = q[:, axis] - float(text[-1])
+            gradient[rows, axis] = 1.0
+    return value, gradient
+
+
+def _as_edges(features: FeatureSet) -> FeatureSet:
+    return FeatureSet.from_edges(features.start, features.end)
+
+
+def _sine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(m, n) sine of the angle between unit vectors a (m, 3) and b (n, 3)."""
+    return np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
+
+
+def _coverage(spans: np.ndarray, length: float) -> float:
+    """The part of 0..length that the spans (k, 2) cover together."""
+    if not len(spans) or length <= 0.0:
+        return 0.0
+    spans = np.clip(np.sort(spans, axis=1), 0.0, length)
+    spans = spans[np.argsort(spans[:, 0])]
+    covered, reach = 0.0, 0.0
+    for first, last in spans:
+        covered += max(0.0, last - max(first, reach))
+        reach = max(reach, last)
+    return covered / length
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.median(values)) if values.size else float('nan')

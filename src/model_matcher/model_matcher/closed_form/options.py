@@ -1,0 +1,72 @@
+"""The command line of closed-form testing."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from .case import Case, Limits
+
+
+def closed_form_parser() -> argparse.ArgumentParser:
+    """Options in user's units: millimetres, degrees, pixels."""
+    parser = argparse.ArgumentParser(
+        prog='closed_form', description='Render, recover, match, and compare with the truth.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    add = parser.add_argument
+    add('scenes', nargs='*', help='scene files, or names of scenes of csg_renderer (l_shape_v1, ...)')
+    add('-o', '--out', default='closed_form_out', help='folder for the results')
+    add('--demo', metavar='DIR', help='run the demonstration (two scenes, one real pair) into DIR')
+    add('-q', '--quiet', action='store_true', help='no progress bar')
+
+    add = parser.add_argument_group('images').add_argument
+    add('--size', type=_whole(1), nargs=2, metavar=('WIDTH', 'HEIGHT'), help='image size, pixels')
+    add('--focal', type=_number(0.0, above=True), help='focal length, pixels')
+    add('--baseline', type=_number(0.0, above=True), metavar='MM', help='distance of the eyes, mm')
+    add('--antialias', type=_whole(0), default=Case.antialias, help='samples along each side of a pixel')
+    add('--psf', type=_number(0.0, 20.0), default=Case.psf, help='blur of the sensor, pixels')
+    add('--noise', type=_number(0.0, 100.0), default=Case.noise, help='noise of the sensor, grey levels')
+    add('--seed', type=_whole(0), default=Case.seed, help='seed of noise, clutter and random poses')
+
+    add = parser.add_argument_group('pose and surroundings').add_argument
+    add('--pose', type=float, nargs=6, metavar=('XROT', 'YROT', 'ZROT', 'X', 'Y', 'Z'),
+        help='of the object: degrees, applied in this order, and mm')
+    add('--sweep', choices=('grid', 'random', 'turntable'), help='many poses of the object')
+    add('--count', type=_whole(1), default=36, help='poses of a sweep')
+    add('--distance', type=_number(0.0, above=True), metavar='MM', help='of the object in a sweep')
+    add('--clutter', type=_whole(0), default=Case.clutter, help='further solids beside and behind the object')
+
+    add = parser.add_argument_group('running').add_argument
+    add('--nodes', action='store_true', help='sweep or replay through the real nodes instead of the libraries')
+    add('--workers', type=_whole(1), default=1, help='processes on this machine')
+    add('--dask', metavar='ADDRESS', help='dask scheduler to run the cases on; "local" starts one here')
+    add('--time-limit', type=_number(0.0, above=True), default=Case.time_limit_s, help='of one search, seconds')
+    add('--reports', action='store_true', help='a page for every case of a sweep, not only for failing ones')
+    add('--replay', metavar='FOLDER', help='run a saved case again')
+
+    add = parser.add_argument_group('judgement').add_argument
+    add('--max-rotation-deg', type=_number(0.0), default=Limits.rotation_deg, help='limit of a pass')
+    add('--max-translation-mm', type=_number(0.0), default=1e3 * Limits.translation_m, help='limit of a pass')
+    add('--min-success', type=_number(0.0, 1.0), default=1.0, help='share of passes for exit status 0')
+    return parser
+
+
+def _whole(least: int):
+    def whole(text: str) -> int:
+        value = int(text)
+        if value < least:
+            raise argparse.ArgumentTypeError(f'expected a whole number >= {least}, got {value}')
+        return value
+    return whole
+
+
+def _number(least: float, most: float = math.inf, above: bool = False):
+    """A number in least..most, or with ``above`` greater than least."""
+    wanted = f'> {least:g}' if above else f'in {least:g}..{most:g}' if most < math.inf else f'>= {least:g}'
+
+    def number(text: str) -> float:
+        value = float(text)
+        if not least <= value <= most or value == math.inf or (above and value == least):
+            raise argparse.ArgumentTypeError(f'expected a number {wanted}, got {text}')
+        return value
+    return number

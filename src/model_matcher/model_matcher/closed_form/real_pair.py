@@ -1,0 +1,102 @@
+"""Recovery and matching on a real stereo pair: the chessboard of OpenCV's samples, with its reference pose.
+
+The pictures, their calibration and the reference pose are data of stereo_recovery; see the README beside them.
+"""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from msgs_py import FeatureSet, Interpretation, Pose, StereoRig
+from stereo_recovery import recover
+from stereo_recovery.cameras.calibration import load_rig
+
+from ..overlay import GREEN, GREY, canvas, draw_features
+from ..params import MatchParams
+from ..pipeline import match
+from .comparison import best_pose_error, compare_edges
+
+PAIR = '01'
+# The physical size of a square is not published; lengths are in squares, and this says how long we take one to be.
+SQUARE_M = 0.025
+# Inner corners (i, j) lie at (i, j, 0); the printed pattern ends here (measured, see the data's README).
+COLUMNS, ROWS = range(9), range(6)
+X_LIMITS, Y_LIMITS = (-0.52, 8.48), (-0.96, 5.94)
+
+
+def chessboard_model() -> FeatureSet:
+    """The grid lines of the printed board as edges, metres, board frame (x along the rows, z into the board)."""
+    start = [(x, Y_LIMITS[0], 0.0) for x in COLUMNS] + [(X_LIMITS[0], y, 0.0) for y in ROWS]
+    end = [(x, Y_LIMITS[1], 0.0) for x in COLUMNS] + [(X_LIMITS[1], y, 0.0) for y in ROWS]
+    return FeatureSet.from_edges(SQUARE_M * np.array(start), SQUARE_M * np.array(end))
+
+
+def reference_pose(folder: Any, pair: str = PAIR) -> Pose:
+    """left_T_board of the pair, from the corners in both images (joint least squares), metres."""
+    joint = json.loads((folder / 'board_poses.json').read_text())[pair]['joint']
+    return Pose.from_rotation_vector(joint['rvec'], SQUARE_M * np.asarray(joint['tvec']))
+
+
+def run_chessboard(out: Path) -> str:
+    """Recover and match pair 01; write pictures, features and result.json into out. Returns what to tell the user."""
+    data = resources.files('stereo_recovery') / 'data' / 'chessboard'
+    left, right = (_read(data / f'{side}{PAIR}_rect.png') for side in ('left', 'right'))
+    rig = load_rig(Path(str(data / 'calibration.yaml')), (left.shape[1], left.shape[0]))
+    rig = StereoRig(rig.left, rig.right, rig.baseline * SQUARE_M)
+    recovery = recover(left, right, rig)
+    features = recovery.features
+    model, truth = chessboard_model(), reference_pose(data)
+    edges = compare_edges(model.transformed(truth), features, same_place_m=0.2 * SQUARE_M)
+    result = match(model, features, MatchParams(time_limit_s=10.0))
+    best = result.interpretations[0] if result.interpretations else None
+
+    out.mkdir(parents=True, exist_ok=True)
+    features.save(out / 'features.npz')
+    colours = [GREEN if index >= 0 else GREY for index in edges.true_index]
+    picture = draw_features(canvas(left, dim=0.6), features.select(features.kind == 0), rig.left, colours, 2)
+    cv2.imwrite(str(out / 'recovered.png'), picture)
+    document: dict[str, Any] = {
+        'pair': PAIR, 'square_m': SQUARE_M, 'features': len(features), 'recovery': edges.summary(),
+        'accepted': bool(best and best.accepted),
+        'reason': None if best and best.accepted else _why(best, result.reason)}
+    if best is not None:
+        error = best_pose_error(best, truth, board_symmetries(truth))
+        document |= {'rotation_error_deg': error.rotation_deg, 'translation_error_m': error.translation,
+                     'matched': best.matched}
+        cv2.imwrite(str(out / 'matched.png'), draw_features(
+            canvas(left, dim=0.6), model.transformed(best.pose), rig.left, thickness=1))
+    (out / 'result.json').write_text(json.dumps(document, indent=2) + '\n')
+    head = (f'real chessboard pair {PAIR}: {len(features)} features, '
+            f'{100 * edges.recall:.0f} % of the grid lines\' length')
+    if best is None or not best.accepted:
+        return f'{head}; no pose: {document["reason"]}; pictures in {out}/'
+    return (f'{head}; pose {document["rotation_error_deg"]:.2f} deg and {1e3 * document["translation_error_m"]:.1f} mm '
+            f'(squares of {1e3 * SQUARE_M:g} mm) from the reference, up to the board\'s symmetry; pictures in {out}/')
+
+
+def board_symmetries(pose: Pose) -> list[Pose]:
+    """Poses of the board that lay its grid lines on themselves: half a turn about the pattern's middle.
+
+    The printed margins differ by a few hundredths of a square, less than a grid of straight lines can tell.
+    """
+    middle = SQUARE_M * np.array([(COLUMNS[0] + COLUMNS[-1]) / 2, (ROWS[0] + ROWS[-1]) / 2, 0.0])
+    turn = Pose.from_rotation_vector([0.0, 0.0, np.pi])
+    about_middle = Pose(turn.rotation, middle - turn.rotate(middle))
+    return [pose.compose(about_middle)]
+
+
+def _read(path: Any) -> np.ndarray:
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise OSError(f'{path}: not a readable image')
+    return image
+
+
+def _why(best: Interpretation | None, reason: str | None) -> str:
+    return (best.rejected_reason if best is not None else None) or reason or 'no interpretation'

@@ -1,0 +1,264 @@
+"""One closed-form test: all nodes in one process, one stereo pair, every stage compared with the truth.
+
+The nodes are the ones a user runs, on a real executor over real topics; only the context is private, so that nothing
+else on the machine hears them. Imports rclpy inside :class:`GraphRun`, so that the module itself stays pure.
+"""
+
+from __future__ import annotations
+
+import random
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from csg_renderer import load_scene, model_features, render_stereo
+from csg_renderer.language import find_scene
+from msgs_py import FeatureSet, Interpretation, Pose, PoseError, StereoRig
+
+from ..model.library import safe_name
+from .case import Case
+from .comparison import (
+    AssignmentComparison,
+    EdgeComparison,
+    best_pose_error,
+    compare_assignment,
+    compare_edges,
+    surface_residual,
+)
+from .placement import case_rig
+from .scene_files import case_scene
+
+STAGES = ('scene', 'nodes', 'image', 'features', 'pose', 'emulator', 'comparison')
+TIMEOUT_S = 60.0
+# Rendering, recovery and matching of the first pair include compiling; the times reported are of the pair after it.
+WARM_PAIRS = 1
+
+
+@dataclass
+class CaseResult:
+    """Everything one test found. Images are (h, w) uint8; poses camera_T_model; milliseconds a stage."""
+
+    case: Case
+    model_name: str
+    rig: StereoRig
+    true_pose: Pose
+    model: FeatureSet
+    true_features: FeatureSet
+    data: FeatureSet
+    left: np.ndarray
+    right: np.ndarray
+    edges: EdgeComparison
+    surface_residual_m: float
+    image_difference: int
+    found: Interpretation | None = None
+    pose_error: PoseError | None = None
+    assignment: AssignmentComparison | None = None
+    reason: str = ''
+    emulator: dict[str, Any] = field(default_factory=dict)
+    milliseconds: dict[str, float] = field(default_factory=dict)
+
+
+def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None,
+             folder: Path | None = None) -> CaseResult:
+    """Run one test. Raises ValueError or OSError for an unusable scene; not being recognised is a result.
+
+    folder : for the scene file of a case that sets pose or clutter; a temporary one when not given
+    """
+    if folder is None:
+        with tempfile.TemporaryDirectory() as temporary:
+            return run_case(case, progress, Path(temporary))
+    rig = case_rig(case)
+    path = case_scene(case, rig, folder)
+    scene = load_scene(path)
+    placement = scene.placements[0]
+    model = model_features(placement.model)
+    true_pose = scene.camera_T_scene.compose(placement.pose)
+    progress('scene')
+
+    with GraphRun(case, path, rig) as run:
+        progress('nodes')
+        for _ in range(WARM_PAIRS):
+            run.one_pair()
+        messages = run.one_pair(progress)
+        milliseconds = run.milliseconds()
+        emulator = run.emulate(messages.left)
+        progress('emulator')
+
+    frames = render_stereo(scene, rig, antialias=case.antialias)
+    data = messages.features
+    result = CaseResult(
+        case, placement.name, rig, true_pose, model, messages.true_features, data, messages.left, messages.right,
+        edges=compare_edges(messages.true_features, data),
+        surface_residual_m=surface_residual(scene, frames[0]),
+        image_difference=run.image_difference(frames, messages), emulator=emulator, milliseconds=milliseconds)
+    mine = [item for item in messages.interpretations if item.model == safe_name(placement.name)]
+    judge(result, mine, messages.reason)
+    progress('comparison')
+    return result
+
+
+def judge(result: CaseResult, interpretations: Sequence[Interpretation], reason: str | None) -> None:
+    """Compare the best accepted interpretation with the truth, or keep the reason why there is none."""
+    accepted = [item for item in interpretations if item.accepted]
+    if accepted:
+        result.found = accepted[0]
+        result.pose_error = best_pose_error(accepted[0], result.true_pose)
+        result.assignment = compare_assignment(accepted[0], result.model, result.data)
+    else:
+        result.reason = reason or 'no interpretation'
+
+
+@dataclass
+class PairMessages:
+    """What the graph said about one pair, decoded."""
+
+    left: np.ndarray
+    right: np.ndarray
+    true_features: FeatureSet
+    features: FeatureSet
+    interpretations: list[Interpretation]
+    reason: str
+
+
+class GraphRun:
+    """renderer_node, recovery_node, matcher_node and emulator_node in one process, and an observer."""
+
+    def __init__(self, case: Case, scene: Path, rig: StereoRig) -> None:
+        self.case, self.rig = case, rig
+        self.scene, self.own_scene = str(scene), str(find_scene(case.scene))
+
+    def __enter__(self) -> GraphRun:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from geometry_msgs.msg import PoseArray
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+        from rclpy.parameter import Parameter
+        from sensor_msgs.msg import Image, PointCloud2
+        from std_srvs.srv import Trigger
+
+        from csg_renderer.node import RendererNode
+        from dap_emulator.node import EmulatorNode
+        from stereo_recovery.node import RecoveryNode
+
+        from ..node import MatcherNode
+
+        self._rclpy = rclpy
+        self.context = Context()
+        # A namespace of its own keeps two tests on one machine apart, whatever the domain.
+        namespace = f'/closed_form_{random.SystemRandom().randrange(10**9)}'
+        rclpy.init(args=[], context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        case = self.case
+        # A scene written for the case names its camera itself.
+        size = dict(width=case.width or 0, height=case.height or 0, focal=float(case.focal or 0.0))
+        parameters: dict[type, dict[str, Any]] = {
+            RendererNode: dict(scene=self.scene, rate=0.0, baseline=self.rig.baseline, antialias=case.antialias,
+                               psf=case.psf, noise=case.noise, seed=case.seed,
+                               **(size if self.scene == self.own_scene else {})),
+            RecoveryNode: {}, MatcherNode: dict(models=[self.own_scene], time_limit=case.time_limit_s),
+            EmulatorNode: {},
+        }
+        self.nodes: dict[str, Any] = {}
+        for node_class, values in parameters.items():
+            node = node_class(context=self.context, namespace=namespace, parameter_overrides=[
+                Parameter(name, value=value) for name, value in values.items()])
+            self.nodes[node_class.__name__] = node
+            self.executor.add_node(node)
+        observer = self.observer = Node('observer', context=self.context, namespace=namespace)
+        self.executor.add_node(observer)
+        self.received: dict[str, list] = {}
+        for message_type, topic in ((Image, 'left/image_rect'), (Image, 'right/image_rect'), (PointCloud2, 'features'),
+                                    (PointCloud2, 'ground_truth/features'), (PoseArray, 'interpretations'),
+                                    (DiagnosticArray, 'interpretations/report')):
+            self.received[topic] = []
+            observer.create_subscription(message_type, topic, self.received[topic].append, 10)
+        self.trigger = observer.create_client(Trigger, 'renderer_node/render')
+        self._spin_until(self.trigger.service_is_ready, 'the renderer')
+        self._spin_until(self._connected, 'discovery of the nodes')
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for node in [*self.nodes.values(), self.observer]:
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        self._rclpy.try_shutdown(context=self.context)
+
+    def one_pair(self, progress: Callable[[str], None] = lambda stage: None) -> PairMessages:
+        """Ask for one pair and wait until the matcher has answered it."""
+        from std_srvs.srv import Trigger
+
+        from msgs_py import codecs
+
+        for messages in self.received.values():
+            messages.clear()
+        answer = self.trigger.call_async(Trigger.Request())
+        self._spin_until(answer.done, 'an image')
+        reply = answer.result()
+        if reply is None or not reply.success:
+            raise ValueError(f'{self.case.scene}: {reply.message if reply else "no answer of the renderer"}')
+        for topic, stage in (('right/image_rect', 'image'), ('features', 'features'), ('interpretations', 'pose')):
+            self._spin_until(partial(self.received.__getitem__, topic), stage)
+            progress(stage)
+        self._spin_until(lambda: all(self.received.values()), 'ground truth and report')
+        stamps = {messages[-1].header.stamp.sec * 10**9 + messages[-1].header.stamp.nanosec
+                  for messages in self.received.values()}
+        if len(stamps) != 1:
+            raise ValueError(f'{self.case.scene}: results carry {len(stamps)} different stamps, expected the pair\'s')
+        report = self.received['interpretations/report'][-1]
+        return PairMessages(
+            codecs.gray_from_image(self.received['left/image_rect'][-1]),
+            codecs.gray_from_image(self.received['right/image_rect'][-1]),
+            codecs.cloud_to_features(self.received['ground_truth/features'][-1]),
+            codecs.cloud_to_features(self.received['features'][-1]),
+            [item for item in codecs.interpretations_from_report(report)],
+            '; '.join(status.message for status in report.status if status.message != codecs.reports.ACCEPTED))
+
+    def milliseconds(self) -> dict[str, float]:
+        """What the last pair took in each node."""
+        stages = {'render': 'RendererNode', 'recover': 'RecoveryNode', 'match': 'MatcherNode'}
+        return {stage: round(1e3 * self.nodes[name].health.last_latency_s, 2) for stage, name in stages.items()}
+
+    def emulate(self, image: np.ndarray) -> dict[str, Any]:
+        """A small array program on the emulated DAP, through its service: Roberts' operator on part of the image."""
+        from .array_machine import roberts_through_service
+
+        name = self.nodes['EmulatorNode'].get_fully_qualified_name()
+        return roberts_through_service(self.observer, self.executor, name, image)
+
+    def image_difference(self, frames: Any, messages: PairMessages) -> int:
+        """Pixels in which the node's left image differs from the library's, sensor model included."""
+        from csg_renderer.node import sensor_images
+
+        expected = sensor_images(frames, self.nodes['RendererNode'].config, pair_index=WARM_PAIRS)
+        return int((expected[0] != messages.left).sum())
+
+    def _connected(self) -> bool:
+        recovery, matcher = self.nodes['RecoveryNode'], self.nodes['MatcherNode']
+        renderer = self.nodes['RendererNode']
+        namespace = self.observer.get_namespace()
+
+        def heard(node: Any, topic: str, count: int) -> bool:
+            return node.count_subscribers(f'{namespace}/{topic}') >= count
+
+        return (heard(renderer, 'left/image_rect', 2) and heard(renderer, 'right/image_rect', 2)
+                and heard(renderer, 'left/camera_info', 1) and heard(renderer, 'right/camera_info', 1)
+                and heard(recovery, 'features', 2) and heard(matcher, 'interpretations', 1)
+                and all(self.observer.count_publishers(f'{namespace}/{topic}') for topic in self.received))
+
+    def _spin_until(self, predicate: Callable[[], Any], what: str) -> None:
+        deadline = time.monotonic() + TIMEOUT_S
+        while not predicate():
+            if time.monotonic() > deadline:
+                problems = [f'{name}: {node.health.last_error or node.silence() or "no complaint"}'
+                            for name, node in self.nodes.items()]
+                raise ValueError(f'{self.case.scene}: waited {TIMEOUT_S:g} s for {what}; {"; ".join(problems)}')
+            self.executor.spin_once(timeout_sec=0.05)

@@ -1,0 +1,77 @@
+"""A closed-form case through the libraries: the same computation as the graph's nodes, without the graph.
+
+Sweeps use it: it needs no ROS, starts at once and runs in as many processes as there are cores.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from csg_renderer import ideal_data, load_scene, model_features, render_stereo, scene_path
+from csg_renderer.raycast.render import scene_rig
+from csg_renderer.raycast.sensor import SensorModel, grey
+from stereo_recovery import recover
+from stereo_recovery.pipeline import warm_up as warm_up_recovery
+
+from ..params import MatchParams
+from ..pipeline import match, warm_up
+from .case import Case
+from .comparison import compare_edges, surface_residual
+from .placement import case_rig
+from .run_graph import CaseResult, judge
+from .scene_files import case_scene
+
+
+@cache
+def be_ready() -> None:
+    """Compile, or load what was compiled, once a process: that takes longer than a case and is none of its times."""
+    scene = load_scene(scene_path('l_shape_v1'))
+    render_stereo(scene, scene_rig(scene, 32, 32))
+    warm_up_recovery()
+    warm_up()
+
+
+def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] = lambda stage: None) -> CaseResult:
+    """Render, recover, match. folder : for the case's own scene file, if it needs one.
+
+    Raises ValueError or OSError for an unusable scene; not being recognised is a result.
+    """
+    be_ready()
+    rig = case_rig(case)
+    path = case_scene(case, rig, folder)
+    scene = load_scene(path)
+    placement = scene.placements[0]
+    model = model_features(placement.model)
+    true_pose = scene.camera_T_scene.compose(placement.pose)
+    progress('scene')
+    clock = [time.perf_counter()]
+
+    def lap() -> float:
+        clock.append(time.perf_counter())
+        return round(1e3 * (clock[-1] - clock[-2]), 2)
+
+    milliseconds = {}
+    frames = render_stereo(scene, rig, antialias=case.antialias)
+    left, right = (SensorModel(case.psf, case.noise, (case.seed, 0, eye)).apply(grey(frame.image))
+                   for eye, frame in enumerate(frames))
+    milliseconds['render'] = lap()
+    progress('image')
+    recovery = recover(left, right, rig)
+    milliseconds['recover'] = lap()
+    progress('features')
+    params = MatchParams(time_limit_s=case.time_limit_s)
+    matched = match(model, recovery.features, params, placement.name)
+    milliseconds['match'] = lap()
+    progress('pose')
+    ideal = ideal_data(scene, rig)
+    truth = ideal.features.select(ideal.object_index == 0)
+    result = CaseResult(
+        case, placement.name, rig, true_pose, model, truth, recovery.features, left, right,
+        edges=compare_edges(truth, recovery.features), surface_residual_m=surface_residual(scene, frames[0]),
+        image_difference=0, milliseconds=milliseconds)
+    judge(result, matched.interpretations, matched.reason or recovery.reason)
+    progress('comparison')
+    return result

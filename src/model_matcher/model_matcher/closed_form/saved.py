@@ -1,0 +1,57 @@
+"""Failing cases on disk: everything needed to look at one, and to run it again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from .case import Case, Limits
+from .run_graph import CaseResult
+from .scene_files import case_scene, copy_scene
+
+CASE_FILE = 'case.json'
+
+
+def save_case(folder: Path, result: CaseResult, document: dict[str, Any], limits: Limits) -> None:
+    """Write case.json, the scene with all it includes, both images, the features and the result into folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = case_scene(result.case, result.rig, folder)
+    scene = path.name if path.parent == folder else copy_scene(path, folder)
+    values = asdict(result.case) | {'scene': scene, 'label': result.case.name}
+    if path.parent == folder:
+        # The written scene holds pose, clutter and camera already.
+        values |= {'pose': None, 'clutter': 0, 'width': None, 'height': None, 'focal': None, 'baseline': None}
+    record = {'case': values, 'limits': asdict(limits), 'verdict': document['verdict'], 'result': document}
+    (folder / CASE_FILE).write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
+    cv2.imwrite(str(folder / 'left.png'), result.left)
+    cv2.imwrite(str(folder / 'right.png'), result.right)
+    result.data.save(folder / 'features.npz')
+
+
+def load_case(folder: str | Path) -> tuple[Case, Limits]:
+    """A saved case. Raises ValueError, naming the file and what is wrong with it; OSError when there is none."""
+    path = Path(folder) / CASE_FILE
+    try:
+        text = path.read_text(encoding='utf-8')
+    except FileNotFoundError:
+        raise FileNotFoundError(f'{path}: no such file; a saved case is a folder of failing/ of a sweep') from None
+    try:
+        record = json.loads(text)
+        values, limits = dict(record['case']), dict(record['limits'])
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f'{path}: not a saved case: {error}') from None
+    for name, given, known in (('case', values, Case), ('limits', limits, Limits)):
+        unknown = set(given) - {field.name for field in fields(known)}
+        if unknown:
+            raise ValueError(f'{path}: {name}: unknown field {sorted(unknown)[0]!r}')
+    if 'scene' not in values:
+        raise ValueError(f'{path}: case: no field \'scene\'')
+    values['pose'] = tuple(values['pose']) if values.get('pose') else None
+    case = Case(**values)
+    if (Path(folder) / case.scene).exists():
+        case = replace(case, scene=str(Path(folder) / case.scene))
+    return case, Limits(**limits)

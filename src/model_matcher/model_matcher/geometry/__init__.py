@@ -1,0 +1,1 @@
+"""Compiled geometry of lines and rigid motions, without any policy."""

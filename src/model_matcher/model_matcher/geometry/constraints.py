@@ -1,0 +1,253 @@
+"""The five pairwise constraints of thesis 5.5, with exact ranges (metres, radians).
+
+For two segments a and b, p runs along a and q along b; the ranges are those of
+
+    distance    |q - p|
+    angle       between the directions of a and b (one number)
+    direction1  between q - p and the direction of a
+    direction2  between q - p and the direction of b
+    direction3  between q - p and the common normal a x b
+
+A segment is a row as in kernels.py: mid point, unit direction, half length (0 for a CURVE: its centre). Ranges of a
+data pair shrink by what its errors may have added: a true pairing, whose data lies within its stated errors, is never
+pruned. Reversing a segment's direction turns an angle into its complement; that is how direction signs are found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+DISTANCE, ANGLE, DIRECTION1, DIRECTION2, DIRECTION3 = range(5)
+NAMES = ('distance', 'angle', 'direction1', 'direction2', 'direction3')
+# Bits of a table entry: how the signs of a and b may relate, and which sign each may have.
+SAME, DIFFERENT, A_PLUS, A_MINUS, B_PLUS, B_MINUS = 1, 2, 4, 8, 16, 32
+ANY_SIGN = 63
+CONTACT = 1e-9  # metres: closer points have no direction between them
+PARALLEL = 1e-6  # sine below which two model edges have no common normal
+ROUNDING = 1e-9
+
+
+@njit
+def closest_points(a, b):
+    """Where two segments come closest: parameters s, t (metres from the mid points) and the distance."""
+    wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    c = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    wu = wx * a[3] + wy * a[4] + wz * a[5]
+    wv = wx * b[3] + wy * b[4] + wz * b[5]
+    ha, hb = a[6], b[6]
+    best = np.inf
+    best_s = best_t = 0.0
+    sine2 = 1.0 - c * c
+    for k in range(5):
+        if k == 0:
+            if sine2 < 1e-12:
+                continue
+            s, t = (wu - c * wv) / sine2, (c * wu - wv) / sine2
+            if abs(s) > ha or abs(t) > hb:
+                continue
+        elif k < 3:
+            s = ha if k == 1 else -ha
+            t = min(max(c * s - wv, -hb), hb)
+        else:
+            t = hb if k == 3 else -hb
+            s = min(max(wu + c * t, -ha), ha)
+        dx = wx + t * b[3] - s * a[3]
+        dy = wy + t * b[4] - s * a[4]
+        dz = wz + t * b[5] - s * a[5]
+        square = dx * dx + dy * dy + dz * dz
+        if square < best:
+            best, best_s, best_t = square, s, t
+    return best_s, best_t, np.sqrt(best)
+
+
+@njit
+def angle_at(a, b, s, t):
+    """Angle between q - p and a's direction, and |q - p|, at parameters s, t."""
+    rx = b[0] + t * b[3] - a[0] - s * a[3]
+    ry = b[1] + t * b[4] - a[1] - s * a[4]
+    rz = b[2] + t * b[5] - a[2] - s * a[5]
+    along = rx * a[3] + ry * a[4] + rz * a[5]
+    cx, cy, cz = ry * a[5] - rz * a[4], rz * a[3] - rx * a[5], rx * a[4] - ry * a[3]
+    across = np.sqrt(cx * cx + cy * cy + cz * cz)
+    return np.arctan2(across, along), np.sqrt(rx * rx + ry * ry + rz * rz)
+
+
+@njit
+def angle_to(a, b, s, t, nx, ny, nz):
+    """Angle between q - p and a unit vector. atan2 keeps its digits near 0 and pi, where arccos loses half."""
+    rx = b[0] + t * b[3] - a[0] - s * a[3]
+    ry = b[1] + t * b[4] - a[1] - s * a[4]
+    rz = b[2] + t * b[5] - a[2] - s * a[5]
+    cx, cy, cz = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
+    return np.arctan2(np.sqrt(cx * cx + cy * cy + cz * cz), rx * nx + ry * ny + rz * nz)
+
+
+@njit
+def stationary(a, b, s):
+    """The parameter t at which the angle between q - p and a's direction is stationary for a fixed s, NaN if none.
+
+    With q - p split along and across a, the angle's cotangent is (A + c t) / sqrt(C + 2 D t + E t^2); its derivative
+    vanishes at one t (the quadratic terms cancel).
+    """
+    wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    c = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    wu = wx * a[3] + wy * a[4] + wz * a[5]
+    big_a = wu - s
+    big_c = wx * wx + wy * wy + wz * wz - wu * wu
+    big_d = wx * b[3] + wy * b[4] + wz * b[5] - c * wu
+    below = c * big_d - big_a * (1.0 - c * c)
+    if abs(below) < 1e-15:
+        return np.nan
+    return (big_a * big_d - c * big_c) / below
+
+
+@njit
+def direction_range(a, b, contact, error, cone):
+    """Range of the angle between q - p and a's direction.
+
+    With error (metres, sum of both segments' point errors) and cone (radians, of a) zero this is the exact range,
+    [0, pi] when the segments touch. Otherwise the least of angle + slack and the largest of angle - slack, where slack
+    is what those errors may do to that angle: bounds that a true pairing's model range cannot fail to embrace.
+    """
+    exact = error == 0.0 and cone == 0.0
+    if exact and contact < CONTACT:
+        return 0.0, np.pi
+    low, high = np.inf, -np.inf
+    for end in range(2):
+        s = a[6] if end == 0 else -a[6]
+        for k in range(3):
+            if k == 2:
+                t = stationary(a, b, s)
+                if not abs(t) <= b[6]:
+                    continue
+            else:
+                t = b[6] if k == 0 else -b[6]
+            angle, far = angle_at(a, b, s, t)
+            slack = 0.0
+            if not exact:
+                if far <= error:
+                    continue
+                slack = np.arcsin(error / far) + cone
+            low = min(low, angle + slack)
+            high = max(high, angle - slack)
+    return low, high
+
+
+@njit
+def pair_ranges(a, b, error_a, error_b, cone_a, cone_b, out):
+    """All ranges of a pair, into out (11,).
+
+    0, 1 distance; 2, 3 angle; 4, 5 direction1; 6, 7 direction2; 8, 9 direction3; 10: 1 when direction3 is defined.
+    Errors 0 give the exact ranges of a model pair. With errors (metres; cones radians) the bounds of a data pair are
+    drawn inwards by them, so that the test is always: model low <= data low and data high <= model high.
+    """
+    error = error_a + error_b
+    s, t, nearest = closest_points(a, b)
+    farthest = -1.0
+    far_s = far_t = 0.0
+    for end_a in range(2):
+        for end_b in range(2):
+            corner_s, corner_t = a[6] * (1 - 2 * end_a), b[6] * (1 - 2 * end_b)
+            _, far = angle_at(a, b, corner_s, corner_t)
+            if far > farthest:
+                farthest, far_s, far_t = far, corner_s, corner_t
+    out[0], out[1] = nearest + error, farthest - error
+    nx = a[4] * b[5] - a[5] * b[4]
+    ny = a[5] * b[3] - a[3] * b[5]
+    nz = a[3] * b[4] - a[4] * b[3]
+    sine = np.sqrt(nx * nx + ny * ny + nz * nz)
+    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    angle = np.arctan2(sine, cosine)
+    cone = cone_a + cone_b
+    out[2], out[3] = angle + cone, angle - cone
+    out[4], out[5] = direction_range(a, b, nearest, error, cone_a)
+    low, high = direction_range(b, a, nearest, error, cone_b)
+    out[6], out[7] = np.pi - high, np.pi - low
+    out[8], out[9], out[10] = 0.0, np.pi, 0.0
+    exact = error == 0.0 and cone == 0.0
+    if exact:
+        if sine <= PARALLEL:
+            return
+        out[10] = 1.0
+        if nearest < CONTACT:
+            return
+        first = angle_to(a, b, s, t, nx / sine, ny / sine, nz / sine)
+        last = angle_to(a, b, far_s, far_t, nx / sine, ny / sine, nz / sine)
+        out[8], out[9] = min(first, last), max(first, last)
+        return
+    # The normal of two directions, each inside its cone, tilts at most by this.
+    tilt = 2.0 * (np.sin(0.5 * cone_a) + np.sin(0.5 * cone_b)) / max(sine, 1e-12)
+    if tilt >= 1.0:
+        return
+    out[10] = 1.0
+    low, high = np.inf, -np.inf
+    for k in range(2):
+        far = nearest if k == 0 else farthest
+        if far <= error:
+            continue
+        at = angle_to(a, b, s if k == 0 else far_s, t if k == 0 else far_t, nx / sine, ny / sine, nz / sine)
+        slack = np.arcsin(error / far) + np.arcsin(tilt)
+        low, high = min(low, at + slack), max(high, at - slack)
+    out[8], out[9] = low, high
+
+
+@njit
+def _inside(low, high, model_low, model_high):
+    return low >= model_low - ROUNDING and high <= model_high + ROUNDING
+
+
+@njit
+def entry(data, model, one_edge, length, slack, use):
+    """One table entry: the sign bits under which data pair and model pair agree, 0 when they do not.
+
+    data, model : (11,) as pair_ranges gives them; one_edge : both data features on the same model feature, of the
+    given length; slack : metres, the sum of both point errors; use : (5,) which constraints apply
+    """
+    if use[0]:
+        if one_edge:
+            if data[1] > length + slack:
+                return 0
+        elif not _inside(data[0], data[1], model[0], model[1]):
+            return 0
+    code = ANY_SIGN
+    pi = np.pi
+    if use[1]:
+        # The angle's slack is already in the data's bounds: low is angle + cone, high angle - cone.
+        if not data[3] - ROUNDING <= model[2] <= data[2] + ROUNDING:
+            code &= ~SAME
+        if not pi - data[2] - ROUNDING <= model[2] <= pi - data[3] + ROUNDING:
+            code &= ~DIFFERENT
+    if one_edge:
+        # Two pieces of one edge, clear of each other, lie on one line: q - p points along it everywhere.
+        for k in range(2):
+            if use[2 + k] and data[0] > 2.0 * slack and data[4 + 2 * k] < pi and data[5 + 2 * k] > 0.0:
+                return 0
+    else:
+        for k in range(2):
+            if use[2 + k]:
+                low, high = data[4 + 2 * k], data[5 + 2 * k]
+                if not _inside(low, high, model[4 + 2 * k], model[5 + 2 * k]):
+                    code &= ~(A_PLUS if k == 0 else B_PLUS)
+                if not _inside(pi - high, pi - low, model[4 + 2 * k], model[5 + 2 * k]):
+                    code &= ~(A_MINUS if k == 0 else B_MINUS)
+        if use[4] and data[10] > 0.0 and model[10] > 0.0:
+            if not _inside(data[8], data[9], model[8], model[9]):
+                code &= ~SAME
+            if not _inside(pi - data[9], pi - data[8], model[8], model[9]):
+                code &= ~DIFFERENT
+    if not (code & (SAME | DIFFERENT)) or not (code & (A_PLUS | A_MINUS)) or not (code & (B_PLUS | B_MINUS)):
+        return 0
+    return code
+
+
+@njit
+def consistent_signs(code):
+    """Whether any pair of signs satisfies all bits of an entry together."""
+    for a in range(2):
+        for b in range(2):
+            relation = SAME if a == b else DIFFERENT
+            if (code & relation) and (code & (A_PLUS << a)) and (code & (B_PLUS << b)):
+                return True
+    return False

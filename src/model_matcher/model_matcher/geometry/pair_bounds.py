@@ -1,0 +1,143 @@
+"""The exact test of a data pair against a model pair: could one rigid motion lay both on the model features?
+
+Two lines in space have an angle, a signed distance and two feet, where their common perpendicular meets them. A rigid
+motion keeps all four, so they must agree; and between the feet each data feature must have room on its model feature.
+Every number is widened by what features that :func:`kernels.fit_one` still accepts may differ by: what this test
+refuses, no pose explains. Nearly parallel lines have no certain feet; of exactly parallel ones the distance counts.
+
+A relation is a row of ten numbers (distances in metres, angles in radians):
+angle in [0, pi/2], its sine, signed distance, foot on a, foot on b, distance of the mid points, distance of b's mid
+point from line a, of a's from line b, shift of the mid points along a, flip of b that makes the angle acute.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+from .kernels import CURVE, pair_geometry
+
+RELATION = 10
+ANGLE, SINE, OFFSET, FOOT_A, FOOT_B, MIDS, FROM_A, FROM_B, SHIFT, FLIP = range(RELATION)
+ROUNDING = 1e-9
+EXACTLY_PARALLEL = 1e-7
+# Sines below this many times the uncertainty of the angle leave the feet open.
+SURE = 2.0
+
+
+@njit
+def relation(a, b, out):
+    """The relation of two features (rows as in kernels.py), into out (10,)."""
+    c, s, d, fa, fb, flip = pair_geometry(a, b)
+    wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    square = wx * wx + wy * wy + wz * wz
+    along_a = wx * a[3] + wy * a[4] + wz * a[5]
+    along_b = wx * b[3] + wy * b[4] + wz * b[5]
+    out[ANGLE], out[SINE] = np.arctan2(s, c), s
+    out[OFFSET], out[FOOT_A], out[FOOT_B] = d, fa, fb
+    out[MIDS] = np.sqrt(square)
+    out[FROM_A] = np.sqrt(max(square - along_a * along_a, 0.0))
+    out[FROM_B] = np.sqrt(max(square - along_b * along_b, 0.0))
+    out[SHIFT], out[FLIP] = along_a, flip
+
+
+@njit
+def model_relations(rows):
+    """(e, e, 10): relations of all ordered pairs of model features."""
+    e = rows.shape[0]
+    out = np.zeros((e, e, RELATION))
+    for i in range(e):
+        for j in range(e):
+            relation(rows[i], rows[j], out[i, j])
+    return out
+
+
+@njit
+def possible(data, kind_d, tols, model, kind_m, radius_tol):
+    """(n, e) bool: which model features a data feature may lie on by itself: kind, length, radii."""
+    n, e = data.shape[0], model.shape[0]
+    out = np.zeros((n, e), np.bool_)
+    for a in range(n):
+        for i in range(e):
+            if kind_d[a] != kind_m[i]:
+                continue
+            if data[a, 6] * np.cos(min(tols[a, 2], 1.2)) > model[i, 6] + tols[a, 1] + ROUNDING:
+                continue
+            if kind_d[a] == CURVE and (abs(data[a, 7] - model[i, 7]) > radius_tol + tols[a, 0] + ROUNDING
+                                       or abs(data[a, 8] - model[i, 8]) > radius_tol + tols[a, 0] + ROUNDING):
+                continue
+            out[a, i] = True
+    return out
+
+
+@njit
+def margins_of(data, tols):
+    """(n, 6): half length, half length that is left when tilted by the cone, tolerances across and along, half cone
+    angle, its tangent."""
+    out = np.empty((data.shape[0], 6))
+    for k in range(data.shape[0]):
+        half, cone = data[k, 6], min(tols[k, 2], 1.2)
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = half, half * np.cos(cone), tols[k, 0], tols[k, 1]
+        out[k, 4], out[k, 5] = cone, np.tan(cone)
+    return out
+
+
+@njit
+def _strays(margins, a, foot):
+    """How far a data line may be from its model line where a foot is, beyond the feature's end."""
+    return margins[a, 2] + margins[a, 5] * max(0.0, abs(foot) - margins[a, 0])
+
+
+@njit
+def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
+    """Whether data features a and b can lie on model features i and j at once; i may be j.
+
+    rels : (m, 10), row k the relation of a and b; margins : as margins_of gives them; halves : (e,) metres, half
+    lengths of the model features; model_rel : (e, e, 10) their relations
+    """
+    room = halves[i] - margins[a, 1] + margins[a, 3] + halves[j] - margins[b, 1] + margins[b, 3] + ROUNDING
+    apart = margins[a, 2] + margins[b, 2]
+    mids = rels[k, MIDS]
+    cone = margins[a, 4] + margins[b, 4]
+    angle = rels[k, ANGLE]
+    if i == j:
+        return angle <= cone + ROUNDING and mids - apart <= room and \
+            min(rels[k, FROM_A] - _strays(margins, a, rels[k, SHIFT]) - margins[b, 2],
+                rels[k, FROM_B] - _strays(margins, b, mids) - margins[a, 2]) <= ROUNDING
+    if abs(mids - model_rel[i, j, MIDS]) > room + apart:
+        return False
+    straight = abs(angle - model_rel[i, j, ANGLE]) <= cone
+    crossed = abs(np.pi - angle - model_rel[i, j, ANGLE]) <= cone
+    if not straight and not crossed:
+        return False
+    if model_rel[i, j, SINE] < EXACTLY_PARALLEL:
+        # The model lines are parallel: their distance is the same everywhere.
+        strays = max(_strays(margins, a, rels[k, SHIFT]) + margins[b, 2], _strays(margins, b, mids) + margins[a, 2])
+        strays += mids * margins[a, 4] * margins[a, 4]
+        return abs(rels[k, FROM_A] - model_rel[i, j, FROM_A]) <= strays + ROUNDING
+    sine = min(rels[k, SINE], model_rel[i, j, SINE])
+    if sine < SURE * cone:
+        return True
+    offset, model_offset = rels[k, OFFSET], model_rel[i, j, OFFSET]
+    foot_a, foot_b = rels[k, FOOT_A], rels[k, FOOT_B]
+    widen = 1.0 + cone / sine
+    tilted = max(abs(offset), abs(model_offset)) * cone * widen / sine
+    strays = _strays(margins, a, foot_a) + _strays(margins, b, foot_b)
+    # The feet move themselves, and with them what the lines may stray there.
+    slides = (strays * widen + tilted) / sine
+    strays = _strays(margins, a, abs(foot_a) + slides) + _strays(margins, b, abs(foot_b) + slides)
+    strays = strays * widen + ROUNDING
+    if abs(abs(offset) - abs(model_offset)) > strays:
+        return False
+    slides = (strays + tilted) / sine + ROUNDING
+    room_a = halves[i] - margins[a, 1] + margins[a, 3] + slides
+    room_b = halves[j] - margins[b, 1] + margins[b, 3] + slides
+    model_a, model_b = model_rel[i, j, FOOT_A], model_rel[i, j, FOOT_B]
+    if straight and abs(offset - model_offset) <= strays and (
+            (abs(model_a - foot_a) <= room_a and abs(model_b - foot_b) <= room_b)
+            or (abs(model_a + foot_a) <= room_a and abs(model_b + foot_b) <= room_b)):
+        return True
+    return crossed and abs(offset + model_offset) <= strays and (
+        (abs(model_a - foot_a) <= room_a and abs(model_b + foot_b) <= room_b)
+        or (abs(model_a + foot_a) <= room_a and abs(model_b - foot_b) <= room_b))

@@ -1,0 +1,47 @@
+"""The order in which data pairs are taken from the match list (thesis 5.7.1, appendix C)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..params import ORDERINGS
+
+
+def order_pairs(pairs: np.ndarray, sums: np.ndarray, ordering: str = 'combined') -> np.ndarray:
+    """(P,) int64: rows of the match list in the order of traversal.
+
+    pairs : (P, 2), data pairs a < b of n features, all of them; sums : (P,) matches of each pair
+
+    worst : most matches first
+    holder_buxton : fewest matches first (Holder and Buxton)
+    consistency : 0-1, 0-2, 1-2, 0-3, 1-3, 2-3, ...: only the first pair has both features unassigned
+    consistency_grouped : the same, and in each group (pairs with one second feature) the pair of fewest matches first
+    combined : the grouped order behind the pair of fewest matches of all
+
+    Equal sums keep the order of the list. Raises ValueError for another name.
+    """
+    if ordering not in ORDERINGS:
+        raise ValueError(f'ordering: expected one of {", ".join(ORDERINGS)}; got {ordering!r}')
+    sums = np.asarray(sums)
+    if len(pairs) == 0:
+        return np.zeros(0, np.int64)
+    if ordering == 'worst':
+        return np.argsort(-sums, kind='stable')
+    if ordering == 'holder_buxton':
+        return np.argsort(sums, kind='stable')
+    first, second = np.asarray(pairs)[:, 0], np.asarray(pairs)[:, 1]
+    if ordering == 'consistency':
+        return np.lexsort((first, second))
+    # Within a group the pair of fewest matches leads; the rest follow in order.
+    leaders = np.ones(len(pairs), dtype=np.int64)
+    start = int(np.argmin(sums))
+    for group in np.unique(second):
+        members = np.flatnonzero(second == group)
+        if ordering == 'combined':
+            members = members[members != start]
+        if len(members):
+            leaders[members[np.argmin(sums[members])]] = 0
+    order = np.lexsort((first, leaders, second))
+    if ordering == 'combined':
+        order = np.concatenate([[start], order[order != start]])
+    return order.astype(np.int64)

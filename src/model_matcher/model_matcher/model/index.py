@@ -1,0 +1,178 @@
+"""A model made ready for matching: feature rows, pair table, voxel tables. Built once, kept while the model lives."""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msgs_py import FeatureKind, FeatureSet
+
+from ..params import MatchParams
+
+VOXELS_ACROSS = 24
+# Voxel tables exist for these reaches (fractions of the model's size); the smallest sufficient one is used.
+VOXEL_REACHES = (0.02, 0.03, 0.04, 0.06, 0.085, 0.12, 0.17, 0.25)
+SMALLEST_FEATURE = 1e-9  # metres: a shorter edge has no direction
+
+
+def feature_rows(features: FeatureSet) -> np.ndarray:
+    """(n, 9) float64: mid point, unit direction, half length, radii, as kernels.py wants them (metres).
+
+    A feature without length gets direction 0 and half length 0.
+    """
+    n = len(features)
+    rows = np.empty((n, 9))
+    start, end = features.start, features.end
+    vector = end - start
+    length = np.sqrt(np.einsum('ij,ij->i', vector, vector))
+    curve = features.kind == FeatureKind.CURVE
+    rows[:, 0:3] = 0.5 * (start + end)
+    rows[:, 3:6] = vector / np.maximum(length, SMALLEST_FEATURE)[:, None]
+    rows[:, 6] = 0.5 * length
+    rows[:, 7:9] = features.radii
+    if curve.any():
+        rows[curve, 0:3] = start[curve]
+        rows[curve, 6] = 0.0
+    return rows
+
+
+@dataclass(eq=False)
+class VoxelTable:
+    """low (3,) metres, cell: metres, shape: three counts, starts and items as kernels.build_voxels gives them."""
+
+    low: np.ndarray
+    cell: float
+    shape: tuple[int, int, int]
+    starts: np.ndarray
+    items: np.ndarray
+
+
+@dataclass(eq=False)
+class ModelIndex:
+    """A model ready for matching; make it with :func:`index_model`.
+
+    rows : (e, 9) float64 (see kernels.py); kind : (e,) uint8
+    source : (e,) int, the feature's number in the FeatureSet the model came from (features without length are left out)
+    size : metres, the largest distance between two model points (the thesis' maxdist)
+    middle : (3,) float64, centre of the model's bounding box; max_radius : metres, 0 without curves
+    """
+
+    name: str
+    features: FeatureSet
+    rows: np.ndarray
+    kind: np.ndarray
+    source: np.ndarray
+    size: float
+    middle: np.ndarray
+    max_radius: float
+    pair_reach: float
+    pair_starts: np.ndarray
+    pair_members: np.ndarray
+    pair_values: np.ndarray
+    _voxels: dict[float, VoxelTable] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def voxels(self, tolerance: float) -> VoxelTable:
+        """The table whose reach covers a tolerance (metres); the widest one when none does."""
+        from ..geometry.kernels import build_voxels
+        wanted = tolerance / max(self.size, SMALLEST_FEATURE)
+        reach = next((r for r in VOXEL_REACHES if r >= wanted), VOXEL_REACHES[-1])
+        if reach not in self._voxels:
+            points = extent_points(self.features)
+            margin = reach * self.size
+            low = points.min(axis=0) - margin
+            span = points.max(axis=0) + margin - low
+            cell = float(span.max()) / VOXELS_ACROSS
+            shape = tuple(int(v) for v in np.maximum(np.ceil(span / cell), 1))
+            starts, items = build_voxels(self.rows, low, cell, shape, margin)
+            self._voxels[reach] = VoxelTable(low, cell, shape, starts, items)  # type: ignore[arg-type]
+        return self._voxels[reach]
+
+
+def extent_points(features: FeatureSet) -> np.ndarray:
+    """(m, 3) float64: points that bound the features: end points, and six points about each curve."""
+    curve = features.kind == FeatureKind.CURVE
+    points = [features.start, features.end[~curve]]
+    if curve.any():
+        around = np.concatenate([np.eye(3), -np.eye(3)])
+        points.append((features.start[curve][:, None] + around * features.radii[curve, :1, None]).reshape(-1, 3))
+    return np.concatenate(points)
+
+
+def model_size(features: FeatureSet) -> float:
+    """Largest distance between two points of the model, metres: the thesis' maxdist."""
+    points = extent_points(features)
+    if len(points) < 2:
+        return 0.0
+    if len(points) > 2000:
+        return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    squares = np.einsum('ij,ij->i', points, points)
+    return float(np.sqrt(max(0.0, (squares[:, None] + squares - 2.0 * points @ points.T).max())))
+
+
+def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
+    """Prepare a model. Edges without length are dropped.
+
+    Raises ValueError when no feature is left.
+    """
+    from ..geometry.kernels import build_pair_table
+    keep = np.flatnonzero(features.lengths > SMALLEST_FEATURE)
+    if len(keep) == 0:
+        raise ValueError(f'model: {name} has no features' if len(features) == 0 else
+                         f'model: every feature of {name} has length zero')
+    used = features if len(keep) == len(features) else features.select(keep)
+    rows = feature_rows(used)
+    size = max(model_size(used), SMALLEST_FEATURE)
+    points = extent_points(used)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    curve = used.kind == FeatureKind.CURVE
+    max_radius = float(used.radii[curve].max()) if curve.any() else 0.0
+    starts, members, values = build_pair_table(rows, size)
+    return ModelIndex(name, used, rows, np.ascontiguousarray(used.kind), keep, size, middle, max_radius, size, starts,
+                      members, values)
+
+
+_cache: dict[int, tuple[weakref.ref[FeatureSet], ModelIndex]] = {}
+
+
+def indexed(model: FeatureSet | ModelIndex, name: str = 'model') -> ModelIndex:
+    """The index of a model; made once for each FeatureSet object and dropped with it."""
+    if isinstance(model, ModelIndex):
+        return model
+    if not isinstance(model, FeatureSet):
+        raise TypeError(f'model: expected a FeatureSet, got {type(model).__name__}')
+    key = id(model)
+    known = _cache.get(key)
+    if known is not None and known[0]() is model and known[1].name == name:
+        return known[1]
+    index = index_model(model, name)
+
+    def forget(_: object, cache: dict = _cache) -> None:  # bound here: module globals go first at interpreter exit
+        cache.pop(key, None)
+
+    _cache[key] = (weakref.ref(model, forget), index)
+    return index
+
+
+def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: MatchParams) -> np.ndarray:
+    """(n, 3) float64: across and along (metres), half cone angle (radians) of every data feature.
+
+    Across is the stated error, or fracdev x size where that is larger; along adds the overhang. The cone follows thesis
+    5.4, with the errors at both ends, and is capped by max_cone_deg (curve_cone_deg for curves).
+    """
+    floor = params.fracdev * size
+    tolerances = np.empty((len(rows), 3))
+    tolerances[:, 0] = np.maximum(data.err_per * params.err_scale, floor)
+    half = rows[:, 6]
+    tolerances[:, 1] = np.maximum(data.err_par * params.err_scale, floor) + params.overhang * 2.0 * half
+    room = np.maximum(2.0 * half - 2.0 * data.err_par * params.err_scale, 1e-12)
+    cone = np.arctan2(2.0 * tolerances[:, 0], room)
+    tolerances[:, 2] = np.minimum(cone, np.radians(params.max_cone_deg))
+    curve = data.kind == FeatureKind.CURVE
+    if curve.any():
+        tolerances[curve, 2] = np.radians(params.curve_cone_deg)
+    return np.maximum(tolerances, 1e-9)

@@ -1,0 +1,105 @@
+"""What a model owes to the regularity of made things: few directions, and planes that many edges share.
+
+Other objects share this regularity. When one corner of a box lies on one corner of a model, every further edge along
+the same directions does so at the price of one coincidence: that a dimension agrees. evidence.py counts these
+coincidences, and for this needs to know which features lie in which planes of the usual orientations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..verification.visibility_evidence import hull_faces
+from .index import ModelIndex
+
+PARALLEL = 0.9925  # cosine: nearer directions count as one (7 degrees)
+UPRIGHT = 0.12  # cosine: and so do right angles
+MAX_DIRECTIONS = 10  # the most frequent ones span the planes
+MAX_NORMALS = 24
+
+
+@dataclass(eq=False)
+class Regularity:
+    """Directions and planes of a model's e features.
+
+    order : (e,) int32, longest first, curves before edges; direction : (e,) int32, number of each one's direction
+    normals : (q, 3) float64, unit normals of planes spanned by two of the directions, or upright to a flat model
+    offsets : (q, e) float64, metres, distance of each feature's plane from the origin, NaN when it lies in no such
+        plane: a line in planes along it, a curve also in its own
+    sorted : (q, e) int32, the features by offset, those without one last
+    usual : (d,) int32, numbers of the most frequent directions, which span the planes
+    spanned : (q, d) int8, by plane and usual direction: 1 when it lies in the plane, 2 when it is upright to it
+    upright : (d, d) int32, which usual direction is upright to two of them, -1 for none
+    faces, lies : of the model's convex hull, see :func:`.views.hull_faces`
+    """
+
+    order: np.ndarray
+    direction: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+    sorted: np.ndarray
+    usual: np.ndarray
+    spanned: np.ndarray
+    upright: np.ndarray
+    faces: np.ndarray
+    lies: np.ndarray
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """As evidence.py takes them."""
+        return (self.order, self.direction, self.normals, self.offsets, self.sorted, self.usual, self.spanned,
+                self.upright, self.faces, self.lies)
+
+
+_known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()
+
+
+def regularity(index: ModelIndex) -> Regularity:
+    """The regularity of a model; computed once for each index."""
+    if index not in _known:
+        _known[index] = _find(index)
+    return _known[index]
+
+
+def _find(index: ModelIndex) -> Regularity:
+    rows = index.rows
+    directions = rows[:, 3:6]
+    order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0)).astype(np.int32)
+    number = np.full(len(rows), -1, np.int32)
+    distinct: list[np.ndarray] = []
+    for j in order:
+        if number[j] < 0:
+            alike = (number < 0) & (np.abs(directions @ directions[j]) > PARALLEL)
+            number[alike] = len(distinct)
+            distinct.append(directions[j])
+    usual = np.argsort(-np.bincount(number), kind='stable')[:MAX_DIRECTIONS]
+    normals: list[np.ndarray] = []
+    for place, a in enumerate(usual):
+        for b in usual[:place]:
+            normal = np.cross(distinct[a], distinct[b])
+            length = np.linalg.norm(normal)
+            if length > UPRIGHT and not any(abs(normal @ other) > PARALLEL * length for other in normals):
+                normals.append(normal / length)
+    # The lines of a flat model lie in its plane only: the other planes along them are upright to it.
+    for a in usual:
+        flat = [normal for normal in normals if abs(normal @ distinct[a]) < UPRIGHT]
+        if len(flat) == 1:
+            upright = np.cross(flat[0], distinct[a])
+            normals.append(upright / np.linalg.norm(upright))
+    stack = np.array(normals).reshape(-1, 3)
+    cosine = np.abs(stack @ directions.T)
+    lies = (cosine < UPRIGHT) | ((cosine > PARALLEL) & (rows[:, 6] == 0.0))
+    chosen = np.argsort(-lies.sum(axis=1), kind='stable')[:MAX_NORMALS]
+    stack, lies = stack[chosen], lies[chosen]
+    offsets = np.where(lies, stack @ rows[:, :3].T, np.nan)
+    frequent = np.array(distinct)[usual]
+    towards = np.abs(stack @ frequent.T)
+    spanned = np.where(towards > PARALLEL, 2, np.where(towards < UPRIGHT, 1, 0)).astype(np.int8)
+    towards = np.abs(frequent @ frequent.T)
+    both = (towards[:, None, :] < UPRIGHT) & (towards[None, :, :] < UPRIGHT) & (towards < PARALLEL)[:, :, None]
+    upright = np.where(both.any(axis=2), both.argmax(axis=2), -1).astype(np.int32)
+    return Regularity(order, number, stack, offsets, np.argsort(offsets, axis=1, kind='stable').astype(np.int32),
+                      usual.astype(np.int32), spanned, upright, *hull_faces(index))

@@ -1,0 +1,1 @@
+"""Certificates that no interpretation explains more of the data."""

@@ -1,0 +1,1 @@
+"""The production search: poses from pairs of features."""

@@ -1,0 +1,250 @@
+"""Matching data of unknown scale (structure from motion, thesis 5.5): directions come first, the scale is estimated.
+
+Angles between features do not depend on the scale; the distances of the lines, pair by pair, do so all alike. On a
+logarithmic axis the distances of a model's pairs stand among those of the data's, shifted by the scale: the correlation
+of the two, angle by angle, ranks the scales worth a search. At one of them the data is searched as of known scale; the
+scale that fits what was found best is then estimated with the pose.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
+
+from ..interpretation_tree.absolute_pose import validate
+from ..model.index import SMALLEST_FEATURE, ModelIndex, feature_rows
+from ..params import MatchParams, MatchResult, no_match
+from ..verification.acceptance import conclude, make_problem, refine_all
+
+STEP = 0.025  # of the logarithm: a search at one scale finds what is a little larger or smaller
+AROUND = 20  # steps to either side that a scale has to stand out from
+LARGEST = 400  # features of which the pairs are looked at
+ANGLES = 12  # classes of angles from 0 to 90 degrees
+SCALES = 40  # scales searched at most,
+SHARE = 0.25  # of the time limit for one scale at most,
+SPARE = 0.3  # and what is spared for the estimate
+UNCHANGED = 8  # and so many without a better interpretation once there is one
+SHORTEST = 0.03  # of the largest distance: shorter ones say little of the scale
+TURNS = 6  # alternations of pose and scale
+ROUGH = 4.0  # times fracdev: what the closed-form pose of a directions-only interpretation is allowed
+TRIED = 8  # such interpretations that are settled
+OPEN_SCALE = 1e-9  # of the model's size, squared: lines that come so near one point leave the scale open
+
+Search = Callable[[ModelIndex, FeatureSet, MatchParams], MatchResult]
+
+
+def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float, search: Search) -> MatchResult:
+    """Find a model in data of unknown scale; poses carry it: data = scale R model + t.
+
+    search : finds the model in data of known scale. The searches of the thesis are run once, on directions only.
+    """
+    if params.search != 'hypotheses':
+        return _by_directions(index, data, params, started)
+    known = params.replace(scale='known', prove=False, false_alarm_rate=params.false_alarm_rate / SCALES)
+    deadline = started + params.time_limit_s
+    best: MatchResult | None = None
+    best_scale = 1.0
+    tried = since = 0
+    for scale in likely_scales(index, data):
+        left = deadline - time.perf_counter()
+        if tried >= SCALES or (best and since >= UNCHANGED) or (tried and left <= SPARE * params.time_limit_s):
+            break
+        # No scale is to have all the time.
+        seconds = max(min(left, SHARE * params.time_limit_s), 1e-3)
+        found = search(index, resized(data, 1.0 / scale), known.replace(time_limit_s=seconds))
+        tried += 1
+        since += 1
+        if _rank(found) > _rank(best):
+            best, best_scale, since = found, scale, 0
+    stats = {'data_features': len(data), 'scales': tried, 'search': params.search}
+    if best is None:
+        return no_match(data, 'the data holds no two features that would tell a scale', **stats)
+    settled: list[Interpretation] = []
+    for k, found_one in enumerate(best.interpretations):
+        if k == 0 or time.perf_counter() < deadline:
+            one = settle(index, data, found_one, best_scale, known, deadline)
+            settled += [] if one is None else [one]
+    accepted = tuple(settled)
+    rejected = tuple(_with_scale(one, best_scale) for one in best.rejected)
+    stats.update({name: value for name, value in best.stats.items() if name not in stats})
+    return MatchResult(accepted, rejected, stats, best.reason if not accepted else None)
+
+
+def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float) -> MatchResult:
+    """A tree search without the constraints that need a scale; what it finds is validated with its own scale."""
+    from ..interpretation_tree.match import feasible
+    unit = next(likely_scales(index, data), 1.0)  # only to make the tolerances' floor comparable
+    near = resized(data, 1.0 / unit)
+    problem = make_problem(index, near, params)
+    stats = {'data_features': len(data), 'search': params.search}
+    if len(problem.rows) == 0:
+        return no_match(data, 'the data holds no features with length', **stats)
+    try:
+        result = feasible(problem, params, started)
+    except ValueError as error:
+        return no_match(data, str(error), **stats)
+    stats.update(feasible=len(result.assignments), complete=result.complete, **result.stats)
+    if not len(result.assignments):
+        return no_match(data, 'no feasible interpretation' + ('' if result.complete else ' in time'), **stats)
+    checked = validate(index.features, problem.data, result.assignments, result.signs, ROUGH * params.fracdev,
+                       params.curvedev, index.size, scale_free=True)
+    order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:TRIED]
+    known = params.replace(scale='known', prove=False)
+    settled: list[Interpretation] = []
+    for k in order:
+        pose = checked.poses[k]
+        assignment, sign = np.full(len(data), BIN, np.int32), np.zeros(len(data), np.int8)
+        matched = result.assignments[k] != BIN
+        assignment[problem.keep[matched]] = index.source[result.assignments[k][matched]]
+        sign[problem.keep[matched]] = checked.signs[k][matched]
+        found = Interpretation(index.name, assignment, sign, Pose(pose.rotation, pose.translation / pose.scale))
+        one = settle(index, near, found, pose.scale, known, started + params.time_limit_s)
+        if one is not None and not any((one.assignment == other.assignment).all() for other in settled):
+            settled.append(one)
+    settled.sort(key=lambda one: (-len(np.unique(one.assignment)), one.residual_rms))
+    accepted = tuple(_with_scale(one, unit) for one in settled[:params.max_interpretations])
+    return MatchResult(accepted, (), stats, None if accepted else 'no feasible interpretation is a similarity')
+
+
+def _rank(result: MatchResult | None) -> tuple[int, int, float]:
+    """Accepted before rejected, then by distinct model features, then by fit."""
+    if result is None:
+        return -1, 0, 0.0
+    one = result.best or (result.rejected[0] if result.rejected else None)
+    if one is None:
+        return 0, 0, 0.0
+    distinct = len(np.unique(one.assignment[one.assignment != BIN]))
+    return int(bool(result)), distinct, -one.residual_rms
+
+
+def resized(data: FeatureSet, factor: float) -> FeatureSet:
+    """The data with all lengths and errors times a factor."""
+    return data.transformed(Pose(np.eye(3), np.zeros(3), factor))
+
+
+def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
+    """Scales of the data, data over model lengths, the likeliest first."""
+    shortest = 3.0 * float(np.median(np.hypot(data.err_par, data.err_per))) if len(data) else 0.0
+    mine, theirs = _distances(feature_rows(data), shortest), _distances(index.rows, 0.0)
+    if not len(mine[0]) or not len(theirs[0]):
+        return
+    low, high = np.log(theirs[0].min()), np.log(theirs[0].max())
+    first, last = np.log(mine[0].min()), np.log(mine[0].max())
+    model_bins, data_bins = int((high - low) / STEP) + 1, int((last - first) / STEP) + 1
+    total = np.zeros(model_bins + data_bins - 1)
+    for angle in range(ANGLES):
+        a, b = mine[1] == angle, theirs[1] == angle
+        if not a.any() or not b.any():
+            continue
+        data_counts = _counts(mine[0][a], mine[2][a], first, data_bins)
+        model_counts = _counts(theirs[0][b], np.ones(int(b.sum())), low, model_bins)
+        total += np.correlate(data_counts, model_counts, mode='full') / model_counts.sum()
+    # What stands out above its surroundings is more than the plenty of some length.
+    background = np.convolve(np.pad(total, AROUND), np.full(2 * AROUND + 1, 1.0 / (2 * AROUND + 1)), mode='valid')
+    merit = (total - background) / np.sqrt(background + 0.01 * total.max())
+    shifts = (np.arange(len(total)) - (model_bins - 1)) * STEP + first - low
+    taken = np.zeros(len(total), bool)
+    for at in np.argsort(-merit, kind='stable'):
+        if not taken[at]:
+            taken[max(at - 1, 0):at + 2] = True
+            yield float(np.exp(shifts[at]))
+
+
+def _counts(lengths: np.ndarray, weights: np.ndarray, first: float, bins: int) -> np.ndarray:
+    """Smoothed histogram of logarithms; a length between two bins counts in both."""
+    at = (np.log(lengths) - first) / STEP
+    low = np.minimum(at.astype(int), bins - 1)
+    part = np.clip(at - low, 0.0, 1.0)
+    counts = np.bincount(low, weights * (1.0 - part), bins)
+    return counts + np.bincount(np.minimum(low + 1, bins - 1), weights * part, bins)
+
+
+def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distances between the lines of all pairs, their class of angle, and their weight: pairs near each other count."""
+    rows = rows[np.argsort(-rows[:, 6], kind='stable')[:LARGEST]]
+    i, j = np.triu_indices(len(rows), 1)
+    u, v, w = rows[i, 3:6], rows[j, 3:6], rows[j, :3] - rows[i, :3]
+    normal = np.cross(u, v)
+    sine = np.linalg.norm(normal, axis=1)
+    angle = np.arctan2(sine, np.abs((u * v).sum(axis=1)))
+    group = np.minimum((angle / (0.5 * np.pi) * (ANGLES - 1) + 0.5).astype(int), ANGLES - 1)
+    across = np.abs((w * normal).sum(axis=1)) / np.maximum(sine, 1e-12)
+    apart = np.linalg.norm(w - (w * u).sum(axis=1)[:, None] * u, axis=1)
+    lengths = np.where(group == 0, apart, across)
+    reach = np.linalg.norm(w, axis=1)
+    # Points, such as the centres of curves, have their distance; a line through the other has none.
+    points = (rows[i, 6] == 0.0) & (rows[j, 6] == 0.0)
+    lengths = np.where(points, reach, lengths)
+    usual = np.median(reach) if len(reach) else 1.0
+    weights = np.exp(-reach / max(float(usual), SMALLEST_FEATURE))
+    # A feature's own length counts as well: most are seen whole.
+    whole = 2.0 * rows[:, 6]
+    lengths = np.concatenate([lengths, whole[whole > 0.0]])
+    group = np.concatenate([group, np.full(int((whole > 0.0).sum()), ANGLES - 1)])
+    weights = np.concatenate([weights, np.full(int((whole > 0.0).sum()), 0.5)])
+    keep = lengths > max(SHORTEST * float(lengths.max(initial=0.0)), shortest, SMALLEST_FEATURE)
+    return lengths[keep], group[keep], weights[keep]
+
+
+def settle(index: ModelIndex, data: FeatureSet, found: Interpretation, scale: float, params: MatchParams,
+           deadline: float = np.inf) -> Interpretation | None:
+    """An interpretation at about the right scale, with scale and pose estimated by turns; None when it dissolves.
+
+    data : as observed; found : of the data divided by ``scale``; params : of known scale
+    deadline : of perf_counter(), after which no turn begins but the first
+    """
+    current = found
+    for _ in range(TURNS):
+        factor = _better_scale(index, resized(data, 1.0 / scale), current)
+        scale *= factor
+        problem = make_problem(index, resized(data, 1.0 / scale), params)
+        # The old pose, shrunk with the data.
+        motion = np.concatenate([current.pose.rotation.ravel(), current.pose.translation / factor])
+        refined = refine_all(problem, motion[None], np.array([float(current.matched)]), params, keep=0.0)
+        accepted, _ = conclude(problem, refined, params)
+        if not accepted:
+            return None
+        current = accepted[0]
+        if abs(factor - 1.0) < 1e-7 or time.perf_counter() > deadline:
+            break
+    return _with_scale(current, scale)
+
+
+def _better_scale(index: ModelIndex, data: FeatureSet, found: Interpretation) -> float:
+    """By how much the data is still too large; 1 when the matched features leave that open."""
+    used = found.data_indices
+    number = {int(source): k for k, source in enumerate(index.source)}
+    chosen = np.array([number[int(j)] for j in found.assignment[used]])
+    checked = validate(index.features, data.select(used), chosen[None], found.sign[None, used], 1.0, 1e6, index.size,
+                       scale_free=True)
+    factor = checked.poses[0].scale
+    return factor if 0.5 < factor < 2.0 and not _scale_is_open(index, chosen, found) else 1.0
+
+
+def _scale_is_open(index: ModelIndex, chosen: np.ndarray, found: Interpretation) -> bool:
+    """Whether all matched lines meet in one point, or are parallel to one another in one line: any scale fits then."""
+    rows = index.rows[chosen]
+    lines = index.kind[chosen] != FeatureKind.CURVE
+    u = rows[:, 3:6] * lines[:, None]
+    across = np.eye(3) - u[:, :, None] * u[:, None, :]
+    middle = rows[:, :3].mean(axis=0)
+    gaps = np.einsum('kij,kj->ki', across, rows[:, :3] - middle)
+    shift, *_ = np.linalg.lstsq(across.reshape(-1, 3), gaps.ravel(), rcond=None)
+    left = gaps - across @ shift
+    return bool((left ** 2).sum() < OPEN_SCALE * index.size ** 2)
+
+
+def _with_scale(one: Interpretation, scale: float) -> Interpretation:
+    """An interpretation of data / scale as one of the data itself."""
+    poses = [Pose(p.rotation, p.translation * scale, p.scale * scale) for p in (one.pose, *one.symmetric_poses)]
+    covariance = None
+    if one.covariance is not None:
+        units = np.array([scale] * 3 + [1.0] * 3)
+        covariance = one.covariance * units[:, None] * units
+    return replace(one, pose=poses[0], symmetric_poses=tuple(poses[1:]), covariance=covariance,
+                   residual_rms=one.residual_rms * scale)

@@ -1,0 +1,150 @@
+"""Which models of a large library are worth a full search.
+
+Every data feature is paired with the few features it pairs with best. One list of such pairs serves all models: each
+pair is looked up in a model's pair table, turned into a pose, and the pose tried first on the neighbours of the pair,
+then on all data, as in the full search, but with far fewer pairs. A model that is there is hit by many of the pairs; it
+only has to be hit once to show a score above what chance gives. Of the models that score best, the best poses are
+refined and judged by their evidence: where few edges are in view, chance scores as much, but fits worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from msgs_py import FeatureSet
+
+from ..geometry.kernels import rank_pairs
+from ..model.index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
+from ..params import MatchParams
+from ..verification.acceptance import make_problem, needed_evidence, refine_all
+from .prefilter_kernels import best_poses
+from .threads import spread
+
+PARTNERS = 4  # pairs of each data feature to choose from
+SAMPLE = 8  # models that tell how often a pair fits by chance
+EACH = 3  # pairs that a feature is in
+BUDGET = 350.0  # hypotheses a model
+LEAST_PAIRS = 16
+NEAR = 12  # neighbours of a pair that its pose is tried on first
+SEARCH_WIDTH = 1.6  # tolerance of unrefined poses, as in the full search
+POSES = 3  # of a model that are kept
+JUDGED = 400  # models whose poses are refined
+# Searched in any case: so many, unless one has so many nats more than it needs; and every model whose evidence is
+# within so many nats of what is needed.
+LEAST_CANDIDATES = 3
+SURE = 3.0
+MOST_CANDIDATES = 24
+SHORT_OF = 3.0
+
+
+def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
+    """Numbers of the models to search fully, best first. All of them when there is next to no data."""
+    keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
+    if len(keep) < 3:
+        return list(range(len(models)))
+    used = data.select(keep)
+    scores, motions = library_scores(models, used, params)
+    sizes = np.array([len(model) for model in models])
+    # Chance explains more features of a large model, but a smaller share of them.
+    order = np.argsort(-scores[:, 0] / np.sqrt(sizes), kind='stable')
+    order = order[scores[order, 0] > 0.0][:JUDGED]
+    surplus = np.array(spread(lambda k: _surplus(models[k], used, params, motions[k], scores[k]), order))
+    ranked = np.argsort(-surplus, kind='stable')
+    least = 1 if surplus.max(initial=-np.inf) > SURE else LEAST_CANDIDATES
+    return [int(order[k]) for place, k in enumerate(ranked)
+            if place < least or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)]
+
+
+def _surplus(model: ModelIndex, data: FeatureSet, params: MatchParams, motions: np.ndarray,
+             scores: np.ndarray) -> float:
+    """Nats by which the best of a model's poses, refined, exceeds what an accepted interpretation needs."""
+    problem = make_problem(model, data, params)
+    refined = refine_all(problem, motions.copy(), scores, params, keep=0.0)
+    needed = needed_evidence(problem, params)
+    return float(refined.figures[:, 7].max() - max(needed, 0.0))
+
+
+def library_scores(models: Sequence[ModelIndex], data: FeatureSet,
+                   params: MatchParams) -> tuple[np.ndarray, np.ndarray]:
+    """The distinct model features, plus fit quality, that the best poses of the shared pairs explain, best first:
+    scores (models, POSES) float64, 0 where there is none, and poses (models, POSES, 12).
+
+    data : features with length, camera frame
+    """
+    rows = feature_rows(data)
+    scores, motions = np.zeros((len(models), POSES)), np.zeros((len(models), POSES, 12))
+    run: Any = best_poses
+
+    def score(number: int, pairs: np.ndarray, near: np.ndarray, counts: np.ndarray, count_only: bool) -> None:
+        model = models[number]
+        tolerances = data_tolerances(data, rows, model.size, params)
+        table = model.voxels(SEARCH_WIDTH * float(tolerances[:, 0].max()))
+        run(pairs, near, model.rows, model.kind, model.pair_starts, model.pair_members, model.pair_values,
+                   model.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, rows, data.kind,
+                   tolerances, SEARCH_WIDTH, params.curvedev * model.max_radius, counts, count_only, model.middle,
+            model.size, motions[number], scores[number])
+
+    pairs, near = shared_pairs(rows, float(np.median([model.size for model in models])))
+    # How often a pair fits a model by chance is the same for all of a library, more or less: a few models tell.
+    counts = np.zeros(len(pairs), np.int64)
+    sample = range(0, len(models), max(1, len(models) // SAMPLE))
+    for number in sample:
+        score(number, pairs, near, counts, True)
+    chosen = choose_pairs(pairs, counts / len(sample))
+    pairs, near = pairs[chosen], near[chosen]
+
+    def work(number: int) -> None:
+        score(number, pairs, near, np.zeros(len(pairs), np.int64), False)
+
+    spread(work, range(len(models)))
+    return scores, motions
+
+
+def choose_pairs(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Rows of the pairs to use: those that fit least often by chance, up to BUDGET hypotheses a model.
+
+    pairs : (p, 2); counts : (p,) mean number of hypotheses of each in a model. A feature is in at most EACH of them,
+    so that many of the features, and with them every object, have their turn.
+    """
+    used: dict[int, int] = {}
+    chosen: list[int] = []
+    spent = 0.0
+    for row in np.argsort(counts, kind='stable'):
+        a, b = int(pairs[row, 0]), int(pairs[row, 1])
+        if counts[row] <= 0.0 or max(used.get(a, 0), used.get(b, 0)) >= EACH:
+            continue
+        if spent + counts[row] > BUDGET and len(chosen) >= LEAST_PAIRS:
+            break
+        spent += counts[row]
+        used[a], used[b] = used.get(a, 0) + 1, used.get(b, 0) + 1
+        chosen.append(int(row))
+    return np.array(chosen, np.int64)
+
+
+def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (p, 2) int32 in which every feature occurs with its best partners, and neighbours (p, m) int32 of each.
+
+    reach : metres, a usual size of a model
+    """
+    n = len(rows)
+    count = min(n, 4 * NEAR + 1)
+    _, around = cKDTree(rows[:, :3]).query(rows[:, :3], k=count)
+    candidates = around.astype(np.int32) if n > 200 else np.zeros((0, 0), np.int32)
+    ranked, _ = rank_pairs(rows, candidates, reach, min(NEAR // 2, n - 1))
+    partners: list[list[int]] = [[] for _ in range(n)]
+    for a, b in ranked.tolist():
+        partners[a].append(b)
+        partners[b].append(a)
+    chosen = {(min(a, b), max(a, b)) for a in range(n) for b in partners[a][:PARTNERS]}
+    pairs = np.array(sorted(chosen), np.int32).reshape(-1, 2)
+    near = np.full((len(pairs), NEAR + 2), -1, np.int32)
+    for row, (a, b) in zip(near, pairs.tolist()):
+        members = list(dict.fromkeys([a, b, *(k for pair in zip_longest(partners[a], partners[b]) for k in pair
+                                              if k is not None)]))[:NEAR + 2]
+        row[:len(members)] = members
+    return pairs, near

@@ -1,0 +1,1 @@
+"""Whether a pose is right: refinement, line of sight, evidence, acceptance."""

@@ -1,0 +1,389 @@
+"""How surely an interpretation is no accident, in nats: the logarithm of a ratio of probabilities.
+
+Clutter is not made of independent pieces. It consists of objects, most of them regular: their edges are parallel or at
+right angles, meet in corners and lie in common planes. A pose that lays one corner of a model on the corner of a box
+explains three edges for nothing, and five or nine when one or two dimensions happen to agree. So it is not matched
+features that count but coincidences, beyond those that made the pose:
+
+    offsets    a matched feature lies in planes (see regularity.py) that matched directions span or are upright to. A
+               plane in which a matched feature lies already is free, and so are the first three that fix the position.
+               Each other one is a coincidence, whose chance is the share of all offsets that lie within the tolerance
+               of one of the model's
+    directions a direction that is neither parallel nor perpendicular to those before: each free angle, whose chance is
+               ANGLE for each direction that the model has
+    radii      PER_RADIUS for each distinct radius
+    accuracy   by chance a plane lies anywhere within the tolerance of the model's; when it is the model's it lies
+               within its error, which is the smaller the more data there is in it, and BIAS x tolerance
+    coverage   a model edge covered to COVERED of its length has chance WHOLE in the model, and in the data the share of
+               pieces of that length among those that would fit the edge. Equal parallel edges count once
+    view       more of the model is found, and less is missed, than by chance, see views.py
+    neighbours an object's edges meet at their ends. Unexplained data that meet the explained data, end to end, speak
+               for another object: a chance pose has NEIGHBOURS of them besides those that density explains and those
+               that noise takes from the model itself, and counts are as likely as Poisson says. Data that run into the
+               middle of an edge tell nothing, as print and what stands behind do. A share CROWDED of real objects has
+               patterns at its edges, or stands on others, and has neighbours like a chance pose
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+from ..geometry.kernels import CURVE, pair_geometry
+from ..model.regularity import PARALLEL, UPRIGHT
+from .visibility_evidence import nats_of_view
+
+ANGLE = 0.05
+PER_RADIUS = 2.0
+PER_OFFSET = 0.5  # of a feature that lies in no plane of the usual orientations: there are many of such
+COVERED = 0.75
+WHOLE = 0.7
+FRAGMENTS = -1.0  # no less for all lengths together: where all is broken, pieces say little
+BIAS = 0.15  # of the tolerance; ideal data is no infinite proof
+WORST = 4.0  # a single plane off by the whole tolerance takes back no more than this, its coincidence included
+ENOUGH = 64  # matched features that are looked at: with so many there is no doubt
+NEIGHBOURS = 2.2
+MISSED = 0.03  # of an instance's own edges, per matched feature, noise takes so many that meet the others
+AT_ENDS = 0.3  # of the pieces strewn about that meet, so many do so end to end
+CROWDED = 0.03
+REACH = 0.12  # edges meet when their lines do within this share of their lengths beyond their ends
+NEARLY_PARALLEL = 0.2
+SHORT = 6.0  # tolerances; the direction of a shorter edge is too poor to say that it is not the model's
+
+
+@njit
+def plane_table(offsets, by_offset, tolerance):
+    """Number (q, e) int32 of the plane that each feature lies in, -1 for none, and nats (q,) of a chance coincidence.
+
+    Offsets within twice the tolerance (metres) cannot be told apart. The offset of a plane of another object lies
+    anywhere in twice the model's extent.
+    """
+    q, e = offsets.shape
+    number = np.full((q, e), -1, np.int32)
+    nats = np.zeros(q)
+    for i in range(q):
+        count = -1
+        covered = 2.0 * tolerance
+        first = last = anchor = 0.0
+        for k in range(e):
+            j = by_offset[i, k]
+            value = offsets[i, j]
+            if np.isnan(value):
+                break
+            if count < 0:
+                first = last = anchor = value
+                count = 0
+            elif value - anchor > 2.0 * tolerance:
+                count += 1
+                anchor = value
+            covered += min(value - last, 2.0 * tolerance)
+            last = value
+            number[i, j] = count
+        nats[i] = -np.log(min(covered / (2.0 * (last - first) + 2.0 * tolerance), 0.9))
+    return number, nats
+
+
+@njit
+def _remainder(vector, basis, count, out):
+    """Length of a vector's part outside the span of the first ``count`` orthonormal rows of ``basis``."""
+    x, y, z = vector[0], vector[1], vector[2]
+    for b in range(count):
+        dot = x * basis[b, 0] + y * basis[b, 1] + z * basis[b, 2]
+        x, y, z = x - dot * basis[b, 0], y - dot * basis[b, 1], z - dot * basis[b, 2]
+    out[0], out[1], out[2] = x, y, z
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@njit
+def free_angles(u, earlier, count):
+    """Angles of a direction that regularity does not explain: 0, 1 or 2; the first direction's are the pose's own."""
+    if count == 0:
+        return 0
+    least = 2
+    for a in range(count):
+        v = earlier[a]
+        if abs(u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) < UPRIGHT:
+            least = min(least, 1)
+        for b in range(a):
+            w = earlier[b]
+            x, y, z = v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
+            length = np.sqrt(x * x + y * y + z * z)
+            if length < UPRIGHT:
+                continue
+            c = abs(x * u[0] + y * u[1] + z * u[2]) / length
+            if c > PARALLEL:
+                return 0
+            if c < UPRIGHT:
+                least = min(least, 1)
+    return least - 1 if count == 1 else least
+
+
+@njit
+def regular_planes(used, direction, usual, spanned, upright):
+    """Which of the q orientations of planes an object owes to its regularity that has the directions of the model
+    features ``used``, and those upright to two of them: (q,) bool. A slanted plane through two edges is none while
+    nothing slanted is matched. Of a single direction all are that it lies in."""
+    q, d = spanned.shape
+    seen = np.zeros(d, np.bool_)
+    for k in range(d):
+        for j in range(len(used)):
+            if used[j] and direction[j] == usual[k]:
+                seen[k] = True
+                break
+    least = min(seen.sum(), 2)
+    derived = seen.copy()
+    for a in range(d):
+        for b in range(a):
+            if seen[a] and seen[b] and upright[a, b] >= 0:
+                derived[upright[a, b]] = True
+    regular = np.zeros(q, np.bool_)
+    for i in range(q):
+        within = found = 0
+        for k in range(d):
+            if spanned[i, k] == 1:
+                within += 1
+                found += derived[k]
+            elif spanned[i, k] == 2 and derived[k]:
+                regular[i] = True
+        if found >= min(within, least):
+            regular[i] = True
+    return regular
+
+
+@njit
+def coincidences(model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats, accuracy):
+    """Nats of the coincidences beyond the pose among the model features in ``used`` (e,) bool.
+
+    accuracy : (q, e) nats to add for each plane. Of parallel planes any one could be the one that fixes the position:
+        it is the most accurate, so that what the pose misses counts wherever it is
+    """
+    q, e = number.shape[0], model.shape[0]
+    regular = regular_planes(used, direction, usual, spanned, upright)
+    anchor = np.full(q, np.nan)
+    known = np.zeros((q, e), np.bool_)
+    seen = np.zeros(e, np.bool_)
+    directions = np.empty((12, 3))
+    radii = np.empty(ENOUGH)
+    placed, fixed = np.zeros((3, 3)), np.zeros((3, 3))
+    rest = np.zeros(3)
+    per_angle = -np.log(min(1.0, ANGLE * (direction.max() + 1)))
+    n_directions = n_radii = n_placed = features = 0
+    total = 0.0
+    for k in range(e):
+        j = order[k]
+        if not used[j]:
+            continue
+        features += 1
+        if features > ENOUGH:
+            break
+        if not seen[direction[j]] and n_directions < len(directions):
+            seen[direction[j]] = True
+            total += per_angle * free_angles(model[j, 3:6], directions, n_directions)
+            directions[n_directions] = model[j, 3:6]
+            n_directions += 1
+        freedom = 2
+        if kind_m[j] == CURVE:
+            freedom = 3
+            fresh = True
+            for r in range(n_radii):
+                fresh = fresh and abs(radii[r] - model[j, 7]) > 0.05 * model[j, 7]
+            if fresh:
+                radii[n_radii] = model[j, 7]
+                n_radii += 1
+                total += PER_RADIUS
+        n_fixed = 0
+        for i in range(q):
+            if regular[i] and number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
+                length = _remainder(normals[i], fixed, n_fixed, rest)
+                if length > 0.4:
+                    fixed[n_fixed] = rest / length
+                    n_fixed += 1
+        while n_fixed < freedom:
+            # Of the unknown planes those first that only fix the position, then the likeliest coincidence.
+            best, least = -1, np.inf
+            for i in range(q):
+                if (not regular[i] or number[i, j] < 0 or known[i, number[i, j]]
+                        or _remainder(normals[i], fixed, n_fixed, rest) <= 0.4):
+                    continue
+                value = nats[i]
+                if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > 0.3:
+                    value = -1.0
+                if value < least:
+                    best, least = i, value
+            if best < 0:
+                n_fixed += 1
+                if n_placed < 3:
+                    # Any direction that is not placed yet.
+                    for axis in range(3):
+                        unit = np.zeros(3)
+                        unit[axis] = 1.0
+                        length = _remainder(unit, placed, n_placed, rest)
+                        if length > 0.5:
+                            placed[n_placed] = rest / length
+                            n_placed += 1
+                            break
+                else:
+                    total += PER_OFFSET
+                continue
+            if least < 0.0:
+                length = _remainder(normals[best], placed, n_placed, rest)
+                placed[n_placed] = rest / length
+                n_placed += 1
+                anchor[best] = accuracy[best, number[best, j]]
+            else:
+                value = accuracy[best, number[best, j]]
+                if value > anchor[best]:
+                    value, anchor[best] = anchor[best], value
+                total += least + value
+            known[best, number[best, j]] = True
+            length = _remainder(normals[best], fixed, n_fixed, rest)
+            fixed[n_fixed] = rest / length
+            n_fixed += 1
+        for i in range(q):
+            if number[i, j] >= 0:
+                known[i, number[i, j]] = True
+    return total
+
+
+@njit
+def coverage(model, kind_m, data, kind_d, low, high, direction):
+    """Nats for the lengths of the pieces found: low, high (e,) metres, what is covered of each model edge."""
+    e, n = model.shape[0], data.shape[0]
+    total = 0.0
+    for j in range(e):
+        if kind_m[j] == CURVE or high[j] <= low[j]:
+            continue
+        length = 2.0 * model[j, 6]
+        whole = high[j] - low[j] >= COVERED * length
+        repeated = False
+        for i in range(j):
+            same = direction[i] == direction[j] and abs(2.0 * model[i, 6] - length) < 0.05 * length
+            if same and high[i] > low[i] and (high[i] - low[i] >= COVERED * 2.0 * model[i, 6]) == whole:
+                repeated = True
+                break
+        if repeated:
+            continue
+        fitting = alike = 0
+        for k in range(n):
+            if kind_d[k] != CURVE and 2.0 * data[k, 6] <= 1.05 * length:
+                fitting += 1
+                if 2.0 * data[k, 6] >= COVERED * length:
+                    alike += 1
+        chance = (alike + 1.0) / (fitting + 4.0)
+        total += np.log(WHOLE / chance) if whole else np.log((1.0 - WHOLE) / (1.0 - chance))
+    return total
+
+
+@njit
+def meet(a, b, tolerance):
+    """Whether two edges (rows) meet end to end: their lines within the tolerance (metres), near an end of both."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    reach = (1.0 + 2.0 * REACH) * (a[6] + b[6]) + 6.0 * tolerance
+    if x * x + y * y + z * z > reach * reach:
+        return False
+    _, s, d, fa, fb, _ = pair_geometry(a, b)
+    if s < NEARLY_PARALLEL or abs(d) > tolerance:
+        return False
+    beyond = tolerance / s
+    return (abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond)
+
+
+@njit
+def neighbours(motion, data, kind_d, tols, assignment, middle, size):
+    """Nats for what surrounds the explained data; middle (3,) and size (metres) of the model."""
+    n = data.shape[0]
+    cx = motion[0] * middle[0] + motion[1] * middle[1] + motion[2] * middle[2] + motion[9]
+    cy = motion[3] * middle[0] + motion[4] * middle[1] + motion[5] * middle[2] + motion[10]
+    cz = motion[6] * middle[0] + motion[7] * middle[1] + motion[8] * middle[2] + motion[11]
+    radius = 0.6 * size
+    matched = np.empty(n, np.int64)
+    count = 0
+    explained = unexplained = tolerance = 0.0
+    for k in range(n):
+        if assignment[k] >= 0:
+            matched[count] = k
+            count += 1
+            explained += 2.0 * data[k, 6]
+            tolerance += tols[k, 0]
+    if count == 0:
+        return 0.0
+    tolerance /= count
+    met = 0.0
+    for k in range(n):
+        if assignment[k] >= 0 or kind_d[k] == CURVE or 2.0 * data[k, 6] < SHORT * tols[k, 0]:
+            continue
+        x, y, z = data[k, 0] - cx, data[k, 1] - cy, data[k, 2] - cz
+        away = np.sqrt(x * x + y * y + z * z)
+        if away < radius:
+            unexplained += 2.0 * data[k, 6]
+        elif away > size + (1.0 + 2.0 * REACH) * data[k, 6]:
+            continue
+        for i in range(count):
+            a = matched[i]
+            if kind_d[a] != CURVE and meet(data[k], data[a], 0.5 * (tols[k, 0] + tols[a, 0])):
+                met += 1.0
+                break
+    # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
+    density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius ** 3)
+    expected = AT_ENDS * density + MISSED * count + 0.05
+    alone = np.exp(NEIGHBOURS - met * np.log((expected + NEIGHBOURS) / expected))
+    return np.log((1.0 - CROWDED) * alone + CROWDED)
+
+
+@njit
+def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size, order, direction, normals, usual,
+             spanned, upright, number, nats, faces, lies):
+    """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, faces and lies as in
+    :class:`.regularity.Regularity`, the rest as above."""
+    e, n = model.shape[0], data.shape[0]
+    low = np.full(e, np.inf)
+    high = np.full(e, -np.inf)
+    used = np.zeros(e, np.bool_)
+    accuracy, sums, weights = np.zeros(number.shape), np.zeros(number.shape), np.zeros(number.shape)
+    squares = 0.0
+    point = np.empty(3)
+    for k in range(n):
+        j = assignment[k]
+        if j < 0:
+            continue
+        used[j] = True
+        m, d = model[j], data[k]
+        curve = kind_d[k] == CURVE
+        for end in range(1 if curve else 2):
+            step = 0.0 if curve else d[6] if end == 0 else -d[6]
+            x, y, z = (d[0] + step * d[3] - motion[9], d[1] + step * d[4] - motion[10],
+                       d[2] + step * d[5] - motion[11])
+            along = 0.0
+            for axis in range(3):
+                point[axis] = motion[axis] * x + motion[3 + axis] * y + motion[6 + axis] * z - m[axis]
+                along += point[axis] * m[3 + axis]
+            if not curve:
+                low[j], high[j] = min(low[j], along), max(high[j], along)
+                for axis in range(3):
+                    point[axis] -= along * m[3 + axis]
+            for i in range(number.shape[0]):
+                if number[i, j] >= 0:
+                    r = (point[0] * normals[i, 0] + point[1] * normals[i, 1] + point[2] * normals[i, 2]) / tols[k, 0]
+                    sums[i, number[i, j]] += r
+                    weights[i, number[i, j]] += 1.0
+                    squares += r * r
+    points = planes = 0.0
+    for i in range(number.shape[0]):
+        for p in range(e):
+            if weights[i, p] > 0.0:
+                points += weights[i, p]
+                planes += 1.0
+                squares -= sums[i, p] ** 2 / weights[i, p]
+    variance = min(max(squares, 0.01 * points) / max(points - planes, 1.0), 0.25)
+    for i in range(number.shape[0]):
+        for p in range(e):
+            if weights[i, p] > 0.0:
+                error = variance / weights[i, p] + BIAS ** 2
+                off = (sums[i, p] / weights[i, p]) ** 2 / error
+                accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
+    total = coincidences(model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats,
+                         accuracy)
+    total += max(coverage(model, kind_m, data, kind_d, low, high, direction), FRAGMENTS)
+    total += nats_of_view(motion, used, faces, lies)
+    return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)

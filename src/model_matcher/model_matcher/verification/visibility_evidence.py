@@ -1,0 +1,102 @@
+"""How much of a model was found: evidence beyond coincidences.
+
+Where the model is, more of its features are found than a pose explains by chance, and fewer are missed. Which ones,
+tells how the data came about; each of two ways is as likely as the other:
+
+    thinned   every feature is found as often as any other
+    seen      of an opaque object. An edge on its convex hull is in view when a face of the hull that it lies on looks
+              at the eye: nothing of the object itself can hide it. Hidden edges of the hull are hardly ever found;
+              what is in view of the others is not known, so they do not count
+
+The chances say little for a single feature, because objects hide each other: what is found is found together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py import FeatureKind
+from msgs_py.numeric.compiled import njit
+
+from ..model.index import ModelIndex
+
+# Corners and edges lie on a face of the hull when they are this near to it, as a share of the model's size.
+ON_FACE = 0.005
+# Chances that a feature is explained: by a pose at random, among objects as regular as the model; where the model is,
+# when any feature may be missing; there, when it is in view, and when it is hidden. Measured with the thresholds of
+# finishing.py.
+BY_CHANCE, THINNED, SEEN, HIDDEN = 0.28, 0.39, 0.47, 0.1
+RIM = 16  # points that stand for a curve
+
+
+def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of a model's convex hull: outward normals and offsets (h, 4), the face where normal . x + offset = 0,
+    metres; and lies (h, e) bool, which edges lie on them. A flat model has two faces, a straight one none."""
+    rows = index.rows
+    step = rows[:, 6:7] * rows[:, 3:6]
+    points = np.concatenate([rows[:, :3] - step, rows[:, :3] + step, _rims(index)])
+    planes = _planes(points, index.size)
+    lies = np.ones((len(planes), len(rows)), bool)
+    near = ON_FACE * index.size
+    for sign in (-1.0, 1.0):
+        away = np.abs((rows[:, :3] + sign * step) @ planes[:, :3].T + planes[:, 3])
+        lies &= (away < near).T
+    return planes, lies & (index.kind == FeatureKind.EDGE)
+
+
+def _rims(index: ModelIndex) -> np.ndarray:
+    rows = index.rows[index.kind == FeatureKind.CURVE]
+    angle = np.arange(RIM) * 2.0 * np.pi / RIM
+    normal = rows[:, 3:6]
+    u = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)]) if len(rows) else normal
+    u = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
+    v = np.cross(normal, u)
+    around = np.cos(angle)[:, None, None] * u + np.sin(angle)[:, None, None] * v
+    return (rows[:, :3] + np.nan_to_num(rows[:, 7:8]) * around).reshape(-1, 3)
+
+
+def _planes(points: np.ndarray, size: float) -> np.ndarray:
+    middle = points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(points - middle, full_matrices=False)
+    if len(spread) < 3 or spread[1] < ON_FACE * size:
+        return np.zeros((0, 4))
+    if spread[2] < ON_FACE * size:
+        return np.array([[*(sign * axes[2]), -sign * float(axes[2] @ middle)] for sign in (-1.0, 1.0)])
+    from scipy.spatial import ConvexHull, QhullError
+    try:
+        found = ConvexHull(points).equations
+    except QhullError:
+        return np.zeros((0, 4))
+    # The hull comes in triangles; a face is all of them in one plane.
+    _, first = np.unique(np.round(found / [0.01, 0.01, 0.01, 0.01 * size]), axis=0, return_index=True)
+    return np.ascontiguousarray(found[np.sort(first)])
+
+
+@njit
+def _nats(found, missed, chance):
+    """Of a chance against BY_CHANCE."""
+    return found * np.log(chance / BY_CHANCE) + missed * np.log((1.0 - chance) / (1.0 - BY_CHANCE))
+
+
+@njit
+def nats_of_view(motion, used, planes, lies):
+    """Nats for the features ``used`` (e,) bool that were found, and those that were not; the eye is the origin of the
+    data's frame, pose (12,). planes (h, 4), lies (h, e) : see :func:`hull_faces`."""
+    e = len(used)
+    hull, in_view = np.zeros(e, np.bool_), np.zeros(e, np.bool_)
+    for h in range(planes.shape[0]):
+        # The eye in the model's frame is -R^T t.
+        side = planes[h, 3]
+        for axis in range(3):
+            side -= planes[h, axis] * (motion[axis] * motion[9] + motion[3 + axis] * motion[10]
+                                       + motion[6 + axis] * motion[11])
+        for j in range(e):
+            hull[j] |= lies[h, j]
+            in_view[j] |= lies[h, j] and side > 0.0
+    count = used.sum()
+    seen = (in_view & used).sum()
+    hidden = (hull & ~in_view & used).sum()
+    of_view = _nats(seen, in_view.sum() - seen, SEEN) + hidden * np.log(HIDDEN / BY_CHANCE)
+    thinned = _nats(count, e - count, THINNED)
+    most = max(thinned, of_view)
+    return most + np.log(0.5 * (np.exp(thinned - most) + np.exp(of_view - most)))

@@ -1,0 +1,438 @@
+"""What every node of the graph shares: parameters from a Config, QoS, guarded callbacks, diagnostics, shutdown.
+
+With codecs this is the only part of the package that needs ROS, and the only one that imports rclpy.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar, cast
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from .config import Config, ParameterSpec
+from .health import Health, SequenceGaps, shortened
+from .renaming import notice
+from .stamp_sync import NANOSECONDS, StampSync
+from .transport import make_room_for_images
+
+# REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
+# kind of publisher is heard. Shallow: a result that is late is worth less than the next one.
+OUTPUT_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, depth=2, reliability=QoSReliabilityPolicy.RELIABLE)
+INPUT_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, depth=2, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+DIAGNOSTICS_PERIOD_S = 1.0
+SILENCE_S = 5.0
+SILENCE_LOG_S = 10.0
+STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
+
+_ARRAY_TYPES = {str: Parameter.Type.STRING_ARRAY, int: Parameter.Type.INTEGER_ARRAY,
+                float: Parameter.Type.DOUBLE_ARRAY, bool: Parameter.Type.BOOL_ARRAY}
+
+_C = TypeVar('_C', bound=Config)
+
+
+@dataclass(frozen=True)
+class StereoMessages:
+    """Four messages of one moment."""
+
+    left: Image
+    left_info: CameraInfo
+    right: Image
+    right_info: CameraInfo
+
+
+class GraphNode(Node, Generic[_C]):
+    """A node of the recognition graph, ``GraphNode[ItsConfig]``.
+
+    ``kwargs`` (context, namespace, parameter_overrides, ...) go to rclpy's Node.
+    """
+
+    def __init__(self, name: str, config_class: type[_C], **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.health = Health(time.monotonic())
+        self._sync: StampSync | None = None
+        self._received: dict[str, int] = {}
+        self._callback_start = time.monotonic()
+        self._silence_logged = -SILENCE_LOG_S
+        self._old_names: list[str] = []
+        self._ignored: list[str] | None = None
+        self._accept_old_names(config_class)
+        self._config = self._declare(config_class)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
+        self._diagnostics_out = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # A steady clock: diagnostics go on when simulated time stands still.
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady_clock)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+
+    # -- to be overridden --------------------------------------------------------------------------------------
+
+    def check_config(self, new: _C) -> None:
+        """Refuse a configuration: raise ValueError with what was expected. No side effects."""
+
+    def on_config(self, old: _C, new: _C) -> None:
+        """The configuration has changed from old to new."""
+
+    def reset(self) -> str:
+        """Forget everything about earlier inputs; return what was forgotten."""
+        return 'counters'
+
+    def why_silent(self) -> str | None:
+        """A reason of this node's own why nothing comes out."""
+        return None
+
+    def report_values(self) -> dict[str, object]:
+        """More key and value pairs for /diagnostics."""
+        return {}
+
+    # -- parameters --------------------------------------------------------------------------------------------
+
+    @property
+    def config(self) -> _C:
+        """The current configuration."""
+        return self._config
+
+    @property
+    def _overrides(self) -> dict[str, Parameter]:
+        """Values given at the start; rclpy has no public view of them."""
+        return getattr(self, '_parameter_overrides', {})
+
+    def _accept_old_names(self, config_class: type[_C]) -> None:
+        """Values given under a parameter's old name count for the new one, unless that is given too."""
+        for old, new in config_class.former_names().items():
+            given = self._overrides.pop(old, None)
+            if given is not None:
+                self._old_name_used('parameter', old, new)
+                self._overrides.setdefault(new, Parameter(new, given.type_, given.value))
+
+    def _old_name_used(self, kind: str, old: str, new: str) -> None:
+        """Say so, once, in the log, and from now on in the diagnostics."""
+        text = notice(kind, old, new)
+        if text not in self._old_names:
+            self._old_names.append(text)
+            self.get_logger().warning(text)
+
+    def _ignored_overrides(self) -> list[str]:
+        """What was given at the start and no parameter has taken: ROS says nothing of a misspelt name."""
+        if self._ignored is None:
+            known = [*self._parameters, *type(self._config).former_names()]
+            self._ignored = [name for name in self._overrides if not self.has_parameter(name)]
+            for name in self._ignored:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f'; did you mean {near[0]}?' if near else ''
+                self.get_logger().warning(f'parameter {name}: unknown to {self.get_name()}, ignored{hint}')
+        return self._ignored
+
+    def _declare(self, config_class: type[_C]) -> _C:
+        """Declare every parameter. An unusable start-up value is reported, and the default taken instead."""
+        config = config_class()
+        for spec in config_class.parameters():
+            try:
+                self._declare_one(spec)
+                candidate = config.changed({spec.name: self._declared_value(spec)})
+            except (InvalidParameterTypeException, InvalidParameterValueException, ValueError) as error:
+                self.problem(f'{error}; using the default {spec.default!r}')
+                if self.has_parameter(spec.name):
+                    self.undeclare_parameter(spec.name)
+                self._declare_one(spec, ignore_override=True)
+                continue
+            config = candidate
+        return config
+
+    def _declare_one(self, spec: ParameterSpec, ignore_override: bool = False) -> None:
+        descriptor = ParameterDescriptor(
+            description=spec.description + (f' [{spec.unit}]' if spec.unit else ''),
+            additional_constraints=spec.range_text, read_only=spec.read_only,
+            # An integer is welcome where a number is expected; the type is checked with the range, by the Config.
+            dynamic_typing=spec.kind is float)
+        low, high = spec.minimum, spec.maximum
+        if spec.kind is float and (low is not None or high is not None):
+            descriptor.floating_point_range = [FloatingPointRange(
+                from_value=float(-1e308 if low is None else low), to_value=float(1e308 if high is None else high))]
+        elif spec.kind is int and (low is not None or high is not None):
+            descriptor.integer_range = [IntegerRange(
+                from_value=int(-2**62 if low is None else low), to_value=int(2**62 if high is None else high), step=1)]
+        if spec.kind is not tuple:
+            self.declare_parameter(spec.name, spec.default, descriptor, ignore_override=ignore_override)
+            return
+        # An empty list has no type of its own, so the type is declared and the value set, and only then locked.
+        array_type = _ARRAY_TYPES[spec.element]
+        descriptor.read_only = False
+        self.declare_parameter(spec.name, array_type, descriptor, ignore_override=ignore_override)
+        if self.get_parameter_or(spec.name, Parameter(spec.name)).value is None:
+            assert isinstance(spec.default, tuple)
+            self.set_parameters([Parameter(spec.name, array_type, list(spec.default))])
+        if spec.read_only:
+            locked = copy.deepcopy(descriptor)  # the node has kept the other one
+            locked.read_only, locked.type = True, array_type.value
+            self.set_descriptor(spec.name, locked)
+
+    def _declared_value(self, spec: ParameterSpec) -> Any:
+        value = self.get_parameter(spec.name).value
+        return list(value) if spec.kind is tuple else value
+
+    def _candidate(self, parameters: list[Parameter]) -> _C:
+        """The configuration with these changes; parameters that are not ours (QoS, use_sim_time) are left alone."""
+        names = {spec.name for spec in type(self._config).parameters()}
+        ours = {p.name: p.value for p in parameters if p.name in names}
+        candidate = self._config.changed(ours)
+        if ours:
+            self.check_config(candidate)
+        return candidate
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As rclpy's, which forgets to say which name it does not know; old names are taken for the new ones."""
+        former = type(self._config).former_names()
+        for old in [p.name for p in parameter_list if p.name in former]:
+            self._old_name_used('parameter', old, former[old])
+        parameter_list = [Parameter(former[p.name], p.type_, p.value) if p.name in former else p
+                          for p in parameter_list]
+        unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
+        if unknown:
+            reason = f'parameter {unknown[0]}: unknown to {self.get_name()}'
+            return SetParametersResult(successful=False, reason=reason)
+        return super().set_parameters_atomically(parameter_list)
+
+    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            self._candidate(parameters)
+        except Exception as error:  # what a name makes of a file system, a parser or a grammar is no reason to die
+            text = str(error) if isinstance(error, ValueError) else f'{parameters[0].name}: {error}'
+            self.problem(text)
+            return SetParametersResult(successful=False, reason=shortened(text))
+        return SetParametersResult(successful=True)
+
+    def _on_parameters_set(self, parameters: list[Parameter]) -> None:
+        old, new = self._config, self._candidate(parameters)
+        if new != old:
+            self._config = new
+            self._guard('parameters', self.on_config)(old, new)
+
+    # -- topics ------------------------------------------------------------------------------------------------
+
+    def create_output(self, message_type: type, topic: str, formerly: tuple[str, ...] = ()) -> Publisher:
+        """A publisher, reliable and shallow, QoS overridable by parameters.
+
+        formerly : old names of the topic; who still listens there is served, and named in a warning.
+        """
+        def publisher(name: str) -> Publisher:
+            return self.create_publisher(message_type, name, OUTPUT_QOS,
+                                         qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+        if not formerly:
+            return publisher(topic)
+        return cast(Publisher, _AlsoUnderOldNames(
+            publisher(topic), {old: publisher(old) for old in formerly},
+            lambda old: self._old_name_used('topic', old, topic)))
+
+    def wanted(self, publisher: Publisher) -> bool:
+        """Whether anybody listens; heavy outputs are made only then."""
+        return publisher.get_subscription_count() > 0
+
+    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None],
+               formerly: tuple[str, ...] = ()) -> Subscription:
+        """A subscription whose callback may raise: that is reported, and the node lives on.
+
+        formerly : old names of the topic; what comes there is taken too, with a warning.
+        """
+        for old in formerly:
+            def on_old(message: Any, old: str = old) -> None:
+                self._old_name_used('topic', old, topic)
+                guarded(message)
+            self.create_subscription(message_type, old, on_old, INPUT_QOS)
+        self._received.setdefault(topic, 0)
+        guarded = self._guard(topic, callback)
+        gaps = SequenceGaps()
+
+        def on_message(message: Any, info: Any) -> None:
+            self._received[topic] += 1
+            # Numbers of several writers cannot be told apart; then nothing is counted rather than something wrong.
+            missed = gaps.missed(info.get('publication_sequence_number'))
+            if subscription.get_publisher_count() > 1:
+                missed = 0
+            if missed and self.health.lost == 0:
+                self.get_logger().warning(
+                    f'{topic}: messages are lost (counted as lost_inputs): this node or the network is too slow for '
+                    f'them. If its publisher is reliable, set qos_overrides.{subscription.topic_name}'
+                    '.subscription.reliability to reliable')
+            self.health.lost += missed
+            guarded(message)
+
+        subscription = self.create_subscription(message_type, topic, on_message, INPUT_QOS,  # type: ignore[arg-type]
+                                                qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        return subscription
+
+    def listen_stereo(self, callback: Callable[[StereoMessages], None], queue_size: int = 5,
+                      tolerance_s: float = 0.0) -> None:
+        """Subscribe to the four stereo topics; callback gets sets of equal stamps (or within the tolerance)."""
+        self._sync = sync = StampSync(STEREO_TOPICS, queue_size, round(tolerance_s * NANOSECONDS))
+
+        def joined(topic: str) -> Callable[[Any], None]:
+            def on_message(message: Any) -> None:
+                stamp = message.header.stamp
+                complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
+                if complete is not None:
+                    callback(StereoMessages(*(complete[name] for name in STEREO_TOPICS)))
+            return on_message
+
+        for topic in STEREO_TOPICS:
+            self.listen(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
+
+    def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
+        def guarded(*arguments: Any) -> None:
+            self._callback_start = time.monotonic()
+            try:
+                callback(*arguments)
+            except ValueError as error:  # what a checked input raises; its text names the field
+                self.health.dropped += 1
+                self.problem(f'{source}: {error}')
+            except Exception as error:  # a fault of ours must not take the robot's node down
+                self.health.dropped += 1
+                where = traceback.extract_tb(error.__traceback__)[-1]
+                self.problem(f'{source}: {type(error).__name__}: {error} ({where.name}, line {where.lineno})')
+                self.get_logger().debug(traceback.format_exc())
+        return guarded
+
+    # -- health ------------------------------------------------------------------------------------------------
+
+    def done(self, header: Any = None) -> None:
+        """One input was processed and its results are published. Latency runs from the callback's start."""
+        now = time.monotonic()
+        self.health.done(now, now - self._callback_start)
+
+    def problem(self, text: str) -> None:
+        """Report a problem: once in the log, then counted; always the last error in the diagnostics."""
+        line = self.health.problem(time.monotonic(), text)
+        if line is not None:
+            self.get_logger().error(line)
+
+    def silence(self) -> str | None:
+        """Why nothing has come out for a while, or None when all is well."""
+        now = time.monotonic()
+        since = self.health.last_output_time if self.health.last_output_time is not None else self.health.started
+        if now - since < SILENCE_S:
+            return None
+        own = self.why_silent()
+        if own is not None:
+            return own
+        if self._sync is not None and self._sync.explain() is not None:
+            return self._sync.explain()
+        deaf = [topic for topic, count in self._received.items() if count == 0]
+        if deaf:
+            return f'nothing received on {", ".join(deaf)}'
+        if self._received and self.health.last_error_time is not None and self.health.last_error_time >= since:
+            return f'every input was refused: {self.health.last_error}'
+        return f'no input for {now - since:.0f} s' if self._received else None
+
+    def _publish_diagnostics(self) -> None:
+        now = time.monotonic()
+        status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id='none', message='ok')
+        silence = self.silence()
+        recent = self.health.last_error_time is not None and now - self.health.last_error_time < SILENCE_S
+        if silence is not None:
+            status.level, status.message = DiagnosticStatus.WARN, silence
+            if now - self._silence_logged >= SILENCE_LOG_S:
+                self._silence_logged = now
+                self.get_logger().warning(silence)
+        elif recent:
+            status.level, status.message = DiagnosticStatus.WARN, self.health.last_error
+        elif self._old_names:
+            status.level, status.message = DiagnosticStatus.WARN, '; '.join(self._old_names)
+        values = self.health.values(now)
+        if self._sync is not None:
+            counters = self._sync.counters
+            values |= {'stereo_pairs': counters.sets, 'unmatched_stamps': counters.unmatched,
+                       'late_stamps': counters.late, 'clock_jumps': counters.clock_jumps}
+        values |= {'old_names_in_use': '; '.join(self._old_names),
+                   'ignored_parameters': ', '.join(self._ignored_overrides())}
+        values |= self.report_values()
+        status.values = [KeyValue(key=str(key), value=str(value)) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_out.publish(message)
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._sync is not None:
+            self._sync.forget()
+        self.health = Health(time.monotonic())
+        try:
+            response.success, response.message = True, f'reset: {self.reset()}'
+        except Exception as error:
+            response.success, response.message = False, f'{type(error).__name__}: {error}'
+            self.problem(f'reset: {response.message}')
+        return response
+
+
+class _AlsoUnderOldNames:
+    """A publisher that serves who still listens to the topic's old names, too."""
+
+    def __init__(self, publisher: Publisher, former: dict[str, Publisher], warn: Callable[[str], None]) -> None:
+        self._publisher, self._former, self._warn = publisher, former, warn
+
+    def publish(self, message: Any) -> None:
+        self._publisher.publish(message)
+        for old, publisher in self._former.items():
+            if publisher.get_subscription_count():
+                self._warn(old)
+                publisher.publish(message)
+
+    def get_subscription_count(self) -> int:
+        return sum(p.get_subscription_count() for p in (self._publisher, *self._former.values()))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._publisher, name)
+
+
+def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) -> None:
+    """One turn of the executor. What fails inside rclpy, outside of our guards (a malformed request), is reported."""
+    try:
+        executor.spin_once(timeout_sec=timeout_s)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        raise
+    except Exception as error:
+        text = f'{type(error).__name__}: {error}'
+        node.problem(text) if isinstance(node, GraphNode) else node.get_logger().error(text)
+
+
+def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown. Returns the exit code."""
+    make_room_for_images()
+    try:
+        rclpy.init(args=args)
+    except Exception as error:  # malformed --ros-args; rclpy has a type for each
+        print(f'cannot start: {error}', file=sys.stderr)
+        return 2
+    node = None
+    try:
+        node = factory()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while rclpy.ok():
+            spin_once(node, executor)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,1 @@
+"""Calibrated rigs from files, and raw images made into rectified ones."""

@@ -1,0 +1,96 @@
+"""Compiled loops over edgels for :mod:`.strings`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+# Furthest step from edgel to edgel, pixels, and the largest turn in it (cosine).
+REACH = 2
+TURN_COSINE = 0.5
+
+
+@njit
+def successors(u, v, tu, tv, magnitude, height, width):
+    """For every edgel the one that follows it along its tangent, or -1; no two have the same successor.
+
+    Cost of a step: its length, lengthened by how far it leaves both tangents.
+    """
+    n = len(u)
+    grid = np.full((height, width), -1, np.int32)
+    chained = np.full(n, -1, np.int32)  # a second edgel in the same pixel hangs on the first
+    for i in range(n):
+        x, y = int(u[i] + 0.5), int(v[i] + 0.5)
+        chained[i] = grid[y, x]
+        grid[y, x] = i
+    best = np.full(n, -1, np.int32)
+    cost = np.full(n, np.inf)
+    for i in range(n):
+        x, y = int(u[i] + 0.5), int(v[i] + 0.5)
+        for dy in range(-REACH, REACH + 1):
+            for dx in range(-REACH, REACH + 1):
+                yy, xx = y + dy, x + dx
+                if yy < 0 or xx < 0 or yy >= height or xx >= width:
+                    continue
+                j = grid[yy, xx]
+                while j >= 0:
+                    if j != i:
+                        du, dv = u[j] - u[i], v[j] - v[i]
+                        ahead = du * tu[i] + dv * tv[i]
+                        onward = du * tu[j] + dv * tv[j]
+                        turn = tu[i] * tu[j] + tv[i] * tv[j]
+                        if ahead > 0.05 and onward > 0.0 and turn > TURN_COSINE:
+                            side = abs(du * tv[i] - dv * tu[i]) + abs(du * tv[j] - dv * tu[j])
+                            c = np.sqrt(du * du + dv * dv) + 2.0 * side
+                            if side < 1.2 + 0.3 * ahead and c < cost[i]:
+                                cost[i] = c
+                                best[i] = j
+                    j = chained[j]
+    # One predecessor each: the cheapest step wins.
+    taken = np.full(n, -1, np.int32)
+    for i in range(n):
+        j = best[i]
+        if j >= 0 and (taken[j] < 0 or cost[i] < cost[taken[j]]):
+            taken[j] = i
+    for i in range(n):
+        if best[i] >= 0 and taken[best[i]] != i:
+            best[i] = -1
+    return best
+
+
+@njit
+def trace(following, magnitude, high, minimum):
+    """Follow the links. Returns order (k,) int32, offsets (m + 1,) int64, closed (m,) bool of the kept strings."""
+    n = len(following)
+    preceded = np.zeros(n, np.bool_)
+    for i in range(n):
+        if following[i] >= 0:
+            preceded[following[i]] = True
+    done = np.zeros(n, np.bool_)
+    order = np.empty(n, np.int32)
+    offsets = np.zeros(n + 1, np.int64)
+    closed = np.zeros(n, np.bool_)
+    used, strings = 0, 0
+    for loops in range(2):
+        for first in range(n):
+            if done[first] or (loops == 0 and preceded[first]):
+                continue
+            i, start = first, used
+            while i >= 0 and not done[i]:
+                done[i] = True
+                order[used] = i
+                used += 1
+                i = following[i]
+            strong = False
+            for k in range(start + 1, used - 1):
+                if magnitude[order[k - 1]] + magnitude[order[k]] + magnitude[order[k + 1]] > 3.0 * high:
+                    strong = True
+                    break
+            if used - start < minimum or not strong:
+                used = start
+                continue
+            closed[strings] = loops == 1
+            strings += 1
+            offsets[strings] = used
+    return order[:used], offsets[:strings + 1], closed[:strings]

@@ -1,0 +1,184 @@
+"""Compiled least squares of a conic through points, for :mod:`.conics`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+
+@njit
+def _solve5(a, b):
+    """Solve a 5 x 5 system in place by elimination with pivots; False when it is singular."""
+    for c in range(5):
+        pivot = c
+        for r in range(c + 1, 5):
+            if abs(a[r, c]) > abs(a[pivot, c]):
+                pivot = r
+        if abs(a[pivot, c]) < 1e-13:
+            return False
+        if pivot != c:
+            for k in range(5):
+                a[c, k], a[pivot, k] = a[pivot, k], a[c, k]
+            b[c], b[pivot] = b[pivot], b[c]
+        for r in range(c + 1, 5):
+            f = a[r, c] / a[c, c]
+            for k in range(c, 5):
+                a[r, k] -= f * a[c, k]
+            b[r] -= f * b[c]
+    for c in range(4, -1, -1):
+        for k in range(c + 1, 5):
+            b[c] -= a[c, k] * b[k]
+        b[c] /= a[c, c]
+    return True
+
+
+@njit
+def fit(points, rounds):
+    """Conic through points (n, 2): (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f with a + c = 1 in
+    scaled coordinates, negative inside; rms of the Sampson distance, pixels (infinite when there is no ellipse).
+
+    Least squares of the equation, each divided by its gradient of the round before: Sampson's distance.
+    """
+    n = len(points)
+    none = np.zeros(6)
+    mx = my = 0.0
+    for i in range(n):
+        mx += points[i, 0] / n
+        my += points[i, 1] / n
+    scale = 1e-9
+    for i in range(n):
+        scale += (abs(points[i, 0] - mx) + abs(points[i, 1] - my)) / n
+    q = np.zeros(6)
+    w = np.ones(n)
+    rms = 0.0
+    for turn in range(rounds + 1):
+        if turn < rounds:
+            a = np.zeros((5, 5))
+            b = np.zeros(5)
+            row = np.empty(5)
+            for i in range(n):
+                x, y = (points[i, 0] - mx) / scale, (points[i, 1] - my) / scale
+                # c = 1 - a: unknown a, b, d, e, f; right side -y^2.
+                row[0], row[1], row[2], row[3], row[4] = x * x - y * y, x * y, x, y, 1.0
+                for j in range(5):
+                    wr = w[i] * row[j]
+                    b[j] -= wr * y * y
+                    for k in range(5):
+                        a[j, k] += wr * row[k]
+            if not _solve5(a, b):
+                return none, np.inf
+            q[0], q[1], q[2], q[3], q[4], q[5] = b[0], b[1], 1.0 - b[0], b[2], b[3], b[4]
+            if 4.0 * q[0] * q[2] - q[1] * q[1] <= 1e-9:
+                return none, np.inf
+        mean = 0.0
+        total = 0.0
+        for i in range(n):
+            x, y = (points[i, 0] - mx) / scale, (points[i, 1] - my) / scale
+            gx, gy = 2.0 * q[0] * x + q[1] * y + q[3], q[1] * x + 2.0 * q[2] * y + q[4]
+            g2 = gx * gx + gy * gy
+            w[i] = g2
+            mean += g2 / n
+            f = q[0] * x * x + q[1] * x * y + q[2] * y * y + q[3] * x + q[4] * y + q[5]
+            total += f * f / (g2 + 1e-12)
+        for i in range(n):
+            w[i] = 1.0 / max(w[i], 1e-3 * mean)
+        rms = scale * np.sqrt(total / n)
+    # Back to pixels.
+    s2 = scale * scale
+    a0, b0, c0, d0, e0 = q[0] / s2, q[1] / s2, q[2] / s2, q[3] / scale, q[4] / scale
+    out = np.array([a0, b0, c0, d0 - 2.0 * a0 * mx - b0 * my, e0 - 2.0 * c0 * my - b0 * mx,
+                    q[5] - d0 * mx - e0 * my + a0 * mx * mx + b0 * mx * my + c0 * my * my])
+    return out, rms
+
+
+@njit
+def radii(q):
+    """Major and minor radius, pixels, of the ellipse of :func:`fit`'s six numbers; (0, 0) when they are of none."""
+    a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
+    small = a * c - b * b
+    whole = a * (c * f - e * e) - b * (b * f - e * d) + d * (b * e - c * d)
+    # A real ellipse has its centre inside.
+    if not (small > 0.0 and whole < 0.0):
+        return 0.0, 0.0
+    middle, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
+    level = -whole / small
+    return np.sqrt(level / max(middle - half, 1e-300)), np.sqrt(level / (middle + half))
+
+
+@njit
+def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, least_edgels, least_radius):
+    """The longest stretches of a run of pieces that one ellipse explains each; writes their labels into ``arc``.
+
+    pieces : (k,) int64, twice in a row for a closed string; turns : (k - 1,) radians between them; position : (n, 2);
+    limit : (n,) pixels an edgel may stand off; label : the first new one. Returns conics (m, 6) and rms (m,), pixels.
+    """
+    k = len(pieces)
+    total = 0
+    for i in range(k):
+        total += bounds[pieces[i], 1] - bounds[pieces[i], 0]
+    points, slack = np.empty((total, 2)), np.empty(total)
+    conics, errors = np.empty((k, 6)), np.empty(k)
+    found = 0
+    first = 0
+    while first + 1 < k:
+        taken = False
+        for last in range(k - 1, first, -1):
+            free = last - first <= 40
+            turn = 0.0
+            bends = 0
+            for i in range(first, last + 1):
+                free = free and arc[pieces[i]] < 0 and (i == first or pieces[i] != pieces[first])
+                turn += turns[i] if i < last else 0.0
+                bends += 1 if bow[pieces[i]] > 0.0 else -1
+            if not free or abs(turn) < least_turn:
+                continue
+            # Two straight pieces make a corner unless both bend the same way.
+            if last - first < 3 and abs(bends) < last - first + 1:
+                continue
+            n = 0
+            for i in range(first, last + 1):
+                for j in range(bounds[pieces[i], 0], bounds[pieces[i], 1]):
+                    points[n, 0], points[n, 1], slack[n] = position[j, 0], position[j, 1], limit[j]
+                    n += 1
+            if n < least_edgels:
+                break
+            tolerance = np.median(slack[:n])
+            q, rms = fit(points[:n], 2)
+            if not rms < 0.6 * tolerance:
+                continue
+            q, rms = fit(points[:n], 4)
+            major, minor = radii(q)
+            if not (rms < 0.45 * tolerance and minor > least_radius):
+                continue
+            u, v = points[:n, 0], points[:n, 1]
+            if major > 4.0 * max(u.max() - u.min(), v.max() - v.min()):
+                continue
+            gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
+            value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
+            off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + 1e-24))
+            if off[int(0.95 * (n - 1))] > tolerance:
+                continue
+            for i in range(first, last + 1):
+                arc[pieces[i]] = label + found
+            conics[found], errors[found] = q, rms
+            found += 1
+            first = last
+            taken = True
+            break
+        if not taken:
+            first += 1
+    return conics[:found], errors[:found]
+
+
+@njit
+def sampson(conic, points):
+    """(n,) float64: value of a conic (3, 3) at points (n, 2) over twice its gradient there."""
+    out = np.empty(len(points))
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        hx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
+        hy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
+        value = hx * x + hy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
+        out[k] = 0.5 * value / max(np.hypot(hx, hy), 1e-12)
+    return out

@@ -1,0 +1,132 @@
+"""Compiled loops over pixels for :mod:`.edgels`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+
+@njit
+def _is_maximum(m2, gx, gy, y, x):
+    """Largest of three along the axis nearest to the gradient; ties go to the first."""
+    centre = m2[y, x]
+    if abs(gx[y, x]) >= abs(gy[y, x]):
+        return centre > m2[y, x - 1] and centre >= m2[y, x + 1]
+    return centre > m2[y - 1, x] and centre >= m2[y + 1, x]
+
+
+@njit
+def ridge_maxima(gx, gy, threshold):
+    """Sub-pixel maxima of the gradient magnitude across its own direction.
+
+    gx, gy : (h, w) float32. Returns u, v, gu, gv, width : (n,) float64, position, gradient there, and
+    standard deviation of the blurred step, pixels; raster order.
+    """
+    h, w = gx.shape
+    m2 = gx * gx + gy * gy
+    limit = threshold * threshold
+    count = 0
+    for y in range(2, h - 2):
+        for x in range(2, w - 2):
+            if m2[y, x] > limit and _is_maximum(m2, gx, gy, y, x):
+                count += 1
+    u, v = np.empty(count), np.empty(count)
+    gu, gv, width = np.empty(count), np.empty(count), np.empty(count)
+    floor = 1e-4 * limit + 1e-12
+    n = 0
+    for y in range(2, h - 2):
+        for x in range(2, w - 2):
+            if m2[y, x] <= limit or not _is_maximum(m2, gx, gy, y, x):
+                continue
+            norm = np.sqrt(m2[y, x])
+            nx, ny = gx[y, x] / norm, gy[y, x] / norm
+            # Least-squares quadratic over 3 x 3 samples of the logarithm (closed form of the facet model).
+            sx = sy = sxx = syy = sxy = total = 0.0
+            for dy in range(-1, 2):
+                for dx in range(-1, 2):
+                    value = 0.5 * np.log(m2[y + dy, x + dx] + floor)
+                    total += value
+                    sx += dx * value
+                    sy += dy * value
+                    sxx += dx * dx * value
+                    syy += dy * dy * value
+                    sxy += dx * dy * value
+            kx, ky = sx / 6.0, sy / 6.0
+            kxx = sxx - total * 2.0 / 3.0
+            kyy = syy - total * 2.0 / 3.0
+            kxy = sxy / 4.0
+            slope = kx * nx + ky * ny
+            bend = kxx * nx * nx + 2.0 * kxy * nx * ny + kyy * ny * ny
+            if bend >= -1e-3:
+                continue
+            t = -slope / bend
+            if abs(t) > 1.0:
+                continue
+            px, py = x + t * nx, y + t * ny
+            # The gradient vector at the sub-pixel place, bilinear.
+            x0, y0 = int(np.floor(px)), int(np.floor(py))
+            fx, fy = px - x0, py - y0
+            u[n], v[n] = px, py
+            width[n] = 1.0 / np.sqrt(-bend)
+            gu[n] = ((1 - fx) * (1 - fy) * gx[y0, x0] + fx * (1 - fy) * gx[y0, x0 + 1]
+                     + (1 - fx) * fy * gx[y0 + 1, x0] + fx * fy * gx[y0 + 1, x0 + 1])
+            gv[n] = ((1 - fx) * (1 - fy) * gy[y0, x0] + fx * (1 - fy) * gy[y0, x0 + 1]
+                     + (1 - fx) * fy * gy[y0 + 1, x0] + fx * fy * gy[y0 + 1, x0 + 1])
+            if gu[n] * gu[n] + gv[n] * gv[n] < 0.25 * m2[y, x]:
+                continue
+            n += 1
+    return u[:n], v[:n], gu[:n], gv[:n], width[:n]
+
+
+@njit
+def zero_crossings(laplacian, gx, gy, threshold):
+    """Sign changes of the Laplacian where the gradient is strong, linear interpolation (Marr and Hildreth).
+
+    At most one per pixel: towards the neighbour along the axis nearest to the gradient.
+    """
+    h, w = gx.shape
+    limit = threshold * threshold
+    u, v = np.empty(h * w // 2), np.empty(h * w // 2)
+    gu, gv = np.empty(h * w // 2), np.empty(h * w // 2)
+    n = 0
+    for y in range(2, h - 2):
+        for x in range(2, w - 2):
+            if gx[y, x] * gx[y, x] + gy[y, x] * gy[y, x] <= limit or n >= len(u):
+                continue
+            dx, dy = (1, 0) if abs(gx[y, x]) >= abs(gy[y, x]) else (0, 1)
+            a, b = laplacian[y, x], laplacian[y + dy, x + dx]
+            if (a > 0.0) == (b > 0.0):
+                continue
+            # Bright minus dark must agree with the sign of the change, or it is a valley of the gradient.
+            slope = (gx[y, x] if dx == 1 else gy[y, x])
+            if (a > b) != (slope > 0.0):
+                continue
+            t = a / (a - b)
+            u[n], v[n] = x + t * dx, y + t * dy
+            gu[n] = (1 - t) * gx[y, x] + t * gx[y + dy, x + dx]
+            gv[n] = (1 - t) * gy[y, x] + t * gy[y + dy, x + dx]
+            n += 1
+    return u[:n], v[:n], gu[:n], gv[:n]
+
+
+@njit
+def beside(gx, gy, u, v, gu, gv, reach):
+    """(n, 2) float64: the gradient's part along an edgel's own gradient, ``reach`` pixels behind and before it, as a
+    share of the gradient at it. Beside a step between evenly lit faces there is none; on a slope there is as much."""
+    h, w = gx.shape
+    out = np.empty((len(u), 2))
+    for i in range(len(u)):
+        norm = np.sqrt(gu[i] * gu[i] + gv[i] * gv[i])
+        nx, ny = gu[i] / norm, gv[i] / norm
+        for side in range(2):
+            t = reach if side == 1 else -reach
+            px, py = min(max(u[i] + t * nx, 0.0), w - 1.001), min(max(v[i] + t * ny, 0.0), h - 1.001)
+            x0, y0 = int(px), int(py)
+            fx, fy = px - x0, py - y0
+            sx = ((1 - fx) * (1 - fy) * gx[y0, x0] + fx * (1 - fy) * gx[y0, x0 + 1]
+                  + (1 - fx) * fy * gx[y0 + 1, x0] + fx * fy * gx[y0 + 1, x0 + 1])
+            sy = ((1 - fx) * (1 - fy) * gy[y0, x0] + fx * (1 - fy) * gy[y0, x0 + 1]
+                  + (1 - fx) * fy * gy[y0 + 1, x0] + fx * fy * gy[y0 + 1, x0 + 1])
+            out[i, side] = (sx * nx + sy * ny) / norm
+    return out

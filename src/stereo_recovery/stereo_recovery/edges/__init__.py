@@ -1,0 +1,1 @@
+"""Straight edges in space."""

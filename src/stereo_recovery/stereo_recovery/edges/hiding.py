@@ -1,0 +1,97 @@
+"""Ends of edges that a curved surface hides: in front of one eye's outline or rim, each eye sees another point there.
+
+An edge that stops at an outline, or at a rim it has nothing to do with, goes on behind it. Such an end is no corner: it
+says nothing about depth. Edges that do end on a rim lie in its plane or run along its axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from msgs_py import StereoRig
+
+from ..curves.curve import Curve, angles, picture
+from ..curves.occluding_contours import touching
+from ..detection.conics import sampson
+from ..detection.segmentation import Corners, Pieces
+from ..matching.relaxation import Matches
+
+# An end this near to an outline's line or a rim's picture, pixels, and to the outline's piece along it, stops there.
+NEAR, ALONG = 2.5, 8.0
+# Disparity by which the ends of an edge in a rim's plane may miss that plane, pixels and as a share of disparity.
+IN_PLANE, PLANE_SHARE = 1.5, 0.01
+# Sine up to which an edge runs along a rim's axis; radians by which a rim may be longer than what is seen of it.
+ALONG_AXIS = 0.06
+MORE_ARC = 0.2
+
+
+def hidden_ends(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], curves: Sequence[Curve],
+                surfaces: Sequence[tuple[Curve, np.ndarray]], rig: StereoRig) -> tuple[Corners, Corners]:
+    """The corners of both images, those that are none marked as ``through``.
+
+    matches, pieces, met : of the pair; curves : its planar curves; surfaces : rims and apexes, see :mod:`.outlines`.
+    """
+    if not surfaces and not curves:
+        return met
+    result = []
+    pairs = (matches.left, matches.right)
+    for side, (camera, eye) in enumerate(((rig.left, 0.0), (rig.right, rig.baseline))):
+        own, corners = pieces[side], met[side]
+        places = own.centre[:, None] + corners.place[..., None] * own.direction[:, None]
+        hidden = np.zeros(places.shape[:2], bool)
+        of_surface = np.zeros(len(own), bool)
+        for curve, apex in surfaces:
+            of_surface |= touching(curve, apex, own, camera.matrix, eye) != 0
+        for k in np.flatnonzero(of_surface):
+            away = places - own.centre[k]
+            along = away @ own.direction[k]
+            off = np.abs(away @ [-own.direction[k, 1], own.direction[k, 0]])
+            stops = (off < NEAR) & (along > own.reach[k, 0] - ALONG) & (along < own.reach[k, 1] + ALONG)
+            stops[of_surface] = False
+            hidden |= stops
+        for curve in curves:
+            at = _on_rim(curve, places.reshape(-1, 2), rig, eye).reshape(hidden.shape)
+            # Of edges that end on the rim those are left that may belong to its face or to its surface.
+            allowed = np.zeros(len(own), bool)
+            allowed[pairs[side][_in_plane(curve, matches, pieces[0], rig)]] = True
+            allowed = allowed[:, None] | _along_axis(curve, own, places, camera.matrix, eye)
+            hidden |= at & ~allowed & (own.arc < 0)[:, None]
+        result.append(replace(corners, through=corners.through | hidden))
+    return result[0], result[1]
+
+
+def _on_rim(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float) -> np.ndarray:
+    """(n,) bool: pixels that lie on what is seen of a curve."""
+    camera = rig.left if eye == 0.0 else rig.right
+    near = np.abs(sampson(picture(curve, camera.matrix, eye), points)) < NEAR
+    if near.any():
+        angle = angles(curve.centre, curve.normal, curve.first, curve.radii, points[near], camera, eye)
+        start, extent = curve.arc
+        near[near] = (angle - start + MORE_ARC) % (2.0 * np.pi) < extent + 2.0 * MORE_ARC
+    return near
+
+
+def _in_plane(curve: Curve, matches: Matches, left: Pieces, rig: StereoRig) -> np.ndarray:
+    """(n,) bool: pairs both of whose ends are where the curve's plane has them."""
+    ends = np.stack([left.start, left.end], axis=1)[matches.left]
+    rays = np.stack([rig.left.rays(ends[:, k]) for k in (0, 1)], axis=1)
+    depth = float(curve.centre @ curve.normal)
+    if abs(depth) < 1e-9:
+        return np.zeros(len(matches), bool)
+    disparity = rig.left.fx * rig.baseline * (rays @ curve.normal) / depth
+    told = matches.disparity[:, [0, 2]] - (rig.left.cx - rig.right.cx)
+    return (np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told)).all(axis=1)
+
+
+def _along_axis(curve: Curve, own: Pieces, places: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
+    """(n, 2) bool: pieces that run at their ends as a line along the curve's axis does."""
+    centre = curve.centre - np.array([eye, 0.0, 0.0])
+    vanishing = matrix @ curve.normal
+    # All lines along the axis meet in its vanishing point, which may be at infinity.
+    towards = vanishing[:2] - places * vanishing[2]
+    length = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-12)
+    sine = (own.direction[:, None, 0] * towards[..., 1] - own.direction[:, None, 1] * towards[..., 0]) / length
+    return (np.abs(sine) < ALONG_AXIS) & (centre[2] > 0.0)

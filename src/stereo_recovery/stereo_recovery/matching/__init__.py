@@ -1,0 +1,1 @@
+"""Which segment of the right image is which of the left."""

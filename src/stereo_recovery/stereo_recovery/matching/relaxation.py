@@ -1,0 +1,159 @@
+"""Which piece of the right image shows the same edge as a piece of the left one (thesis 3.10, after PMF).
+
+Pollard, Mayhew and Frisby let candidate matches of edge points support each other when the gradient of disparity
+between them is below 0.5. Here the candidates are pairs of straight pieces of strings, so figural continuity is
+built in and a picture has hundreds of them, not tens of thousands. Support, likeness of the two sides and uniqueness
+are iterated, so that what is unambiguous somewhere (the end of a chessboard) decides its neighbourhood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..detection.segmentation import Pieces
+from . import relaxation_kernels
+
+# How many neighbours a piece listens to: enough to hear of the end of a repetitive pattern in a few rounds.
+NEIGHBOURS = 48
+# Grey levels by which a side of an edge may differ before its likeness falls to 1 / e: at first, and at least, when
+# the pair's cameras agree so well; that is so many times the median over the first matches, if they are not too few.
+SIDE_CONTRAST = 12.0
+LEAST_CONTRAST = 4.0
+LIKE = 6.0
+FEW = 6
+# Places along a piece at which the grey levels beside it are looked up, and those that tell of the piece as a whole.
+SAMPLES = 8
+INNER = slice(2, 6)
+# What is left over in both images finds each other in the end. A pair less alike than the first is no match when less
+# than the second share of what has been matched around it is as far away as it would be.
+UNALIKE, ALONE = 0.3, 0.15
+# Rounds of relaxation that only serve to learn that.
+FIRST_ROUNDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """k pairs of pieces, best first.
+
+    left, right : (k,) int32, indices of pieces; disparity : (k, 3) float64, pixels, at the left piece's start, middle
+    and end; rows : (k, 2) float64, common rows; belief : (k,) float64, 0..1, share of the strongest competitor
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    disparity: np.ndarray
+    rows: np.ndarray
+    belief: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def select(self, index: np.ndarray) -> Matches:
+        return Matches(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:
+    """(n, SAMPLES, 2) float64: grey level beside each piece, from its start to its end, on its dark and bright side."""
+    if len(pieces) == 0:
+        return np.zeros((0, SAMPLES, 2))
+    share = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    places = pieces.start[:, None] + share[:, None] * (pieces.end - pieces.start)[:, None]
+    across = offset * np.stack([-pieces.direction[:, 1], pieces.direction[:, 0]], axis=1)[:, None]
+    points = np.stack([places - across, places + across], axis=2)
+    u = np.clip(points[..., 0], 0.0, grey.shape[1] - 1.001)
+    v = np.clip(points[..., 1], 0.0, grey.shape[0] - 1.001)
+    x, y = u.astype(np.intp), v.astype(np.intp)
+    u, v = u - x, v - y
+    return ((1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1])
+            + v * ((1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]))
+
+
+def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
+    """Grey level that at least this share of a picture has, within a few levels; -1000 when there is none."""
+    counts, edges = np.histogram(grey[::4, ::4], bins=64, range=(0.0, 256.0))
+    pairs = counts[:-1] + counts[1:]
+    k = int(np.argmax(pairs))
+    return float(edges[k + 1]) if pairs[k] > share * max(counts.sum(), 1) else -1000.0
+
+
+def _table(pieces: Pieces, beside: np.ndarray) -> np.ndarray:
+    middle = np.median(beside[:, INNER], axis=1)
+    return np.hstack([pieces.start, pieces.end, pieces.direction, middle, pieces.magnitude[:, None]])
+
+
+def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pieces, lowest: float, highest: float,
+          radius: float, flat_sine: float = 0.1, rounds: int = 15, least_belief: float = 0.6) -> Matches:
+    """Pairs of pieces.
+
+    lowest, highest : allowed disparity, pixels; radius : neighbourhood of support, pixels;
+    flat_sine : pieces flatter than this are paired by their ends, since rows say nothing about them.
+    """
+    nothing = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+    if len(left) == 0 or len(right) == 0:
+        return nothing
+    beside, right_beside = sides(left_grey, left), sides(right_grey, right)
+    table, right_table = _table(left, beside), _table(right, right_beside)
+    near = relaxation_kernels.neighbours(table, radius, NEIGHBOURS)
+    ground = backdrop(left_grey)
+    contrast = SIDE_CONTRAST
+    for turn in range(2):
+        node, value = relaxation_kernels.candidates(table, right_table, beside, right_beside, lowest, highest, flat_sine,
+                                                  ground, contrast)
+        if len(node) == 0:
+            return nothing
+        standing, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn else FIRST_ROUNDS)
+        chosen = _unique(node, value, standing, np.flatnonzero(belief >= least_belief), table, right_table)
+        if turn == 0:
+            contrast = _contrast(table, right_table, node[chosen])
+    # What lost against a candidate that is now out of the game gets a second hearing.
+    kept = relaxation_kernels.compatible(node, value, chosen, table, right_table)
+    node, value = node[kept], value[kept]
+    standing, belief = _relaxed(node, value, left, right, near, flat_sine, 4)
+    chosen = _unique(node, value, standing, np.flatnonzero(belief >= least_belief), table, right_table)
+    chosen = chosen[(value[chosen, 5] > UNALIKE) | (_support(node[chosen, 0], value[chosen], near, len(left)) > ALONE)]
+    return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
+
+
+def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
+    """How much, grey levels, the sides of matched edges typically differ in this pair, with room to spare."""
+    if len(node) < FEW:
+        return SIDE_CONTRAST
+    difference = np.abs(left[node[:, 0], 6:8] - right[node[:, 1], 6:8]).min(axis=1)
+    return float(np.clip(LIKE * np.median(difference), LEAST_CONTRAST, SIDE_CONTRAST))
+
+
+def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np.ndarray:
+    """(k,) float64: the share of an edge's neighbourhood that has been matched with disparities like its own."""
+    other, gap, place, weight = (a[left] for a in near)
+    match_of = np.full(count, -1)
+    match_of[left[::-1]] = np.arange(len(left))[::-1]
+    theirs = np.where(other >= 0, match_of[other], -1)
+    weight = np.where(theirs >= 0, weight, 0.0)
+    difference = np.take_along_axis(value[:, :3], place[..., 0].astype(int), axis=1) - value[theirs, place[..., 1]]
+    agrees = np.abs(difference) - relaxation_kernels.SLACK < relaxation_kernels.GRADIENT_END * (gap + 1.0)
+    total = weight.sum(axis=1)
+    return np.where(total > 0.0, (weight * agrees).sum(axis=1) / np.maximum(total, 1e-9), 1.0)
+
+
+def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float,
+             rounds: int) -> tuple[np.ndarray, np.ndarray]:
+    """How strong every candidate is when its turn comes, and its belief."""
+    first = np.searchsorted(node[:, 0], np.arange(len(left) + 1))
+    right_of = np.argsort(node[:, 1], kind='stable')
+    right_first = np.searchsorted(node[right_of, 1], np.arange(len(right) + 1))
+    sine = np.abs(left.direction[node[:, 0], 1])
+    common = (value[:, 4] - value[:, 3]) / np.maximum(sine, flat_sine)
+    length = np.minimum(np.where(sine < flat_sine, left.length[node[:, 0]], common), 80.0)
+    other, gap, place, weight = near
+    strength, belief = relaxation_kernels.relax(node, value, first, other, gap, place, weight, length, right_of,
+                                              right_first, rounds)
+    return relaxation_kernels.standing(node, value, strength, belief, first, right_of, right_first), belief
+
+
+def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray,
+            right: np.ndarray) -> np.ndarray:
+    """Strongest first; a row of a piece is matched once."""
+    order = among[np.argsort(-strength[among], kind='stable')]
+    return relaxation_kernels.greedy(node, value, order, left, right)
