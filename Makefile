@@ -63,6 +63,7 @@ coverage: $(READY)
 	$(PY) -m coverage report --skip-covered --sort=cover
 
 lint: $(READY)
+	$(PY) -m ruff format --check src test
 	$(PY) -m ruff check src test
 	$(PY) -m mypy
 

@@ -59,8 +59,9 @@ class Graph:
         self.nodes: list[Node] = []
         self._tester: Node | None = None
 
-    def add(self, node_class: Callable[..., Node], *args: Any, parameters: dict[str, Any] | None = None,
-            **kwargs: Any) -> Any:
+    def add(
+        self, node_class: Callable[..., Node], *args: Any, parameters: dict[str, Any] | None = None, **kwargs: Any
+    ) -> Any:
         """Make a node in this graph's context and spin it with the others."""
         overrides = [rclpy.Parameter(name, value=value) for name, value in (parameters or {}).items()]
         node = node_class(*args, context=self.context, parameter_overrides=overrides, **kwargs)
@@ -97,8 +98,7 @@ class Graph:
 
     def wait_matched(self, *publishers: Any, count: int = 1) -> None:
         """Discovery has joined every publisher with its subscribers."""
-        self.spin_until(lambda: all(p.get_subscription_count() >= count for p in publishers),
-                        what='publishers matched')
+        self.spin_until(lambda: all(p.get_subscription_count() >= count for p in publishers), what='publishers matched')
 
     def wait_heard(self, *topics: str) -> None:
         """Every topic (absolute name) that the test collects has found its publisher, and they each other."""
@@ -149,8 +149,13 @@ def processes(graph) -> Iterator[Callable[..., subprocess.Popen]]:
         arguments = [item for key, value in parameters.items() for item in ('-p', f'{key}:={value}')]
         arguments += [item for remap in remaps for item in ('-r', remap)]
         environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)}
-        process = subprocess.Popen([executable(name), '--ros-args', *arguments], env=environment,
-                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        process = subprocess.Popen(
+            [executable(name), '--ros-args', *arguments],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         started.append(process)
         return process
 

@@ -41,9 +41,12 @@ def header(sec: int) -> Header:
 
 def stereo_messages(sec: int) -> dict[str, object]:
     left_info, right_info = codecs.camera_infos_from_rig(RIG, header(sec))
-    return {'left/image_rect': codecs.array_to_image(picture(), 'mono8', header(sec)), 'left/camera_info': left_info,
-            'right/image_rect': codecs.array_to_image(np.roll(picture(1), -8, axis=1), 'mono8', header(sec)),
-            'right/camera_info': right_info}
+    return {
+        'left/image_rect': codecs.array_to_image(picture(), 'mono8', header(sec)),
+        'left/camera_info': left_info,
+        'right/image_rect': codecs.array_to_image(np.roll(picture(1), -8, axis=1), 'mono8', header(sec)),
+        'right/camera_info': right_info,
+    }
 
 
 def truncate(messages):
@@ -64,7 +67,9 @@ def no_baseline(messages):
 
 def exchanged_cameras(messages):
     messages['left/camera_info'], messages['right/camera_info'] = (
-        messages['right/camera_info'], messages['left/camera_info'])
+        messages['right/camera_info'],
+        messages['left/camera_info'],
+    )
 
 
 def other_size(messages):
@@ -77,16 +82,24 @@ def uncalibrated(messages):
         messages[f'{side}/camera_info'] = CameraInfo(header=stamp, width=96, height=80)
 
 
-@pytest.mark.parametrize('damage, words', [
-    (truncate, ('image.data', 'truncated')), (unknown_encoding, ('image.encoding', 'yuv422_yuy2')),
-    (nan_camera, ('camera_info', 'NaN')), (no_baseline, ('camera_info', 'baseline')),
-    (exchanged_cameras, ('camera_info', 'exchanged')), (other_size, ('640', '96')),
-    (uncalibrated, ('camera_info', 'uncalibrated'))])
+@pytest.mark.parametrize(
+    'damage, words',
+    [
+        (truncate, ('image.data', 'truncated')),
+        (unknown_encoding, ('image.encoding', 'yuv422_yuy2')),
+        (nan_camera, ('camera_info', 'NaN')),
+        (no_baseline, ('camera_info', 'baseline')),
+        (exchanged_cameras, ('camera_info', 'exchanged')),
+        (other_size, ('640', '96')),
+        (uncalibrated, ('camera_info', 'uncalibrated')),
+    ],
+)
 def test_recovery_node_names_a_bad_pair_once_and_takes_the_next_good_one(graph, damage, words):
     node = graph.add(RecoveryNode)
     clouds = graph.collect(PointCloud2, 'features')
-    outputs = {topic: graph.publisher(CameraInfo if topic.endswith('info') else Image, topic)
-               for topic in stereo_messages(0)}
+    outputs = {
+        topic: graph.publisher(CameraInfo if topic.endswith('info') else Image, topic) for topic in stereo_messages(0)
+    }
     graph.wait_matched(*outputs.values())
     graph.wait_heard('/features')
 
@@ -105,10 +118,14 @@ def test_recovery_node_names_a_bad_pair_once_and_takes_the_next_good_one(graph, 
     assert node.health.problems == 1
 
 
-@pytest.mark.parametrize('damage, words', [
-    (lambda cloud: setattr(cloud, 'data', cloud.data[:-8]), ('features.data', 'truncated')),
-    (lambda cloud: setattr(cloud, 'fields', cloud.fields[:3]), ('features.fields', 'kind')),
-    (lambda cloud: setattr(cloud, 'data', array.array('B', b'\xff' * len(cloud.data))), ('features.data',))])
+@pytest.mark.parametrize(
+    'damage, words',
+    [
+        (lambda cloud: setattr(cloud, 'data', cloud.data[:-8]), ('features.data', 'truncated')),
+        (lambda cloud: setattr(cloud, 'fields', cloud.fields[:3]), ('features.fields', 'kind')),
+        (lambda cloud: setattr(cloud, 'data', array.array('B', b'\xff' * len(cloud.data))), ('features.data',)),
+    ],
+)
 def test_matcher_node_names_a_bad_cloud_and_takes_the_next_good_one(graph, damage, words):
     node = graph.add(MatcherNode, parameters={'models': ['l_shape']})
     arrays = graph.collect(PoseArray, 'interpretations')
@@ -147,19 +164,26 @@ def test_renderer_node_names_the_place_of_a_syntax_error_and_recovers(graph, tmp
     assert answer.success, answer.message
 
 
-@pytest.mark.parametrize('node_class, name, value, words', [
-    (RecoveryNode, 'no_such_parameter', 1.0, ('no_such_parameter',)),
-    (RendererNode, 'encoding', 'jpeg', ('encoding', 'mono8')),
-    (RendererNode, 'scene', 'no_such_scene', ('scene', 'no_such_scene')),
-    (MatcherNode, 'search', 'guess', ('search', 'hypotheses'))])
+@pytest.mark.parametrize(
+    'node_class, name, value, words',
+    [
+        (RecoveryNode, 'no_such_parameter', 1.0, ('no_such_parameter',)),
+        (RendererNode, 'encoding', 'jpeg', ('encoding', 'mono8')),
+        (RendererNode, 'scene', 'no_such_scene', ('scene', 'no_such_scene')),
+        (MatcherNode, 'search', 'guess', ('search', 'hypotheses')),
+    ],
+)
 def test_a_parameter_that_cannot_be_is_refused_with_the_reason(graph, node_class, name, value, words):
     node = graph.add(node_class)
     before = node.config
     kind = ParameterType.PARAMETER_STRING if isinstance(value, str) else ParameterType.PARAMETER_DOUBLE
     wrapped = ParameterValue(type=kind)
     setattr(wrapped, 'string_value' if isinstance(value, str) else 'double_value', value)
-    reply = graph.call(SetParameters, f'/{node.get_name()}/set_parameters',
-                       SetParameters.Request(parameters=[Parameter(name=name, value=wrapped)]))
+    reply = graph.call(
+        SetParameters,
+        f'/{node.get_name()}/set_parameters',
+        SetParameters.Request(parameters=[Parameter(name=name, value=wrapped)]),
+    )
     assert not reply.results[0].successful
     assert all(word in reply.results[0].reason for word in words), reply.results[0].reason
     assert node.config == before
@@ -184,7 +208,7 @@ def test_a_model_that_vanishes_is_reported_and_used_again_when_it_returns(graph,
     assert answer(1).poses
     path.unlink()
     assert not answer(2).poses and 'l_shape.csg' in node.health.last_error
-    path.write_text(text[:len(text) // 2])
+    path.write_text(text[: len(text) // 2])
     assert not answer(3).poses and 'l_shape.csg:' in node.health.last_error, 'half written: file, line and column'
     problems = node.health.problems
     assert not answer(4).poses and node.health.problems == problems, 'reported once'

@@ -39,9 +39,11 @@ def own_scene(tmp_path) -> Path:
     folder.mkdir()
     (folder / 'parts.csg').write_text('bracket = (BLOCK (60, 12, 40) UNION BLOCK (14, 50, 40)) PAINT FACES;\n')
     path = folder / 'desk.csg'
-    path.write_text('INCLUDE "parts.csg";\nCAMERA SIZE (320, 240) FOCAL (440) CENTRE (150, 130);\nSTEREO (45);\n'
-                    'AMBIENT (0.9);\nLIGHT (-100, -300, -100) COLOUR (0.1);\n'
-                    'DRAW bracket YROT (35) XROT (25) AT (-20, -10, 230);\n')
+    path.write_text(
+        'INCLUDE "parts.csg";\nCAMERA SIZE (320, 240) FOCAL (440) CENTRE (150, 130);\nSTEREO (45);\n'
+        'AMBIENT (0.9);\nLIGHT (-100, -300, -100) COLOUR (0.1);\n'
+        'DRAW bracket YROT (35) XROT (25) AT (-20, -10, 230);\n'
+    )
     return path
 
 
@@ -120,7 +122,7 @@ def test_a_bare_part_is_shown_whole_and_lit(bare_part, tmp_path, size):
     assert (pixels > 0).all() and (pixels < (rig.left.width, rig.left.height)).all()
     assert len(scene.lights) == 2
     image = render_stereo(scene, rig)[0].image
-    assert len(np.unique(image[image > 0])) >= 3                # three faces are seen, and none is as bright as another
+    assert len(np.unique(image[image > 0])) >= 3  # three faces are seen, and none is as bright as another
 
 
 def test_a_bare_part_is_recognised_in_every_kind_of_view(bare_part, tmp_path):
@@ -173,15 +175,33 @@ def test_a_sweep_writes_csv_json_and_a_page_and_sets_the_exit_status(tmp_path):
 
 def test_a_failing_case_is_saved_and_replayed_to_the_same_figures(own_scene, tmp_path):
     out = tmp_path / 'out'
-    assert main([str(own_scene), '--sweep', 'grid', '--count', '2', '--clutter', '2', '-o', str(out),
-                 '--max-rotation-deg', '1e-9', *FAST]) == 1
+    assert (
+        main(
+            [
+                str(own_scene),
+                '--sweep',
+                'grid',
+                '--count',
+                '2',
+                '--clutter',
+                '2',
+                '-o',
+                str(out),
+                '--max-rotation-deg',
+                '1e-9',
+                *FAST,
+            ]
+        )
+        == 1
+    )
     first = json.loads((out / 'summary.json').read_text())['cases'][0]
     folder = out / first['saved']
     page = (folder / 'report.html').read_text()
     assert 'outside the limits' in page and 'Array machine' not in page and 'node and library' not in page
     own_scene.unlink()  # the folder alone is enough
     assert {'case.json', 'scene.csg', 'left.png', 'right.png', 'features.npz', 'report.html'} <= {
-        path.name for path in folder.iterdir()}
+        path.name for path in folder.iterdir()
+    }
     case, limits = load_case(folder)
     assert limits.rotation_deg == 1e-9 and case.name == first['case']
     again = tmp_path / 'again'
@@ -227,12 +247,19 @@ def test_a_saved_case_whose_scene_is_gone_fails_by_name(tmp_path, capsys):
     assert 'gone.csg' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('arguments, told', [
-    ([], 'name at least one scene'), (['no_such_scene'], 'no_such_scene'),
-    ([SCENE, '--noise', '-3'], '--noise: expected a number in 0..100'),
-    ([SCENE, '--psf', '-1'], '--psf'), ([SCENE, '--baseline', '0'], '--baseline: expected a number > 0'),
-    ([SCENE, '--distance', '-5', '--sweep', 'grid'], '--distance'), ([SCENE, '--min-success', '2'], 'in 0..1'),
-    ([SCENE, '--focal', 'nan'], '--focal')])
+@pytest.mark.parametrize(
+    'arguments, told',
+    [
+        ([], 'name at least one scene'),
+        (['no_such_scene'], 'no_such_scene'),
+        ([SCENE, '--noise', '-3'], '--noise: expected a number in 0..100'),
+        ([SCENE, '--psf', '-1'], '--psf'),
+        ([SCENE, '--baseline', '0'], '--baseline: expected a number > 0'),
+        ([SCENE, '--distance', '-5', '--sweep', 'grid'], '--distance'),
+        ([SCENE, '--min-success', '2'], 'in 0..1'),
+        ([SCENE, '--focal', 'nan'], '--focal'),
+    ],
+)
 def test_misuse_has_status_2_and_names_the_option_in_the_users_units(arguments, told, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main([*arguments, '-o', str(tmp_path)])
@@ -272,9 +299,12 @@ def test_a_case_for_another_machine_takes_its_scene_along_and_brings_its_results
     elsewhere.mkdir()
     (mine / 'lib' / 'steel' / 'foot.csg').write_text('foot = BLOCK (60, 10, 40);\n')
     (mine / 'lib' / 'part.csg').write_text(
-        'INCLUDE "steel/foot.csg";\npart = (foot UNION BLOCK (10, 50, 40)) PAINT FACES;\n')
-    (mine / 'desk.csg').write_text('INCLUDE "lib/part.csg";\nAMBIENT (0.9);\nLIGHT (0, -300, 0) COLOUR (0.1);\n'
-                                   'DRAW part YROT (35) XROT (25) AT (-20, -10, 230);\n')
+        'INCLUDE "steel/foot.csg";\npart = (foot UNION BLOCK (10, 50, 40)) PAINT FACES;\n'
+    )
+    (mine / 'desk.csg').write_text(
+        'INCLUDE "lib/part.csg";\nAMBIENT (0.9);\nLIGHT (0, -300, 0) COLOUR (0.1);\n'
+        'DRAW part YROT (35) XROT (25) AT (-20, -10, 230);\n'
+    )
     monkeypatch.chdir(mine)
     (case,) = sweep_cases(Case('desk.csg', width=256, antialias=2), 'turntable', 1)
     job, files = (0, case, Limits(rotation_deg=0.0), str(tmp_path / 'out'), False, False), files_of(case)
@@ -298,8 +328,21 @@ def test_dask_runs_the_cases_or_says_that_it_is_not_installed(tmp_path):
 
 def test_one_case_through_the_real_nodes_with_pose_and_clutter(own_scene, tmp_path):
     pose = ['--pose', '25', '30', '0', '-20', '-10', '230']
-    assert main([str(own_scene), *pose, '--clutter', '2', '-o', str(tmp_path / 'out'), '-q', '--max-rotation-deg', '1',
-                 '--max-translation-mm', '3']) in (0, 1)
+    assert main(
+        [
+            str(own_scene),
+            *pose,
+            '--clutter',
+            '2',
+            '-o',
+            str(tmp_path / 'out'),
+            '-q',
+            '--max-rotation-deg',
+            '1',
+            '--max-translation-mm',
+            '3',
+        ]
+    ) in (0, 1)
     document = json.loads((tmp_path / 'out' / 'desk' / 'result.json').read_text())
     assert document['model'] == 'bracket' and document['camera']['cx'] == 150.0
     assert document['render']['node_image_differs_from_library_pixels'] == 0

@@ -40,9 +40,11 @@ CASES = [
 
 @pytest.mark.parametrize('node_class, name, adds, file, wrap, packaged', CASES)
 def test_files_outside_the_trusted_folders_are_refused_with_the_remedy(
-        graph, folders, node_class, name, adds, file, wrap, packaged):
-    node = graph.add(node_class, parameters={
-        name: wrap(str(folders / 'started' / file)), adds: [str(folders / 'trusted')]})
+    graph, folders, node_class, name, adds, file, wrap, packaged
+):
+    node = graph.add(
+        node_class, parameters={name: wrap(str(folders / 'started' / file)), adds: [str(folders / 'trusted')]}
+    )
 
     def change(path: str):
         return node.set_parameters_atomically([Parameter(name, value=wrap(path))])

@@ -17,8 +17,12 @@ import stereo_recovery
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'test' / 'docs'
-PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md')), *sorted((ROOT / 'src').glob('*/docs/*.md')),
-         ROOT / 'test' / 'README.md']
+PAGES = [
+    ROOT / 'README.md',
+    *sorted((ROOT / 'src').glob('*/README.md')),
+    *sorted((ROOT / 'src').glob('*/docs/*.md')),
+    ROOT / 'test' / 'README.md',
+]
 EXAMPLE = ROOT / 'src' / 'model_matcher' / 'docs'
 
 
@@ -27,8 +31,9 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def test_tables_and_parameter_files_are_what_the_code_says():
-    result = subprocess.run([sys.executable, str(DOCS / 'generate.py'), '--check'], capture_output=True, text=True,
-                            timeout=50, check=False)
+    result = subprocess.run(
+        [sys.executable, str(DOCS / 'generate.py'), '--check'], capture_output=True, text=True, timeout=50, check=False
+    )
     assert result.returncode == 0, result.stdout + result.stderr[-2000:] + '\nrun python test/docs/generate.py'
 
 
@@ -40,8 +45,11 @@ def test_links_lead_somewhere(page):
 
 def test_the_tests_that_the_list_of_promises_names_exist():
     page = (ROOT / 'test' / 'README.md').read_text(encoding='utf-8')
-    tests = {name for path in [*(ROOT / 'test').glob('test_*.py'), *(ROOT / 'src').glob('*/test/test_*.py')]
-             for name in re.findall(r'def (test_\w+)', path.read_text(encoding='utf-8'))}
+    tests = {
+        name
+        for path in [*(ROOT / 'test').glob('test_*.py'), *(ROOT / 'src').glob('*/test/test_*.py')]
+        for name in re.findall(r'def (test_\w+)', path.read_text(encoding='utf-8'))
+    }
     named = set(re.findall(r'`(test_\w+)`', page))
     assert len(named) > 30 and named <= tests, named - tests
     assert all((ROOT / 'test' / path).exists() for path in re.findall(r'`(\w+/\w+\.py)`', page))
@@ -84,9 +92,13 @@ def test_the_worked_example_finds_its_part():
 
 
 def test_pictures_are_drawn_by_their_command(tmp_path):
-    subprocess.run([sys.executable, str(DOCS / 'pictures.py'), '--out', str(tmp_path)], check=True, timeout=50,
-                   capture_output=True)
+    subprocess.run(
+        [sys.executable, str(DOCS / 'pictures.py'), '--out', str(tmp_path)], check=True, timeout=50, capture_output=True
+    )
     drawn = {path.name for path in tmp_path.glob('*.png')}
-    shown = {Path(target).name for page in PAGES
-             for target in re.findall(r'!\[[^\]]*\]\(([^)]+)\)', page.read_text(encoding='utf-8'))}
+    shown = {
+        Path(target).name
+        for page in PAGES
+        for target in re.findall(r'!\[[^\]]*\]\(([^)]+)\)', page.read_text(encoding='utf-8'))
+    }
     assert drawn <= shown

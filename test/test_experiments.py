@@ -32,8 +32,32 @@ def test_names_are_unique_and_every_table_of_the_thesis_is_covered():
     assert len(set(NAMES)) == len(NAMES)
     references = ' '.join(item.reference for item in BY_NAME.values())
     covered = set(re.findall(r'\d\.\d+', references))
-    for table in ('4.3', '4.4', '5.1', '5.2', '5.3', '5.4', '5.5', '5.6', '5.7', '5.8', '5.9', '5.10', '5.11', '5.12',
-                  '5.13', '5.18', '5.19', '5.20', '5.21', '5.24', '5.28', '6.1', '6.2', '6.5'):
+    for table in (
+        '4.3',
+        '4.4',
+        '5.1',
+        '5.2',
+        '5.3',
+        '5.4',
+        '5.5',
+        '5.6',
+        '5.7',
+        '5.8',
+        '5.9',
+        '5.10',
+        '5.11',
+        '5.12',
+        '5.13',
+        '5.18',
+        '5.19',
+        '5.20',
+        '5.21',
+        '5.24',
+        '5.28',
+        '6.1',
+        '6.2',
+        '6.5',
+    ):
         assert table in covered, f'no experiment refers to {table}'
 
 
@@ -121,15 +145,18 @@ def test_printed_rows_of_a_plain_script_are_understood():
     line = 'clutter 50 %   chair   n=40   98.0 % of 50   median   1.75 ms  p95   2.40 ms'
     rows = list(measure.read_rows(f'{line}\nwords\n'))
     assert [(row.what, row.value, row.unit) for row in rows] == [
-        ('clutter 50 % chair: success', 98.0, '%'), ('clutter 50 % chair', 1.75, 'ms'),
-        ('clutter 50 % chair p95', 2.4, 'ms')]
+        ('clutter 50 % chair: success', 98.0, '%'),
+        ('clutter 50 % chair', 1.75, 'ms'),
+        ('clutter 50 % chair p95', 2.4, 'ms'),
+    ]
 
 
 def test_the_table_shows_ratios_to_peers_and_to_the_last_run():
     measure = sys.modules['measure']
     rows = [measure.Measurement('render', 5.0), measure.Measurement('render', 50.0, by='POV-Ray')]
-    text = benchmarks.table('renderer', rows, [measure.Absent('Open3D', 'not installed')],
-                            [{'what': 'render', 'by': 'ours', 'value': 10.0}])
+    text = benchmarks.table(
+        'renderer', rows, [measure.Absent('Open3D', 'not installed')], [{'what': 'render', 'by': 'ours', 'value': 10.0}]
+    )
     assert '-50 % (better)' in text and 'ours is 10.0 times better' in text and 'not installed' in text
 
 

@@ -76,8 +76,17 @@ def test_from_scene_file_to_pose(graph, scene):
     lefts = graph.collect(Image, 'left/image_rect')
     truths = graph.collect(PoseStamped, 'ground_truth/pose')
     reports = graph.collect(DiagnosticArray, 'interpretations/report')
-    graph.wait_heard('/left/image_rect', '/left/camera_info', '/right/image_rect', '/right/camera_info', '/features',
-                     '/interpretations', f'/interpretations/{name}', '/interpretations/report', '/ground_truth/pose')
+    graph.wait_heard(
+        '/left/image_rect',
+        '/left/camera_info',
+        '/right/image_rect',
+        '/right/camera_info',
+        '/features',
+        '/interpretations',
+        f'/interpretations/{name}',
+        '/interpretations/report',
+        '/ground_truth/pose',
+    )
     shoot(graph)
     graph.spin_until(lambda: poses and arrays and truths and reports, 40.0, 'a pose')
     assert poses[0].header == lefts[0].header == arrays[0].header == truths[0].header

@@ -25,10 +25,12 @@ from stereo_recovery.node import RecoveryConfig, RecoveryNode
 
 ROOT = Path(__file__).resolve().parent.parent
 LAUNCH = sorted((ROOT / 'src/model_matcher/model_matcher/launch').glob('*.launch.py'))
-CONFIGS = {'renderer_node': ('csg_renderer', 'renderer.yaml', RendererConfig, RendererNode),
-           'recovery_node': ('stereo_recovery', 'recovery.yaml', RecoveryConfig, RecoveryNode),
-           'matcher_node': ('model_matcher', 'matcher.yaml', MatcherConfig, MatcherNode),
-           'emulator_node': ('dap_emulator', 'emulator.yaml', EmulatorConfig, EmulatorNode)}
+CONFIGS = {
+    'renderer_node': ('csg_renderer', 'renderer.yaml', RendererConfig, RendererNode),
+    'recovery_node': ('stereo_recovery', 'recovery.yaml', RecoveryConfig, RecoveryNode),
+    'matcher_node': ('model_matcher', 'matcher.yaml', MatcherConfig, MatcherNode),
+    'emulator_node': ('dap_emulator', 'emulator.yaml', EmulatorConfig, EmulatorNode),
+}
 
 
 def config_path(package: str, name: str) -> Path:
@@ -39,8 +41,11 @@ def config_path(package: str, name: str) -> Path:
 def test_a_parameter_file_holds_every_parameter_with_its_default(node):
     package, name, config_class, _ = CONFIGS[node]
     values = yaml.safe_load(config_path(package, name).read_text())['/**']['ros__parameters']
-    defaults = {key: list(value) if isinstance(value, tuple) else value
-                for key, value in config_class().as_parameters().items() if value != ()}
+    defaults = {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in config_class().as_parameters().items()
+        if value != ()
+    }
     assert values == defaults
     assert config_class.from_parameters(values) == config_class()
 
@@ -62,11 +67,16 @@ class Recorded:
 
 def stand_ins() -> dict[str, ModuleType]:
     """Modules with the names of launch's that these files import. launch does not come with the wheels."""
-    names = {'launch': ['LaunchDescription'], 'launch.actions': ['DeclareLaunchArgument'],
-             'launch.conditions': ['IfCondition'],
-             'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'], 'launch_ros': [],
-             'launch_ros.actions': ['Node'], 'launch_ros.parameter_descriptions': ['ParameterValue'],
-             'launch_ros.substitutions': ['FindPackageShare']}
+    names = {
+        'launch': ['LaunchDescription'],
+        'launch.actions': ['DeclareLaunchArgument'],
+        'launch.conditions': ['IfCondition'],
+        'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
+        'launch_ros': [],
+        'launch_ros.actions': ['Node'],
+        'launch_ros.parameter_descriptions': ['ParameterValue'],
+        'launch_ros.substitutions': ['FindPackageShare'],
+    }
     modules = {}
     for name, classes in names.items():
         modules[name] = ModuleType(name)
@@ -98,14 +108,23 @@ def test_a_launch_file_names_what_exists(path, monkeypatch):
         assert [item.args[0][1:] for item in files] == [['config', config]]
         assert files[0].args[0][0].args[0] == package
         known = {spec.name for spec in config_class.parameters()} | {'use_sim_time'}
-        given = {key for item in node.kwargs['parameters'] if isinstance(item, dict) for key in item
-                 if not key.startswith('qos_overrides.')}
+        given = {
+            key
+            for item in node.kwargs['parameters']
+            if isinstance(item, dict)
+            for key in item
+            if not key.startswith('qos_overrides.')
+        }
         assert given <= known
         assert {source for source, _ in node.kwargs.get('remappings', [])} in (set(), set(STEREO_TOPICS))
         assert node.kwargs['respawn'].args == ('respawn',) and node.kwargs['respawn_delay'] < 1.0
     declared = {action.args[0] for action in actions if type(action).__name__ == 'DeclareLaunchArgument'}
-    assert declared == set(module.ARGUMENTS) == set(re.findall(r"value\['(\w+)'\]", path.read_text())) | {
-        'scene', 'models', 'rate', 'noise', 'turntable'} & set(module.ARGUMENTS)
+    assert (
+        declared
+        == set(module.ARGUMENTS)
+        == set(re.findall(r"value\['(\w+)'\]", path.read_text()))
+        | {'scene', 'models', 'rate', 'noise', 'turntable'} & set(module.ARGUMENTS)
+    )
 
 
 @pytest.mark.parametrize('path', LAUNCH, ids=lambda path: path.name)
@@ -139,10 +158,24 @@ def test_launch_starts_the_graph_with_its_arguments(graph):
     except packages.PackageNotFoundError:
         pytest.skip('the workspace is not sourced')
     poses = graph.collect(PoseStamped, '/arm/interpretations/chipped_block')
-    command = [sys.executable, '-c', RUN, f'{share}/launch/closed_form.launch.py', 'namespace:=arm', 'rate:=4',
-               'scene:=chipped_block_v1', "models:=['l_shape', 'chipped_block']", 'noise:=0.5']
-    launched = subprocess.Popen(command, env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)},
-                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    command = [
+        sys.executable,
+        '-c',
+        RUN,
+        f'{share}/launch/closed_form.launch.py',
+        'namespace:=arm',
+        'rate:=4',
+        'scene:=chipped_block_v1',
+        "models:=['l_shape', 'chipped_block']",
+        'noise:=0.5',
+    ]
+    launched = subprocess.Popen(
+        command,
+        env=os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
     try:
         graph.spin_until(lambda: len(poses) >= 2, 45.0, 'two poses')
     finally:

@@ -14,8 +14,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ('msgs_py', 'dap_emulator', 'csg_renderer', 'stereo_recovery', 'model_matcher')
 # package: those it may import
 BELOW = {
-    'msgs_py': (), 'dap_emulator': ('msgs_py',), 'csg_renderer': ('msgs_py', 'dap_emulator'),
-    'stereo_recovery': ('msgs_py',), 'model_matcher': ('msgs_py', 'dap_emulator', 'csg_renderer'),
+    'msgs_py': (),
+    'dap_emulator': ('msgs_py',),
+    'csg_renderer': ('msgs_py', 'dap_emulator'),
+    'stereo_recovery': ('msgs_py',),
+    'model_matcher': ('msgs_py', 'dap_emulator', 'csg_renderer'),
 }
 # The closed-form harness joins the two halves of the graph; nothing else may.
 JOINS = ('closed_form',)
@@ -26,17 +29,38 @@ ROOMS = {
     'dap_emulator': ('machine', 'fortran_plus', 'service'),
     'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
     'stereo_recovery': ('params', 'cameras', 'detection', 'matching', 'curves', 'edges'),
-    'model_matcher': ('params', 'geometry', 'model', 'verification', 'interpretation_tree', 'search', 'proof',
-                      'drawing', 'pipeline', 'node', 'closed_form'),
+    'model_matcher': (
+        'params',
+        'geometry',
+        'model',
+        'verification',
+        'interpretation_tree',
+        'search',
+        'proof',
+        'drawing',
+        'pipeline',
+        'node',
+        'closed_form',
+    ),
 }
-ROS = ('rclpy', 'sensor_msgs', 'geometry_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs', 'visualization_msgs',
-       'rcl_interfaces', 'builtin_interfaces')
+ROS = (
+    'rclpy',
+    'sensor_msgs',
+    'geometry_msgs',
+    'std_msgs',
+    'std_srvs',
+    'diagnostic_msgs',
+    'visualization_msgs',
+    'rcl_interfaces',
+    'builtin_interfaces',
+)
 
 
 def sources(package: str) -> list[Path]:
     """Modules; launch files are data (test_launch.py looks after them)."""
-    return sorted(path for path in (ROOT / 'src' / package / package).rglob('*.py')
-                  if not path.name.endswith('.launch.py'))
+    return sorted(
+        path for path in (ROOT / 'src' / package / package).rglob('*.py') if not path.name.endswith('.launch.py')
+    )
 
 
 def module_name(path: Path) -> str:
@@ -68,7 +92,7 @@ def inner_imports(path: Path, package: str) -> set[str]:
         if not isinstance(node, ast.ImportFrom):
             continue
         if node.level:
-            base = '.'.join([*folder[:len(folder) - node.level + 1], *([node.module] if node.module else [])])
+            base = '.'.join([*folder[: len(folder) - node.level + 1], *([node.module] if node.module else [])])
         elif node.module and node.module.split('.')[0] == package:
             base = node.module
         else:
@@ -90,7 +114,7 @@ def circles(graph: dict[str, set[str]]) -> list[str]:
 
     def visit(module: str, way: list[str]) -> None:
         if module in way:
-            found.append(' -> '.join([*way[way.index(module):], module]))
+            found.append(' -> '.join([*way[way.index(module) :], module]))
         elif module not in done:
             for other in sorted(graph.get(module, ())):
                 visit(other, [*way, module])
@@ -121,16 +145,21 @@ def test_every_pure_module_imports_with_ros_blocked():
         '            raise ImportError(f"{name} is blocked")\n'
         'sys.meta_path.insert(0, Blocked())\n'
         f'for name in {modules!r}:\n'
-        '    importlib.import_module(name)\n')
+        '    importlib.import_module(name)\n'
+    )
     result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=50, check=False)
     assert result.returncode == 0, result.stderr[-2000:]
 
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_no_room_imports_a_later_one(package):
-    against = [f'{module_name(path)} imports {other}' for path in sources(package) if path.name != '__init__.py'
-               for other in inner_imports(path, package)
-               if room_number(other, package) > room_number(module_name(path), package)]
+    against = [
+        f'{module_name(path)} imports {other}'
+        for path in sources(package)
+        if path.name != '__init__.py'
+        for other in inner_imports(path, package)
+        if room_number(other, package) > room_number(module_name(path), package)
+    ]
     assert not against, '\n'.join(against)
 
 

@@ -15,8 +15,16 @@ RESTART = Path(__file__).resolve().parent / 'stress' / 'restart.py'
 
 def test_a_killed_node_is_back_within_four_seconds_with_nothing_stale(graph):
     """Each node, killed and started again; test/stress/restart.py does it in every order, many times."""
-    command = [sys.executable, str(RESTART), '--rounds', '1', '--alone', '--share-out',
-               '--domain', str(graph.domain_id)]
+    command = [
+        sys.executable,
+        str(RESTART),
+        '--rounds',
+        '1',
+        '--alone',
+        '--share-out',
+        '--domain',
+        str(graph.domain_id),
+    ]
     result = subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
     assert result.returncode == 0, result.stdout + result.stderr[-2000:]
     assert '3 restarts' in result.stdout and 'no pose from before' in result.stdout
@@ -27,14 +35,19 @@ def test_two_graphs_run_side_by_side_in_their_namespaces(graph, processes):
     heard = {}
     for space, scene, model in (('one', 'l_shape_v1', 'l_shape'), ('two', 'chipped_block_v1', 'chipped_block')):
         remaps = [f'__ns:=/{space}']
-        heard[space] = {name: graph.collect(PoseStamped, f'/{space}/interpretations/{name}')
-                        for name in ('l_shape', 'chipped_block')}
+        heard[space] = {
+            name: graph.collect(PoseStamped, f'/{space}/interpretations/{name}')
+            for name in ('l_shape', 'chipped_block')
+        }
         processes('matcher_node', remaps, models="['l_shape', 'chipped_block']")
         processes('recovery_node', remaps)
         processes('renderer_node', remaps, scene=scene, rate='2.0', width='320')
         assert model in heard[space]
-    graph.spin_until(lambda: len(heard['one']['l_shape']) >= 2 and len(heard['two']['chipped_block']) >= 2, 40.0,
-                     'poses of both graphs')
+    graph.spin_until(
+        lambda: len(heard['one']['l_shape']) >= 2 and len(heard['two']['chipped_block']) >= 2,
+        40.0,
+        'poses of both graphs',
+    )
     assert not heard['one']['chipped_block'] and not heard['two']['l_shape']
 
 

@@ -40,7 +40,7 @@ def shell_blocks(text: str) -> list[str]:
 def marked(name: str) -> str:
     """The commands between the marks of this name in the README."""
     page = README.read_text(encoding='utf-8')
-    return shell_blocks(page[page.index(f'<!-- {name}:begin -->'):page.index(f'<!-- {name}:end -->')])[0]
+    return shell_blocks(page[page.index(f'<!-- {name}:begin -->') : page.index(f'<!-- {name}:end -->')])[0]
 
 
 def commands(block: str) -> list[str]:
@@ -70,8 +70,15 @@ def shell(tmp_path, graph) -> Iterator:
             arguments = ['bash', '-c', 'exec ' + command[:-2]]
             background.append(subprocess.Popen(arguments, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL))
             return ''
-        done = subprocess.run(['bash', '-ec', command], cwd=tmp_path, env=environment, capture_output=True, text=True,
-                              timeout=120, check=False)
+        done = subprocess.run(
+            ['bash', '-ec', command],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
         assert done.returncode == 0, f'{command}\n{done.stdout[-2000:]}{done.stderr[-2000:]}'
         return done.stdout
 
@@ -93,16 +100,23 @@ class Camera:
         scene = csg_renderer.load_scene(folder / 'scene.csg')
         self.truth = scene.camera_T_scene.compose(scene.placements[0].pose)
         rig = csg_renderer.default_rig(scene)
-        images = [codecs.gray_from_image(codecs.array_to_image(cv2.cvtColor(
-            cv2.imread(str(folder / f'{side}.png')), cv2.COLOR_BGR2RGB), 'rgb8')) for side in ('left', 'right')]
+        images = [
+            codecs.gray_from_image(
+                codecs.array_to_image(cv2.cvtColor(cv2.imread(str(folder / f'{side}.png')), cv2.COLOR_BGR2RGB), 'rgb8')
+            )
+            for side in ('left', 'right')
+        ]
         self.images = [distorted(image, rig.left) for image in images] if raw else images
         self.infos = codecs.camera_infos_from_rig(rig, Header())
         if raw:
             for info in self.infos:
                 info.distortion_model, info.d = 'plumb_bob', DISTORTION.tolist()
         kind = 'image_raw' if raw else 'image_rect'
-        self.outputs = [graph.publisher(message_type, f'/{space}/{side}/{topic}') for side in ('left', 'right')
-                        for message_type, topic in ((Image, kind), (CameraInfo, 'camera_info'))]
+        self.outputs = [
+            graph.publisher(message_type, f'/{space}/{side}/{topic}')
+            for side in ('left', 'right')
+            for message_type, topic in ((Image, kind), (CameraInfo, 'camera_info'))
+        ]
         self.pairs = 0
 
     def until(self, answered: list) -> PoseStamped:
@@ -117,8 +131,9 @@ class Camera:
                 self.outputs[2 * side].publish(codecs.array_to_image(self.images[side], 'mono8', header))
                 self.outputs[2 * side + 1].publish(self.infos[side])
             deadline = self.graph.tester.get_clock().now().nanoseconds + 10**9
-            self.graph.spin_until(lambda end=deadline: answered
-                                  or self.graph.tester.get_clock().now().nanoseconds > end)
+            self.graph.spin_until(
+                lambda end=deadline: answered or self.graph.tester.get_clock().now().nanoseconds > end
+            )
             assert self.pairs < 40, 'no pose in forty pairs'
         return answered[0]
 
@@ -126,7 +141,7 @@ class Camera:
 def distorted(image: np.ndarray, camera) -> np.ndarray:
     """What a lens would have made of an ideal image."""
     k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    v, u = np.mgrid[0:image.shape[0], 0:image.shape[1]].astype(np.float64)
+    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]].astype(np.float64)
     ideal = cv2.undistortPoints(np.stack([u.ravel(), v.ravel()], axis=1)[:, None], k, DISTORTION, P=k)
     maps = ideal.reshape(*image.shape, 2).astype(np.float32)
     return cv2.remap(image, maps[..., 0], maps[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -162,8 +177,12 @@ def test_the_camera_page_takes_raw_images_to_a_pose_in_the_drivers_frame(shell, 
     calibration = cv2.FileStorage(str(tmp_path / 'calibration.yaml'), cv2.FILE_STORAGE_WRITE)
     for number, (side, image, info) in enumerate(zip(('left', 'right'), camera.images, camera.infos), start=1):
         cv2.imwrite(str(tmp_path / f'{side}.png'), image)
-        for name, values, shape in (('K', info.k, (3, 3)), ('D', info.d, (1, 5)), ('R', info.r, (3, 3)),
-                                    ('P', info.p, (3, 4))):
+        for name, values, shape in (
+            ('K', info.k, (3, 3)),
+            ('D', info.d, (1, 5)),
+            ('R', info.r, (3, 3)),
+            ('P', info.p, (3, 4)),
+        ):
             calibration.write(f'{name}{number}', np.reshape(values, shape))
     calibration.release()
     assert re.search(r'^part .* accepted$', run_all(shell, files), re.MULTILINE)
@@ -185,9 +204,19 @@ def test_commands_of_the_pages_run(page, tmp_path):
     """Those that need no files of the user's own and no minutes; they are run in an empty folder."""
     path = f'{Path(sys.executable).parent}{os.pathsep}{os.environ.get("PATH", "")}'
     (tmp_path / 'src').symlink_to(ROOT / 'src')
-    found = [command for command in RUN.findall(page.read_text(encoding='utf-8'))
-             if '--sweep' not in command and '--replay' not in command]
+    found = [
+        command
+        for command in RUN.findall(page.read_text(encoding='utf-8'))
+        if '--sweep' not in command and '--replay' not in command
+    ]
     for command in dict.fromkeys(found):
-        done = subprocess.run(['bash', '-ec', command.replace('.venv/bin/', '')], cwd=tmp_path, capture_output=True,
-                              text=True, env=os.environ | {'PATH': path}, timeout=120, check=False)
+        done = subprocess.run(
+            ['bash', '-ec', command.replace('.venv/bin/', '')],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            env=os.environ | {'PATH': path},
+            timeout=120,
+            check=False,
+        )
         assert done.returncode == 0, f'{command}\n{done.stdout[-1000:]}{done.stderr[-1000:]}'

@@ -28,8 +28,10 @@ def header(sec: int) -> Header:
 def frames():
     scene = csg_renderer.load_scene('l_shape_v1')
     rig = StereoRig.symmetric(PinholeCamera.centred(128, 128, 176.0), csg_renderer.default_rig(scene).baseline)
-    return rig, [codecs.gray_from_image(codecs.array_to_image(frame.image, 'rgb8'))
-                 for frame in csg_renderer.render_stereo(scene, rig, antialias=2)]
+    return rig, [
+        codecs.gray_from_image(codecs.array_to_image(frame.image, 'rgb8'))
+        for frame in csg_renderer.render_stereo(scene, rig, antialias=2)
+    ]
 
 
 def test_simulated_time_stamps_the_images_and_diagnostics_go_on_when_it_stands_still(graph):
@@ -65,13 +67,18 @@ def test_a_simulated_clock_that_jumps_back_stops_nothing(graph, frames):
             message = Clock()
             message.clock.sec, message.clock.nanosec = tenth // 10, tenth % 10 * 10**8
             clock.publish(message)
-            graph.spin_until(lambda now=tenth: all(node.get_clock().now().nanoseconds == now * 10**8
-                                                   for node in (renderer, recovery)), what='the simulated time')
+            graph.spin_until(
+                lambda now=tenth: all(
+                    node.get_clock().now().nanoseconds == now * 10**8 for node in (renderer, recovery)
+                ),
+                what='the simulated time',
+            )
             pairs = renderer.report_values()['pairs']
             graph.executor.spin_once(timeout_sec=0.01)
             if renderer.report_values()['pairs'] != pairs:
-                graph.spin_until(lambda: recovery.health.processed >= renderer.report_values()['pairs'],
-                                 what='the pair recovered')
+                graph.spin_until(
+                    lambda: recovery.health.processed >= renderer.report_values()['pairs'], what='the pair recovered'
+                )
         return [cloud.header.stamp.sec for cloud in clouds]
 
     before, after = play(1000, 3), play(7, 3)
@@ -82,8 +89,11 @@ def test_a_simulated_clock_that_jumps_back_stops_nothing(graph, frames):
 
 def test_a_real_source_takes_the_place_of_a_simulated_one_by_remaps_alone(graph):
     for space in ('simulated', 'camera'):
-        graph.add(RendererNode, namespace=space, parameters={
-            'rate': 5.0, 'width': 128, 'antialias': 2, 'frame_id': f'{space}_optical_frame'})
+        graph.add(
+            RendererNode,
+            namespace=space,
+            parameters={'rate': 5.0, 'width': 128, 'antialias': 2, 'frame_id': f'{space}_optical_frame'},
+        )
     clouds = {}
     for space, source in (('one', 'simulated'), ('two', 'camera')):
         remaps = [item for topic in STEREO_TOPICS for item in ('-r', f'{topic}:=/{source}/{topic}')]
@@ -95,17 +105,26 @@ def test_a_real_source_takes_the_place_of_a_simulated_one_by_remaps_alone(graph)
 
 
 def test_topics_are_remapped_and_namespaces_apply_to_all_of_them(graph):
-    node = graph.add(MatcherNode, parameters={'models': ['l_shape']}, namespace='arm', cli_args=[
-        '--ros-args', '-r', 'features:=/shared/features', '-r', 'interpretations/l_shape:=part_pose'])
+    node = graph.add(
+        MatcherNode,
+        parameters={'models': ['l_shape']},
+        namespace='arm',
+        cli_args=['--ros-args', '-r', 'features:=/shared/features', '-r', 'interpretations/l_shape:=part_pose'],
+    )
     assert [s.topic_name for s in node.subscriptions if 'features' in s.topic_name] == ['/shared/features']
     published = {p.topic_name for p in node.publishers}
     assert {'/arm/part_pose', '/arm/interpretations', '/diagnostics'} <= published
 
 
 def test_quality_of_service_is_overridden_by_parameters(graph):
-    node = graph.add(MatcherNode, parameters={
-        'models': ['l_shape'], 'qos_overrides./features.subscription.reliability': 'reliable',
-        'qos_overrides./features.subscription.depth': 7})
+    node = graph.add(
+        MatcherNode,
+        parameters={
+            'models': ['l_shape'],
+            'qos_overrides./features.subscription.reliability': 'reliable',
+            'qos_overrides./features.subscription.depth': 7,
+        },
+    )
     subscription = next(s for s in node.subscriptions if s.topic_name == '/features')
     assert subscription.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE
     assert subscription.qos_profile.depth == 7
@@ -115,8 +134,9 @@ def test_ten_times_too_many_pairs_are_answered_with_the_newest_and_the_rest_is_c
     rig, images = frames
     node = graph.add(RecoveryNode)
     clouds = graph.collect(PointCloud2, 'features')
-    outputs = {topic: graph.publisher(CameraInfo if topic.endswith('info') else Image, topic)
-               for topic in STEREO_TOPICS}
+    outputs = {
+        topic: graph.publisher(CameraInfo if topic.endswith('info') else Image, topic) for topic in STEREO_TOPICS
+    }
     graph.wait_matched(*outputs.values())
     graph.wait_heard('/features')
     sent = 0
@@ -125,8 +145,15 @@ def test_ten_times_too_many_pairs_are_answered_with_the_newest_and_the_rest_is_c
             sent += 1
             stamp = header(sent)
             infos = codecs.camera_infos_from_rig(rig, stamp)
-            for topic, message in zip(STEREO_TOPICS, (codecs.array_to_image(images[0], 'mono8', stamp), infos[0],
-                                                      codecs.array_to_image(images[1], 'mono8', stamp), infos[1])):
+            for topic, message in zip(
+                STEREO_TOPICS,
+                (
+                    codecs.array_to_image(images[0], 'mono8', stamp),
+                    infos[0],
+                    codecs.array_to_image(images[1], 'mono8', stamp),
+                    infos[1],
+                ),
+            ):
                 outputs[topic].publish(message)
         graph.spin_until(lambda newest=sent: clouds and clouds[-1].header.stamp.sec == newest, what='the newest pair')
     stamps = [cloud.header.stamp.sec for cloud in clouds]

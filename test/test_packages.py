@@ -59,12 +59,18 @@ def test_every_folder_of_data_is_installed(package):
     """What is not Python and not in DATA would be missing from a wheel and from share/."""
     folder = ROOT / 'src' / package / package
     tree = ast.parse((ROOT / 'src' / package / 'setup.py').read_text())
-    data = ast.literal_eval(next(node.value for node in tree.body
-                                 if isinstance(node, ast.Assign) and node.targets[0].id == 'DATA'))
+    data = ast.literal_eval(
+        next(node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == 'DATA')
+    )
     kept = ('.py', '.pyi', '.lark', '.typed', '.pyc', '.nbi', '.nbc')
-    found = {str(path.parent.relative_to(folder)) for path in folder.rglob('*')
-             if path.is_file() and not path.name.endswith(kept) and '__pycache__' not in path.parts
-             or path.name.endswith('.launch.py')}
+    found = {
+        str(path.parent.relative_to(folder))
+        for path in folder.rglob('*')
+        if path.is_file()
+        and not path.name.endswith(kept)
+        and '__pycache__' not in path.parts
+        or path.name.endswith('.launch.py')
+    }
     assert found <= set(data), f'not in DATA: {found - set(data)}'
     assert all((folder / item).is_dir() for item in data)
 
@@ -72,10 +78,29 @@ def test_every_folder_of_data_is_installed(package):
 @pytest.mark.parametrize('package', PACKAGES)
 def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
     source = tmp_path / package
-    shutil.copytree(ROOT / 'src' / package, source,
-                    ignore=shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'test', 'docs'))
-    subprocess.run([sys.executable, '-m', 'pip', 'wheel', '--quiet', '--no-deps', '--no-build-isolation', '--no-index',
-                    '-w', str(tmp_path), str(source)], check=True, timeout=55, capture_output=True)
+    shutil.copytree(
+        ROOT / 'src' / package,
+        source,
+        ignore=shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'test', 'docs'),
+    )
+    subprocess.run(
+        [
+            sys.executable,
+            '-m',
+            'pip',
+            'wheel',
+            '--quiet',
+            '--no-deps',
+            '--no-build-isolation',
+            '--no-index',
+            '-w',
+            str(tmp_path),
+            str(source),
+        ],
+        check=True,
+        timeout=55,
+        capture_output=True,
+    )
     with zipfile.ZipFile(next(tmp_path.glob('*.whl'))) as wheel:
         packed = set(wheel.namelist())
     expected = {str(path.relative_to(source)) for path in (source / package).rglob('*') if path.is_file()}
@@ -84,17 +109,26 @@ def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
     assert any(name.endswith(f'share/{package}/package.xml') for name in packed)
 
 
-@pytest.mark.parametrize('name, package', [('emulator_node', 'dap_emulator'), ('renderer_node', 'csg_renderer'),
-                                           ('recovery_node', 'stereo_recovery'), ('matcher_node', 'model_matcher')])
+@pytest.mark.parametrize(
+    'name, package',
+    [
+        ('emulator_node', 'dap_emulator'),
+        ('renderer_node', 'csg_renderer'),
+        ('recovery_node', 'stereo_recovery'),
+        ('matcher_node', 'model_matcher'),
+    ],
+)
 @pytest.mark.parametrize('given, threads', [(None, '1'), ('2', '2')])
 def test_an_executable_starts_its_node_with_one_blas_thread_unless_told_otherwise(name, package, given, threads):
     assert f"'{name} = graph_executables:{name}'" in (ROOT / 'src' / package / 'setup.py').read_text()
-    code = (f'import os, sys, types, graph_executables\n'
-            'assert "numpy" not in sys.modules, "too late to say how many threads"\n'
-            f'node = sys.modules["{package}.node"] = types.ModuleType("node")\n'
-            f'node.main = lambda: int(os.environ["OPENBLAS_NUM_THREADS"])\n'
-            f'sys.modules["{package}"] = types.ModuleType("{package}")\n'
-            f'sys.exit(graph_executables.{name}())')
+    code = (
+        f'import os, sys, types, graph_executables\n'
+        'assert "numpy" not in sys.modules, "too late to say how many threads"\n'
+        f'node = sys.modules["{package}.node"] = types.ModuleType("node")\n'
+        f'node.main = lambda: int(os.environ["OPENBLAS_NUM_THREADS"])\n'
+        f'sys.modules["{package}"] = types.ModuleType("{package}")\n'
+        f'sys.exit(graph_executables.{name}())'
+    )
     environment = {key: value for key, value in os.environ.items() if key != 'OPENBLAS_NUM_THREADS'}
     if given is not None:
         environment['OPENBLAS_NUM_THREADS'] = given

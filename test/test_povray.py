@@ -22,6 +22,7 @@ def povray():
     spec = importlib.util.spec_from_file_location('povray', path)
     module = importlib.util.module_from_spec(spec)
     import sys
+
     sys.modules['povray'] = module
     spec.loader.exec_module(module)
     return module
@@ -29,12 +30,14 @@ def povray():
 
 def random_solid(rng):
     """Every primitive under rotation, mirror and shear, and every operator."""
+
     def leaf(kind):
         q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         matrix = np.eye(4)
         matrix[:3, :3] = q @ np.diag(rng.uniform(0.03, 0.09, 3)) @ (np.eye(3) + 0.2 * rng.normal(size=(3, 3)))
         matrix[:3, 3] = 0.03 * rng.normal(size=3)
         return Solid.primitive(kind, matrix)
+
     solid = leaf('BLOCK') | leaf('CYLINDER')
     solid = (solid - leaf('SPHERE')) | (leaf('CONE') & leaf('SPHERE'))
     return (solid | leaf('CYLINDER') - leaf('CONE') - leaf('BLOCK')).painted(SURFACE)

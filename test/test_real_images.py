@@ -65,9 +65,13 @@ class Case:
         """Degrees, and share of the depth by which the model's middle is off; of the nearest true pose."""
         low = np.minimum(self.model.start, self.model.end).min(axis=0)
         middle = 0.5 * (low + np.maximum(self.model.start, self.model.end).max(axis=0))
-        errors = [(true.error_to(pose).rotation_deg,
-                   float(np.linalg.norm(true.apply(middle) - pose.apply(middle))) / true.apply(middle)[2])
-                  for true in self.true]
+        errors = [
+            (
+                true.error_to(pose).rotation_deg,
+                float(np.linalg.norm(true.apply(middle) - pose.apply(middle))) / true.apply(middle)[2],
+            )
+            for true in self.true
+        ]
         return min(errors)
 
 

@@ -58,8 +58,9 @@ def test_a_bad_value_under_the_old_name_is_refused_like_any_other(graph):
 
 def test_the_old_name_is_accepted_at_run_time_too(graph):
     node = graph.add(RenamedNode)
-    request = SetParameters.Request(parameters=[Parameter(
-        name='blur', value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=4.0))])
+    request = SetParameters.Request(
+        parameters=[Parameter(name='blur', value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=4.0))]
+    )
     assert graph.call(SetParameters, '/renamed_node/set_parameters', request).results[0].successful
     assert node.config.smoothing == node.get_parameter('smoothing').value == 4.0
     refused = node.set_parameters_atomically([NodeParameter('sigma', value=-1.0)])

@@ -20,9 +20,15 @@ wall = BLOCK(60, 40, 20) AT(-30, -20, 0);
 LIGHT(100, -200, -100);
 DRAW(wall) AT(10, 5, 300);
 """
-TOPICS = {'left/image_rect': Image, 'right/image_rect': Image, 'left/camera_info': CameraInfo,
-          'right/camera_info': CameraInfo, 'left/depth': Image, 'ground_truth/pose': PoseStamped,
-          'ground_truth/features': PointCloud2}
+TOPICS = {
+    'left/image_rect': Image,
+    'right/image_rect': Image,
+    'left/camera_info': CameraInfo,
+    'right/camera_info': CameraInfo,
+    'left/depth': Image,
+    'ground_truth/pose': PoseStamped,
+    'ground_truth/features': PointCloud2,
+}
 
 
 @pytest.fixture
@@ -52,13 +58,15 @@ def test_a_pair_has_four_equal_stamps_and_its_truth(graph, scene_file):
     node = renderer(graph, scene_file, noise=2.0, psf=0.7, seed=5)
     listener = Listener(graph)
     graph.spin_until(lambda: all(len(received) >= 3 for received in listener.messages.values()))
-    by_stamp = [{(m.header.stamp.sec, m.header.stamp.nanosec): m for m in received}
-                for received in listener.messages.values()]
+    by_stamp = [
+        {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in received} for received in listener.messages.values()
+    ]
     common = set.intersection(*(set(messages) for messages in by_stamp))
     assert common
     left, right, left_info, right_info, depth, pose, cloud = (messages[max(common)] for messages in by_stamp)
     assert {m.header.frame_id for m in (left, right, left_info, right_info, depth, pose, cloud)} == {
-        'camera_left_optical_frame'}
+        'camera_left_optical_frame'
+    }
     rig = StereoRig.from_camera_info(left_info, right_info)
     scene = node._file.scene
     assert rig == scene_rig(scene, width=64)

@@ -78,9 +78,12 @@ def values(status):
 
 
 def set_atomically(graph, node, **changes):
-    kinds = {str: (ParameterType.PARAMETER_STRING, 'string_value'), int: (ParameterType.PARAMETER_INTEGER,
-             'integer_value'), float: (ParameterType.PARAMETER_DOUBLE, 'double_value'),
-             list: (ParameterType.PARAMETER_STRING_ARRAY, 'string_array_value')}
+    kinds = {
+        str: (ParameterType.PARAMETER_STRING, 'string_value'),
+        int: (ParameterType.PARAMETER_INTEGER, 'integer_value'),
+        float: (ParameterType.PARAMETER_DOUBLE, 'double_value'),
+        list: (ParameterType.PARAMETER_STRING_ARRAY, 'string_array_value'),
+    }
     parameters = []
     for name, value in changes.items():
         kind, attribute = kinds[type(value)]
@@ -95,10 +98,17 @@ def test_initial_values_come_from_overrides_and_integers_pass_for_numbers(graph)
     assert (node.config.prefix, node.config.gain, node.config.names) == ('> ', 3.0, ('a', 'b'))
 
 
-@pytest.mark.parametrize('name, value, text', [
-    ('gain', 11.0, 'gain'), ('gain', 'much', 'gain'), ('mode', 'silent', 'mode'), ('limits.low', 9, 'limits.low'),
-    ('prefix', 3, 'prefix'), ('names', 'one', 'names'),
-])
+@pytest.mark.parametrize(
+    'name, value, text',
+    [
+        ('gain', 11.0, 'gain'),
+        ('gain', 'much', 'gain'),
+        ('mode', 'silent', 'mode'),
+        ('limits.low', 9, 'limits.low'),
+        ('prefix', 3, 'prefix'),
+        ('names', 'one', 'names'),
+    ],
+)
 def test_a_bad_initial_value_is_reported_and_the_default_used(graph, name, value, text):
     node = graph.add(EchoNode, parameters={name: value})
     assert node.config == EchoConfig()
@@ -133,8 +143,11 @@ def test_a_check_that_fails_for_reasons_of_its_own_refuses_the_change(graph):
 
 def test_parameters_describe_themselves(graph):
     node = graph.add(EchoNode)
-    reply = graph.call(DescribeParameters, f'/{node.get_name()}/describe_parameters',
-                       DescribeParameters.Request(names=['gain', 'mode']))
+    reply = graph.call(
+        DescribeParameters,
+        f'/{node.get_name()}/describe_parameters',
+        DescribeParameters.Request(names=['gain', 'mode']),
+    )
     assert reply.descriptors[0].description == 'A number [px]'
     assert reply.descriptors[0].floating_point_range[0].to_value == 10.0
     assert "one of 'loud', 'soft'" in reply.descriptors[1].additional_constraints
@@ -164,8 +177,13 @@ def test_diagnostics_tell_rate_latency_and_last_error(graph):
     graph.spin_until(lambda: node.health.problems)
     talk.publish(String(data='fine'))
     graph.spin_until(lambda: node.health.processed)
-    status = graph.spin_until(lambda: latest(statuses, 'echo_node') if (latest(statuses, 'echo_node') is not None and
-                              values(latest(statuses, 'echo_node'))['processed'] == '1') else None)
+    status = graph.spin_until(
+        lambda: (
+            latest(statuses, 'echo_node')
+            if (latest(statuses, 'echo_node') is not None and values(latest(statuses, 'echo_node'))['processed'] == '1')
+            else None
+        )
+    )
     found = values(status)
     assert found['last_error'] == 'in: in.data: expected anything else'
     assert float(found['rate_hz']) > 0 and float(found['latency_p50_ms']) >= 0
@@ -226,8 +244,9 @@ def publish_pair(publishers, sec):
 
 def test_stereo_topics_are_joined_and_survive_a_raising_callback_and_a_backward_clock_jump(graph):
     node = graph.add(StereoEchoNode)
-    publishers = {topic: graph.publisher(CameraInfo if topic.endswith('camera_info') else Image, topic)
-                  for topic in STEREO_TOPICS}
+    publishers = {
+        topic: graph.publisher(CameraInfo if topic.endswith('camera_info') else Image, topic) for topic in STEREO_TOPICS
+    }
     graph.wait_matched(*publishers.values())
     for count, sec in enumerate((100, 101, 5, 6), start=1):
         publish_pair(publishers, sec)

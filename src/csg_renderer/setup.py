@@ -22,7 +22,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
-    ] + [share(folder) for folder in DATA],
+    ]
+    + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -36,6 +37,6 @@ setup(
             'render = csg_renderer.render_cli:main',
             'features = csg_renderer.features_cli:main',
             'model_table = csg_renderer.model_table:main',
-        ],
+        ]
     },
 )

@@ -22,7 +22,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
-    ] + [share(folder) for folder in DATA],
+    ]
+    + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -31,9 +32,6 @@ setup(
     description='Emulator of the AMT DAP array processor',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [
-            'emulator_node = graph_executables:emulator_node',
-            'dap = dap_emulator.dap_cli:main',
-        ],
+        'console_scripts': ['emulator_node = graph_executables:emulator_node', 'dap = dap_emulator.dap_cli:main']
     },
 )

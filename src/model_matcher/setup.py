@@ -22,7 +22,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
-    ] + [share(folder) for folder in DATA],
+    ]
+    + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
     # closed_form --dask: sweeps on a cluster.
     extras_require={'test': ['pytest'], 'dask': ['distributed>=2023.12']},
@@ -36,6 +37,6 @@ setup(
             'match = model_matcher.match_cli:main',
             'matcher_node = graph_executables:matcher_node',
             'closed_form = model_matcher.closed_form.cli:main',
-        ],
+        ]
     },
 )

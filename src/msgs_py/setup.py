@@ -23,7 +23,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
-    ] + [share(folder) for folder in DATA],
+    ]
+    + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -31,8 +32,5 @@ setup(
     maintainer_email='maintainers@example.com',
     description='Plain vocabulary types of the object recognition graph and their ROS codecs',
     license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-        ],
-    },
+    entry_points={'console_scripts': []},
 )

@@ -22,7 +22,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
         ('share/' + PACKAGE, ['package.xml']),
-    ] + [share(folder) for folder in DATA],
+    ]
+    + [share(folder) for folder in DATA],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},
     zip_safe=False,
@@ -34,6 +35,6 @@ setup(
         'console_scripts': [
             'recovery_node = graph_executables:recovery_node',
             'recover = stereo_recovery.recover_cli:main',
-        ],
+        ]
     },
 )

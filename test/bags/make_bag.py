@@ -36,9 +36,16 @@ def camera_info(camera: CameraFile, header: Header) -> CameraInfo:
     """The message of a calibration file, lengths in metres."""
     projection = np.array(camera.p, float)
     projection[3] *= SQUARE_M
-    return CameraInfo(header=header, width=camera.width, height=camera.height, distortion_model=camera.distortion_model,
-                      d=list(map(float, camera.d)), k=list(map(float, camera.k)), r=list(map(float, camera.r)),
-                      p=projection.tolist())
+    return CameraInfo(
+        header=header,
+        width=camera.width,
+        height=camera.height,
+        distortion_model=camera.distortion_model,
+        d=list(map(float, camera.d)),
+        k=list(map(float, camera.k)),
+        r=list(map(float, camera.r)),
+        p=projection.tolist(),
+    )
 
 
 def messages(pairs: int, rate: float, raw: bool, seed: int = 0) -> Iterator[tuple[str, int, Any]]:

@@ -53,6 +53,7 @@ def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instanc
     """Search everything for a pose other than that of the instance."""
     from model_matcher.geometry.kernels import rank_pairs
     from model_matcher.search import pair_search
+
     search: Any = pair_search.search_pairs
     problem = make_problem(index, scene.data, params)
     in_view = len(np.unique(scene.assignment[scene.instance == instance]))
@@ -62,9 +63,32 @@ def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instanc
     pairs, partners = rank_pairs(problem.rows, np.zeros((0, 0), np.int32), index.size, len(problem.rows) - 1)
     motions, scores, state = np.zeros((ROOM, 12)), np.zeros(ROOM), np.zeros(4, np.int64)
     table = problem.table
-    search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
-           index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle, index.size,
-           *problem.sample, SEARCH_WIDTH, problem.radius_tol, 0, len(pairs), ENDLESS, motions, scores, state)
+    search(
+        pairs,
+        partners,
+        index.rows,
+        index.kind,
+        index.pair_starts,
+        index.pair_members,
+        index.pair_values,
+        index.pair_reach,
+        table.low,
+        table.cell,
+        table.shape,
+        table.starts,
+        table.items,
+        index.middle,
+        index.size,
+        *problem.sample,
+        SEARCH_WIDTH,
+        problem.radius_tol,
+        0,
+        len(pairs),
+        ENDLESS,
+        motions,
+        scores,
+        state,
+    )
     motions, scores = motions[scores > 0.0], scores[scores > 0.0]
     start = np.concatenate([truth.rotation.ravel(), truth.translation])
     everything = params.replace(false_alarm_rate=1.0)
@@ -80,5 +104,8 @@ def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instanc
 
 def is_listed(result: MatchResult, truth: Pose, index: ModelIndex) -> bool:
     """Whether the true pose is among all that the result names, accepted or rejected with its reason."""
-    return any(is_pose(pose, truth, index) for one in (*result.interpretations, *result.rejected)
-               for pose in (one.pose, *one.symmetric_poses))
+    return any(
+        is_pose(pose, truth, index)
+        for one in (*result.interpretations, *result.rejected)
+        for pose in (one.pose, *one.symmetric_poses)
+    )

@@ -25,8 +25,13 @@ QUICK_SEEDS = range(500, 501)
 ALIASED = Imaging(samples=1, blur=0.0, noise=0.0)
 
 
-def score(kinds: Iterable[str], seeds: Iterable[int], imaging: Imaging, each: dict[str, CurveScore] | None = None,
-          params: RecoveryParams | None = None) -> CurveScore:
+def score(
+    kinds: Iterable[str],
+    seeds: Iterable[int],
+    imaging: Imaging,
+    each: dict[str, CurveScore] | None = None,
+    params: RecoveryParams | None = None,
+) -> CurveScore:
     """All views of some kinds together; each : takes the scores by kind."""
     total = CurveScore()
     for kind in kinds:
@@ -43,19 +48,30 @@ def score(kinds: Iterable[str], seeds: Iterable[int], imaging: Imaging, each: di
 
 def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterator[Measurement]:
     """The figures; the note gives spread and bars (floor | aim)."""
-    bars = {'normal': ('deg', '0.25 | 0.10' if aliased else '0.10 / max 0.4 | 0.03 / 0.1'),
-            'centre': ('mm', '0.05 | 0.02'), 'radius': ('mm', '0.03 | 0.01')}
+    bars = {
+        'normal': ('deg', '0.25 | 0.10' if aliased else '0.10 / max 0.4 | 0.03 / 0.1'),
+        'centre': ('mm', '0.05 | 0.02'),
+        'radius': ('mm', '0.03 | 0.01'),
+    }
     for name, _ in SHARES:
         rims = total.rims[name]
         if not rims.there:
             continue
-        yield Measurement(f'{head}{name} circles and ellipses: found', 100 * rims.found / rims.there, '%',
-                          lower_is_better=False, note=f'{rims.found} of {rims.there}'
-                          + (', bars for 42 % seen 75 | 100' if name == 'half' else ''))
+        yield Measurement(
+            f'{head}{name} circles and ellipses: found',
+            100 * rims.found / rims.there,
+            '%',
+            lower_is_better=False,
+            note=f'{rims.found} of {rims.there}' + (', bars for 42 % seen 75 | 100' if name == 'half' else ''),
+        )
         if not rims.found:
             continue
-        yield Measurement(f'{head}{name} circles and ellipses: normal to the right side',
-                          100 * rims.sure / rims.found, '%', lower_is_better=False)
+        yield Measurement(
+            f'{head}{name} circles and ellipses: normal to the right side',
+            100 * rims.sure / rims.found,
+            '%',
+            lower_is_better=False,
+        )
         for what, (unit, bar) in bars.items():
             values = np.array(getattr(rims, what))
             note = f'p90 {np.quantile(values, 0.9):.3g}, max {values.max():.3g}'
@@ -66,46 +82,87 @@ def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterato
             yield Measurement(f'{head}{name} circles and ellipses: {what}', float(np.median(values)), unit, note=note)
     if total.large:
         spread = f'p90 {np.quantile(total.large, 0.9):.3g}, max {max(total.large):.3g}'
-        yield Measurement(f'{head}full circles of more than {LARGE:.0f} px radius: normal',
-                          float(np.median(total.large)), 'deg',
-                          note=f'{spread}; {len(total.large)} circles; bars {bars["normal"][1]}')
+        yield Measurement(
+            f'{head}full circles of more than {LARGE:.0f} px radius: normal',
+            float(np.median(total.large)),
+            'deg',
+            note=f'{spread}; {len(total.large)} circles; bars {bars["normal"][1]}',
+        )
     for name, axes in total.axes.items():
         if not axes.there:
             continue
-        yield Measurement(f'{head}axes with {name} in view: found', 100 * axes.found / axes.there, '%',
-                          lower_is_better=False, note=f'{axes.found} of {axes.there}')
+        yield Measurement(
+            f'{head}axes with {name} in view: found',
+            100 * axes.found / axes.there,
+            '%',
+            lower_is_better=False,
+            note=f'{axes.found} of {axes.there}',
+        )
         for what, unit, bar in (('angle', 'deg', '; bars 0.3 | 0.1'), ('across', 'mm', ''), ('ends', 'mm', '')):
             values = np.array(getattr(axes, what))
             if len(values):
-                yield Measurement(f'{head}axes with {name} in view: {what}', float(np.median(values)), unit,
-                                  note=f'p90 {np.quantile(values, 0.9):.3g}, max {values.max():.3g}{bar}')
+                yield Measurement(
+                    f'{head}axes with {name} in view: {what}',
+                    float(np.median(values)),
+                    unit,
+                    note=f'p90 {np.quantile(values, 0.9):.3g}, max {values.max():.3g}{bar}',
+                )
     reported, true = total.shown
     edges = total.edges
     yield Measurement(f'{head}false curves', float(total.false_curves), '', note=f'of {total.curves}')
     yield Measurement(f'{head}false axes', float(total.false_axes), '', note=f'of {total.reported_axes}')
     yield Measurement(f'{head}edges where rims are', float(total.lines_on_rims), '', note=f'of {edges.reported}')
-    yield Measurement(f'{head}precision of edges and curves', 100 * true / max(reported, 1), '%', lower_is_better=False,
-                      note='bars 85 | 95')
+    yield Measurement(
+        f'{head}precision of edges and curves',
+        100 * true / max(reported, 1),
+        '%',
+        lower_is_better=False,
+        note='bars 85 | 95',
+    )
     if edges.length > 0.0:
-        yield Measurement(f'{head}edges beside curves: precision', 100 * edges.right / max(edges.reported, 1), '%',
-                          lower_is_better=False,
-                          note=f'bars 85 | 95; {edges.right} of {edges.reported}, {total.faint} hardly stand out')
-        yield Measurement(f'{head}edges beside curves: recall of length', 100 * edges.covered / edges.length, '%',
-                          lower_is_better=False, note='bars 92 | 97')
+        yield Measurement(
+            f'{head}edges beside curves: precision',
+            100 * edges.right / max(edges.reported, 1),
+            '%',
+            lower_is_better=False,
+            note=f'bars 85 | 95; {edges.right} of {edges.reported}, {total.faint} hardly stand out',
+        )
+        yield Measurement(
+            f'{head}edges beside curves: recall of length',
+            100 * edges.covered / edges.length,
+            '%',
+            lower_is_better=False,
+            note='bars 92 | 97',
+        )
     for what, unit, values, bar in (
-            ('direction', 'deg', np.degrees(edges.angles), '0.15 / p90 0.8 | 0.09 / 0.5'),
-            ('distance of ends from the line', 'mm', 1e3 * np.array(edges.offsets), '0.06 / 0.25 | 0.03 / 0.15'),
-            ('end points along it', 'mm', 1e3 * np.array(edges.ends), '0.25 / 1.0 | 0.10 / 0.5')):
+        ('direction', 'deg', np.degrees(edges.angles), '0.15 / p90 0.8 | 0.09 / 0.5'),
+        ('distance of ends from the line', 'mm', 1e3 * np.array(edges.offsets), '0.06 / 0.25 | 0.03 / 0.15'),
+        ('end points along it', 'mm', 1e3 * np.array(edges.ends), '0.25 / 1.0 | 0.10 / 0.5'),
+    ):
         if len(values):
-            yield Measurement(f'{head}edges beside curves: {what}', float(np.median(values)), unit,
-                              note=f'p90 {np.quantile(values, 0.9):.3g}; bars {bar}')
+            yield Measurement(
+                f'{head}edges beside curves: {what}',
+                float(np.median(values)),
+                unit,
+                note=f'p90 {np.quantile(values, 0.9):.3g}; bars {bar}',
+            )
     for what, known in total.calibration.items():
         if known.inside:
-            yield Measurement(f'{head}{what} inside 3 sigma', 100 * float(np.mean(known.inside)), '%',
-                              lower_is_better=False, note=f'bar 95; bounds {known.width:.2f} times the errors, bar 2')
+            yield Measurement(
+                f'{head}{what} inside 3 sigma',
+                100 * float(np.mean(known.inside)),
+                '%',
+                lower_is_better=False,
+                note=f'bar 95; bounds {known.width:.2f} times the errors, bar 2',
+            )
     if total.axis_inside:
-        yield Measurement(f'{head}axis ends inside the stated errors', 100 * float(np.mean(total.axis_inside)), '%',
-                          lower_is_better=False, note='bar 95')
+        yield Measurement(
+            f'{head}axis ends inside the stated errors',
+            100 * float(np.mean(total.axis_inside)),
+            '%',
+            lower_is_better=False,
+            note='bar 95',
+        )
 
 
 def measurements(quick: bool) -> Iterator[Measurement]:
@@ -122,9 +179,11 @@ def _row(kind: str, s: CurveScore) -> str:
         spread = f'{np.median(errors):6.3f} {max(errors):6.2f}' if errors else f'{"":13}'
         cells.append(f'{group.found:>3}/{group.there:<3}{spread}')
     e = s.edges
-    cells.append(f'{s.false_curves:>3} {s.false_axes:>3} {s.lines_on_rims:>3} '
-                 f'{e.reported - e.right:>4}/{e.reported:<4} {100 * e.covered / e.length if e.length else np.nan:5.1f} '
-                 f'{np.median(np.degrees(e.angles)) if e.angles else np.nan:6.3f}')
+    cells.append(
+        f'{s.false_curves:>3} {s.false_axes:>3} {s.lines_on_rims:>3} '
+        f'{e.reported - e.right:>4}/{e.reported:<4} {100 * e.covered / e.length if e.length else np.nan:5.1f} '
+        f'{np.median(np.degrees(e.angles)) if e.angles else np.nan:6.3f}'
+    )
     return '|'.join(cells)
 
 
@@ -150,8 +209,11 @@ def main(arguments: list[str] | None = None) -> int:
     seeds = range(int(low), int(high or low) + 1) if low else QUICK_SEEDS if options.quick or options.thesis else SEEDS
     each: dict[str, CurveScore] = {}
     total = score(kinds, seeds, imaging, each)
-    print(f'{"":16}|' + '|'.join(f'{name + ": found, normal":<20}' for name, _ in SHARES)
-          + '|axis, two rims: deg |axis, one rim: deg  |false curves, axes, edges on rims, false edges, recall, deg')
+    print(
+        f'{"":16}|'
+        + '|'.join(f'{name + ": found, normal":<20}' for name, _ in SHARES)
+        + '|axis, two rims: deg |axis, one rim: deg  |false curves, axes, edges on rims, false edges, recall, deg'
+    )
     for kind, own in each.items():
         print(_row(kind, own))
     print()
@@ -159,8 +221,10 @@ def main(arguments: list[str] | None = None) -> int:
         print(f'{item.what:<52} {item.value:>9.3f} {item.unit:<4} {item.note}')
     angles = np.degrees([a for kind, own in each.items() if kind != 'clutter' for a in own.edges.angles])
     if len(angles) and 'clutter' in each:
-        print(f'direction without the scenes of clutter (blocks of 6 to 18 mm): {np.median(angles):.3f} deg, p90 '
-              f'{np.quantile(angles, 0.9):.2f}')
+        print(
+            f'direction without the scenes of clutter (blocks of 6 to 18 mm): {np.median(angles):.3f} deg, p90 '
+            f'{np.quantile(angles, 0.9):.2f}'
+        )
     if options.remarks:
         print('\n' + '\n'.join(total.remarks))
     return 0

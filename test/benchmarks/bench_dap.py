@@ -30,8 +30,18 @@ from model_matcher.params import CONSTRAINTS
 from msgs_py import FeatureSet
 
 # Thesis Table 5.2: seconds for a stereo pair on a DAP 510.
-STEREO_S = {'chipped_block_v1': 12.6, 'chipped_block_v2': 10.3, 'chair_v1': 12.1, 'chair_v2': 9.6, 'computer_v1': 32.8,
-            'computer_v2': 26.0, 'l_shape_v1': 14.5, 'l_shape_v2': 11.9, 'wedge_v1': 25.5, 'wedge_v2': 11.0}
+STEREO_S = {
+    'chipped_block_v1': 12.6,
+    'chipped_block_v2': 10.3,
+    'chair_v1': 12.1,
+    'chair_v2': 9.6,
+    'computer_v1': 32.8,
+    'computer_v2': 26.0,
+    'l_shape_v1': 14.5,
+    'l_shape_v2': 11.9,
+    'wedge_v1': 25.5,
+    'wedge_v2': 11.0,
+}
 # Thesis 4.13.2: mean time of the host's tiling preprocess, seconds an image; the machine does not do it.
 PREPROCESS_S = 1.01
 # Thesis 7.1: matching of the example scenes; Figure 5.18's own bars are lost.
@@ -41,8 +51,14 @@ TABLES_SHARE = 0.264
 # Thesis Table 5.11: the Fortran* program with ideal data, seconds.
 PLUG_S = {'plug_v1': 1.80, 'plug_v2': 0.28}
 # Thesis 5.11.3.2: stated errors of one millimetre, a cone of one degree, no distance constraint, nothing in the bin.
-IDEAL = {'constraints': ('angle', 'direction1', 'direction2', 'direction3'), 'max_cone_deg': 1.0, 'max_bin': 0,
-         'search': 'tree', 'engine': 'dap', 'time_limit_s': 20.0}
+IDEAL = {
+    'constraints': ('angle', 'direction1', 'direction2', 'direction3'),
+    'max_cone_deg': 1.0,
+    'max_bin': 0,
+    'search': 'tree',
+    'engine': 'dap',
+    'time_limit_s': 20.0,
+}
 
 
 def ideal(name: str) -> tuple[FeatureSet, FeatureSet]:
@@ -50,8 +66,9 @@ def ideal(name: str) -> tuple[FeatureSet, FeatureSet]:
     scene = load_scene(scene_path(name))
     found = ideal_data(scene, default_rig(scene)).features
     n = len(found)
-    data = FeatureSet(found.kind, found.start, found.end, found.radii, np.full(n, 1e-3), np.full(n, 1e-3),
-                      found.major_axis, found.arc)
+    data = FeatureSet(
+        found.kind, found.start, found.end, found.radii, np.full(n, 1e-3), np.full(n, 1e-3), found.major_axis, found.arc
+    )
     return model_features(scene.placements[0].model), data
 
 
@@ -64,7 +81,7 @@ def stereo_table(quick: bool) -> None:
     print(f'{"view":18} {"thesis":>7} {"REAL*8":>8} {"+host":>8} {"ratio":>6} {"REAL*4":>8} {"+host":>8} {"ratio":>6}')
     ratios: dict[int, list[float]] = {8: [], 4: []}
     bare: dict[int, list[float]] = {8: [], 4: []}
-    for name in list(STEREO_S)[:2 if quick else None]:
+    for name in list(STEREO_S)[: 2 if quick else None]:
         scene = load_scene(scene_path(name))
         rig, thesis = default_rig(scene), STEREO_S[name]
         row = f'{name:18} {thesis:7.1f}'
@@ -81,18 +98,24 @@ def stereo_table(quick: bool) -> None:
             row += f' {seconds:8.2f} {total:8.2f} {total / thesis:6.2f}'
         print(row)
     for length in (8, 4):
-        print(f'REAL*{length}: geometric mean of ours / thesis {geometric_mean(ratios[length]):.2f} with the host\'s '
-              f'tiling ({PREPROCESS_S} s an image, measured in the thesis), {geometric_mean(bare[length]):.2f} without')
-    print('The thesis does not give its word length. Ours intersects a block by three slabs; its program tests six\n'
-          'planes with bounds (Table 4.1), and its times hold the transfer to host and screen, of unknown rate.')
+        print(
+            f"REAL*{length}: geometric mean of ours / thesis {geometric_mean(ratios[length]):.2f} with the host's "
+            f'tiling ({PREPROCESS_S} s an image, measured in the thesis), {geometric_mean(bare[length]):.2f} without'
+        )
+    print(
+        'The thesis does not give its word length. Ours intersects a block by three slabs; its program tests six\n'
+        'planes with bounds (Table 4.1), and its times hold the transfer to host and screen, of unknown rate.'
+    )
 
 
 def matching_table(quick: bool) -> None:
-    print(f'\nFigure 5.18: matching of ideal data, Combined sort; DAP 510, seconds (thesis: {MATCHING_S[0]} to '
-          f'{MATCHING_S[1]} over these scenes)')
+    print(
+        f'\nFigure 5.18: matching of ideal data, Combined sort; DAP 510, seconds (thesis: {MATCHING_S[0]} to '
+        f'{MATCHING_S[1]} over these scenes)'
+    )
     print(f'{"view":18} {"data":>5} {"pairs":>6} {"levels":>7} {"tables":>7} {"rest":>7} {"total":>7} {"tables":>8}')
     totals, shares = [], []
-    for name in list(STEREO_S)[:2 if quick else None]:
+    for name in list(STEREO_S)[: 2 if quick else None]:
         model, data = ideal(name)
         result = match(model, data, MatchParams(**IDEAL))
         seconds, tables = result.stats.get('dap_seconds'), result.stats.get('dap_table_seconds')
@@ -102,22 +125,31 @@ def matching_table(quick: bool) -> None:
         totals.append(seconds)
         shares.append(tables / seconds)
         n = len(data)
-        print(f'{name:18} {n:5} {n * (n - 1) // 2:6} {result.stats["levels"]:7} {tables:7.3f} {seconds - tables:7.3f} '
-              f'{seconds:7.3f} {100 * tables / seconds:6.0f} %{"" if result.stats["complete"] else "  (not complete)"}')
+        print(
+            f'{name:18} {n:5} {n * (n - 1) // 2:6} {result.stats["levels"]:7} {tables:7.3f} {seconds - tables:7.3f} '
+            f'{seconds:7.3f} {100 * tables / seconds:6.0f} %{"" if result.stats["complete"] else "  (not complete)"}'
+        )
     making = [share * total for share, total in zip(shares, totals)]
     middle = math.sqrt(MATCHING_S[0] * MATCHING_S[1])
-    print(f'total: ours {min(totals):.2f} to {max(totals):.2f} s, geometric mean over the middle of the thesis\' range '
-          f'{geometric_mean(totals) / middle:.2f}')
-    print(f'tables: ours {min(making):.2f} to {max(making):.2f} s, thesis {TABLES_SHARE * MATCHING_S[0]:.2f} to '
-          f'{TABLES_SHARE * MATCHING_S[1]:.2f} (its mean share, {100 * TABLES_SHARE:.1f} %): ratio of the means '
-          f'{geometric_mean(making) / (TABLES_SHARE * middle):.2f}')
-    print('Parallel work is predicted; the serial traversal is not: it is mostly scalar code, calls and copies of\n'
-          'lists in the control unit, whose costs are our estimates without a source. Its share here is too small.')
+    print(
+        f"total: ours {min(totals):.2f} to {max(totals):.2f} s, geometric mean over the middle of the thesis' range "
+        f'{geometric_mean(totals) / middle:.2f}'
+    )
+    print(
+        f'tables: ours {min(making):.2f} to {max(making):.2f} s, thesis {TABLES_SHARE * MATCHING_S[0]:.2f} to '
+        f'{TABLES_SHARE * MATCHING_S[1]:.2f} (its mean share, {100 * TABLES_SHARE:.1f} %): ratio of the means '
+        f'{geometric_mean(making) / (TABLES_SHARE * middle):.2f}'
+    )
+    print(
+        'Parallel work is predicted; the serial traversal is not: it is mostly scalar code, calls and copies of\n'
+        'lists in the control unit, whose costs are our estimates without a source. Its share here is too small.'
+    )
 
 
 def plug_table() -> None:
     """Table 5.11: tables of 54 x 54 as a whole (Fortran*), and what quadrants of 32 x 32 would add."""
     from dap_emulator.machine import intrinsics as f
+
     print('\nTable 5.11: the plug, 54 edges, ideal data, all five constraints, tables of four blocks; DAP 510, seconds')
     for name, thesis in PLUG_S.items():
         model, data = ideal(name)
@@ -136,16 +168,19 @@ def plug_table() -> None:
             f.eln(restricted)
             f.sum_(restricted)
         times.append(dap.seconds)
-    print(f'one level of the traversal: whole {1e3 * times[0]:.3f} ms, four quadrants {1e3 * times[1]:.3f} ms: '
-          f'{times[0] / times[1]:.2f} (thesis, whole searches: 0.40 to 0.48)')
+    print(
+        f'one level of the traversal: whole {1e3 * times[0]:.3f} ms, four quadrants {1e3 * times[1]:.3f} ms: '
+        f'{times[0] / times[1]:.2f} (thesis, whole searches: 0.40 to 0.48)'
+    )
 
 
 def machine_table() -> None:
     print('\nThe machine (computed)                          ours      source')
     for text, value, source in (
-            ('510 one-bit operations, G/s', Dap.model('510').boolean_rate / 1e9, '10.24'),
-            ('510 REAL*4 add, MFLOPS', Dap.model('510').rate('add', 'REAL*4') / 1e6, '14'),
-            ('610C REAL*4 add, MFLOPS', Dap.model('610C').rate('add', 'REAL*4') / 1e6, '560')):
+        ('510 one-bit operations, G/s', Dap.model('510').boolean_rate / 1e9, '10.24'),
+        ('510 REAL*4 add, MFLOPS', Dap.model('510').rate('add', 'REAL*4') / 1e6, '14'),
+        ('610C REAL*4 add, MFLOPS', Dap.model('610C').rate('add', 'REAL*4') / 1e6, '560'),
+    ):
         print(f'{text:44} {value:9.2f}      {source}')
     image = np.random.default_rng(0).integers(0, 256, (512, 512)).astype(np.uint8)
     for mapping, source in (('crinkled', 2.4), ('combined', 4.9), ('sheet', 8.0)):
@@ -166,6 +201,7 @@ WHOLE_IMAGE = {
 def overheads(budget: float) -> Iterator[tuple[str, float, float]]:
     """(expression, emulated ms, bare numpy ms) on 512 x 512 REAL*4."""
     from dap_emulator.machine import intrinsics as f
+
     rng = np.random.default_rng(1)
     a, b = rng.random((2, 512, 512)).astype(np.float32)
     m = a > 0.7
@@ -174,6 +210,7 @@ def overheads(budget: float) -> Iterator[tuple[str, float, float]]:
 
     def masked() -> None:
         x[flags] = y
+
     ours = {'sqrt(a * a + b * b)': lambda: f.sqrt(x * x + y * y), 'a where m': masked}
     for text, (bare, emulated) in WHOLE_IMAGE.items():
         run = ours.get(text) or (lambda e=emulated: e(x, y, flags))
@@ -185,8 +222,12 @@ def overheads(budget: float) -> Iterator[tuple[str, float, float]]:
         east, south = np.zeros_like(a), np.zeros_like(b)
         east[:, :-1], south[:-1] = a[:, 1:], b[1:]
         return np.sqrt(a * a + b * b) - east * south
-    yield ('a Fortran-Plus program of 7 operations, call and results included',
-           milliseconds(lambda: program.run(dap, a=a, b=b), budget), milliseconds(bare_program, budget))
+
+    yield (
+        'a Fortran-Plus program of 7 operations, call and results included',
+        milliseconds(lambda: program.run(dap, a=a, b=b), budget),
+        milliseconds(bare_program, budget),
+    )
 
 
 def thousand_lines() -> str:
@@ -203,6 +244,7 @@ def service(runs: int) -> tuple[float, float, int]:
 
     from dap_emulator.node import EmulatorNode
     from dap_emulator.service.client import DapClient
+
     context = Context()
     rclpy.init(context=context, domain_id=83)
     node = EmulatorNode(context=context)
@@ -213,6 +255,7 @@ def service(runs: int) -> tuple[float, float, int]:
     def spin() -> None:
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.05)
+
     spinner = threading.Thread(target=spin, daemon=True)
     spinner.start()
     clients = [DapClient(client=f'bench{k}', context=context) for k in range(4)]
@@ -232,6 +275,7 @@ def service(runs: int) -> tuple[float, float, int]:
             thread.start()
         for thread in threads:
             thread.join()
+
     all_clients(25)  # what is allocated once
     before, started = resident_mb(), time.perf_counter()
     all_clients(runs // 4)
@@ -262,8 +306,11 @@ def measurements(quick: bool) -> Iterator[Measurement]:
     source = thousand_lines()
     yield Measurement('compile 1 000 lines', milliseconds(lambda: compile(source), budget), note='1 s is asked for')
     scene = load_scene(scene_path('l_shape_v1'))
-    yield Measurement("render(engine='dap'), L-shape v1, 512 x 512", milliseconds(
-        lambda: render(scene, engine='dap'), budget), note='5 s is asked for')
+    yield Measurement(
+        "render(engine='dap'), L-shape v1, 512 x 512",
+        milliseconds(lambda: render(scene, engine='dap'), budget),
+        note='5 s is asked for',
+    )
     rate, growth, wrong = service(200 if quick else 1000)
     yield Measurement('service: runs of 4 concurrent clients', rate, 'Hz', lower_is_better=False)
     yield Measurement('service: growth of memory', max(growth, 0.0), 'MB', note='10 MB is asked for')
@@ -287,8 +334,9 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"render(engine='dap') of L-shape v1: {milliseconds(lambda: render(scene, engine='dap'), 0.5):.0f} ms")
     runs = 200 if options.quick else 1000
     rate, growth, wrong = service(runs)
-    print(f'service: {runs} runs of 4 concurrent clients, {rate:.0f} a second, {wrong} mix-ups, '
-          f'memory {growth:+.1f} MB')
+    print(
+        f'service: {runs} runs of 4 concurrent clients, {rate:.0f} a second, {wrong} mix-ups, memory {growth:+.1f} MB'
+    )
     return 0
 
 

@@ -31,13 +31,17 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
             model = model_features(placement.model)
             if placement.name not in seen:
                 seen.add(placement.name)
-                yield Measurement(f'model features of {placement.name} ({len(model)} features)',
-                                  milliseconds(partial(fresh_model_features, placement.model), budget))
+                yield Measurement(
+                    f'model features of {placement.name} ({len(model)} features)',
+                    milliseconds(partial(fresh_model_features, placement.model), budget),
+                )
             if scene.camera is None:
                 continue
             pose = scene.camera_T_scene.compose(placement.pose)
             camera = scene.camera or default_camera()
-            yield Measurement(f'visible features of {name}',
-                              milliseconds(partial(visible_features, placement.model, pose, camera), budget))
+            yield Measurement(
+                f'visible features of {name}',
+                milliseconds(partial(visible_features, placement.model, pose, camera), budget),
+            )
         except (ValueError, NotImplementedError) as error:
             yield Absent(f'features of {name}', str(error))

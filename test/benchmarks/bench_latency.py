@@ -58,8 +58,13 @@ def _one(name: str, path: str, where: str, seconds: float) -> Iterator[Measureme
         started = time.perf_counter()
         _, latencies = pipe.stream(FLOOD_HZ, seconds / 2)
         elapsed = time.perf_counter() - started
-        yield Measurement(f'{name}, {where}: poses a second, flooded', len(latencies) / elapsed, 'Hz',
-                          lower_is_better=False, note=f'pairs sent at up to {FLOOD_HZ:g} Hz')
+        yield Measurement(
+            f'{name}, {where}: poses a second, flooded',
+            len(latencies) / elapsed,
+            'Hz',
+            lower_is_better=False,
+            note=f'pairs sent at up to {FLOOD_HZ:g} Hz',
+        )
 
 
 def _percentiles(what: str, sent: int, latencies: np.ndarray) -> Iterator[Measurement]:
@@ -102,8 +107,9 @@ class Pipe:
         self.node = Node('bench', context=self.context, namespace=namespace)
         self.executor.add_node(self.node)
         self._start_nodes(namespace)
-        self.publishers = [self.node.create_publisher(Image if topic.endswith('rect') else CameraInfo, topic, 2)
-                           for topic in TOPICS]
+        self.publishers = [
+            self.node.create_publisher(Image if topic.endswith('rect') else CameraInfo, topic, 2) for topic in TOPICS
+        ]
         self.node.create_subscription(PoseArray, 'interpretations', self._on_poses, 10)
 
         scene = load_scene(self.scene)
@@ -130,12 +136,20 @@ class Pipe:
                 qos += ['-p', f'qos_overrides.{namespace}/{publisher}.subscription.reliability:=reliable']
             for module, extra in (('stereo_recovery', qos), ('model_matcher', ['-p', f'models:=["{self.scene}"]'])):
                 code = f'import sys; from {module}.node import main; sys.exit(main(sys.argv))'
-                self.children.append(subprocess.Popen(
-                    [sys.executable, '-c', code, *remap, *extra], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+                self.children.append(
+                    subprocess.Popen(
+                        [sys.executable, '-c', code, *remap, *extra],
+                        stdout=subprocess.DEVNULL,
+                        stderr=subprocess.DEVNULL,
+                    )
+                )
             return
-        self.nodes = [RecoveryNode(context=self.context, namespace=namespace),
-                      MatcherNode(context=self.context, namespace=namespace,
-                                  parameter_overrides=[Parameter('models', value=[self.scene])])]
+        self.nodes = [
+            RecoveryNode(context=self.context, namespace=namespace),
+            MatcherNode(
+                context=self.context, namespace=namespace, parameter_overrides=[Parameter('models', value=[self.scene])]
+            ),
+        ]
         # The nodes have a thread of their own, so that feeding them does not keep them from working.
         self.node_executor = SingleThreadedExecutor(context=self.context)
         for node in self.nodes:
@@ -210,8 +224,9 @@ class Pipe:
             self._spin(due)
             due = max(due, time.perf_counter() - 1.0 / rate_hz)
         self._spin(time.perf_counter() + 0.3)
-        return len(sent), 1e3 * np.array([self.answers[stamp] - at for stamp, at in sent.items()
-                                          if stamp in self.answers])
+        return len(sent), 1e3 * np.array(
+            [self.answers[stamp] - at for stamp, at in sent.items() if stamp in self.answers]
+        )
 
     def _spin(self, until: float) -> None:
         while (left := until - time.perf_counter()) > 0.0:

@@ -1,6 +1,6 @@
 """Accuracy of recovered straight edges on random scenes, beside the bars they must reach:
 
-    python test/benchmarks/bench_lines.py --seeds 100..139 [--kinds any flat aliased] [--each]
+python test/benchmarks/bench_lines.py --seeds 100..139 [--kinds any flat aliased] [--each]
 """
 
 from __future__ import annotations
@@ -22,12 +22,24 @@ from stereo_recovery import recover
 KINDS = ('any', 'flat', 'aliased')
 # floor, aim
 BARS: dict[str, tuple[float, float]] = {
-    'recall': (0.92, 0.97), 'recall of flat edges': (0.85, 0.95), 'precision': (0.97, 1.0),
-    'direction median': (0.15, 0.09), 'direction p90': (0.8, 0.5), 'across median': (0.06, 0.03),
-    'across p90': (0.25, 0.15), 'end median': (0.25, 0.10), 'end p90': (1.0, 0.5),
-    'inside err_per': (0.95, 0.95), 'inside err_par': (0.95, 0.95), 'inside cone': (0.95, 0.95),
-    'err_per too wide': (2.0, 1.5), 'err_par too wide': (2.0, 1.5), 'cone too wide': (2.0, 1.5),
-    'pose rotation': (0.07, 0.03), 'pose translation': (0.06, 0.02)}
+    'recall': (0.92, 0.97),
+    'recall of flat edges': (0.85, 0.95),
+    'precision': (0.97, 1.0),
+    'direction median': (0.15, 0.09),
+    'direction p90': (0.8, 0.5),
+    'across median': (0.06, 0.03),
+    'across p90': (0.25, 0.15),
+    'end median': (0.25, 0.10),
+    'end p90': (1.0, 0.5),
+    'inside err_per': (0.95, 0.95),
+    'inside err_par': (0.95, 0.95),
+    'inside cone': (0.95, 0.95),
+    'err_per too wide': (2.0, 1.5),
+    'err_par too wide': (2.0, 1.5),
+    'cone too wide': (2.0, 1.5),
+    'pose rotation': (0.07, 0.03),
+    'pose translation': (0.06, 0.02),
+}
 ALIASED_BARS = {'direction median': (0.40, 0.30)}
 UNITS = {'direction': 'deg', 'across': 'mm', 'end': 'mm', 'pose rotation': 'deg', 'pose translation': 'mm'}
 
@@ -44,8 +56,11 @@ def score(kind: str, seeds: Sequence[int], each: bool = False) -> LineScore:
         error = pose_errors(found, paired, scene)
         total.poses += [error] if error else []
         if each:
-            line = ' '.join(f'{name.replace(" ", "_")} {value:.3g}' for name, value in one.figures().items()
-                            if name in ('recall', 'recall of flat edges', 'precision', 'direction p90', 'end p90'))
+            line = ' '.join(
+                f'{name.replace(" ", "_")} {value:.3g}'
+                for name, value in one.figures().items()
+                if name in ('recall', 'recall of flat edges', 'precision', 'direction p90', 'end p90')
+            )
             tqdm.write(f'{scene.name:<18} {line}' + (f' pose {error[0]:.3f} deg {error[1]:.3f} mm' if error else ''))
     return total
 
@@ -68,11 +83,20 @@ def measurements(quick: bool) -> Iterator[Measurement]:
             if name in bars:
                 floor, aim = bars[name]
                 higher = floor <= aim and 'wide' not in name and name not in UNITS
-                yield Measurement(f'{kind}: {name}', value, _unit(name), lower_is_better=not higher,
-                                  note=f'floor {floor:g}, aim {aim:g}')
+                yield Measurement(
+                    f'{kind}: {name}',
+                    value,
+                    _unit(name),
+                    lower_is_better=not higher,
+                    note=f'floor {floor:g}, aim {aim:g}',
+                )
     scenes = [random_scene(seed) for seed in range(5)]
-    yield Measurement('a 512 x 512 pair', float(np.median([milliseconds(partial(edges_of, s), 0.1, 3, 10)
-                                                            for s in scenes])), 'ms', note='floor 60, aim 25 in a node')
+    yield Measurement(
+        'a 512 x 512 pair',
+        float(np.median([milliseconds(partial(edges_of, s), 0.1, 3, 10) for s in scenes])),
+        'ms',
+        note='floor 60, aim 25 in a node',
+    )
 
 
 def _unit(name: str) -> str:
@@ -91,8 +115,13 @@ def _verdict(name: str, value: float, bars: dict[str, tuple[float, float]]) -> s
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--seeds', type=seed_range, default='0..19', metavar='A..B', help='scenes, both ends included')
-    parser.add_argument('--kinds', nargs='+', choices=KINDS, default=list(KINDS), help='any pose, many edges along the '
-                        'rows, or any pose with one ray a pixel')
+    parser.add_argument(
+        '--kinds',
+        nargs='+',
+        choices=KINDS,
+        default=list(KINDS),
+        help='any pose, many edges along the rows, or any pose with one ray a pixel',
+    )
     parser.add_argument('--each', action='store_true', help='a line for every scene')
     options = parser.parse_args(arguments)
     for kind in options.kinds:

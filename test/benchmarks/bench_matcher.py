@@ -59,16 +59,26 @@ def part(seeds: range, divisor: int, least: int = 1) -> range:
     return range(seeds.start, seeds.start + max(least, len(seeds) // divisor))
 
 
-def row(preset: str, model: str, n: list[int], good: list[bool], ms: list[float], note: str = '',
-        seeds: Sequence[int] = ()) -> None:
+def row(
+    preset: str, model: str, n: list[int], good: list[bool], ms: list[float], note: str = '', seeds: Sequence[int] = ()
+) -> None:
     failures = [seed for seed, ok in zip(seeds, good) if not ok]
-    print(f'{preset:<14} {model:<14} n={int(np.median(n)):<5} {100 * np.mean(good):6.1f} % of {len(good):<5} '
-          f'median {np.median(ms):8.2f} ms  p95 {np.percentile(ms, 95):8.2f} ms  {note}'
-          + (f' failed: {failures[:8]}' if failures else ''), flush=True)
+    print(
+        f'{preset:<14} {model:<14} n={int(np.median(n)):<5} {100 * np.mean(good):6.1f} % of {len(good):<5} '
+        f'median {np.median(ms):8.2f} ms  p95 {np.percentile(ms, 95):8.2f} ms  {note}'
+        + (f' failed: {failures[:8]}' if failures else ''),
+        flush=True,
+    )
 
 
-def run(preset: str, name: str, seeds: range, scene_of: Callable[[FeatureSet, int], SyntheticScene],
-        params: MatchParams | None = None, absent: bool = False) -> None:
+def run(
+    preset: str,
+    name: str,
+    seeds: range,
+    scene_of: Callable[[FeatureSet, int], SyntheticScene],
+    params: MatchParams | None = None,
+    absent: bool = False,
+) -> None:
     model = MODELS[name]()
     size = model_size(model)
     match(model, scene_of(model, seeds[0]).data, params)
@@ -88,8 +98,12 @@ def run(preset: str, name: str, seeds: range, scene_of: Callable[[FeatureSet, in
 def clutter(models: list[str], seeds: range) -> None:
     for share in (0.0, 0.3, 0.5, 0.8, 0.95):
         for name in models:
-            run(f'clutter {100 * share:.0f} %', name, seeds if share < 0.9 else part(seeds, 2),
-                lambda model, seed, share=share: make_scene(model, seed, clutter=share))
+            run(
+                f'clutter {100 * share:.0f} %',
+                name,
+                seeds if share < 0.9 else part(seeds, 2),
+                lambda model, seed, share=share: make_scene(model, seed, clutter=share),
+            )
 
 
 def decoys(models: list[str], seeds: range) -> None:
@@ -123,17 +137,27 @@ def low_visible(models: list[str], seeds: range) -> None:
                 continue
             listed = is_listed(result, scene.poses[0], index)
             if not judge(index, scene, params).determined(params.min_matched):
-                kinds = ('undetermined', *(['of these answered wrongly'] if result else []),
-                         *(['listed'] if listed else []))
+                kinds = (
+                    'undetermined',
+                    *(['of these answered wrongly'] if result else []),
+                    *(['listed'] if listed else []),
+                )
             else:
                 kinds = ('wrong' if result else 'refused' if listed else 'missed',)
                 failed.append(seed)
             for kind in kinds:
                 counts[kind] += 1
         determined = len(good) - counts['undetermined']
-        row('30 % visible', name, n, good, ms,
+        row(
+            '30 % visible',
+            name,
+            n,
+            good,
+            ms,
             f'of the {determined} determined: {100 * sum(good) / max(determined, 1):.1f} %; '
-            + ', '.join(f'{kind} {count}' for kind, count in counts.items()) + f'; failed {failed[:8]}')
+            + ', '.join(f'{kind} {count}' for kind, count in counts.items())
+            + f'; failed {failed[:8]}',
+        )
 
 
 def unseen(models: list[str], seeds: range) -> None:
@@ -150,19 +174,27 @@ def unseen(models: list[str], seeds: range) -> None:
                 best = match(index, scene.data).best
                 ms.append(1e3 * (time.perf_counter() - start))
                 n.append(len(scene.data))
-                good.append(is_right(best, scene, index.size)
-                            or (best is not None and is_pose(best.pose, scene.poses[0], index)))
+                good.append(
+                    is_right(best, scene, index.size)
+                    or (best is not None and is_pose(best.pose, scene.poses[0], index))
+                )
             row(f'clutter {100 * share:.0f} %', kind, n, good, ms, '', chosen)
 
 
 def absent(models: list[str], seeds: range) -> None:
     for name in models:
-        run('absent 80 %', name, seeds, lambda model, seed: make_scene(model, seed, clutter=0.8, instances=0),
-            absent=True)
+        run(
+            'absent 80 %',
+            name,
+            seeds,
+            lambda model, seed: make_scene(model, seed, clutter=0.8, instances=0),
+            absent=True,
+        )
 
 
 def absent_decoys(models: list[str], seeds: range) -> None:
     """The model itself is absent; scaled copies of it are there."""
+
     def scene_of(model: FeatureSet, seed: int) -> SyntheticScene:
         rng = np.random.default_rng(seed)
         copies = tuple(scaled(model, f) for f in (rng.uniform(0.85, 0.92), rng.uniform(1.08, 1.15)))
@@ -193,14 +225,23 @@ def instances(models: list[str], seeds: range) -> None:
 def prove(models: list[str], seeds: range) -> None:
     for share in (0.0, 0.5):
         for name in models:
-            run(f'prove {100 * share:.0f} %', name, seeds,
-                lambda model, seed, share=share: make_scene(model, seed, clutter=share), MatchParams(prove=True))
+            run(
+                f'prove {100 * share:.0f} %',
+                name,
+                seeds,
+                lambda model, seed, share=share: make_scene(model, seed, clutter=share),
+                MatchParams(prove=True),
+            )
 
 
 def large(models: list[str], seeds: range) -> None:
     for share, label in ((0.5, 'lattice 50 %'), (0.95, 'lattice 4 000')):
-        run(label, 'lattice', part(seeds, 40, 2),
-            lambda model, seed, share=share: make_scene(model, seed, clutter=share, volume=0.4))
+        run(
+            label,
+            'lattice',
+            part(seeds, 40, 2),
+            lambda model, seed, share=share: make_scene(model, seed, clutter=share, volume=0.4),
+        )
 
 
 def library(models: list[str], seeds: range) -> None:
@@ -222,8 +263,15 @@ def library(models: list[str], seeds: range) -> None:
                 n.append(len(scene.data))
                 first = found[0] if found and found[0].model == shapes[which].name else None
                 good.append(is_right(first, scene, shapes[which].size))
-            row(f'library {count}', f'clutter {100 * share:.0f} %', n, good, ms,
-                f'processor time, all threads: {np.median(processor):.0f} ms', chosen)
+            row(
+                f'library {count}',
+                f'clutter {100 * share:.0f} %',
+                n,
+                good,
+                ms,
+                f'processor time, all threads: {np.median(processor):.0f} ms',
+                chosen,
+            )
 
 
 def prefilter_kept(models: list[str], seeds: range) -> None:
@@ -245,25 +293,35 @@ def prefilter_kept(models: list[str], seeds: range) -> None:
                 ms.append(1e3 * (time.perf_counter() - start))
                 searched.append(len(passed))
                 kept['4-5' if seen < 6 else '6-8' if seen < 9 else '9-'].append(which in passed)
-            print(f'prefilter {count:<5} clutter {100 * share:3.0f} %  kept, by edges in view: '
-                  + ', '.join(f'{name} {sum(hits)}/{len(hits)}' for name, hits in kept.items())
-                  + f'  models searched: median {np.median(searched):.0f}, most {max(searched)}'
-                  + f'  median {np.median(ms):.1f} ms', flush=True)
+            print(
+                f'prefilter {count:<5} clutter {100 * share:3.0f} %  kept, by edges in view: '
+                + ', '.join(f'{name} {sum(hits)}/{len(hits)}' for name, hits in kept.items())
+                + f'  models searched: median {np.median(searched):.0f}, most {max(searched)}'
+                + f'  median {np.median(ms):.1f} ms',
+                flush=True,
+            )
 
 
 def first_edges(scene: SyntheticScene, count: int) -> SyntheticScene:
     """The scene with so many data features at most; their order is random."""
     few = np.arange(min(count, len(scene.data)))
-    return SyntheticScene(scene.data.select(few), scene.assignment[few], scene.sign[few], scene.instance[few],
-                          scene.poses)
+    return SyntheticScene(
+        scene.data.select(few), scene.assignment[few], scene.sign[few], scene.instance[few], scene.poses
+    )
 
 
 def limits(models: list[str], seeds: range) -> None:
     """Far too much data: 100,000 edges, the model among them, and a time limit. Right: within 1.3 times the limit."""
     for name in models[:2]:
         index = index_model(MODELS[name](), name)
-        for options in ({'search': 'hypotheses'}, {'prove': True}, {'scale': 'free'}, {'search': 'tree'},
-                        {'search': 'serial'}, {'search': 'subgraph'}):
+        for options in (
+            {'search': 'hypotheses'},
+            {'prove': True},
+            {'scale': 'free'},
+            {'search': 'tree'},
+            {'search': 'serial'},
+            {'search': 'subgraph'},
+        ):
             ms, good, found = [], [], 0
             for seed in part(seeds, 10, 3):
                 rng = np.random.default_rng(seed)
@@ -295,7 +353,7 @@ def clutter_of(kind: str, name: str) -> tuple[FeatureSet, ...] | None:
         return tuple(MODELS[other]() for other in THESIS_SIZES if other != name)
     if kind == 'segments':
         start, vector = np.zeros((300, 3)), random_directions(rng, 300) * rng.uniform(0.01, 0.1, (300, 1))
-        return tuple(FeatureSet.from_edges(start[k:k + 1], vector[k:k + 1]) for k in range(300))
+        return tuple(FeatureSet.from_edges(start[k : k + 1], vector[k : k + 1]) for k in range(300))
     if kind == 'views':
         return hidden_line_views(name)
     if kind == 'recovered':
@@ -313,6 +371,7 @@ def hidden_line_views(name: str) -> tuple[FeatureSet, ...]:
     """What a camera sees of the objects that come with csg_renderer, hidden parts removed; the model's own excepted."""
     from csg_renderer import load_models, scene_path, visible_features
     from msgs_py import PinholeCamera
+
     camera = PinholeCamera(640, 480, 700.0, 700.0, 319.5, 239.5)
     rng = np.random.default_rng(78)
     views = []
@@ -334,6 +393,7 @@ def recovered_parts() -> tuple[FeatureSet, ...]:
     import tempfile
 
     from model_matcher.closed_form.real_pair import run_chessboard
+
     with tempfile.TemporaryDirectory() as folder:
         run_chessboard(Path(folder))
         features = FeatureSet.load(Path(folder) / 'features.npz')
@@ -341,7 +401,9 @@ def recovered_parts() -> tuple[FeatureSet, ...]:
     rng = np.random.default_rng(79)
     parts = []
     for k in rng.permutation(len(features))[:30]:
-        near = np.argsort(np.linalg.norm(features.midpoints - features.midpoints[k], axis=1))[:int(rng.integers(8, 25))]
+        near = np.argsort(np.linalg.norm(features.midpoints - features.midpoints[k], axis=1))[
+            : int(rng.integers(8, 25))
+        ]
         parts.append(features.select(near).transformed(Pose(np.eye(3), -features.midpoints[k])))
     return tuple(parts)
 
@@ -370,15 +432,19 @@ def false_alarms(models: list[str], seeds: range) -> None:
         for rate in RATES:
             less = false_alarm_evidence(1, rate) - false_alarm_evidence(1, RATES[-1])
             above = {case: np.array(values) >= less for case, values in margins.items()}
-            print(f'rate {rate:<8g} {kind:<10} absent answered {100 * above["absent"].mean():6.2f} % of '
-                  f'{len(above["absent"])}  found: 75 % visible {100 * above["75 %"].mean():5.1f} %, 30 % visible '
-                  f'{100 * above["30 %"].mean():5.1f} %', flush=True)
+            print(
+                f'rate {rate:<8g} {kind:<10} absent answered {100 * above["absent"].mean():6.2f} % of '
+                f'{len(above["absent"])}  found: 75 % visible {100 * above["75 %"].mean():5.1f} %, 30 % visible '
+                f'{100 * above["30 %"].mean():5.1f} %',
+                flush=True,
+            )
 
 
 def target_decoys(models: list[str], seeds: range) -> None:
     """Views of single objects recovered from rendered stereo pairs, each searched for every model: the object's own is
     the target, all others are decoys. Other objects of round dimensions share edges with the models, as boxes do."""
     from rendered_views import load_object, recovered_view
+
     files = ('coverplate', 'table', 'widget', 'lamp', 'cylinder_box', *THESIS_SIZES)
     objects = {file: load_object(file) for file in files}
     indexes = {name: index_model(objects[name][1], name) for name in models}
@@ -397,14 +463,29 @@ def target_decoys(models: list[str], seeds: range) -> None:
                 if result:
                     surplus = result.stats['evidence'] - result.stats['evidence_needed']
                     answered.append(f'{name} in {file} {seed} (+{surplus:.1f} nats)')
-    print(f'target_decoys  {len(answered)} of {tried} decoys answered: {100 * len(answered) / tried:.2f} %  '
-          f'targets accepted {found} of {targets}  {answered[:12]}', flush=True)
+    print(
+        f'target_decoys  {len(answered)} of {tried} decoys answered: {100 * len(answered) / tried:.2f} %  '
+        f'targets accepted {found} of {targets}  {answered[:12]}',
+        flush=True,
+    )
 
 
-PRESETS = {'clutter': clutter, 'decoys': decoys, 'low_visible': low_visible, 'absent': absent,
-           'absent_decoys': absent_decoys, 'instances': instances, 'prove': prove, 'large': large, 'library': library,
-           'limits': limits, 'prefilter': prefilter_kept, 'false_alarms': false_alarms,
-           'target_decoys': target_decoys, 'unseen': unseen}
+PRESETS = {
+    'clutter': clutter,
+    'decoys': decoys,
+    'low_visible': low_visible,
+    'absent': absent,
+    'absent_decoys': absent_decoys,
+    'instances': instances,
+    'prove': prove,
+    'large': large,
+    'library': library,
+    'limits': limits,
+    'prefilter': prefilter_kept,
+    'false_alarms': false_alarms,
+    'target_decoys': target_decoys,
+    'unseen': unseen,
+}
 FIRST_SEEDS = dict.fromkeys(('target_decoys', 'false_alarms', 'prefilter'), 40_000)  # constants: lower ones
 
 

@@ -48,12 +48,19 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
         tables = build_tables(index, data, MatchParams())
         started = time.perf_counter()
         ended = _plain_tree(tables, LIMIT_S)
-        yield Measurement(what, 1e3 * (time.perf_counter() - started), by='serial tree, plain Python',
-                          note='tables given' + ('' if ended else f', stopped after {LIMIT_S:g} s'))
+        yield Measurement(
+            what,
+            1e3 * (time.perf_counter() - started),
+            by='serial tree, plain Python',
+            note='tables given' + ('' if ended else f', stopped after {LIMIT_S:g} s'),
+        )
         for peer, solver in solvers.items():
-            yield Measurement(what, milliseconds(partial(_clique, solver, index, data), budget, least=1),
-                              by=f'largest clique, {peer}',
-                              note='making the graph included')
+            yield Measurement(
+                what,
+                milliseconds(partial(_clique, solver, index, data), budget, least=1),
+                by=f'largest clique, {peer}',
+                note='making the graph included',
+            )
 
 
 def _note(stopped: str) -> str:

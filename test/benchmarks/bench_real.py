@@ -54,10 +54,20 @@ def _boards(pairs: list[RealPair], by: str) -> Iterator[Measurement]:
         yield Measurement(f'{pair.name}: wrong period', 100 * score.wrong, '%', by)
         yield Measurement(f'{pair.name}: normal of the board', score.normal_deg, 'deg', by)
         if len(score.angles):
-            yield Measurement(f'{pair.name}: direction of grid edges', float(np.median(score.angles)), 'deg', by,
-                              note=f'p90 {np.quantile(score.angles, 0.9):.2g}')
-            yield Measurement(f'{pair.name}: distance of ends from the line', float(np.median(score.offsets)),
-                              'squares', by, note=f'p90 {np.quantile(score.offsets, 0.9):.2g}')
+            yield Measurement(
+                f'{pair.name}: direction of grid edges',
+                float(np.median(score.angles)),
+                'deg',
+                by,
+                note=f'p90 {np.quantile(score.angles, 0.9):.2g}',
+            )
+            yield Measurement(
+                f'{pair.name}: distance of ends from the line',
+                float(np.median(score.offsets)),
+                'squares',
+                by,
+                note=f'p90 {np.quantile(score.offsets, 0.9):.2g}',
+            )
         yield Measurement(f'{pair.name}: time', _time(method, pair), 'ms', by)
 
 
@@ -68,11 +78,21 @@ def _boxes(pairs: list[RealPair], by: str) -> Iterator[Measurement]:
         yield Measurement(f'{pair.name}: edges', score.edges, f'of {len(score.covered)}', by, False, _shares(score))
         found = score.covered > 0.0
         if found.any():
-            yield Measurement(f'{pair.name}: direction', float(np.median(score.angle[found])), 'deg', by,
-                              note=f'max {score.angle[found].max():.2g}')
+            yield Measurement(
+                f'{pair.name}: direction',
+                float(np.median(score.angle[found])),
+                'deg',
+                by,
+                note=f'max {score.angle[found].max():.2g}',
+            )
             across = 1e3 * score.across[found]
-            yield Measurement(f'{pair.name}: distance of ends from the line', float(np.median(across)), 'mm', by,
-                              note=f'max {across.max():.2g}')
+            yield Measurement(
+                f'{pair.name}: distance of ends from the line',
+                float(np.median(across)),
+                'mm',
+                by,
+                note=f'max {across.max():.2g}',
+            )
         yield Measurement(f'{pair.name}: time', _time(method, pair), 'ms', by)
 
 

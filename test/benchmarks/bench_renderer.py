@@ -28,7 +28,8 @@ def move(x: float, y: float, z: float) -> Pose:
 
 def tilt(about_x: float, about_y: float) -> Pose:
     return Pose.from_rotation_vector([np.radians(about_x), 0, 0]).compose(
-        Pose.from_rotation_vector([0, np.radians(about_y), 0]))
+        Pose.from_rotation_vector([0, np.radians(about_y), 0])
+    )
 
 
 def l_shape() -> Scene:
@@ -83,44 +84,56 @@ def hollow_cubes() -> Scene:
 def table() -> Scene:
     """100 primitives: a laid table with mirrors and glass, three lights."""
     wood = Surface((0.5, 0.3, 0.15), ambient=0.5, diffuse=0.7, specular=0.2, shininess=10, reflection=0.15)
-    glass = Surface((0.6, 0.75, 0.8), ambient=0.3, diffuse=0.3, specular=0.8, shininess=80, transparency=0.6,
-                    reflection=0.1)
+    glass = Surface(
+        (0.6, 0.75, 0.8), ambient=0.3, diffuse=0.3, specular=0.8, shininess=80, transparency=0.6, reflection=0.1
+    )
     china = Surface((0.9, 0.9, 0.85), ambient=0.4, diffuse=0.7, specular=0.5, shininess=40, reflection=0.1)
     steel = Surface((0.5, 0.5, 0.55), ambient=0.3, diffuse=0.4, specular=0.8, shininess=60, reflection=0.4)
     up = (0, -1, 0)
     parts: list[Solid] = [Solid.block(0.5, 0.02, 0.5).transformed(move(-0.25, 0, -0.25)).painted(wood)]
     for x in (-1, 1):
         for z in (-1, 1):
-            parts.append(Solid.block(0.03, 0.25, 0.03).transformed(move(0.22 * x - 0.015, 0.02, 0.22 * z - 0.015))
-                         .painted(wood))
+            parts.append(
+                Solid.block(0.03, 0.25, 0.03).transformed(move(0.22 * x - 0.015, 0.02, 0.22 * z - 0.015)).painted(wood)
+            )
     parts.append(Solid.block(2.0, 0.01, 2.0).transformed(move(-1, 0.27, -1)).painted(wood))
     for k in range(10):
         angle = 2 * np.pi * k / 10
         x, z = 0.17 * np.cos(angle), 0.17 * np.sin(angle)
-        plate = (Solid.cylinder(0.04, np.multiply(up, 0.006)) - Solid.sphere(0.1).transformed(move(0, -0.102, 0)))
+        plate = Solid.cylinder(0.04, np.multiply(up, 0.006)) - Solid.sphere(0.1).transformed(move(0, -0.102, 0))
         parts.append(plate.painted(china).transformed(move(x, 0, z)))
         cup = Solid.cylinder(0.015, np.multiply(up, 0.04)) - Solid.cylinder(0.0125, np.multiply(up, 0.05)).transformed(
-            move(0, -0.003, 0))
+            move(0, -0.003, 0)
+        )
         parts.append(cup.painted(glass).transformed(move(0.72 * x, 0, 0.72 * z)))
         parts.append(Solid.sphere(0.012).painted(steel).transformed(move(x, -0.016, z)))
         for side in (-1, 1):
             knife = Solid.block(0.004, 0.002, 0.05).transformed(move(-0.002, -0.002, -0.025))
             turn = Pose.from_rotation_vector([0, np.pi / 2 - angle, 0])
-            parts.append(knife.painted(steel).transformed(turn).transformed(
-                move(x - 0.05 * side * np.sin(angle), 0, z + 0.05 * side * np.cos(angle))))
+            parts.append(
+                knife.painted(steel)
+                .transformed(turn)
+                .transformed(move(x - 0.05 * side * np.sin(angle), 0, z + 0.05 * side * np.cos(angle)))
+            )
     for k in range(12):
         candle = Solid.cylinder(0.005, np.multiply(up, 0.05 + 0.01 * (k % 3)))
         flame = Solid.cone(0.005, (0, 0.02, 0)).transformed(move(0, -0.075 - 0.01 * (k % 3), 0))
         place = move(0.05 * np.cos(k * np.pi / 6), 0, 0.05 * np.sin(k * np.pi / 6))
         parts += [candle.painted(china).transformed(place), flame.painted(PLASTIC).transformed(place)]
-    scene = Scene([part.transformed(Pose(tilt(32, 15).rotation, [0, 0.02, 0.75])) for part in parts], LIGHTS,
-                  background=(0.2, 0.25, 0.35))
+    scene = Scene(
+        [part.transformed(Pose(tilt(32, 15).rotation, [0, 0.02, 0.75])) for part in parts],
+        LIGHTS,
+        background=(0.2, 0.25, 0.35),
+    )
     assert len(scene.primitives) == 100, len(scene.primitives)
     return scene
 
 
-SCENES = {'L-shape, 2 blocks': (l_shape, 4.0), 'lattice, 44 beams': (lattice, 8.0),
-          'hollow cubes, 42 primitives': (hollow_cubes, 20.0)}
+SCENES = {
+    'L-shape, 2 blocks': (l_shape, 4.0),
+    'lattice, 44 beams': (lattice, 8.0),
+    'hollow cubes, 42 primitives': (hollow_cubes, 20.0),
+}
 TABLE_BAR = 240.0
 
 
@@ -132,15 +145,19 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     for name, (build, bar) in SCENES.items():
         scene = build()
         rig = default_rig(scene, camera, 0.05)
-        ours, pair = interleaved([lambda s=scene: render(s, camera), lambda s=scene, r=rig: render_stereo(s, r)],
-                                 budget)
+        ours, pair = interleaved(
+            [lambda s=scene: render(s, camera), lambda s=scene, r=rig: render_stereo(s, r)], budget
+        )
         yield Measurement(name, ours, note=f'bar {bar:g} ms')
         yield Measurement(f'{name}: stereo pair', pair, note=f'{pair / ours:.2f} of one image; bar 1.8')
         brute = milliseconds(lambda s=scene: render(s, camera, tiling=False), budget)
         tiled, untiled = render(scene, camera).stats, render(scene, camera, tiling=False).stats
-        yield Measurement(f'{name}: without tiling', brute,
-                          note=f'tiling: time / {brute / ours:.1f}, intersections / '
-                               f'{untiled.intersections / tiled.intersections:.1f}')
+        yield Measurement(
+            f'{name}: without tiling',
+            brute,
+            note=f'tiling: time / {brute / ours:.1f}, intersections / '
+            f'{untiled.intersections / tiled.intersections:.1f}',
+        )
         if traces:
             yield _trace(name, scene, 1, False)
         if no_embree is None:
@@ -150,14 +167,17 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     for levels, shadows in ((1, False), (2, True), (6, True)):
         what = f'table, 100 primitives, {levels} levels' + (', shadows' if shadows else '')
         bar = f'bar {TABLE_BAR:g} ms' if levels == 6 else ''
-        yield Measurement(what, milliseconds(lambda n=levels, s=shadows: render(scene, camera, levels=n, shadows=s),
-                                             budget), note=bar)
+        yield Measurement(
+            what, milliseconds(lambda n=levels, s=shadows: render(scene, camera, levels=n, shadows=s), budget), note=bar
+        )
         if traces and levels == 6:
             yield _trace(what, scene, levels, True)
     scene = SCENES['hollow cubes, 42 primitives'][0]()
     for mode, what in ((1, '3 x 3 where faces meet'), (4, '4 x 4 samples')):
-        yield Measurement(f'hollow cubes: anti-aliased, {what}',
-                          milliseconds(lambda m=mode: render(scene, camera, antialias=m), budget))
+        yield Measurement(
+            f'hollow cubes: anti-aliased, {what}',
+            milliseconds(lambda m=mode: render(scene, camera, antialias=m), budget),
+        )
     yield Measurement('new process to image', min(_process() for _ in range(1 if quick else 3)), note='bar 800 ms')
     if not traces:
         yield Absent('POV-Ray', 'povray is not installed')
@@ -173,9 +193,11 @@ def _trace(name: str, scene: Scene, levels: int, shadows: bool) -> Measurement:
 
 
 def _process() -> float:
-    code = ('from csg_renderer import Scene, Solid, Light, render\n'
-            'import numpy as np\nm = np.eye(4); m[2, 3] = 0.5\n'
-            'render(Scene(Solid.sphere(0.1).transformed(m), [Light((0, -1, 0))]))')
+    code = (
+        'from csg_renderer import Scene, Solid, Light, render\n'
+        'import numpy as np\nm = np.eye(4); m[2, 3] = 0.5\n'
+        'render(Scene(Solid.sphere(0.1).transformed(m), [Light((0, -1, 0))]))'
+    )
     start = time.perf_counter()
     subprocess.run([sys.executable, '-c', code], check=True)
     return 1e3 * (time.perf_counter() - start)

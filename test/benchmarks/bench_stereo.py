@@ -28,7 +28,8 @@ VIEWS = {'block': 8, 'cylinder': 8, 'flat': 6}
 
 def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     methods: dict[str, Callable[[np.ndarray, np.ndarray], FeatureSet]] = {
-        OURS: lambda left, right: recover(left, right, RIG).features}
+        OURS: lambda left, right: recover(left, right, RIG).features
+    }
     if hasattr(cv2, 'createLineSegmentDetector'):
         methods[PEER] = peer
     else:
@@ -50,15 +51,23 @@ def _accuracy(kind: str, by: str, found: list[FeatureSet], shown: list) -> Itera
         score.add(features.of_kind(FeatureKind.EDGE), view.edges)
     yield Measurement(f'{kind}: recall of edge length', 100 * score.covered / score.length, '%', by, False)
     if score.flat_length > 0.0:
-        yield Measurement(f'{kind}: recall within 8 deg of the rows', 100 * score.flat_covered / score.flat_length, '%',
-                          by, False)
+        yield Measurement(
+            f'{kind}: recall within 8 deg of the rows', 100 * score.flat_covered / score.flat_length, '%', by, False
+        )
     yield Measurement(f'{kind}: precision', 100 * score.right / max(score.reported, 1), '%', by, False)
-    for what, values, factor, unit in (('direction error', score.angles, 180 / np.pi, 'deg'),
-                                       ('distance of ends from the line', score.offsets, 1e3, 'mm'),
-                                       ('end points along it', score.ends, 1e3, 'mm')):
+    for what, values, factor, unit in (
+        ('direction error', score.angles, 180 / np.pi, 'deg'),
+        ('distance of ends from the line', score.offsets, 1e3, 'mm'),
+        ('end points along it', score.ends, 1e3, 'mm'),
+    ):
         if values:
-            yield Measurement(f'{kind}: {what}', float(factor * np.median(values)), unit, by,
-                              note=f'p90 {factor * np.quantile(values, 0.9):.3g}')
+            yield Measurement(
+                f'{kind}: {what}',
+                float(factor * np.median(values)),
+                unit,
+                by,
+                note=f'p90 {factor * np.quantile(values, 0.9):.3g}',
+            )
 
 
 def _curves(shown: list) -> Iterator[Measurement]:
@@ -73,14 +82,19 @@ def _curves(shown: list) -> Iterator[Measurement]:
             k = int(np.argmin(np.linalg.norm(curves.start - centre, axis=1)))
             turn = np.degrees(np.arccos(min(1.0, abs(curves.directions[k] @ normal))))
             errors['full circles' if share > 0.95 else 'half-hidden circles'].append(
-                (turn, 1e3 * np.linalg.norm(curves.start[k] - centre), 1e3 * abs(curves.radii[k, 0] - radius)))
+                (turn, 1e3 * np.linalg.norm(curves.start[k] - centre), 1e3 * abs(curves.radii[k, 0] - radius))
+            )
         for low, high in view.axes:
             true = (high - low) / np.linalg.norm(high - low)
             axes += [float(np.degrees(np.arccos(min(1.0, max(abs(found.directions @ true))))))] if len(found) else []
     for name, rows in errors.items():
         for what, unit, values in zip(('normal', 'centre', 'radius'), ('deg', 'mm', 'mm'), np.array(rows).T):
-            yield Measurement(f'{name}: {what}', float(np.median(values)), unit, note=f'max {values.max():.3g}, '
-                              f'{len(rows)} of {len(shown)} found')
+            yield Measurement(
+                f'{name}: {what}',
+                float(np.median(values)),
+                unit,
+                note=f'max {values.max():.3g}, {len(rows)} of {len(shown)} found',
+            )
     if axes:
         yield Measurement('cylinder axis', float(np.median(axes)), 'deg', note=f'{len(axes)} of {len(shown)} found')
 
@@ -106,8 +120,10 @@ def main(arguments: list[str] | None = None) -> int:
             score = Score()
             score.add(features.of_kind(FeatureKind.EDGE), view.edges)
             if score.covered < 0.9 * score.length or score.right < score.reported:
-                print(f'{view.name:<12} recall {100 * score.covered / score.length:5.1f} %, {score.right} of '
-                      f'{score.reported} right')
+                print(
+                    f'{view.name:<12} recall {100 * score.covered / score.length:5.1f} %, {score.right} of '
+                    f'{score.reported} right'
+                )
         for item in _accuracy(kind, OURS, found, shown):
             print(f'{item.what:<44} {item.value:>9.3f} {item.unit:<4} {item.note}')
     return 0

@@ -22,14 +22,25 @@ from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 MM = 1e-3
 CAMERA = PinholeCamera.centred(512, 512, 703.0)
 # Planes n.x + d = 0 of the unit primitives' flat faces, in the order of their faces.
-UNIT_PLANES = {'BLOCK': np.array([[1.0, 0, 0, 0], [1, 0, 0, -1], [0, 1, 0, 0], [0, 1, 0, -1], [0, 0, 1, 0],
-                                  [0, 0, 1, -1]]),
-               'CYLINDER': np.array([[0.0, 0, 1, 0], [0, 0, 1, -1]]), 'CONE': np.array([[0.0, 0, 1, -1]]),
-               'SPHERE': np.zeros((0, 4))}
+UNIT_PLANES = {
+    'BLOCK': np.array([[1.0, 0, 0, 0], [1, 0, 0, -1], [0, 1, 0, 0], [0, 1, 0, -1], [0, 0, 1, 0], [0, 0, 1, -1]]),
+    'CYLINDER': np.array([[0.0, 0, 1, 0], [0, 0, 1, -1]]),
+    'CONE': np.array([[0.0, 0, 1, -1]]),
+    'SPHERE': np.zeros((0, 4)),
+}
 # What a rim, edge or part of one must stand out by, grey levels, to count as something to be seen.
 LEAST_CONTRAST = 8.0
-THESIS = ('cylinder_box_v1', 'cylinder_box_v2', 'tubes_v1', 'lamp_v1', 'lamp_v2', 'plug_v1', 'plug_v2', 'widget_v1',
-          'widget_v2')
+THESIS = (
+    'cylinder_box_v1',
+    'cylinder_box_v2',
+    'tubes_v1',
+    'lamp_v1',
+    'lamp_v2',
+    'plug_v1',
+    'plug_v2',
+    'widget_v1',
+    'widget_v2',
+)
 
 
 @dataclass(frozen=True)
@@ -105,7 +116,7 @@ def _frustum(low: float, high: float, h: float, x: float = 0.0, y: float = 0.0, 
 
 def _tilted(x: float, y: float, z: float, tilt: float, around: float) -> Solid:
     """A big block whose lower face passes through a point, tilted."""
-    turn = (Pose.from_rotation_vector([0, 0, around]).rotation @ Pose.from_rotation_vector([tilt, 0, 0]).rotation)
+    turn = Pose.from_rotation_vector([0, 0, around]).rotation @ Pose.from_rotation_vector([tilt, 0, 0]).rotation
     return _box(300, 300, 200).transformed(_at(x, y, z, turn))
 
 
@@ -163,8 +174,11 @@ def _small(rng: np.random.Generator) -> Solid:
     body = _box(66, 50, 12, z=-12)
     for x in (-24, -8, 8, 24):
         r, y = rng.uniform(2.8, 7.0), rng.uniform(-14, 14)
-        body = body - _can(r, 20, x, y, -rng.uniform(4, 11)) if rng.random() < 0.5 else body | _can(
-            r, rng.uniform(5, 14), x, y)
+        body = (
+            body - _can(r, 20, x, y, -rng.uniform(4, 11))
+            if rng.random() < 0.5
+            else body | _can(r, rng.uniform(5, 14), x, y)
+        )
     return body
 
 
@@ -177,8 +191,11 @@ def _hidden(rng: np.random.Generator) -> Solid:
     """A block stands in front of part of a disc."""
     r = rng.uniform(15, 22)
     side = rng.choice([-1, 1])
-    return (_box(68, 60, 8, z=-8) | _can(r, rng.uniform(10, 22), 0, 8)
-            | _box(rng.uniform(10, 18), 12, rng.uniform(22, 40), side * rng.uniform(4, 18), -22))
+    return (
+        _box(68, 60, 8, z=-8)
+        | _can(r, rng.uniform(10, 22), 0, 8)
+        | _box(rng.uniform(10, 18), 12, rng.uniform(22, 40), side * rng.uniform(4, 18), -22)
+    )
 
 
 def _slot(rng: np.random.Generator) -> Solid:
@@ -187,8 +204,9 @@ def _slot(rng: np.random.Generator) -> Solid:
     body = _box(2 * half, 2 * r, h) | _can(r, h, -half) | _can(r, h, half)
     if rng.random() < 0.6:
         inner = r * rng.uniform(0.4, 0.65)
-        body = body - (_box(2 * half, 2 * inner, h + 2, z=-1) | _can(inner, h + 2, -half, 0, -1)
-                       | _can(inner, h + 2, half, 0, -1))
+        body = body - (
+            _box(2 * half, 2 * inner, h + 2, z=-1) | _can(inner, h + 2, -half, 0, -1) | _can(inner, h + 2, half, 0, -1)
+        )
     return body
 
 
@@ -226,14 +244,15 @@ def _dome(rng: np.random.Generator) -> Solid:
 def _cut_cone(rng: np.random.Generator) -> Solid:
     """A cone cut by a slanting plane: its upper rim is an ellipse off its axis."""
     low, h = rng.uniform(16, 23), rng.uniform(35, 60)
-    body = _frustum(low, 0.0, h) - _tilted(0, 0, rng.uniform(0.35, 0.6) * h, rng.uniform(0.25, 0.6),
-                                           rng.uniform(-1.0, 1.0))
+    body = _frustum(low, 0.0, h) - _tilted(
+        0, 0, rng.uniform(0.35, 0.6) * h, rng.uniform(0.25, 0.6), rng.uniform(-1.0, 1.0)
+    )
     return body | _box(60, 52, 8, z=-8)
 
 
 def _turned(rng: np.random.Generator) -> Solid:
     """A turned part: three or four steps on one axis, one of them a groove, and perhaps a bore."""
-    radii, heights = rng.permutation([26.0, 19.0, 12.5, 16.0])[:rng.integers(3, 5)], rng.uniform(6, 14, 4)
+    radii, heights = rng.permutation([26.0, 19.0, 12.5, 16.0])[: rng.integers(3, 5)], rng.uniform(6, 14, 4)
     # Rims at least as far apart as a blurred step is wide.
     body, z = Solid.empty(), 0.0
     for r, h in zip(radii + rng.uniform(-1.5, 1.5, len(radii)), heights):
@@ -247,13 +266,16 @@ def _several(rng: np.random.Generator) -> Solid:
     for x, y in ((-20, -14), (18, -16), (-16, 17)):
         body = body | _can(rng.uniform(6, 12), rng.uniform(8, 30), x + rng.uniform(-3, 3), y + rng.uniform(-2, 2))
     r, half = rng.uniform(5, 8), rng.uniform(10, 14)
-    turn = (Pose.from_rotation_vector([0, 0, rng.uniform(-1, 1)]).rotation
-            @ Pose.from_rotation_vector([0, np.pi / 2, 0]).rotation)
+    turn = (
+        Pose.from_rotation_vector([0, 0, rng.uniform(-1, 1)]).rotation
+        @ Pose.from_rotation_vector([0, np.pi / 2, 0]).rotation
+    )
     return body | _can(r, 2 * half, z=-half).transformed(_at(19, 17, 0.95 * r, turn))
 
 
 def _oval(rng: np.random.Generator) -> Solid:
     """A column of elliptical section on a box, with an elliptical pocket."""
+
     def column(a: float, b: float, h: float, z: float) -> Solid:
         turn = Pose.from_rotation_vector([0, 0, around]).matrix
         return _can(1.0, h).transformed(turn @ np.diag([a, b, 1.0, 1.0])).transformed(_at(x, y, z))
@@ -270,8 +292,12 @@ def _covered(rng: np.random.Generator) -> Solid:
     r = rng.uniform(17, 24)
     turn = Pose.from_rotation_vector([0, 0, rng.uniform(-0.5, 0.5)]).rotation
     bar = _box(90, 5, 5).transformed(_at(0, -rng.uniform(8, 16), rng.uniform(24, 34), turn))
-    return (_box(66, 60, 6, z=-6) | _can(r, rng.uniform(5, 14)) | bar
-            | _can(rng.uniform(3, 5), rng.uniform(20, 32), rng.choice([-1, 1]) * rng.uniform(4, 18), -26))
+    return (
+        _box(66, 60, 6, z=-6)
+        | _can(r, rng.uniform(5, 14))
+        | bar
+        | _can(rng.uniform(3, 5), rng.uniform(20, 32), rng.choice([-1, 1]) * rng.uniform(4, 18), -26)
+    )
 
 
 @dataclass(frozen=True)
@@ -286,18 +312,31 @@ class Kind:
 
 
 KINDS = {
-    'cylinder on box': Kind(_on_box), 'frustum': Kind(_frustum_on_plate), 'cone': Kind(_cone, (12.0, 45.0)),
-    'one rim': Kind(_one_rim, (12.0, 30.0), 0.3), 'oblique cut': Kind(_oblique, (20.0, 50.0), 0.5),
-    'tubes': Kind(_tubes), 'bores': Kind(_bores, (30.0, 70.0)), 'small': Kind(_small, (30.0, 65.0)),
-    'edge-on': Kind(_discs, (6.0, 15.0)), 'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6),
-    'slot': Kind(_slot, joined=True), 'clutter': Kind(_clutter, (20.0, 50.0))}
+    'cylinder on box': Kind(_on_box),
+    'frustum': Kind(_frustum_on_plate),
+    'cone': Kind(_cone, (12.0, 45.0)),
+    'one rim': Kind(_one_rim, (12.0, 30.0), 0.3),
+    'oblique cut': Kind(_oblique, (20.0, 50.0), 0.5),
+    'tubes': Kind(_tubes),
+    'bores': Kind(_bores, (30.0, 70.0)),
+    'small': Kind(_small, (30.0, 65.0)),
+    'edge-on': Kind(_discs, (6.0, 15.0)),
+    'hidden in part': Kind(_hidden, (20.0, 45.0), 0.6),
+    'slot': Kind(_slot, joined=True),
+    'clutter': Kind(_clutter, (20.0, 50.0)),
+}
 # The number of a kind's random numbers: those of the first twelve go by the alphabet, newer ones follow.
 STREAMS = sorted(KINDS)
-KINDS |= {'balls': Kind(_balls), 'dome': Kind(_dome), 'cut cone': Kind(_cut_cone, (20.0, 50.0), 0.6),
-          'turned': Kind(_turned, (15.0, 60.0)), 'several': Kind(_several), 'oval': Kind(_oval, (25.0, 60.0)),
-          'covered': Kind(_covered, (20.0, 45.0), 0.6)}
-STREAMS += list(KINDS)[len(STREAMS):]
-
+KINDS |= {
+    'balls': Kind(_balls),
+    'dome': Kind(_dome),
+    'cut cone': Kind(_cut_cone, (20.0, 50.0), 0.6),
+    'turned': Kind(_turned, (15.0, 60.0)),
+    'several': Kind(_several),
+    'oval': Kind(_oval, (25.0, 60.0)),
+    'covered': Kind(_covered, (20.0, 45.0), 0.6),
+}
+STREAMS += list(KINDS)[len(STREAMS) :]
 
 
 def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedView:
@@ -313,15 +352,21 @@ def curved_view(kind: str, seed: int, imaging: Imaging | None = None) -> CurvedV
     depth = rng.uniform(0.18, 0.33)
     rig = StereoRig.symmetric(CAMERA, depth / 5.0)
     # z up in the model, seen from above; the camera may lean.
-    turn = (Pose.from_rotation_vector([0, 0, rng.uniform(-0.35, 0.35)]).rotation
-            @ Pose.from_rotation_vector([np.pi / 2 + np.radians(rng.uniform(*what.elevation)), 0, 0]).rotation
-            @ Pose.from_rotation_vector([0, 0, rng.uniform(-what.yaw, what.yaw)]).rotation)
+    turn = (
+        Pose.from_rotation_vector([0, 0, rng.uniform(-0.35, 0.35)]).rotation
+        @ Pose.from_rotation_vector([np.pi / 2 + np.radians(rng.uniform(*what.elevation)), 0, 0]).rotation
+        @ Pose.from_rotation_vector([0, 0, rng.uniform(-what.yaw, what.yaw)]).rotation
+    )
     # The thing's middle, about 10 mm above its ground, goes to the middle of what both eyes see.
     place = np.array([rig.baseline / 2 + rng.uniform(-4, 4) * MM, rng.uniform(-4, 4) * MM, depth * imaging.distance])
     pose = Pose(turn, place - turn @ [0, 0, 8 * MM])
     lamp = np.array([rng.uniform(-0.5, 0.6), -rng.uniform(0.4, 1.0), rng.uniform(-0.2, 0.1)])
-    scene = Scene([Placement('thing', solid, pose.matrix)], [Light(tuple(lamp), (0.65, 0.65, 0.65))],
-                  np.full(3, rng.uniform(0.25, 0.4)), np.full(3, rng.uniform(0.02, 0.25)))
+    scene = Scene(
+        [Placement('thing', solid, pose.matrix)],
+        [Light(tuple(lamp), (0.65, 0.65, 0.65))],
+        np.full(3, rng.uniform(0.25, 0.4)),
+        np.full(3, rng.uniform(0.02, 0.25)),
+    )
     return _view(f'{kind} {seed}', scene, [(solid, pose)], rig, imaging, seed)
 
 
@@ -353,8 +398,9 @@ def _shaded(solid: Solid, rng: np.random.Generator, joined: bool) -> Solid:
 def _view(name: str, scene: Scene, placed: list, rig: StereoRig, imaging: Imaging, seed: int) -> CurvedView:
     frames = render_stereo(scene, rig, antialias=imaging.samples if imaging.samples > 1 else False)
     clean = [grey(frame.image) for frame in frames]
-    left, right = (SensorModel(imaging.blur, imaging.noise, [seed, side]).apply(image)
-                   for side, image in enumerate(clean))
+    left, right = (
+        SensorModel(imaging.blur, imaging.noise, [seed, side]).apply(image) for side, image in enumerate(clean)
+    )
     edges, all_edges, rims, axes, counts = [], [], [], [], []
     for (solid, pose), (seen, index) in zip(placed, stereo_fragments(placed, rig)):
         model = model_features(solid).transformed(pose)
@@ -367,15 +413,25 @@ def _view(name: str, scene: Scene, placed: list, rig: StereoRig, imaging: Imagin
         for k in np.flatnonzero(model.kind == FeatureKind.AXIS):
             ends = np.stack([model.start[k], model.end[k]])
             # A cone's apex has no rim; an oblique cut's centre is on the axis.
-            about = [[rim for rim in mine if np.linalg.norm(rim.centre - end) < 1e-5 and rim.share > 0.2]
-                     for end in ends]
+            about = [
+                [rim for rim in mine if np.linalg.norm(rim.centre - end) < 1e-5 and rim.share > 0.2] for end in ends
+            ]
             count = sum(len(rims) > 0 for rims in about)
             if count == 1 and not _has_outline(ends, max(rim.radii[0] for rims in about for rim in rims), outlines):
                 count = 0
             axes.append(ends)
             counts.append(count)
-    return CurvedView(name, left, right, rig, np.concatenate(edges), np.concatenate(all_edges), rims,
-                      np.array(axes).reshape(-1, 2, 3), np.array(counts, int))
+    return CurvedView(
+        name,
+        left,
+        right,
+        rig,
+        np.concatenate(edges),
+        np.concatenate(all_edges),
+        rims,
+        np.array(axes).reshape(-1, 2, 3),
+        np.array(counts, int),
+    )
 
 
 def _has_outline(ends: np.ndarray, radius: float, outlines: FeatureSet) -> bool:
@@ -385,8 +441,9 @@ def _has_outline(ends: np.ndarray, radius: float, outlines: FeatureSet) -> bool:
     return bool(((np.maximum(*off) < 1.05 * radius) & (np.minimum(*off) > 0.0) & (outlines.lengths > 3 * MM)).any())
 
 
-def contrast(points: np.ndarray, along: np.ndarray, images: list[np.ndarray], rig: StereoRig,
-             reach: float = 2.0) -> np.ndarray:
+def contrast(
+    points: np.ndarray, along: np.ndarray, images: list[np.ndarray], rig: StereoRig, reach: float = 2.0
+) -> np.ndarray:
     """(n,) float64: grey levels between the two sides of points (n, 3) on a line that runs along (n, 3), in the clean
     images; the lower of the two."""
     worst = np.full(len(points), np.inf)
@@ -395,9 +452,16 @@ def contrast(points: np.ndarray, along: np.ndarray, images: list[np.ndarray], ri
         a, b = camera.project(at), camera.project(at + 1e-4 * along)
         run = b - a
         across = reach * np.stack([-run[:, 1], run[:, 0]], axis=1) / np.maximum(np.hypot(*run.T), 1e-12)[:, None]
-        sides = [cv2.remap(image.astype(np.float32), (a + s * across)[:, None, 0].astype(np.float32),
-                           (a + s * across)[:, None, 1].astype(np.float32), cv2.INTER_LINEAR,
-                           borderMode=cv2.BORDER_REPLICATE)[:, 0] for s in (1.0, -1.0)]
+        sides = [
+            cv2.remap(
+                image.astype(np.float32),
+                (a + s * across)[:, None, 0].astype(np.float32),
+                (a + s * across)[:, None, 1].astype(np.float32),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )[:, 0]
+            for s in (1.0, -1.0)
+        ]
         worst = np.minimum(worst, np.abs(sides[0] - sides[1]))
     return worst
 
@@ -408,20 +472,25 @@ def _standing_out(edges: FeatureSet, images: list[np.ndarray], rig: StereoRig) -
     for start, end in zip(edges.start, edges.end):
         at = (np.arange(60) + 0.5) / 60
         points = start + at[:, None] * (end - start)
-        good = contrast(points, np.repeat((end - start)[None] / np.linalg.norm(end - start), 60, axis=0), images,
-                        rig) > LEAST_CONTRAST
+        good = (
+            contrast(points, np.repeat((end - start)[None] / np.linalg.norm(end - start), 60, axis=0), images, rig)
+            > LEAST_CONTRAST
+        )
         # A few weak samples (a corner's neighbourhood) do not break an edge.
-        good = cv2.morphologyEx(good.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, 9), np.uint8),
-                                borderType=cv2.BORDER_REPLICATE)[0].astype(bool)
+        good = cv2.morphologyEx(
+            good.astype(np.uint8)[None], cv2.MORPH_CLOSE, np.ones((1, 9), np.uint8), borderType=cv2.BORDER_REPLICATE
+        )[0].astype(bool)
         steps = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-        pieces += [(start + a / 60 * (end - start), start + b / 60 * (end - start))
-                   for a, b in zip(steps[::2], steps[1::2])]
+        pieces += [
+            (start + a / 60 * (end - start), start + b / 60 * (end - start)) for a, b in zip(steps[::2], steps[1::2])
+        ]
     pieces = [p for p in pieces if np.linalg.norm(p[1] - p[0]) >= 4 * MM]
     return np.array(pieces).reshape(-1, 2, 3)
 
 
-def _rims(model: FeatureSet, seen: FeatureSet, index: np.ndarray, images: list[np.ndarray],
-          rig: StereoRig) -> list[Rim]:
+def _rims(
+    model: FeatureSet, seen: FeatureSet, index: np.ndarray, images: list[np.ndarray], rig: StereoRig
+) -> list[Rim]:
     result = []
     for k in np.flatnonzero(model.kind == FeatureKind.CURVE):
         centre, normal, major, radii = model.start[k], model.directions[k], model.major_axis[k], model.radii[k]
@@ -443,6 +512,16 @@ def _rims(model: FeatureSet, seen: FeatureSet, index: np.ndarray, images: list[n
         if len(bins) == 0:
             continue
         sight = centre / np.linalg.norm(centre)
-        result.append(Rim(centre, normal, major, radii, len(bins) / 240, rig.left.fx * radii[0] / centre[2],
-                          float(np.arcsin(min(1.0, abs(sight @ normal)))), shown))
+        result.append(
+            Rim(
+                centre,
+                normal,
+                major,
+                radii,
+                len(bins) / 240,
+                rig.left.fx * radii[0] / centre[2],
+                float(np.arcsin(min(1.0, abs(sight @ normal)))),
+                shown,
+            )
+        )
     return result

@@ -72,8 +72,9 @@ class CurveScore:
 
     rims: dict[str, Found] = field(default_factory=lambda: {name: Found() for name, _ in SHARES})
     axes: dict[str, FoundAxes] = field(default_factory=lambda: {name: FoundAxes() for name in ('two rims', 'one rim')})
-    calibration: dict[str, Calibration] = field(default_factory=lambda: {
-        'centre': Calibration(3), 'normal': Calibration(2), 'radius': Calibration(1)})
+    calibration: dict[str, Calibration] = field(
+        default_factory=lambda: {'centre': Calibration(3), 'normal': Calibration(2), 'radius': Calibration(1)}
+    )
     axis_inside: list[bool] = field(default_factory=list)
     edges: Score = field(default_factory=Score)
     curves: int = 0
@@ -115,10 +116,13 @@ class CurveScore:
                 line = (b - a) / length
                 places = np.sort([(x - a) @ line for x in (start, end)])
                 middle = 0.5 * (start + end) - a
-                if (abs((end - start) @ line) > np.cos(SAME_ANGLE) * np.linalg.norm(end - start)
-                        and np.linalg.norm(middle - (middle @ line) * line) < SAME_PLACE):
+                if (
+                    abs((end - start) @ line) > np.cos(SAME_ANGLE) * np.linalg.norm(end - start)
+                    and np.linalg.norm(middle - (middle @ line) * line) < SAME_PLACE
+                ):
                     (plain if stands_out else faint)[m] |= (samples * length >= places[0]) & (
-                        samples * length <= places[1])
+                        samples * length <= places[1]
+                    )
         more = (faint & ~plain).mean(axis=1)
         self.edges.covered += float((np.linalg.norm(view.edges[:, 1] - view.edges[:, 0], axis=1) * more).sum())
 
@@ -127,7 +131,8 @@ class CurveScore:
         self.curves += len(curves)
         taken: set[int] = set()
         cost = np.array([[_distance(curve, rim) for curve in curves] for rim in view.rims]).reshape(
-            len(view.rims), len(curves))
+            len(view.rims), len(curves)
+        )
         # The best pairs first.
         pair = {}
         for k in np.argsort(cost, axis=None):
@@ -139,9 +144,11 @@ class CurveScore:
             if j not in taken:
                 self.false_curves += 1
                 near = cost[:, j].argmin() if len(view.rims) else -1
-                self.remarks.append(f'{view.name}: false curve of radii {np.round(curve.radii / MM, 2)} mm, rms '
-                                    f'{curve.rms:.3f} px, seen {curve.coverage:.2f}; next rim {near} at '
-                                    f'{cost[near, j] if near >= 0 else np.inf:.2f}')
+                self.remarks.append(
+                    f'{view.name}: false curve of radii {np.round(curve.radii / MM, 2)} mm, rms '
+                    f'{curve.rms:.3f} px, seen {curve.coverage:.2f}; next rim {near} at '
+                    f'{cost[near, j] if near >= 0 else np.inf:.2f}'
+                )
         for i, rim in enumerate(view.rims):
             name = next((n for n, least in SHARES if rim.share >= least), None)
             if name is None:
@@ -149,8 +156,10 @@ class CurveScore:
             into = self.rims[name]
             into.there += 1
             if i not in pair:
-                self.remarks.append(f'{view.name}: rim {i} lost: seen {rim.share:.2f}, radius {rim.pixels:.1f} px, '
-                                    f'squint {np.degrees(rim.squint):.0f} deg')
+                self.remarks.append(
+                    f'{view.name}: rim {i} lost: seen {rim.share:.2f}, radius {rim.pixels:.1f} px, '
+                    f'squint {np.degrees(rim.squint):.0f} deg'
+                )
                 continue
             curve = recovery.curves[pair[i]]
             into.found += 1
@@ -162,11 +171,15 @@ class CurveScore:
             into.centre.append(float(np.linalg.norm(curve.centre - rim.centre)) / MM)
             into.radius.append(float(np.abs(curve.radii - rim.radii).max()) / MM)
             if curve.normal @ rim.normal < 0.0:
-                self.remarks.append(f'{view.name}: rim {i} faces the wrong way: seen {rim.share:.2f}, arc '
-                                    f'{np.degrees(curve.arc[1]):.0f} deg')
+                self.remarks.append(
+                    f'{view.name}: rim {i} faces the wrong way: seen {rim.share:.2f}, arc '
+                    f'{np.degrees(curve.arc[1]):.0f} deg'
+                )
             if turn > 1.0:
-                self.remarks.append(f'{view.name}: rim {i} normal off by {turn:.2f} deg: seen {rim.share:.2f}, radius '
-                                    f'{rim.pixels:.1f} px, squint {np.degrees(rim.squint):.0f} deg')
+                self.remarks.append(
+                    f'{view.name}: rim {i} normal off by {turn:.2f} deg: seen {rim.share:.2f}, radius '
+                    f'{rim.pixels:.1f} px, squint {np.degrees(rim.squint):.0f} deg'
+                )
             self._calibrate(curve, rim)
 
     def _calibrate(self, curve, rim: Rim) -> None:
@@ -174,14 +187,14 @@ class CurveScore:
         spread = curve.covariance
         along = abs(offset @ curve.normal) <= 3.0 * np.sqrt(curve.normal @ spread[:3, :3] @ curve.normal)
         flat = np.stack([curve.first, curve.second])
-        across = np.linalg.norm(flat @ offset) <= 3.0 * np.sqrt(
-            np.linalg.eigvalsh(flat @ spread[:3, :3] @ flat.T)[-1])
+        across = np.linalg.norm(flat @ offset) <= 3.0 * np.sqrt(np.linalg.eigvalsh(flat @ spread[:3, :3] @ flat.T)[-1])
         self.calibration['centre'].add(along and across, offset, spread[:3, :3])
         true = rim.normal * np.sign(rim.normal @ curve.normal)
         # The two tilts move the normal along second and against first.
         tilt = np.array([(curve.normal - true) @ curve.second, -(curve.normal - true) @ curve.first])
-        self.calibration['normal'].add(np.linalg.norm(tilt) <= 3.0 * np.sqrt(np.linalg.eigvalsh(spread[3:5, 3:5])[-1]),
-                                       tilt, spread[3:5, 3:5])
+        self.calibration['normal'].add(
+            np.linalg.norm(tilt) <= 3.0 * np.sqrt(np.linalg.eigvalsh(spread[3:5, 3:5])[-1]), tilt, spread[3:5, 3:5]
+        )
         error = np.array([curve.radii[0] - rim.radii[0]])
         self.calibration['radius'].add(abs(error[0]) <= 3.0 * np.sqrt(spread[5, 5]), error, spread[5:, 5:])
 
@@ -226,8 +239,10 @@ class CurveScore:
             self.axis_inside.append(inside)
             if not inside:
                 along = f', {into.ends[-1]:.3f} mm along, stated {axes.err_par[k] / MM:.3f}' if rims == 2 else ''
-                self.remarks.append(f'{view.name}: axis with {rims} rims off by {off.max() / MM:.3f} mm across, stated '
-                                    f'{axes.err_per[k] / MM:.3f}{along}')
+                self.remarks.append(
+                    f'{view.name}: axis with {rims} rims off by {off.max() / MM:.3f} mm across, stated '
+                    f'{axes.err_per[k] / MM:.3f}{along}'
+                )
         for k in set(range(len(axes))) - used:
             self.false_axes += 1
             self.remarks.append(f'{view.name}: false axis of {1e3 * axes.lengths[k]:.1f} mm')

@@ -85,13 +85,18 @@ class LineScore:
 
     def figures(self) -> dict[str, float]:
         """Shares, degrees, millimetres."""
-        result = {'recall': self.covered / max(self.length, 1e-12),
-                  'recall with faint edges': self.all_covered / max(self.all_length, 1e-12)}
+        result = {
+            'recall': self.covered / max(self.length, 1e-12),
+            'recall with faint edges': self.all_covered / max(self.all_length, 1e-12),
+        }
         if self.flat_length > 0.0:
             result['recall of flat edges'] = self.flat_covered / self.flat_length
         result['precision'] = self.right / max(self.reported, 1)
-        for name, values, factor in (('direction', self.angles, 180.0 / np.pi), ('across', self.across, 1e3),
-                                     ('end', self.ends, 1e3)):
+        for name, values, factor in (
+            ('direction', self.angles, 180.0 / np.pi),
+            ('across', self.across, 1e3),
+            ('end', self.ends, 1e3),
+        ):
             if values:
                 result[f'{name} median'] = factor * float(np.median(values))
                 result[f'{name} p90'] = factor * float(np.quantile(values, 0.9))
@@ -103,9 +108,13 @@ class LineScore:
                 result[f'{name} to shrink'] = 1.0 / max(float(np.quantile(ratios, 0.95)), 1e-9)
         if self.poses:
             rotation, translation = np.array(self.poses).T
-            result |= {'pose rotation': float(rotation.mean()), 'pose rotation max': float(rotation.max()),
-                       'pose translation': float(translation.mean()), 'pose translation max': float(translation.max()),
-                       'poses': float(len(self.poses))}
+            result |= {
+                'pose rotation': float(rotation.mean()),
+                'pose rotation max': float(rotation.max()),
+                'pose translation': float(translation.mean()),
+                'pose translation max': float(translation.max()),
+                'poses': float(len(self.poses)),
+            }
         return result
 
 

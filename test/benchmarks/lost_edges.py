@@ -69,6 +69,7 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
             result = original(*args, **options)
             take(args, result)
             return result
+
         return mock.patch.object(module, name, wrapped)
 
     def segmented(args: tuple, view: Any) -> None:
@@ -99,10 +100,15 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
         trace.segments = result
 
     with ExitStack() as stack:
-        for patch in (after(pipeline, '_segment', segmented), after(pipeline, 'match', matched),
-                      after(relaxation_kernels, 'candidates', paired), after(pipeline, 'join_matched', joined),
-                      after(pipeline, 'edges', of_lines), after(lines3d, '_solved', solved),
-                      after(pipeline, 'to_space', spaced)):
+        for patch in (
+            after(pipeline, '_segment', segmented),
+            after(pipeline, 'match', matched),
+            after(relaxation_kernels, 'candidates', paired),
+            after(pipeline, 'join_matched', joined),
+            after(pipeline, 'edges', of_lines),
+            after(lines3d, '_solved', solved),
+            after(pipeline, 'to_space', spaced),
+        ):
             stack.enter_context(patch)
         trace.recovery = recover(left, right, rig)
     if 'pairs' in trace.pairs and trace.whole:
@@ -152,8 +158,9 @@ def _contrast(image: np.ndarray, line: np.ndarray) -> tuple[float, float]:
     values = []
     for sign in (-1, 1):
         at = np.rint((1 - share) * line[0] + share * line[1] + sign * across).astype(int)
-        values.append(float(np.median(image[np.clip(at[:, 1], 0, image.shape[0] - 1),
-                                            np.clip(at[:, 0], 0, image.shape[1] - 1)])))
+        values.append(
+            float(np.median(image[np.clip(at[:, 1], 0, image.shape[0] - 1), np.clip(at[:, 0], 0, image.shape[1] - 1)]))
+        )
     return values[0], values[1]
 
 
@@ -166,8 +173,9 @@ def reported(features: FeatureSet, edge: np.ndarray, place: float = SAME_PLACE) 
     for start, end in zip(features.start, features.end):
         angle = np.arccos(min(1.0, abs((end - start) @ line) / max(float(np.linalg.norm(end - start)), 1e-12)))
         places = np.array([(x - edge[0]) @ line for x in (start, end)])
-        off = max(float(np.linalg.norm(x - edge[0] - np.clip(p, 0, length) * line))
-                  for x, p in zip((start, end), places))
+        off = max(
+            float(np.linalg.norm(x - edge[0] - np.clip(p, 0, length) * line)) for x, p in zip((start, end), places)
+        )
         if angle < SAME_ANGLE and off < place:
             cover |= (sample >= places.min()) & (sample <= places.max())
     return 100.0 * float(cover.mean())
@@ -193,9 +201,16 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
             continue
         lines = list(rig.project(edge))
         alive: dict[str, float] = {}
-        sides = [(_edgels_on(v.edgels, line), *(100.0 * float(on_edge(p, line).any(axis=0).mean()) for p in
-                                                (v.pieces, v.pieces.select(whole_pieces(v.pieces)))))
-                 for v, line in zip(trace.views, lines)]
+        sides = [
+            (
+                _edgels_on(v.edgels, line),
+                *(
+                    100.0 * float(on_edge(p, line).any(axis=0).mean())
+                    for p in (v.pieces, v.pieces.select(whole_pieces(v.pieces)))
+                ),
+            )
+            for v, line in zip(trace.views, lines)
+        ]
         for place, name in enumerate(STAGES[:3]):
             alive[name] = min(side[place] for side in sides)
         notes = []
@@ -210,8 +225,11 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
             if name == 'matches' and alive[name] < LOST:
                 wrong = a.any(axis=1)[left] & ~good
                 other = b.any(axis=1)[right] & ~good
-                notes.append('pieces free' if not (wrong.any() or other.any()) else
-                             f'left {"taken" if wrong.any() else "free"}, right {"taken" if other.any() else "free"}')
+                notes.append(
+                    'pieces free'
+                    if not (wrong.any() or other.any())
+                    else f'left {"taken" if wrong.any() else "free"}, right {"taken" if other.any() else "free"}'
+                )
         alive['kept'] = cover
         stage = next((name for name in STAGES if alive[name] < min(LOST, 90.0)), 'short')
         if stage == 'kept':
@@ -224,12 +242,15 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
                     ends = trace.segments.ends[e]
                     span = np.linalg.norm(ends[1] - ends[0])
                     one = FeatureSet.from_edges(ends[:1], ends[1:])
-                    notes.append(f'err_per/span {trace.segments.err_per[e] / span:.2f} '
-                                 f'true {reported(one, edge):.0f} near {reported(one, edge, 4 * SAME_PLACE):.0f}')
+                    notes.append(
+                        f'err_per/span {trace.segments.err_per[e] / span:.2f} '
+                        f'true {reported(one, edge):.0f} near {reported(one, edge, 4 * SAME_PLACE):.0f}'
+                    )
         sides_grey = [_contrast(image, line) for image, line in zip(images, lines)]
         notes.append(' '.join(f'{a:.0f}:{b:.0f}' for a, b in sides_grey))
-        yield Loss(k, lines, alive, stage, '; '.join(notes),
-                   float(np.linalg.norm(edge[1] - edge[0])) * (1.0 - cover / 100.0))
+        yield Loss(
+            k, lines, alive, stage, '; '.join(notes), float(np.linalg.norm(edge[1] - edge[0])) * (1.0 - cover / 100.0)
+        )
 
 
 def scenes(options: argparse.Namespace) -> Iterator[tuple[str, np.ndarray, np.ndarray, StereoRig, np.ndarray]]:
@@ -251,13 +272,21 @@ def scenes(options: argparse.Namespace) -> Iterator[tuple[str, np.ndarray, np.nd
 def draw(path: Path, images: tuple[np.ndarray, np.ndarray], found: list[Loss], scale: int = 2) -> None:
     shown = []
     for side, image in enumerate(images):
-        big = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST),
-                           cv2.COLOR_GRAY2BGR)
+        big = cv2.cvtColor(
+            cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2BGR
+        )
         for loss in found:
             a, b = (tuple(int(x) for x in np.rint(scale * (p + 0.5))) for p in loss.lines[side])
             cv2.line(big, a, b, (0, 0, 255), 1)
-            cv2.putText(big, f'{loss.edge} {loss.stage}', ((a[0] + b[0]) // 2, (a[1] + b[1]) // 2),
-                        cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 255, 255), 1)
+            cv2.putText(
+                big,
+                f'{loss.edge} {loss.stage}',
+                ((a[0] + b[0]) // 2, (a[1] + b[1]) // 2),
+                cv2.FONT_HERSHEY_SIMPLEX,
+                0.5,
+                (0, 255, 255),
+                1,
+            )
         shown.append(big)
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), np.hstack(shown))
@@ -283,8 +312,7 @@ def main(arguments: list[str] | None = None) -> int:
             lengths[loss.stage] += loss.length
             (u, v), (x, y) = loss.lines[0]
             row = ' '.join(f'{loss.alive[stage]:3.0f}' for stage in STAGES)
-            print(f'{name:<16} {loss.edge:>2} {u:3.0f},{v:3.0f}-{x:3.0f},{y:3.0f} '
-                  f'{row} {loss.stage:<16} {loss.note}')
+            print(f'{name:<16} {loss.edge:>2} {u:3.0f},{v:3.0f}-{x:3.0f},{y:3.0f} {row} {loss.stage:<16} {loss.note}')
         if options.pictures and found:
             draw(options.pictures / f'{name.replace(" ", "_")}.png', (left, right), found)
     print(f'{"lost at":<18} edges  share of all length')

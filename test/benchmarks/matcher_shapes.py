@@ -50,8 +50,9 @@ def flat_plate(rng: np.random.Generator) -> FeatureSet:
 def circles(rng: np.random.Generator) -> FeatureSet:
     """Curves and no edge."""
     count = int(rng.integers(7, 12))
-    return FeatureSet.from_curves(rng.uniform(-0.06, 0.06, (count, 3)), _directions(rng, count),
-                                  rng.uniform(0.008, 0.03, count))
+    return FeatureSet.from_curves(
+        rng.uniform(-0.06, 0.06, (count, 3)), _directions(rng, count), rng.uniform(0.008, 0.03, count)
+    )
 
 
 def flange(rng: np.random.Generator) -> FeatureSet:
@@ -66,8 +67,9 @@ def flange(rng: np.random.Generator) -> FeatureSet:
 def bracket(rng: np.random.Generator) -> FeatureSet:
     """An angle with a hole in each leg."""
     t, (a, b, w) = rng.uniform(0.006, 0.012), rng.uniform(0.05, 0.1, 3)
-    holes = FeatureSet.from_curves([[0.6 * a, t, -0.5 * w], [t, 0.6 * b, -0.3 * w]], [[0, 1, 0], [1, 0, 0]],
-                                   [0.15 * w, 0.1 * w])
+    holes = FeatureSet.from_curves(
+        [[0.6 * a, t, -0.5 * w], [t, 0.6 * b, -0.3 * w]], [[0, 1, 0], [1, 0, 0]], [0.15 * w, 0.1 * w]
+    )
     return FeatureSet.concatenate([prism([(0, 0), (a, 0), (a, t), (t, t), (t, b), (0, b)], w), holes])
 
 
@@ -78,8 +80,9 @@ def three_edges(rng: np.random.Generator) -> FeatureSet:
 
 def boxes(rng: np.random.Generator) -> FeatureSet:
     """A union of two to four blocks."""
-    return FeatureSet.concatenate([box(rng.uniform(0.03, 0.1, 3), rng.uniform(-0.03, 0.05, 3))
-                                   for _ in range(int(rng.integers(2, 5)))])
+    return FeatureSet.concatenate(
+        [box(rng.uniform(0.03, 0.1, 3), rng.uniform(-0.03, 0.05, 3)) for _ in range(int(rng.integers(2, 5)))]
+    )
 
 
 def wires(rng: np.random.Generator) -> FeatureSet:
@@ -89,5 +92,7 @@ def wires(rng: np.random.Generator) -> FeatureSet:
     return FeatureSet.from_edges(start, start + _directions(rng, count) * rng.uniform(0.015, 0.06, (count, 1)))
 
 
-SHAPES: dict[str, Shape] = {shape.__name__: shape for shape in (
-    hex_nut, cube, tetrahedron, flat_plate, circles, flange, bracket, three_edges, boxes, wires)}
+SHAPES: dict[str, Shape] = {
+    shape.__name__: shape
+    for shape in (hex_nut, cube, tetrahedron, flat_plate, circles, flange, bracket, three_edges, boxes, wires)
+}

@@ -22,8 +22,12 @@ from csg_renderer.scene.solid import Operation, Primitive, Solid
 from msgs_py import PinholeCamera, Pose
 
 SHAPES = {
-    'BLOCK': 'box { <0, 0, 0>, <1, 1, 1>', 'CYLINDER': 'cylinder { <0, 0, 0>, <0, 0, 1>, 1',
-    'CONE': 'cone { <0, 0, 0>, 0, <0, 0, 1>, 1', 'SPHERE': 'sphere { <0, 0, 0>, 1', 'PLANE': 'plane { z, 0'}
+    'BLOCK': 'box { <0, 0, 0>, <1, 1, 1>',
+    'CYLINDER': 'cylinder { <0, 0, 0>, <0, 0, 1>, 1',
+    'CONE': 'cone { <0, 0, 0>, 0, <0, 0, 1>, 1',
+    'SPHERE': 'sphere { <0, 0, 0>, 1',
+    'PLANE': 'plane { z, 0',
+}
 OPERATIONS = {'UNION': 'union', 'INTERSECT': 'intersection', 'DIFFERENCE': 'difference'}
 # POV-Ray's camera frame has y up; ours has it down.
 FLIP = np.diag([1.0, -1.0, 1.0, 1.0])
@@ -53,12 +57,14 @@ class Writer:
         middle = [((c.width - 1) / 2 - c.cx) / c.fx, -((c.height - 1) / 2 - c.cy) / c.fy, 1.0]
         background = self.scene.background if purpose == 'shade' else (0, 0, 0)
         ambient = self.scene.ambient_light if purpose == 'shade' else (1, 1, 1)
-        lines = ['#version 3.7;',
-                 f'global_settings {{ assumed_gamma 1.0 ambient_light rgb {_numbers(ambient)} '
-                 f'max_trace_level {max(levels, 1)} }}',
-                 f'camera {{ location <0, 0, 0> direction {_numbers(middle)} right {_numbers([c.width / c.fx, 0, 0])} '
-                 f'up {_numbers([0, c.height / c.fy, 0])} }}',
-                 f'background {{ rgb {_numbers(background)} }}']
+        lines = [
+            '#version 3.7;',
+            f'global_settings {{ assumed_gamma 1.0 ambient_light rgb {_numbers(ambient)} '
+            f'max_trace_level {max(levels, 1)} }}',
+            f'camera {{ location <0, 0, 0> direction {_numbers(middle)} right {_numbers([c.width / c.fx, 0, 0])} '
+            f'up {_numbers([0, c.height / c.fy, 0])} }}',
+            f'background {{ rgb {_numbers(background)} }}',
+        ]
         if purpose == 'shade':
             for light in self.scene.lights:
                 at = self.pov_T_scene @ [*light.position, 1.0]
@@ -67,8 +73,10 @@ class Writer:
             sign = 1.0 if purpose.endswith('+') else -1.0
             for axis in range(3):
                 direction, colour = sign * np.eye(3)[axis], np.eye(3)[axis]
-                lines.append(f'light_source {{ {_numbers(direction * 1e4)} rgb {_numbers(colour)} parallel '
-                             'point_at <0, 0, 0> shadowless }')
+                lines.append(
+                    f'light_source {{ {_numbers(direction * 1e4)} rgb {_numbers(colour)} parallel '
+                    'point_at <0, 0, 0> shadowless }'
+                )
         lines += [self._solid(solid) for solid in self.scene.solids if solid.primitives]
         return '\n'.join(lines) + '\n'
 
@@ -95,10 +103,12 @@ class Writer:
         elif self.purpose.startswith('normal'):
             texture = 'pigment { rgb 1 } finish { ambient 0 diffuse 1 }'
         else:
-            texture = (f'pigment {{ rgb {_numbers(surface.colour)} transmit {surface.transparency:.17g} }} '
-                       f'finish {{ ambient {surface.ambient:.17g} diffuse {surface.diffuse:.17g} '
-                       f'phong {surface.specular:.17g} phong_size {surface.shininess:.17g} '
-                       f'reflection {surface.reflection:.17g} }}')
+            texture = (
+                f'pigment {{ rgb {_numbers(surface.colour)} transmit {surface.transparency:.17g} }} '
+                f'finish {{ ambient {surface.ambient:.17g} diffuse {surface.diffuse:.17g} '
+                f'phong {surface.specular:.17g} phong_size {surface.shininess:.17g} '
+                f'reflection {surface.reflection:.17g} }}'
+            )
         return f'{placed} texture {{ {texture} }}{flags} }}'
 
 
@@ -108,8 +118,22 @@ def run(text: str, camera: PinholeCamera, threads: int = 2) -> tuple[np.ndarray,
         source, image = Path(folder, 'scene.pov'), Path(folder, 'scene.png')
         source.write_text(text)
         done = subprocess.run(
-            ['povray', f'+I{source}', f'+O{image}', f'+W{camera.width}', f'+H{camera.height}', '-D', '-A', '+FN16',
-             'File_Gamma=1.0', f'+WT{threads}'], capture_output=True, text=True, cwd=folder)
+            [
+                'povray',
+                f'+I{source}',
+                f'+O{image}',
+                f'+W{camera.width}',
+                f'+H{camera.height}',
+                '-D',
+                '-A',
+                '+FN16',
+                'File_Gamma=1.0',
+                f'+WT{threads}',
+            ],
+            capture_output=True,
+            text=True,
+            cwd=folder,
+        )
         if done.returncode != 0:
             raise RuntimeError(f'povray failed:\n{done.stderr[-2000:]}')
         pixels = cv2.imread(str(image), cv2.IMREAD_UNCHANGED)
@@ -133,8 +157,9 @@ class Comparison:
     trace_s: float
 
 
-def compare(scene: Scene, camera: PinholeCamera | None = None, camera_T_scene: Pose | None = None,
-            frame: Frame | None = None) -> Comparison:
+def compare(
+    scene: Scene, camera: PinholeCamera | None = None, camera_T_scene: Pose | None = None, frame: Frame | None = None
+) -> Comparison:
     """Our frame of a scene (ray casting, no shadows) beside POV-Ray's."""
     camera = camera or scene.camera or default_camera()
     pose = scene.camera_T_scene if camera_T_scene is None else camera_T_scene
@@ -142,7 +167,7 @@ def compare(scene: Scene, camera: PinholeCamera | None = None, camera_T_scene: P
     writer = Writer(scene, camera, pose)
     ids = run(writer.text('ids'), camera)[0].astype(np.int64)
     theirs = np.where(ids[..., 2] > 0, np.rint(ids[..., 0] / 257) + 256 * np.rint(ids[..., 1] / 257) - 1, -1)
-    same = (theirs == frame.primitive_id)
+    same = theirs == frame.primitive_id
     both = same & frame.mask
     far = float(np.nanmax(frame.depth, initial=0.1)) * 1.01
     depth = run(writer.text('depth', far), camera)[0][..., 0] / FULL * far
@@ -155,9 +180,14 @@ def compare(scene: Scene, camera: PinholeCamera | None = None, camera_T_scene: P
     shade, trace_s = run(writer.text('shade'), camera)
     image = render(_one_colour(scene), camera, pose).image if _painted(scene) else frame.image
     difference = np.abs(shade / 257.0 - image).max(axis=2)[same]
-    return Comparison(int((~same).sum()), float(np.quantile(relative, 0.999)) if both.any() else 0.0,
-                      float(np.quantile(angle, 0.99)) if both.any() else 0.0, float(difference.max(initial=0.0)),
-                      float(np.quantile(difference, 0.99)), trace_s)
+    return Comparison(
+        int((~same).sum()),
+        float(np.quantile(relative, 0.999)) if both.any() else 0.0,
+        float(np.quantile(angle, 0.99)) if both.any() else 0.0,
+        float(difference.max(initial=0.0)),
+        float(np.quantile(difference, 0.99)),
+        trace_s,
+    )
 
 
 def _painted(scene: Scene) -> bool:
@@ -166,13 +196,23 @@ def _painted(scene: Scene) -> bool:
 
 def _one_colour(scene: Scene) -> Scene:
     """The scene with every leaf in the colour of its surface."""
+
     def plain(leaf: Primitive) -> Primitive:
         return replace(leaf, face_colours=None)
 
-    solids = [solid.map_leaves(plain) if isinstance(solid, Operation) else plain(solid) for solid in scene.solids
-              if solid.primitives]
-    return Scene(solids, scene.lights, scene.ambient_light, scene.background, camera=scene.camera,
-                 camera_T_scene=scene.camera_T_scene)
+    solids = [
+        solid.map_leaves(plain) if isinstance(solid, Operation) else plain(solid)
+        for solid in scene.solids
+        if solid.primitives
+    ]
+    return Scene(
+        solids,
+        scene.lights,
+        scene.ambient_light,
+        scene.background,
+        camera=scene.camera,
+        camera_T_scene=scene.camera_T_scene,
+    )
 
 
 def main() -> None:

@@ -34,17 +34,35 @@ def _print(rng: np.random.Generator, width: int, height: int) -> np.ndarray:
     for _ in range(rng.integers(0, 4)):  # panels
         low = rng.uniform(-0.2, 0.8, 2) * [width, height]
         high = low + rng.uniform(0.2, 0.9, 2) * [width, height]
-        cv2.rectangle(image, [int(x) for x in low], [int(x) for x in high], float(rng.uniform(20, 240)), -1,
-                      cv2.LINE_AA)
+        cv2.rectangle(
+            image, [int(x) for x in low], [int(x) for x in high], float(rng.uniform(20, 240)), -1, cv2.LINE_AA
+        )
     for _ in range(rng.integers(0, 6)):  # blots: pictures, flowers
         centre, size = rng.uniform(0.1, 0.9, 2) * [width, height], rng.uniform(0.03, 0.2, 2) * min(width, height)
-        cv2.ellipse(image, [int(x) for x in centre], [int(x) + 1 for x in size], float(rng.uniform(0, 180)), 0, 360,
-                    float(rng.uniform(20, 240)), -1, cv2.LINE_AA)
+        cv2.ellipse(
+            image,
+            [int(x) for x in centre],
+            [int(x) + 1 for x in size],
+            float(rng.uniform(0, 180)),
+            0,
+            360,
+            float(rng.uniform(20, 240)),
+            -1,
+            cv2.LINE_AA,
+        )
     for _ in range(rng.integers(1, 6)):  # lines of text
         scale = rng.uniform(0.1, 0.25) * height / 22.0
         at = rng.uniform([0.0, 0.15], [0.6, 0.95]) * [width, height]
-        cv2.putText(image, str(rng.choice(WORDS)), [int(x) for x in at], int(rng.choice([0, 2, 3, 4])), float(scale),
-                    float(rng.uniform(0, 255)), max(1, int(2.0 * scale)), cv2.LINE_AA)
+        cv2.putText(
+            image,
+            str(rng.choice(WORDS)),
+            [int(x) for x in at],
+            int(rng.choice([0, 2, 3, 4])),
+            float(scale),
+            float(rng.uniform(0, 255)),
+            max(1, int(2.0 * scale)),
+            cv2.LINE_AA,
+        )
     return cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.5)
 
 
@@ -54,8 +72,14 @@ def _background(rng: np.random.Generator, width: int, height: int) -> np.ndarray
     image = rng.uniform(90, 190) + rng.uniform(2.0, 10.0) * grain / max(float(grain.std()), 1e-6)
     for _ in range(rng.integers(0, 5)):
         y = int(rng.uniform(0, height))
-        cv2.line(image, (0, y), (width, y + int(rng.normal(0, 0.03 * width))), float(rng.uniform(60, 120)),
-                 int(rng.integers(2, 6)), cv2.LINE_AA)
+        cv2.line(
+            image,
+            (0, y),
+            (width, y + int(rng.normal(0, 0.03 * width))),
+            float(rng.uniform(60, 120)),
+            int(rng.integers(2, 6)),
+            cv2.LINE_AA,
+        )
     return image
 
 
@@ -71,8 +95,10 @@ def printed_box(seed: int) -> RealPair:
     rotation = (_about(2, roll) @ _about(0, -tilt) @ _about(1, turn)) @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])
     middle = np.array([rng.uniform(0.3, 0.7) * rig.baseline, rng.normal(0.0, 0.03), 1.0]) * [1, distance, distance]
     pose = Pose(rotation, middle - rotation @ (0.5 * size))
-    faces = [(axis, side, _print(rng, *np.maximum(16, (PX_PER_M * np.delete(size, axis)).astype(int))))
-             for axis, side in FACES]
+    faces = [
+        (axis, side, _print(rng, *np.maximum(16, (PX_PER_M * np.delete(size, axis)).astype(int))))
+        for axis, side in FACES
+    ]
     light = {axis: rng.uniform(0.45, 1.1) for axis in range(6)}
     wood = _background(rng, 640 * FINE + 400, 480 * FINE)
     wear = rng.uniform(0.0, 0.01)
@@ -80,7 +106,7 @@ def printed_box(seed: int) -> RealPair:
     for eye in (0, 1):
         shift = np.array([eye * rig.baseline, 0.0, 0.0])
         disparity = camera.fx * rig.baseline / (1.15 * distance) * FINE
-        image = wood[:, int(np.clip(eye * disparity, 0, 400)):][:, :640 * FINE].copy()
+        image = wood[:, int(np.clip(eye * disparity, 0, 400)) :][:, : 640 * FINE].copy()
         for number, (axis, side, face) in enumerate(faces):
             normal = rotation[:, axis] * (1.0 if side else -1.0)
             others = [a for a in range(3) if a != axis]
@@ -101,8 +127,9 @@ def printed_box(seed: int) -> RealPair:
             target = ((camera.project(seen - shift) + 0.5) * FINE - 0.5).astype(np.float32)
             how = cv2.getPerspectiveTransform(source, target)
             area = (640 * FINE, 480 * FINE)
-            layer = cv2.warpPerspective(cv2.GaussianBlur(worn, (0, 0), 1.0), how, area, flags=cv2.INTER_LINEAR,
-                                        borderMode=cv2.BORDER_REPLICATE)
+            layer = cv2.warpPerspective(
+                cv2.GaussianBlur(worn, (0, 0), 1.0), how, area, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
             mask = np.zeros((480 * FINE, 640 * FINE), np.uint8)
             cv2.fillConvexPoly(mask, np.round(target * 16).astype(np.int32), 1, shift=4)
             image[mask > 0] = layer[mask > 0]
@@ -113,8 +140,9 @@ def printed_box(seed: int) -> RealPair:
     middles = {(axis, side): pose.apply(size * (0.5 + (side - 0.5) * np.eye(3)[axis])) for axis, side in FACES}
     facing = {(axis, side) for (axis, side), at in middles.items() if (2 * side - 1) * (rotation[:, axis] @ at) < 0.0}
     ends = pose.apply(CORNERS * size)
-    edges = [ends[[a, b]] for a, b in EDGES
-             if any(CORNERS[a][axis] == CORNERS[b][axis] == side for axis, side in facing)]
+    edges = [
+        ends[[a, b]] for a, b in EDGES if any(CORNERS[a][axis] == CORNERS[b][axis] == side for axis, side in facing)
+    ]
     return RealPair(f'printed box {seed}', images[0], images[1], rig, pose, np.array(edges))
 
 
@@ -163,8 +191,9 @@ def block(size: np.ndarray) -> FeatureSet:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description='Printed boxes found, and other models reported in their place, '
-                                     'at several false_alarm_rates.')
+    parser = argparse.ArgumentParser(
+        description='Printed boxes found, and other models reported in their place, at several false_alarm_rates.'
+    )
     parser.add_argument('--seeds', type=int, default=30, help='boxes')
     parser.add_argument('--first-seed', type=int, default=0)
     parser.add_argument('--decoys', type=int, default=8, help='other models of each kind, tried in each picture')
@@ -190,8 +219,13 @@ def main(arguments: list[str] | None = None) -> int:
     print(f'{chosen.seeds} printed boxes: {100 * np.mean(edges):.0f} % of the edges in view, right pose {right}')
     for rate in RATES:
         need = false_alarm_evidence(1, rate) - false_alarm_evidence(1, RATES[-1])
-        print(f'rate {rate:<6g} ' + ', '.join(f'{kind} {100 * np.mean(np.array(values) >= need):.2f} % of {len(values)}'
-                                              for kind, values in margins.items()))
+        print(
+            f'rate {rate:<6g} '
+            + ', '.join(
+                f'{kind} {100 * np.mean(np.array(values) >= need):.2f} % of {len(values)}'
+                for kind, values in margins.items()
+            )
+        )
     return 0
 
 

@@ -59,11 +59,19 @@ class RealPair:
         cameras = []
         for camera in (self.rig.left, self.rig.right):
             x, y = size[0] / camera.width, size[1] / camera.height
-            cameras.append(PinholeCamera(*size, camera.fx * x, camera.fy * y, (camera.cx + 0.5) * x - 0.5,
-                                         (camera.cy + 0.5) * y - 0.5))
-        return RealPair(f'{self.name} x {factor:g}', cv2.resize(self.left, size, interpolation=how),
-                        cv2.resize(self.right, size, interpolation=how), StereoRig(*cameras, self.rig.baseline),
-                        self.left_T_object, self.edges)
+            cameras.append(
+                PinholeCamera(
+                    *size, camera.fx * x, camera.fy * y, (camera.cx + 0.5) * x - 0.5, (camera.cy + 0.5) * y - 0.5
+                )
+            )
+        return RealPair(
+            f'{self.name} x {factor:g}',
+            cv2.resize(self.left, size, interpolation=how),
+            cv2.resize(self.right, size, interpolation=how),
+            StereoRig(*cameras, self.rig.baseline),
+            self.left_T_object,
+            self.edges,
+        )
 
 
 def _grey(path: Path) -> np.ndarray:
@@ -85,8 +93,9 @@ def chessboards() -> list[RealPair]:
         left, right = (_grey(folder / f'{side}{number}_rect.png') for side in ('left', 'right'))
         joint = poses[number]['joint']
         rig = load_rig(folder / 'calibration.yaml', (left.shape[1], left.shape[0]))
-        result.append(RealPair(f'chessboard {number}', left, right, rig,
-                               Pose.from_rotation_vector(joint['rvec'], joint['tvec'])))
+        result.append(
+            RealPair(f'chessboard {number}', left, right, rig, Pose.from_rotation_vector(joint['rvec'], joint['tvec']))
+        )
     return result
 
 
@@ -104,9 +113,16 @@ def teaboxes() -> list[RealPair]:
         left, right = (_grey(folder / f'{side}{number}_rect.png') for side in ('left', 'right'))
         camera = PinholeCamera(*given['size'], given['f'], given['f'], given['cx'], given['cy'])
         pose = Pose.from_rotation_vector(entry['rvec'], entry['tvec_m'])
-        result.append(RealPair(f'tea box {number}', left, right,
-                               StereoRig.symmetric(camera, given['baseline_m_corrected']), pose,
-                               pose.apply(vertices)[visible]))
+        result.append(
+            RealPair(
+                f'tea box {number}',
+                left,
+                right,
+                StereoRig.symmetric(camera, given['baseline_m_corrected']),
+                pose,
+                pose.apply(vertices)[visible],
+            )
+        )
     return result
 
 
@@ -133,8 +149,10 @@ def score_board(pair: RealPair, features: FeatureSet) -> BoardScore:
     camera = pair.rig.left
     outline = camera.project(pair.left_T_object.apply([[0, 0, 0], [8, 0, 0], [8, 5, 0], [0, 5, 0]]))
     seen = camera.project(features.midpoints)
-    inside = np.array([cv2.pointPolygonTest(outline.astype(np.float32)[:, None], (float(u), float(v)), False) > 0
-                       for u, v in seen], bool)
+    inside = np.array(
+        [cv2.pointPolygonTest(outline.astype(np.float32)[:, None], (float(u), float(v)), False) > 0 for u, v in seen],
+        bool,
+    )
     length = np.linalg.norm(camera.project(features.start) - camera.project(features.end), axis=1)
     off = np.abs(board.apply(features.midpoints)[:, 2]) > 1.0
     wrong = float(length[inside & off].sum() / max(length[inside].sum(), 1e-9))
@@ -220,8 +238,11 @@ def score_box(pair: RealPair, features: FeatureSet) -> BoxScore:
 
 def disparity_window(pair: RealPair) -> tuple[float, float]:
     """What the usual recipe has to be told: 0.75 to 1.25 times the object's disparity, pixels."""
-    points = pair.edges.reshape(-1, 3) if len(pair.edges) else pair.left_T_object.apply(
-        [[x, y, 0.0] for x in COLUMNS[[0, -1]] for y in ROWS[[0, -1]]])
+    points = (
+        pair.edges.reshape(-1, 3)
+        if len(pair.edges)
+        else pair.left_T_object.apply([[x, y, 0.0] for x in COLUMNS[[0, -1]] for y in ROWS[[0, -1]]])
+    )
     disparity = pair.rig.left.fx * pair.rig.baseline / points[:, 2]
     return 0.75 * float(disparity.min()), 1.25 * float(disparity.max())
 

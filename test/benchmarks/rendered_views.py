@@ -30,9 +30,13 @@ def recovered_view(solid: Solid, model: FeatureSet, seed: int) -> FeatureSet:
     turn = Rotation.random(random_state=rng).as_matrix()
     aim = np.array([0.5 * rig.baseline, 0.0, distance]) + rng.uniform(-0.03, 0.03, 3) * distance
     pose = Pose(turn, aim - turn @ (0.5 * (low + high)))
-    lights = [Light(tuple(rng.uniform((-0.5, -0.7, -0.5), (0.5, 0.1, 0.1))), (strength,) * 3)
-              for strength in (rng.uniform(0.6, 0.9), rng.uniform(0.1, 0.4))]
+    lights = [
+        Light(tuple(rng.uniform((-0.5, -0.7, -0.5), (0.5, 0.1, 0.1))), (strength,) * 3)
+        for strength in (rng.uniform(0.6, 0.9), rng.uniform(0.1, 0.4))
+    ]
     scene = Scene([solid.transformed(pose)], lights, (rng.uniform(0.1, 0.3),) * 3, (rng.uniform(0.0, 0.7),) * 3)
-    left, right = (SensorModel(0.5, 2.0, (seed, eye)).apply(grey(frame.image))
-                   for eye, frame in enumerate(render_stereo(scene, rig, antialias=2)))
+    left, right = (
+        SensorModel(0.5, 2.0, (seed, eye)).apply(grey(frame.image))
+        for eye, frame in enumerate(render_stereo(scene, rig, antialias=2))
+    )
     return recover(left, right, rig).features

@@ -26,8 +26,17 @@ from tqdm import tqdm
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'open3d', 'embreex', 'trimesh', 'igraph',
-             'ros-jazzy-rclpy')
+LIBRARIES = (
+    'numpy',
+    'scipy',
+    'numba',
+    'opencv-python-headless',
+    'open3d',
+    'embreex',
+    'trimesh',
+    'igraph',
+    'ros-jazzy-rclpy',
+)
 # Arguments for benchmarks that are plain scripts: short, and everything.
 SCRIPT_ARGUMENTS = {'bench_matcher': (['--seeds', '20', '--models', 'l_shape,chair,plug'], ['--seeds', '60'])}
 SCRIPT_LIMIT_S = 900
@@ -55,9 +64,16 @@ def main(arguments: list[str] | None = None) -> int:
 
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     earlier = earlier_runs(options.out, options.against, options.quick)
-    document: dict[str, Any] = {'machine': machine(), 'versions': versions(), 'commit': commit(),
-                                'when': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()), 'quick': options.quick,
-                                'load_before': os.getloadavg()[0], 'yardstick_ms': {}, 'benchmarks': {}}
+    document: dict[str, Any] = {
+        'machine': machine(),
+        'versions': versions(),
+        'commit': commit(),
+        'when': time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime()),
+        'quick': options.quick,
+        'load_before': os.getloadavg()[0],
+        'yardstick_ms': {},
+        'benchmarks': {},
+    }
     failed = []
     compared: set[str] = set()
     for name in tqdm(chosen, desc='benchmarks', unit='', file=sys.stdout, disable=not sys.stdout.isatty()):
@@ -78,8 +94,10 @@ def main(arguments: list[str] | None = None) -> int:
             slower = document['yardstick_ms'][name] / last.get('yardstick_ms', {}).get(name, float('inf')) or 1.0
         tqdm.write('\n' + table(name, rows, absent, last['benchmarks'][name] if last else [], slower))
     path = save(options.out, document)
-    print(f'\nsaved {path}; ' + (f'compared with {", ".join(sorted(compared))}' if compared else
-                                 'the next run is compared with this one'))
+    print(
+        f'\nsaved {path}; '
+        + (f'compared with {", ".join(sorted(compared))}' if compared else 'the next run is compared with this one')
+    )
     return 1 if failed else 0
 
 
@@ -102,15 +120,22 @@ def _items(path: Path, quick: bool) -> Iterator[Measurement | Absent]:
         yield from module.measurements(quick)
         return
     short, full = SCRIPT_ARGUMENTS.get(path.stem, ([], []))
-    done = subprocess.run([sys.executable, str(path), *(short if quick else full)], capture_output=True, text=True,
-                          timeout=SCRIPT_LIMIT_S, check=False, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, str(path), *(short if quick else full)],
+        capture_output=True,
+        text=True,
+        timeout=SCRIPT_LIMIT_S,
+        check=False,
+        cwd=ROOT,
+    )
     if done.returncode != 0:
         raise RuntimeError(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f'exit {done.returncode}')
     yield from read_rows(done.stdout)
 
 
-def table(name: str, rows: list[Measurement], absent: list[Absent], before: list[dict[str, Any]],
-          machine_slower: float = 1.0) -> str:
+def table(
+    name: str, rows: list[Measurement], absent: list[Absent], before: list[dict[str, Any]], machine_slower: float = 1.0
+) -> str:
     """The figures as text, each with its ratio to ours (a peer) or to the last run.
 
     machine_slower : how many times as long the yardstick took as in the last run
@@ -120,8 +145,11 @@ def table(name: str, rows: list[Measurement], absent: list[Absent], before: list
     steady = abs(machine_slower - 1.0) < NOISE
     lines = [f'-- {name} ' + '-' * max(0, 100 - len(name))]
     if old and not steady:
-        how = (f'{machine_slower:.1f} times as slow' if machine_slower > 1.0 else
-               f'{1.0 / machine_slower:.1f} times as fast')
+        how = (
+            f'{machine_slower:.1f} times as slow'
+            if machine_slower > 1.0
+            else f'{1.0 / machine_slower:.1f} times as fast'
+        )
         lines.append(f'the machine itself is {how} as in the last run: changes of times are not judged')
     names = [row.what + ('' if row.by == OURS else f' [{row.by}]') for row in rows]
     width = min(100, max([62, *map(len, names)]))
@@ -131,8 +159,13 @@ def table(name: str, rows: list[Measurement], absent: list[Absent], before: list
         mine = ours.get(row.what)
         if row.by != OURS and mine is not None and mine.value > 0.0 and row.value > 0.0:
             factor = row.value / mine.value if row.lower_is_better else mine.value / row.value
-            remarks.append(f'ours is {factor:.1f} times better' if factor >= 1.05 else
-                           f'{row.by} is {1.0 / factor:.1f} times better' if factor <= 0.95 else 'as good as ours')
+            remarks.append(
+                f'ours is {factor:.1f} times better'
+                if factor >= 1.05
+                else f'{row.by} is {1.0 / factor:.1f} times better'
+                if factor <= 0.95
+                else 'as good as ours'
+            )
         last = old.get((row.what, row.by))
         if last:
             change = row.value / last - 1.0
@@ -166,8 +199,9 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str:
-    done = subprocess.run(['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT,
-                          check=False)
+    done = subprocess.run(
+        ['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT, check=False
+    )
     return done.stdout.strip() or 'unknown'
 
 

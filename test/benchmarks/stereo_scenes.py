@@ -90,7 +90,7 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4, imaging: Imaging =
         turn = _flat_turn(rng) if kind == 'flat' else _any_turn(rng)
         aim = np.array([0.5 * rig.baseline + rng.uniform(-10, 10) * MM, rng.uniform(-15, 15) * MM, distance])
         pose = Pose(turn, aim - turn @ centre)
-        (features, index), = stereo_fragments([(solid, pose)], rig)
+        ((features, index),) = stereo_fragments([(solid, pose)], rig)
         edge = (features.kind == FeatureKind.EDGE) & (features.lengths >= SHORTEST)
         seen = features.select(edge)
         # The object must be in both pictures as a whole.
@@ -98,26 +98,37 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4, imaging: Imaging =
         whole = all(imaging.camera.contains(pixels).all() for pixels in rig.project(corners))
         if whole and (kind == 'any' or flat_share(seen) >= FLAT_SHARE):
             break
-    light = [Light(tuple(rng.uniform((-0.5, -0.7, -0.5), (0.5, 0.1, 0.1))), (strength,) * 3)
-             for strength in (rng.uniform(0.6, 0.9), rng.uniform(0.1, 0.4))]
+    light = [
+        Light(tuple(rng.uniform((-0.5, -0.7, -0.5), (0.5, 0.1, 0.1))), (strength,) * 3)
+        for strength in (rng.uniform(0.6, 0.9), rng.uniform(0.1, 0.4))
+    ]
     scene = Scene([solid.transformed(pose)], light, (rng.uniform(0.1, 0.3),) * 3, (rng.uniform(0.0, 0.7),) * 3)
     frames = render_stereo(scene, rig, antialias=rays)
     clean = [grey(frame.image) for frame in frames]
     edges = np.stack([seen.start, seen.end], axis=1)
     faint = np.minimum(*(_contrast(image, pixels) for image, pixels in zip(clean, rig.project(edges)))) < LEAST_CONTRAST
-    images = [SensorModel(imaging.blur, imaging.noise, (seed, eye)).apply(image) if rays
-              else np.rint(image).astype(np.uint8) for eye, image in enumerate(clean)]
-    nearest = np.minimum(*(_nearest(pixels, eye.project(one.start), eye.project(one.end)) for eye, pixels, one in zip(
-        (rig.left, rig.right), rig.project(edges), _seen_by_each(solid, pose, rig))))
-    return StereoScene(f'{shape} {seed} {kind}', images[0], images[1], rig, edges, faint, index[edge], model, pose,
-                       nearest)
+    images = [
+        SensorModel(imaging.blur, imaging.noise, (seed, eye)).apply(image) if rays else np.rint(image).astype(np.uint8)
+        for eye, image in enumerate(clean)
+    ]
+    nearest = np.minimum(
+        *(
+            _nearest(pixels, eye.project(one.start), eye.project(one.end))
+            for eye, pixels, one in zip((rig.left, rig.right), rig.project(edges), _seen_by_each(solid, pose, rig))
+        )
+    )
+    return StereoScene(
+        f'{shape} {seed} {kind}', images[0], images[1], rig, edges, faint, index[edge], model, pose, nearest
+    )
 
 
 def _seen_by_each(solid: Solid, pose: Pose, rig: StereoRig) -> list[FeatureSet]:
     """The edges that the left and the right eye see, each in its own camera's frame."""
     right = Pose(pose.rotation, pose.translation + rig.right_T_left)
-    return [visible_features(solid, eye, camera).of_kind(FeatureKind.EDGE)
-            for eye, camera in ((pose, rig.left), (right, rig.right))]
+    return [
+        visible_features(solid, eye, camera).of_kind(FeatureKind.EDGE)
+        for eye, camera in ((pose, rig.left), (right, rig.right))
+    ]
 
 
 def _nearest(lines: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -129,7 +140,7 @@ def _nearest(lines: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarra
     for k, (a, b) in enumerate(lines):
         points = a + share * (b - a)
         away = points[:, None] - start
-        place = np.clip((away * run).sum(axis=2) / length ** 2, 0.0, 1.0)
+        place = np.clip((away * run).sum(axis=2) / length**2, 0.0, 1.0)
         distance = np.linalg.norm(away - place[..., None] * run, axis=2)
         own = (distance[[0, -1]] < 0.01).all(axis=0)
         if (~own).any():
@@ -157,6 +168,7 @@ def _any_turn(rng: np.random.Generator) -> np.ndarray:
 
 def _flat_turn(rng: np.random.Generator) -> np.ndarray:
     """One axis of the solid, any, nearly along the rows; any angle about it."""
+
     def about(axis: int, angle: float) -> np.ndarray:
         vector = np.zeros(3)
         vector[axis] = angle
@@ -165,8 +177,12 @@ def _flat_turn(rng: np.random.Generator) -> np.ndarray:
     order = np.roll(np.eye(3), rng.integers(3), axis=0) * rng.choice([-1.0, 1.0])
     order *= np.sign(np.linalg.det(order))
     small = np.radians(5.0)
-    return (about(2, rng.uniform(-small, small)) @ about(1, rng.uniform(-small, small))
-            @ about(0, rng.uniform(-np.pi, np.pi)) @ order)
+    return (
+        about(2, rng.uniform(-small, small))
+        @ about(1, rng.uniform(-small, small))
+        @ about(0, rng.uniform(-np.pi, np.pi))
+        @ order
+    )
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
@@ -190,8 +206,9 @@ def _solid(shape: str, rng: np.random.Generator) -> Solid:
     if shape == 'stacked':
         width, length = rng.uniform(0.4, 0.7, 2) * (longest, second)
         upper = _block(width, length, rng.uniform(0.3, 0.6) * longest, rng)
-        return box | upper.transformed(_shift(rng.uniform(0.1, 0.9) * (longest - width),
-                                              rng.uniform(0.1, 0.9) * (second - length), third))
+        return box | upper.transformed(
+            _shift(rng.uniform(0.1, 0.9) * (longest - width), rng.uniform(0.1, 0.9) * (second - length), third)
+        )
     return box
 
 

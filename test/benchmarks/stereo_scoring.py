@@ -69,9 +69,11 @@ def views(kind: str, count: int, seed: int = 5) -> list[View]:
             roll = rng.uniform(-0.3, 0.3) if kind == 'block' else rng.uniform(-0.03, 0.03)
             if kind == 'flat':
                 yaw = rng.choice([0, 0.5, 1, -0.5]) * np.pi + rng.uniform(-0.05, 0.05)
-            turn = Pose.from_rotation_vector([0, 0, roll]).rotation @ Pose.from_rotation_vector(
-                [np.pi / 2 + np.radians(rng.uniform(20, 55)), 0, 0]).rotation @ Pose.from_rotation_vector(
-                [0, 0, yaw]).rotation
+            turn = (
+                Pose.from_rotation_vector([0, 0, roll]).rotation
+                @ Pose.from_rotation_vector([np.pi / 2 + np.radians(rng.uniform(20, 55)), 0, 0]).rotation
+                @ Pose.from_rotation_vector([0, 0, yaw]).rotation
+            )
             seen = solid.at(Pose(turn, [0.025 + rng.uniform(-0.01, 0.01), rng.uniform(-0.015, 0.015), DEPTHS[k % 3]]))
         left, right = s.render_pair(seen, RIG, seed=seed * 1000 + k)
         result.append(View(f'{kind} {k}', left, right, s.truth_edges(seen, RIG), s.truth_rims(seen, RIG), seen.axes))
@@ -84,8 +86,11 @@ def _whole(shape: Any) -> bool:
     for centre, normal, radius in shape.rims:
         across = np.linalg.svd(np.asarray(normal)[None])[2][1:]
         points += [*(centre + radius * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)]) @ across)]
-    return all(bool(RIG.left.contains(pixels + margin).all()) for pixels in RIG.project(np.array(points))
-               for margin in (-4.0, 4.0))
+    return all(
+        bool(RIG.left.contains(pixels + margin).all())
+        for pixels in RIG.project(np.array(points))
+        for margin in (-4.0, 4.0)
+    )
 
 
 @dataclass
@@ -141,8 +146,14 @@ class Score:
                 self.ends += [float(np.min(np.abs(np.array(mine[m]) - true))) for true in (0.0, length)]
 
 
-def peer(left: np.ndarray, right: np.ndarray, shortest: float = 12.0, lowest: float = 60.0,
-         highest: float = 250.0, rig: StereoRig = RIG) -> FeatureSet:
+def peer(
+    left: np.ndarray,
+    right: np.ndarray,
+    shortest: float = 12.0,
+    lowest: float = 60.0,
+    highest: float = 250.0,
+    rig: StereoRig = RIG,
+) -> FeatureSet:
     """The usual recipe: LSD in both images, epipolar matching of the segments by overlap, slope and contrast, and
     triangulation of the common rows. Segments within 8 degrees of the rows are dropped, as everyone does."""
     found = []

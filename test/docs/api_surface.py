@@ -20,15 +20,29 @@ from pathlib import Path
 from typing import Any
 
 RECORD = Path(__file__).with_suffix('.json')
-MODULES = ('msgs_py', 'msgs_py.codecs', 'msgs_py.config', 'msgs_py.confinement', 'msgs_py.renaming', 'msgs_py.runtime',
-           'dap_emulator', 'dap_emulator.fortran_plus', 'csg_renderer', 'stereo_recovery', 'model_matcher')
+MODULES = (
+    'msgs_py',
+    'msgs_py.codecs',
+    'msgs_py.config',
+    'msgs_py.confinement',
+    'msgs_py.renaming',
+    'msgs_py.runtime',
+    'dap_emulator',
+    'dap_emulator.fortran_plus',
+    'csg_renderer',
+    'stereo_recovery',
+    'model_matcher',
+)
 
 
 def public_names(module: Any) -> list[str]:
     if hasattr(module, '__all__'):
         return sorted(module.__all__)
-    return sorted(name for name, value in vars(module).items() if not name.startswith('_')
-                  and getattr(value, '__module__', None) == module.__name__)
+    return sorted(
+        name
+        for name, value in vars(module).items()
+        if not name.startswith('_') and getattr(value, '__module__', None) == module.__name__
+    )
 
 
 def signature(function: Any) -> str:
@@ -43,9 +57,14 @@ def signature(function: Any) -> str:
         if isinstance(default, float):
             default = float(default)  # numpy's own floats show themselves otherwise
         plain = default is inspect.Parameter.empty or default is None or isinstance(default, (bool, int, float, str))
-        shown.append(str(parameter.replace(annotation=inspect.Parameter.empty,
-                                           default=default if plain else inspect.Parameter.empty))
-                     + ('' if plain else '=...'))
+        shown.append(
+            str(
+                parameter.replace(
+                    annotation=inspect.Parameter.empty, default=default if plain else inspect.Parameter.empty
+                )
+            )
+            + ('' if plain else '=...')
+        )
     return f'({", ".join(shown)})'
 
 
@@ -92,10 +111,15 @@ def flat(found: dict, prefix: str = '') -> dict[str, str]:
 def differences(recorded: dict, found: dict) -> list[str]:
     """One line a change."""
     old, new = flat(recorded), flat(found)
-    return ([f'gone:    {name} {old[name]}' for name in sorted(set(old) - set(new))]
-            + [f'new:     {name} {new[name]}' for name in sorted(set(new) - set(old))]
-            + [f'changed: {name} {old[name]} -> {new[name]}' for name in sorted(set(old) & set(new))
-               if old[name] != new[name]])
+    return (
+        [f'gone:    {name} {old[name]}' for name in sorted(set(old) - set(new))]
+        + [f'new:     {name} {new[name]}' for name in sorted(set(new) - set(old))]
+        + [
+            f'changed: {name} {old[name]} -> {new[name]}'
+            for name in sorted(set(old) & set(new))
+            if old[name] != new[name]
+        ]
+    )
 
 
 def main() -> int:

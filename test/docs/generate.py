@@ -30,11 +30,12 @@ BEGIN, END = '<!-- node:begin (written by test/docs/generate.py) -->', '<!-- nod
 
 # What the code cannot say: the meaning of a topic or service. A missing or an idle entry is an error.
 MEANING = {
-    'left/image_rect': 'rectified left image', 'right/image_rect': 'rectified right image',
+    'left/image_rect': 'rectified left image',
+    'right/image_rect': 'rectified right image',
     'left/camera_info': 'its calibration',
     'right/camera_info': 'its calibration; `P[0,3]` is -fx · baseline',
     'left/depth': 'camera z in metres, NaN where there is nothing; on demand',
-    'ground_truth/pose': 'true pose of the scene\'s first object in the left camera; on demand',
+    'ground_truth/pose': "true pose of the scene's first object in the left camera; on demand",
     'ground_truth/features': 'what is truly visible of it; on demand',
     'features': 'recovered edges, curves and axes, one point each',
     'features/markers': 'the same for RViz; on demand',
@@ -43,15 +44,34 @@ MEANING = {
     'interpretations/l_shape': 'best accepted pose of a model; one topic for each model',
     'interpretations/report': 'one status for each hypothesis: score, assignment, reason of rejection',
     'interpretations/markers': 'wire frames of what was recognised; on demand',
-    'image_in': 'images for the program named by `image_program`', 'image_out': 'what the program made of them',
+    'image_in': 'images for the program named by `image_program`',
+    'image_out': 'what the program made of them',
     '/diagnostics': 'rate, latency, drops, last error; once a second',
-    '~/reset': 'forget earlier inputs and counters', '~/render': 'render one pair now',
-    '~/store': 'write program text and arrays', '~/run': 'execute what was stored',
-    '~/fetch': 'read arrays, counters and the trace', '~/list': 'programs that come with the package, as JSON',
+    '~/reset': 'forget earlier inputs and counters',
+    '~/render': 'render one pair now',
+    '~/store': 'write program text and arrays',
+    '~/run': 'execute what was stored',
+    '~/fetch': 'read arrays, counters and the trace',
+    '~/list': 'programs that come with the package, as JSON',
 }
-EVERY_NODE_HAS = ('rosout', 'parameter_events', '/clock', 'clock', *(f'~/{name}' for name in (
-    'get_type_description', 'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
-    'set_parameters', 'set_parameters_atomically')))
+EVERY_NODE_HAS = (
+    'rosout',
+    'parameter_events',
+    '/clock',
+    'clock',
+    *(
+        f'~/{name}'
+        for name in (
+            'get_type_description',
+            'describe_parameters',
+            'get_parameter_types',
+            'get_parameters',
+            'list_parameters',
+            'set_parameters',
+            'set_parameters_atomically',
+        )
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -76,7 +96,8 @@ NODES = (
     Documented('csg_renderer', RendererNode, {'rate': 0.0}, 'renderer.yaml'),
     Documented('stereo_recovery', RecoveryNode, {}, 'recovery.yaml'),
     Documented('model_matcher', MatcherNode, {'models': ['l_shape']}, 'matcher.yaml'),
-    Documented('dap_emulator', EmulatorNode, {}, 'emulator.yaml'))
+    Documented('dap_emulator', EmulatorNode, {}, 'emulator.yaml'),
+)
 
 
 @dataclass(frozen=True)
@@ -101,26 +122,32 @@ def interface(documented: Documented) -> Interface:
 
         def shown(name: str) -> str:
             if name.startswith(private):
-                return '~/' + name[len(private):]
+                return '~/' + name[len(private) :]
             return name if name == '/diagnostics' else name.lstrip('/')
 
         def listed(entities, attribute: str, kind: str) -> tuple[tuple[str, str], ...]:
-            rows = [(shown(node.resolve_service_name(getattr(e, attribute))), _type_name(getattr(e, kind)))
-                    for e in entities]
+            rows = [
+                (shown(node.resolve_service_name(getattr(e, attribute))), _type_name(getattr(e, kind)))
+                for e in entities
+            ]
             return tuple(sorted(dict(row for row in rows if row[0] not in EVERY_NODE_HAS).items()))
 
-        return Interface(node.get_name(), type(node.config).parameters(),
-                         listed(node.publishers, 'topic_name', 'msg_type'),
-                         listed(node.subscriptions, 'topic_name', 'msg_type'),
-                         listed(node.services, 'srv_name', 'srv_type'))
+        return Interface(
+            node.get_name(),
+            type(node.config).parameters(),
+            listed(node.publishers, 'topic_name', 'msg_type'),
+            listed(node.subscriptions, 'topic_name', 'msg_type'),
+            listed(node.services, 'srv_name', 'srv_type'),
+        )
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
 
 
 def _type_name(message_type: type) -> str:
-    return '/'.join([message_type.__module__.split('.')[0], message_type.__module__.split('.')[1],
-                     message_type.__name__])
+    return '/'.join(
+        [message_type.__module__.split('.')[0], message_type.__module__.split('.')[1], message_type.__name__]
+    )
 
 
 def tables(found: Interface) -> str:
@@ -145,16 +172,24 @@ def _topic(name: str) -> str:
 
 
 def _plain(value: object) -> str:
-    return yaml.safe_dump(list(value) if isinstance(value, tuple) else value, default_flow_style=True, width=1000,
-                          allow_unicode=True).removesuffix('...\n').strip()
+    return (
+        yaml.safe_dump(
+            list(value) if isinstance(value, tuple) else value, default_flow_style=True, width=1000, allow_unicode=True
+        )
+        .removesuffix('...\n')
+        .strip()
+    )
 
 
 def config_file(found: Interface) -> str:
     """A parameter file with every default, each with what it means. A list that is empty cannot stand in YAML (it has
     no type), so it is shown as a comment."""
-    lines = [f'# Parameters of {found.name} and their defaults. Written by test/docs/generate.py.',
-             '# Use: ros2 run ... --ros-args --params-file <this file, or your copy of it>', '/**:',
-             '  ros__parameters:']
+    lines = [
+        f'# Parameters of {found.name} and their defaults. Written by test/docs/generate.py.',
+        '# Use: ros2 run ... --ros-args --params-file <this file, or your copy of it>',
+        '/**:',
+        '  ros__parameters:',
+    ]
     for spec in found.parameters:
         about = spec.description + (f' [{spec.unit}]' if spec.unit else '')
         about += f'; {spec.range_text}' if spec.range_text else ''
@@ -192,8 +227,9 @@ def main() -> int:
     parser.add_argument('--check', action='store_true', help='write nothing; say what differs')
     check = parser.parse_args().check
     expected = expected_files()
-    differing = [path for path, text in expected.items()
-                 if not path.exists() or path.read_text(encoding='utf-8') != text]
+    differing = [
+        path for path, text in expected.items() if not path.exists() or path.read_text(encoding='utf-8') != text
+    ]
     for path in differing:
         print(f'{"differs" if check else "written"}: {path.relative_to(ROOT)}')
         if not check:

@@ -1,6 +1,6 @@
 """Draws the pictures of the documentation: the conventions, and the worked example step by step.
 
-    python test/docs/pictures.py [--out FOLDER]      # default: where the pages look for them
+python test/docs/pictures.py [--out FOLDER]      # default: where the pages look for them
 """
 
 from __future__ import annotations
@@ -44,10 +44,17 @@ def rig_from_above(axes) -> None:
     axes.annotate('', xy=(2, -0.6), xytext=(0, -0.6), arrowprops={'arrowstyle': '<->', 'color': INK})
     axes.text(1, -0.75, 'baseline > 0, along +x', ha='center', va='top', color=INK)
     axes.plot(0.9, 3.6, 'o', color=INK)
-    axes.text(1.0, 3.75, 'point, in the LEFT camera\'s frame, metres', ha='center', color=INK)
+    axes.text(1.0, 3.75, "point, in the LEFT camera's frame, metres", ha='center', color=INK)
     axes.set_title('The rig from above')
-    axes.text(1, -1.25, 'right camera_info: P[0,3] = -fx · baseline\ndisparity = u_left - u_right = fx · baseline / z',
-              ha='center', va='top', color=INK, fontsize=9)
+    axes.text(
+        1,
+        -1.25,
+        'right camera_info: P[0,3] = -fx · baseline\ndisparity = u_left - u_right = fx · baseline / z',
+        ha='center',
+        va='top',
+        color=INK,
+        fontsize=9,
+    )
 
 
 def image_frame(axes) -> None:

@@ -27,8 +27,9 @@ class DapValidation:
     pose : camera_T_model with its scale; passed : (n,) bool
     """
 
-    def __init__(self, model: FeatureSet, data: FeatureSet, assignment: np.ndarray, sign: np.ndarray, limit: float,
-                 ) -> None:
+    def __init__(
+        self, model: FeatureSet, data: FeatureSet, assignment: np.ndarray, sign: np.ndarray, limit: float
+    ) -> None:
         self.dap = dap = Dap.model('510', tracing=False)
         rows = feature_rows(model)[assignment]
         with dap.at_line(SETUP):
@@ -48,8 +49,10 @@ class DapValidation:
         with dap.at_line(TEST):
             passed = None
             for end in ends:
-                back = [(self._dot(rotation[:, k].tolist(), [x - float(t) for x, t in zip(end, shift)])) / scale
-                        - middle[k] for k in range(3)]
+                back = [
+                    (self._dot(rotation[:, k].tolist(), [x - float(t) for x, t in zip(end, shift)])) / scale - middle[k]
+                    for k in range(3)
+                ]
                 along = self._dot(back, direction)
                 nearest = f.minimum(f.maximum(along, -half), half)
                 rest = [b - nearest * d for b, d in zip(back, direction)]
@@ -77,31 +80,46 @@ class DapValidation:
 
     def _mcu(self, operations: int, functions: int = 0) -> None:
         costs = self.dap.costs
-        self.dap.charge_mcu('REAL in the control unit', operations * costs.mcu(real=True)
-                            + functions * costs.mcu(real=True, function=True))
+        self.dap.charge_mcu(
+            'REAL in the control unit',
+            operations * costs.mcu(real=True) + functions * costs.mcu(real=True, function=True),
+        )
 
     def _rotation(self, model: list, data: list) -> np.ndarray:
         s = np.array([[f.sum_(m * d) for d in data] for m in model])
-        form = np.array([
-            [s[0, 0] + s[1, 1] + s[2, 2], s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]],
-            [0, s[0, 0] - s[1, 1] - s[2, 2], s[0, 1] + s[1, 0], s[2, 0] + s[0, 2]],
-            [0, 0, -s[0, 0] + s[1, 1] - s[2, 2], s[1, 2] + s[2, 1]], [0, 0, 0, -s[0, 0] - s[1, 1] + s[2, 2]]])
+        form = np.array(
+            [
+                [s[0, 0] + s[1, 1] + s[2, 2], s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]],
+                [0, s[0, 0] - s[1, 1] - s[2, 2], s[0, 1] + s[1, 0], s[2, 0] + s[0, 2]],
+                [0, 0, -s[0, 0] + s[1, 1] - s[2, 2], s[1, 2] + s[2, 1]],
+                [0, 0, 0, -s[0, 0] - s[1, 1] + s[2, 2]],
+            ]
+        )
         form += np.triu(form, 1).T
         self._mcu(14)
         with self.dap.at_line(JACOBI):
             values, vectors = self._jacobi(form)
         w, x, y, z = vectors[:, np.argmax(values)]
         self._mcu(30)
-        return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
 
     def _jacobi(self, form: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues and eigenvectors of a symmetric 4 x 4 matrix by plane rotations, whole matrices at a time."""
         dap = self.dap
         a, v = dap.matrix(form, WORD), dap.matrix(np.eye(4), WORD)
-        lines = [[dap.matrix(np.broadcast_to((np.arange(4) == k)[:, None] if axis == 0 else np.arange(4) == k, (4, 4)))
-                  for k in range(4)] for axis in range(2)]
+        lines = [
+            [
+                dap.matrix(np.broadcast_to((np.arange(4) == k)[:, None] if axis == 0 else np.arange(4) == k, (4, 4)))
+                for k in range(4)
+            ]
+            for axis in range(2)
+        ]
         beside = dap.matrix(~np.eye(4, dtype=bool))
 
         def turn(matrix, axis: int, p: int, q: int, c: float, s: float) -> None:

@@ -21,10 +21,20 @@ RIGHT_DEG, RIGHT_MM = 1.0, 3.0
 def agreement(setting: Setting) -> Outcome:
     names = [n for n in setting.pick(list(VIEWS), ['wedge_v2']) if n in scene_names()]
     if not names:
-        raise NotAvailable('csg_renderer has none of the thesis\' views')
-    table = Table('The best interpretation by four searches', [
-        'view', 'data', 'features', 'matched ours', 'rotation deg ours', 'translation mm ours',
-        'differs from hypotheses', *(f'{search} ms ours' for search in SEARCHES)])
+        raise NotAvailable("csg_renderer has none of the thesis' views")
+    table = Table(
+        'The best interpretation by four searches',
+        [
+            'view',
+            'data',
+            'features',
+            'matched ours',
+            'rotation deg ours',
+            'translation mm ours',
+            'differs from hypotheses',
+            *(f'{search} ms ours' for search in SEARCHES),
+        ],
+    )
     same = right = count = 0
     for name in names:
         this = view(name)
@@ -49,11 +59,16 @@ def agreement(setting: Setting) -> Outcome:
             table.rows.append(row)
             same += not differing and first is not None
             count += 1
-    return Outcome(f'The four searches give one best interpretation in {same} of {count} cases (ideal and recovered '
-                   f'data of {len(names)} views); the pose is right within {RIGHT_DEG:g} degree and {RIGHT_MM:g} mm in '
-                   f'{right} of them.', [table], notes=[
-                       'One interpretation: the same pairing and, but for a symmetry, the same pose. Recovered data '
-                       'holds broken edges and some that belong to nothing; the trees put those into the bin.'])
+    return Outcome(
+        f'The four searches give one best interpretation in {same} of {count} cases (ideal and recovered '
+        f'data of {len(names)} views); the pose is right within {RIGHT_DEG:g} degree and {RIGHT_MM:g} mm in '
+        f'{right} of them.',
+        [table],
+        notes=[
+            'One interpretation: the same pairing and, but for a symmetry, the same pose. Recovered data '
+            'holds broken edges and some that belong to nothing; the trees put those into the bin.'
+        ],
+    )
 
 
 def one_interpretation(one: Interpretation | None, other: Interpretation | None) -> bool:
@@ -64,8 +79,11 @@ def one_interpretation(one: Interpretation | None, other: Interpretation | None)
         return True
     near = nearest(other, one.pose)
     error = near.error_to(one.pose)
-    return (one.matched == other.matched and error.rotation_deg < SAME_DEG
-            and error.translation < SAME_SIZE * float(np.linalg.norm(one.pose.translation)))
+    return (
+        one.matched == other.matched
+        and error.rotation_deg < SAME_DEG
+        and error.translation < SAME_SIZE * float(np.linalg.norm(one.pose.translation))
+    )
 
 
 def nearest(one: Interpretation, truth: Pose) -> Pose:

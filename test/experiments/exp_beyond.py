@@ -14,9 +14,11 @@ from model_matcher.model.index import ModelIndex
 from msgs_py import Interpretation
 
 NAMES = ('l_shape', 'chair', 'plug')
-SUCCESS = ('A success is a best pose (or one stated to be its equal) within 3 degrees and 3 % of the model\'s size of '
-           'a '
-           'true one, or an answer that explains every true fragment.')
+SUCCESS = (
+    "A success is a best pose (or one stated to be its equal) within 3 degrees and 3 % of the model's size of "
+    'a '
+    'true one, or an answer that explains every true fragment.'
+)
 
 
 def is_right(found: Interpretation | None, scene: SyntheticScene, size: float, instance: int = 0) -> bool:
@@ -29,12 +31,21 @@ def is_right(found: Interpretation | None, scene: SyntheticScene, size: float, i
     return bool((found.assignment[scene.instance == instance] >= 0).all())
 
 
-def _curve(setting: Setting, title: str, x_label: str, values: list, seeds: Callable[[float], int],
-           scene_of: Callable, names: tuple[str, ...] = NAMES, params: MatchParams | None = None,
-           factor: float = 100.0) -> tuple[Table, list[Plot], list[float]]:
+def _curve(
+    setting: Setting,
+    title: str,
+    x_label: str,
+    values: list,
+    seeds: Callable[[float], int],
+    scene_of: Callable,
+    names: tuple[str, ...] = NAMES,
+    params: MatchParams | None = None,
+    factor: float = 100.0,
+) -> tuple[Table, list[Plot], list[float]]:
     """Success and time of several models over one varied quantity."""
-    table = Table(title, [x_label, *(f'{name}: {what} ours' for name in names for what in ('success '
-                                                                                           '%', 'ms', 'p95 ms'))])
+    table = Table(
+        title, [x_label, *(f'{name}: {what} ours' for name in names for what in ('success %', 'ms', 'p95 ms'))]
+    )
     success: dict[str, list] = {name: [] for name in names}
     times: dict[str, list] = {name: [] for name in names}
     indexes = {name: index_model(MODELS[name](), name) for name in names}
@@ -55,8 +66,10 @@ def _curve(setting: Setting, title: str, x_label: str, values: list, seeds: Call
             row += [round(success[name][-1], 1), times[name][-1], float(np.percentile(spent, 95))]
         table.rows.append(row)
     x = [factor * value for value in values]
-    plots = [Plot(f'{title}: success', x_label, '% of the scenes', [Line(n, x, success[n]) for n in names]),
-             Plot(f'{title}: time', x_label, 'ms, median', [Line(n, x, times[n]) for n in names], log_y=True)]
+    plots = [
+        Plot(f'{title}: success', x_label, '% of the scenes', [Line(n, x, success[n]) for n in names]),
+        Plot(f'{title}: time', x_label, 'ms, median', [Line(n, x, times[n]) for n in names], log_y=True),
+    ]
     return table, plots, [value for values in success.values() for value in values]
 
 
@@ -68,43 +81,75 @@ def _warm() -> None:
 def clutter(setting: Setting) -> Outcome:
     _warm()
     values = setting.pick([0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98], [0.0, 0.5])
-    table, plots, success = _curve(setting, 'Success and time against clutter', 'clutter, % of the data', values,
-                                   lambda v: 50 if v < 0.85 else 25 if v < 0.97 else 10,
-                                   lambda model, seed, v: make_scene(model, seed, clutter=v))
-    return Outcome(f'From 0 to {100 * values[-1]:.0f} % clutter the matcher is right in {np.mean(success):.1f} % of '
-                   'the scenes '
-                   f'(worst cell {min(success):.0f} %); the thesis left clutter as its open problem '
-                   '(7.4).', [table], plots,
-                   [SUCCESS])
+    table, plots, success = _curve(
+        setting,
+        'Success and time against clutter',
+        'clutter, % of the data',
+        values,
+        lambda v: 50 if v < 0.85 else 25 if v < 0.97 else 10,
+        lambda model, seed, v: make_scene(model, seed, clutter=v),
+    )
+    return Outcome(
+        f'From 0 to {100 * values[-1]:.0f} % clutter the matcher is right in {np.mean(success):.1f} % of '
+        'the scenes '
+        f'(worst cell {min(success):.0f} %); the thesis left clutter as its open problem '
+        '(7.4).',
+        [table],
+        plots,
+        [SUCCESS],
+    )
 
 
 def noise(setting: Setting) -> Outcome:
     _warm()
     values = setting.pick([0.0, 0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3], [0.5e-3])
-    table, plots, success = _curve(setting, 'Success and time against noise, 50 % clutter',
-                                   'noise of every end point coordinate, mm', values, lambda v: 30,
-                                   lambda model, seed, v: make_scene(model, seed, clutter=0.5, sigma=v), factor=1e3)
-    return Outcome(f'Right in {np.mean(success):.1f} % of the scenes over all noise levels, worst cell '
-                   f'{min(success):.0f} %: '
-                   'models of 60 to 110 mm, the plug\'s pins are 4 mm wide.', [table], plots, [SUCCESS])
+    table, plots, success = _curve(
+        setting,
+        'Success and time against noise, 50 % clutter',
+        'noise of every end point coordinate, mm',
+        values,
+        lambda v: 30,
+        lambda model, seed, v: make_scene(model, seed, clutter=0.5, sigma=v),
+        factor=1e3,
+    )
+    return Outcome(
+        f'Right in {np.mean(success):.1f} % of the scenes over all noise levels, worst cell '
+        f'{min(success):.0f} %: '
+        "models of 60 to 110 mm, the plug's pins are 4 mm wide.",
+        [table],
+        plots,
+        [SUCCESS],
+    )
 
 
 def occlusion(setting: Setting) -> Outcome:
     _warm()
     values = setting.pick([1.0, 0.75, 0.5, 0.4, 0.3, 0.2], [0.5])
-    table, plots, success = _curve(setting, 'Success and time against occlusion, 80 % clutter',
-                                   'model features that are seen, %', values, lambda v: 30,
-                                   lambda model, seed, v: make_scene(model, seed, clutter=0.8, visible=v))
-    return Outcome(f'Right in {np.mean(success):.1f} % of the scenes, worst cell {min(success):.0f} %, down to '
-                   f'{100 * values[-1]:.0f} % of the features.', [table], plots, [SUCCESS])
+    table, plots, success = _curve(
+        setting,
+        'Success and time against occlusion, 80 % clutter',
+        'model features that are seen, %',
+        values,
+        lambda v: 30,
+        lambda model, seed, v: make_scene(model, seed, clutter=0.8, visible=v),
+    )
+    return Outcome(
+        f'Right in {np.mean(success):.1f} % of the scenes, worst cell {min(success):.0f} %, down to '
+        f'{100 * values[-1]:.0f} % of the features.',
+        [table],
+        plots,
+        [SUCCESS],
+    )
 
 
 def library(setting: Setting) -> Outcome:
     """One known object among 1 to 1,000 models."""
     _warm()
     counts = setting.pick([1, 10, 100, 1000], [1, 3])
-    table = Table('One object in 50 % clutter against a library', [
-        'models', 'index ms ours', 'recognised ours, %', 'false alarms ours', 'ms a scene ours', 'ms a model ours'])
+    table = Table(
+        'One object in 50 % clutter against a library',
+        ['models', 'index ms ours', 'recognised ours, %', 'false alarms ours', 'ms a scene ours', 'ms a model ours'],
+    )
     indexes: list[ModelIndex] = []
     spent_indexing = 0.0
     times = []
@@ -125,14 +170,27 @@ def library(setting: Setting) -> Outcome:
             good.append(is_right(mine, scene, indexes[which].size))
             false += sum(item.model != indexes[which].name for item in found)
         times.append(float(np.median(spent)))
-        table.rows.append([count, 1e3 * spent_indexing, 100.0 * float(np.mean(good)), false, times[-1],
-                           times[-1] / count])
-    return Outcome(f'With {counts[-1]} models a scene takes {times[-1] / 1e3:.2f} s; {table.rows[-1][2]:.0f} % of the '
-                   'objects '
-                   'are named and placed. Clutter here consists of models of the same kind, so a "false alarm" may be '
-                   'a '
-                   'likeness.', [table], [Plot('Time against the size of the library', 'models', 'ms a scene', [
-                       Line('ours', counts, times)], log_x=True, log_y=True)])
+        table.rows.append(
+            [count, 1e3 * spent_indexing, 100.0 * float(np.mean(good)), false, times[-1], times[-1] / count]
+        )
+    return Outcome(
+        f'With {counts[-1]} models a scene takes {times[-1] / 1e3:.2f} s; {table.rows[-1][2]:.0f} % of the '
+        'objects '
+        'are named and placed. Clutter here consists of models of the same kind, so a "false alarm" may be '
+        'a '
+        'likeness.',
+        [table],
+        [
+            Plot(
+                'Time against the size of the library',
+                'models',
+                'ms a scene',
+                [Line('ours', counts, times)],
+                log_x=True,
+                log_y=True,
+            )
+        ],
+    )
 
 
 def _shelf(indexes: list[ModelIndex]):
@@ -146,9 +204,17 @@ def _shelf(indexes: list[ModelIndex]):
 
 def instances(setting: Setting) -> Outcome:
     _warm()
-    table = Table('Several instances in 50 % clutter', ['instances', 'model', 'all found ours, %', 'instances found '
-                                                                                                   'ours, %',
-                                                        'poses that are no instance ours', 'ms ours'])
+    table = Table(
+        'Several instances in 50 % clutter',
+        [
+            'instances',
+            'model',
+            'all found ours, %',
+            'instances found ours, %',
+            'poses that are no instance ours',
+            'ms ours',
+        ],
+    )
     shares = []
     for count in setting.pick([2, 3, 4, 5], [2]):
         for name in NAMES:
@@ -166,8 +232,11 @@ def instances(setting: Setting) -> Outcome:
                 false += sum(not any(is_right(item, scene, index.size, k) for k in range(count)) for item in found)
             shares.append(100.0 * float(np.mean(each)))
             table.rows.append([count, name, 100.0 * float(np.mean(every)), shares[-1], false, float(np.median(spent))])
-    return Outcome(f'{np.mean(shares):.1f} % of all instances are found when two to five stand in one scene.', [table],
-                   notes=[SUCCESS])
+    return Outcome(
+        f'{np.mean(shares):.1f} % of all instances are found when two to five stand in one scene.',
+        [table],
+        notes=[SUCCESS],
+    )
 
 
 EXPERIMENTS = [

@@ -46,8 +46,15 @@ def moved(pose: Pose, about: np.ndarray, step: np.ndarray) -> Pose:
     return Pose(turn.rotation, about - turn.rotation @ about + step[:3]).compose(pose)
 
 
-def physical_limit(scene: Scene, rig: StereoRig, left_T_scene: Pose, origin: np.ndarray,
-                   noise: float = NOISE, psf: float = PSF, fine: int = FINE) -> np.ndarray:
+def physical_limit(
+    scene: Scene,
+    rig: StereoRig,
+    left_T_scene: Pose,
+    origin: np.ndarray,
+    noise: float = NOISE,
+    psf: float = PSF,
+    fine: int = FINE,
+) -> np.ndarray:
     """(6, 6) Cramer-Rao bound of (x, y, z, rx, ry, rz), metres and radians: no unbiased estimator that knows the whole
     appearance of the scene can do better from these two images with this noise.
 
@@ -67,11 +74,17 @@ def physical_limit(scene: Scene, rig: StereoRig, left_T_scene: Pose, origin: np.
             sides.append(np.concatenate([cv2.GaussianBlur(grey(f.image), (0, 0), psf).ravel() for f in frames]))
         columns.append((sides[0] - sides[1]) / (2.0 * steps[k]))
     jacobian = np.stack(columns)
-    return np.linalg.inv(jacobian @ jacobian.T / (noise ** 2 + ROUNDING_VARIANCE))
+    return np.linalg.inv(jacobian @ jacobian.T / (noise**2 + ROUNDING_VARIANCE))
 
 
-def trial(name: str, seed: int, rig: StereoRig | None = None, depth: float = 1.0, antialias: int = ANTIALIAS,
-          noise: float = NOISE) -> tuple[Pose, Interpretation | None, StereoRig, Pose]:
+def trial(
+    name: str,
+    seed: int,
+    rig: StereoRig | None = None,
+    depth: float = 1.0,
+    antialias: int = ANTIALIAS,
+    noise: float = NOISE,
+) -> tuple[Pose, Interpretation | None, StereoRig, Pose]:
     """One pair of a view, at a pose jittered by the seed: true pose, answer, rig, left_T_scene."""
     this = view(name)
     rig = rig or this.rig
@@ -93,13 +106,27 @@ def error_vector(found: Interpretation, truth: Pose) -> np.ndarray:
     return np.concatenate([pose.translation - truth.translation, turn])
 
 
-def sweep(setting: Setting, what: str, values: list, title: str, **of_value: Any,
-          ) -> tuple[list[Table], list[Plot], dict]:
+def sweep(
+    setting: Setting, what: str, values: list, title: str, **of_value: Any
+) -> tuple[list[Table], list[Plot], dict]:
     """Median errors and their physical limit over one varied quantity; of_value maps a value to trial arguments."""
     seeds = setting.pick(16, 1)
-    tables = {name: Table(f'{title}, {name}', [
-        what, 'recognised ours, %', 'rotation deg ours', 'its limit', 'z mm ours', 'its limit', 'across mm ours',
-        'its limit']) for name in VIEWS}
+    tables = {
+        name: Table(
+            f'{title}, {name}',
+            [
+                what,
+                'recognised ours, %',
+                'rotation deg ours',
+                'its limit',
+                'z mm ours',
+                'its limit',
+                'across mm ours',
+                'its limit',
+            ],
+        )
+        for name in VIEWS
+    }
     lines: dict[str, list[Line]] = {'rotation': [], 'z': []}
     cells: dict[tuple[str, Any], list[float]] = {}
     for value in values:
@@ -111,8 +138,14 @@ def sweep(setting: Setting, what: str, values: list, title: str, **of_value: Any
             for seed in range(seeds):
                 truth, best, rig, left_T_scene = trial(name, seed, **arguments)
                 if seed == 0:
-                    limit = physical_limit(view(name).scene, rig, left_T_scene, truth.translation,
-                                           arguments.get('noise', NOISE), fine=setting.pick(FINE, 2))
+                    limit = physical_limit(
+                        view(name).scene,
+                        rig,
+                        left_T_scene,
+                        truth.translation,
+                        arguments.get('noise', NOISE),
+                        fine=setting.pick(FINE, 2),
+                    )
                 if best is not None:
                     error = error_vector(best, truth)
                     if np.linalg.norm(error[3:]) < np.radians(5.0):
@@ -128,10 +161,14 @@ def sweep(setting: Setting, what: str, values: list, title: str, **of_value: Any
             tables[name].rows.append([value, round(order[0]), *order[1:]])
     for name in VIEWS:
         for kind, column in (('rotation', 1), ('z', 3)):
-            lines[kind] += [Line(name, values, [cells[name, v][column] for v in values]),
-                            Line(f'{name}, physical limit', values, [cells[name, v][column + 1] for v in values], '--')]
-    plots = [Plot(f'{title}: rotation', what, 'degrees, median', lines['rotation'], log_y=True),
-             Plot(f'{title}: depth', what, 'mm, median', lines['z'], log_y=True)]
+            lines[kind] += [
+                Line(name, values, [cells[name, v][column] for v in values]),
+                Line(f'{name}, physical limit', values, [cells[name, v][column + 1] for v in values], '--'),
+            ]
+    plots = [
+        Plot(f'{title}: rotation', what, 'degrees, median', lines['rotation'], log_y=True),
+        Plot(f'{title}: depth', what, 'mm, median', lines['z'], log_y=True),
+    ]
     return list(tables.values()), plots, cells
 
 
@@ -140,8 +177,11 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
 
 
 def _medians(errors: np.ndarray) -> list[float]:
-    return [float(np.degrees(np.median(np.linalg.norm(errors[:, 3:], axis=1)))),
-            1e3 * float(np.median(np.abs(errors[:, 2]))), 1e3 * float(np.median(np.hypot(errors[:, 0], errors[:, 1])))]
+    return [
+        float(np.degrees(np.median(np.linalg.norm(errors[:, 3:], axis=1)))),
+        1e3 * float(np.median(np.abs(errors[:, 2]))),
+        1e3 * float(np.median(np.hypot(errors[:, 0], errors[:, 1]))),
+    ]
 
 
 def _growth(cells: dict, first: Any, last: Any, column: int) -> tuple[float, float]:
@@ -155,20 +195,32 @@ def _beside_limit(cells: dict, value: Any, column: int) -> float:
     return float(np.mean([cells[name, value][column] / cells[name, value][column + 1] for name in VIEWS]))
 
 
-NOTE = ('The limit is the Cramer-Rao bound of an estimator that knows the whole appearance of the object and uses '
-        'every '
-        'pixel; ours uses edges only and knows no appearance.')
+NOTE = (
+    'The limit is the Cramer-Rao bound of an estimator that knows the whole appearance of the object and uses '
+    'every '
+    'pixel; ours uses edges only and knows no appearance.'
+)
 
 
 def antialias(setting: Setting) -> Outcome:
     values = setting.pick([0, 2, 4, 8], [4])
-    tables, plots, cells = sweep(setting, 'samples along a pixel (0: one ray)', values, 'Error against anti-aliasing',
-                                antialias=lambda value, name: value)
+    tables, plots, cells = sweep(
+        setting,
+        'samples along a pixel (0: one ray)',
+        values,
+        'Error against anti-aliasing',
+        antialias=lambda value, name: value,
+    )
     ratio = np.median([cells[n, values[0]][1] / cells[n, values[-1]][1] for n in VIEWS])
-    return Outcome(f'One ray a pixel costs {ratio:.1f} times the rotation error of {values[-1]} x {values[-1]} '
-                   'samples; the '
-                   'thesis found anti-aliasing unnecessary for recovery, which holds for recognition but not for '
-                   'accuracy.', tables, plots, [NOTE])
+    return Outcome(
+        f'One ray a pixel costs {ratio:.1f} times the rotation error of {values[-1]} x {values[-1]} '
+        'samples; the '
+        'thesis found anti-aliasing unnecessary for recovery, which holds for recognition but not for '
+        'accuracy.',
+        tables,
+        plots,
+        [NOTE],
+    )
 
 
 def baseline(setting: Setting) -> Outcome:
@@ -178,31 +230,64 @@ def baseline(setting: Setting) -> Outcome:
         this = view(name)
         return StereoRig(this.rig.left, this.rig.right, float(this.pose.translation[2]) / value)
 
-    tables, plots, cells = sweep(setting, 'distance : baseline', values, 'Error against baseline', rig=rig_of,
-                                antialias=lambda value, name: setting.pick(FINE, 2))
+    tables, plots, cells = sweep(
+        setting,
+        'distance : baseline',
+        values,
+        'Error against baseline',
+        rig=rig_of,
+        antialias=lambda value, name: setting.pick(FINE, 2),
+    )
     ours, limit = _growth(cells, values[0], values[-1], 3)
-    return Outcome(f'From {values[0]:g} : 1 to {values[-1]:g} : 1 the errors of depth fall to {ours:.2f} of what they '
-                   f'were and their physical limit to {limit:.2f}; at the thesis\' 5 : 1 ours are '
-                   f'{_beside_limit(cells, 5.0, 3):.0f} times the limit.', tables, plots, [NOTE])
+    return Outcome(
+        f'From {values[0]:g} : 1 to {values[-1]:g} : 1 the errors of depth fall to {ours:.2f} of what they '
+        f"were and their physical limit to {limit:.2f}; at the thesis' 5 : 1 ours are "
+        f'{_beside_limit(cells, 5.0, 3):.0f} times the limit.',
+        tables,
+        plots,
+        [NOTE],
+    )
 
 
 def depth(setting: Setting) -> Outcome:
     values = setting.pick([0.9, 1.0, 1.5, 2.0, 3.0, 4.0], [1.0])
-    tables, plots, cells = sweep(setting, 'distance, times the view\'s own', values, 'Error against depth',
-                                depth=lambda value, name: value, antialias=lambda value, name: setting.pick(FINE, 2))
+    tables, plots, cells = sweep(
+        setting,
+        "distance, times the view's own",
+        values,
+        'Error against depth',
+        depth=lambda value, name: value,
+        antialias=lambda value, name: setting.pick(FINE, 2),
+    )
     ours, limit = _growth(cells, 1.0, values[-1], 3)
     turning, turning_limit = _growth(cells, 1.0, values[-1], 1)
-    return Outcome(f'From the views\' own distance to {values[-1]:g} times that, at a fixed baseline, errors of depth '
-                   f'grow {ours:.0f} times and those of rotation {turning:.0f} times, their physical limits '
-                   f'{limit:.0f} and {turning_limit:.0f} times: the smaller the image, the more is lost to edges that '
-                   'are no longer found.', tables, plots, [NOTE])
+    return Outcome(
+        f"From the views' own distance to {values[-1]:g} times that, at a fixed baseline, errors of depth "
+        f'grow {ours:.0f} times and those of rotation {turning:.0f} times, their physical limits '
+        f'{limit:.0f} and {turning_limit:.0f} times: the smaller the image, the more is lost to edges that '
+        'are no longer found.',
+        tables,
+        plots,
+        [NOTE],
+    )
 
 
 def covariance(setting: Setting) -> Outcome:
     """Is the stated covariance true? Squared Mahalanobis distances of the errors follow chi-square with six degrees."""
-    table = Table('Squared distance of the pose error in units of the stated covariance', [
-        'data', 'poses', 'mean expected', 'ours', 'median expected', 'ours', 'inside 95 % expected', 'ours',
-        'Kolmogorov-Smirnov p ours'])
+    table = Table(
+        'Squared distance of the pose error in units of the stated covariance',
+        [
+            'data',
+            'poses',
+            'mean expected',
+            'ours',
+            'median expected',
+            'ours',
+            'inside 95 % expected',
+            'ours',
+            'Kolmogorov-Smirnov p ours',
+        ],
+    )
     plots = [Line('expected', *_quantiles(stats.chi2(6).ppf(np.linspace(0.02, 0.98, 40))), '--')]
     shares = []
     for title, distances in _distances(setting):
@@ -212,20 +297,39 @@ def covariance(setting: Setting) -> Outcome:
             continue
         inside = 100.0 * float((distances < stats.chi2(6).ppf(0.95)).mean())
         shares.append(inside)
-        table.rows.append([title, len(distances), 6.0, float(distances.mean()), 5.35, float(np.median(distances)),
-                           95.0, inside, float(stats.kstest(distances, stats.chi2(6).cdf).pvalue)])
+        table.rows.append(
+            [
+                title,
+                len(distances),
+                6.0,
+                float(distances.mean()),
+                5.35,
+                float(np.median(distances)),
+                95.0,
+                inside,
+                float(stats.kstest(distances, stats.chi2(6).cdf).pvalue),
+            ]
+        )
         plots.append(Line(title, *_quantiles(np.quantile(distances, np.linspace(0.02, 0.98, 40))), '-'))
     if not shares:
         raise NotAvailable('the matcher states no covariance')
-    small = [row[0] for row in table.rows if row[1] and stats.binomtest(
-        round(row[7] * row[1] / 100.0), row[1], 0.95, alternative='less').pvalue < 0.01]
-    verdict = ('the stated covariances agree with the actual errors' if not small else
-               f'the stated covariances are somewhat too small for {", ".join(small)} and agree with the actual errors '
-               'elsewhere')
-    return Outcome(f'Between {min(shares):.0f} and {max(shares):.0f} % of the errors lie inside the stated 95 % '
-                   f'ellipsoid: {verdict} (tested at 1 %).', [table],
-                   [Plot('Actual errors in units of the stated covariance', 'probability', 'squared distance', plots,
-                         log_y=True)])
+    small = [
+        row[0]
+        for row in table.rows
+        if row[1] and stats.binomtest(round(row[7] * row[1] / 100.0), row[1], 0.95, alternative='less').pvalue < 0.01
+    ]
+    verdict = (
+        'the stated covariances agree with the actual errors'
+        if not small
+        else f'the stated covariances are somewhat too small for {", ".join(small)} and agree with the actual errors '
+        'elsewhere'
+    )
+    return Outcome(
+        f'Between {min(shares):.0f} and {max(shares):.0f} % of the errors lie inside the stated 95 % '
+        f'ellipsoid: {verdict} (tested at 1 %).',
+        [table],
+        [Plot('Actual errors in units of the stated covariance', 'probability', 'squared distance', plots, log_y=True)],
+    )
 
 
 def _quantiles(values: np.ndarray) -> tuple[list, list]:
@@ -279,9 +383,19 @@ def real_pairs(setting: Setting) -> Outcome:
     if more is not None and (more / 'chessboard').is_dir():
         folder = more / 'chessboard'
     pairs = sorted(path.name[4:6] for path in folder.glob('left*_rect.png'))
-    table = Table('Chessboard pairs', [
-        'pair', 'features ours', 'recall of grid lines ours, %', 'direction deg ours',
-        'pose deg from the reference ours', 'mm from the reference ours', 'matched ours', 'equal poses listed ours'])
+    table = Table(
+        'Chessboard pairs',
+        [
+            'pair',
+            'features ours',
+            'recall of grid lines ours, %',
+            'direction deg ours',
+            'pose deg from the reference ours',
+            'mm from the reference ours',
+            'matched ours',
+            'equal poses listed ours',
+        ],
+    )
     model = chessboard_model()
     good = 0
     for pair in setting.pick(pairs, pairs[:1]):
@@ -293,28 +407,44 @@ def real_pairs(setting: Setting) -> Outcome:
         truth = reference_pose(folder, pair)
         edges = compare_edges(model.transformed(truth), data, same_place_m=0.2 * SQUARE_M)
         best = match(model, data, MatchParams(time_limit_s=10.0)).best
-        row: list = [pair, len(data), 100.0 * edges.recall, edges.summary()['direction_error_deg_median'], None, None,
-                     None, None]
+        row: list = [
+            pair,
+            len(data),
+            100.0 * edges.recall,
+            edges.summary()['direction_error_deg_median'],
+            None,
+            None,
+            None,
+            None,
+        ]
         if best is not None:
             error = best_pose_error(best, truth, board_symmetries(truth))
             row[4:] = error.rotation_deg, 1e3 * error.translation, best.matched, len(best.symmetric_poses)
             good += error.rotation_deg < 1.0 and error.translation < 0.2 * SQUARE_M
         table.rows.append(row)
     tables = [table]
-    notes = [f'Squares are taken to be {1e3 * SQUARE_M:g} mm; the reference poses come from the corners in both '
-             'pictures. Of equal poses the one nearest to the reference is judged.']
-    sentence = (f'{good} of {len(table.rows)} real chessboard pairs are placed within 1 degree and a fifth of a square '
-                'of their reference pose, up to the half turn that grid lines alone cannot tell')
+    notes = [
+        f'Squares are taken to be {1e3 * SQUARE_M:g} mm; the reference poses come from the corners in both '
+        'pictures. Of equal poses the one nearest to the reference is judged.'
+    ]
+    sentence = (
+        f'{good} of {len(table.rows)} real chessboard pairs are placed within 1 degree and a fifth of a square '
+        'of their reference pose, up to the half turn that grid lines alone cannot tell'
+    )
     if more is not None and (more / 'teabox').is_dir():
         box, placed = _teabox(more / 'teabox', setting)
         tables.append(box)
         sentence += f'; the tea box in {placed} of {len(box.rows)} pairs within 2 degrees and 5 mm.'
-        notes.append('The references of the tea box are good to about 1 mm and 0.5 degrees; its cardboard edges are '
-                     'round, and three of the seven visible ones run along the image rows.')
+        notes.append(
+            'The references of the tea box are good to about 1 mm and 0.5 degrees; its cardboard edges are '
+            'round, and three of the seven visible ones run along the image rows.'
+        )
     else:
         sentence += '; the tea box: its pictures are not on this machine.'
-        notes.append('The pictures of the tea box (from ViSP, GPL) and six more chessboard pairs are not shipped; '
-                     'STEREO_REAL_DATA names the folder that holds teabox/ and chessboard/.')
+        notes.append(
+            'The pictures of the tea box (from ViSP, GPL) and six more chessboard pairs are not shipped; '
+            'STEREO_REAL_DATA names the folder that holds teabox/ and chessboard/.'
+        )
     return Outcome(sentence, tables, notes=notes)
 
 
@@ -331,9 +461,19 @@ def _teabox(folder: Path, setting: Setting) -> tuple[Table, int]:
 
     given = json.loads((folder / 'calibration.json').read_text())['rectified']
     document = json.loads((folder / 'box_poses.json').read_text())
-    table = Table('Tea box', [
-        'pair', 'features ours', 'edges found of 7 ours', 'direction deg ours', 'pose deg from the reference ours',
-        'mm from the reference ours', 'matched ours', 'equal poses listed ours'])
+    table = Table(
+        'Tea box',
+        [
+            'pair',
+            'features ours',
+            'edges found of 7 ours',
+            'direction deg ours',
+            'pose deg from the reference ours',
+            'mm from the reference ours',
+            'matched ours',
+            'equal poses listed ours',
+        ],
+    )
     corners = np.array(document['vertices_m'])
     size = corners.max(axis=0)
     vertices = np.concatenate([corners, [[size[0], size[1], size[2]], [0.0, size[1], size[2]]]])
@@ -351,8 +491,16 @@ def _teabox(folder: Path, setting: Setting) -> tuple[Table, int]:
         seen = model.select(np.arange(len(visible))).transformed(truth)
         edges = compare_edges(seen, data, same_place_m=0.008)
         best = match(model, data, MatchParams(time_limit_s=10.0)).best
-        row: list = [name, len(data), edges.edges_found, edges.summary()['direction_error_deg_median'], None, None,
-                     None, None]
+        row: list = [
+            name,
+            len(data),
+            edges.edges_found,
+            edges.summary()['direction_error_deg_median'],
+            None,
+            None,
+            None,
+            None,
+        ]
         if best is not None:
             # A plain box laid on itself by half turns: no edge can tell them apart.
             error = best_pose_error(best, truth, [truth.compose(turn) for turn in _half_turns(size)])

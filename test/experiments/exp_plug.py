@@ -13,9 +13,20 @@ from msgs_py import BIN, FeatureKind, FeatureSet
 
 def plug(setting: Setting) -> Outcome:
     views = setting.pick(['plug_v1', 'plug_v2'], ['plug_v2'])
-    table = Table('Total matching time, seconds', [
-        'view', 'search', 'ideal thesis', 'ideal ours', 'recovered thesis', 'recovered ours', 'answers ideal ours',
-        'right ideal ours', 'right recovered ours'])
+    table = Table(
+        'Total matching time, seconds',
+        [
+            'view',
+            'search',
+            'ideal thesis',
+            'ideal ours',
+            'recovered thesis',
+            'recovered ours',
+            'answers ideal ours',
+            'right ideal ours',
+            'right recovered ours',
+        ],
+    )
     ratios = []
     for name in views:
         this = view(name)
@@ -33,15 +44,18 @@ def plug(setting: Setting) -> Outcome:
                 right.append('no' if best is None else _verdict(best, this.pose))
                 answers = answers if answers is not None else (1 + len(best.symmetric_poses) if best else 0)
             seconds[search] = taken
-            table.rows.append([name, search, PLUG[name, search][0], taken[0], PLUG[name, search][1], taken[1], answers,
-                               *right])
+            table.rows.append(
+                [name, search, PLUG[name, search][0], taken[0], PLUG[name, search][1], taken[1], answers, *right]
+            )
         ratios.append(seconds['subgraph'][0] / seconds['tree'][0])
     ours, theirs = float(np.mean(ratios)), 2.4
-    return Outcome(f'Searching by quadrants takes {ours:.2f} times as long as whole tables (thesis: {theirs} times) '
-                   'and gives '
-                   f'the same answers; view 2, without a pin in sight, has {PLUG_V2_INTERPRETATIONS} answers in the '
-                   'thesis.',
-                   [table])
+    return Outcome(
+        f'Searching by quadrants takes {ours:.2f} times as long as whole tables (thesis: {theirs} times) '
+        'and gives '
+        f'the same answers; view 2, without a pin in sight, has {PLUG_V2_INTERPRETATIONS} answers in the '
+        'thesis.',
+        [table],
+    )
 
 
 def _verdict(best, truth) -> str:
@@ -54,10 +68,20 @@ def bin_of_spurious(setting: Setting) -> Outcome:
     names = setting.pick(['chipped_block_v1', 'wedge_v1'], ['chipped_block_v1'])
     extra = setting.pick([0, 1, 2, 4, 8], [0, 1])
     seeds = setting.pick(5, 1)
-    table = Table('Spurious edges and the bin: recovered data, median of several seeds', [
-        'view', 'spurious edges', 'Combined ms ours', 'levels ours', 'right ours, %', 'spurious edges in the bin '
-                                                                                      'ours, %',
-        'Holder and Buxton ms ours', 'levels H & B ours', 'H & B ended ours, %'])
+    table = Table(
+        'Spurious edges and the bin: recovered data, median of several seeds',
+        [
+            'view',
+            'spurious edges',
+            'Combined ms ours',
+            'levels ours',
+            'right ours, %',
+            'spurious edges in the bin ours, %',
+            'Holder and Buxton ms ours',
+            'levels H & B ours',
+            'H & B ended ours, %',
+        ],
+    )
     lines = []
     for name in names:
         this, printed = view(name), VIEWS[name]
@@ -76,28 +100,41 @@ def bin_of_spurious(setting: Setting) -> Outcome:
                 runs['levels'].append(result.stats['levels'])
                 best = result.best
                 runs['right'].append(best is not None and _verdict(best, this.pose) != 'no')
-                runs['bin'].append(np.nan if best is None or not count else float(
-                    (best.assignment[false] == BIN).mean()))
+                runs['bin'].append(
+                    np.nan if best is None or not count else float((best.assignment[false] == BIN).mean())
+                )
                 other = params.replace(ordering='holder_buxton')
                 result, spent = timed(lambda m=mixed, p=other, i=index: match(i, m, p), 1)
                 runs['hb_ms'].append(1e3 * spent)
                 runs['hb'].append(result.stats['levels'])
                 runs['hb_end'].append(result.stats['stopped_by'] == 'exhausted')
             in_bin = [b for b in runs['bin'] if np.isfinite(b)]
-            table.rows.append([name, count, float(np.median(runs['ms'])), int(np.median(runs['levels'])),
-                               round(100 * float(np.mean(runs['right']))),
-                               round(100 * float(np.mean(in_bin))) if in_bin else None, float(np.median(runs['hb_ms'])),
-                               int(np.median(runs['hb'])), round(100 * float(np.mean(runs['hb_end'])))])
+            table.rows.append(
+                [
+                    name,
+                    count,
+                    float(np.median(runs['ms'])),
+                    int(np.median(runs['levels'])),
+                    round(100 * float(np.mean(runs['right']))),
+                    round(100 * float(np.mean(in_bin))) if in_bin else None,
+                    float(np.median(runs['hb_ms'])),
+                    int(np.median(runs['hb'])),
+                    round(100 * float(np.mean(runs['hb_end']))),
+                ]
+            )
         mine = [row for row in table.rows if row[0] == name]
         lines.append(Line(f'{name}, Combined', [r[1] for r in mine], [r[2] for r in mine]))
         lines.append(Line(f'{name}, Holder and Buxton', [r[1] for r in mine], [r[6] for r in mine], 'o--'))
     right = min(row[4] for row in table.rows)
-    return Outcome(f'With one and two spurious edges, and up to {extra[-1]}, the right answer comes in at least '
-                   f'{right} % of '
-                   'the runs, as in the thesis for one and two; there Holder and Buxton\'s sort did not end within '
-                   '2000 s, '
-                   'here what cannot belong is left out first.', [table],
-                   [Plot('Tree search with spurious edges', 'spurious edges', 'ms', lines, log_y=True)])
+    return Outcome(
+        f'With one and two spurious edges, and up to {extra[-1]}, the right answer comes in at least '
+        f'{right} % of '
+        "the runs, as in the thesis for one and two; there Holder and Buxton's sort did not end within "
+        '2000 s, '
+        'here what cannot belong is left out first.',
+        [table],
+        [Plot('Tree search with spurious edges', 'spurious edges', 'ms', lines, log_y=True)],
+    )
 
 
 def _with_spurious(data: FeatureSet, count: int, seed: int) -> tuple[FeatureSet, np.ndarray]:

@@ -13,9 +13,24 @@ from msgs_py import FeatureKind
 
 
 def complexity(setting: Setting) -> Outcome:
-    table = Table('Model complexity', [
-        'model', 'primitives thesis', 'ours', 'half-spaces thesis', 'ours', 'faces thesis', 'ours', 'edges thesis',
-        'ours', 'curves thesis', 'ours', 'axes thesis', 'ours'])
+    table = Table(
+        'Model complexity',
+        [
+            'model',
+            'primitives thesis',
+            'ours',
+            'half-spaces thesis',
+            'ours',
+            'faces thesis',
+            'ours',
+            'edges thesis',
+            'ours',
+            'curves thesis',
+            'ours',
+            'axes thesis',
+            'ours',
+        ],
+    )
     differing, missing = [], []
     for name in setting.pick(list(MODELS), ['l_shape', 'cylinder_box']):
         setting.advance(name)
@@ -35,16 +50,32 @@ def complexity(setting: Setting) -> Outcome:
             if theirs is not None and theirs != mine:
                 differing.append(f'{name} ({theirs} | {mine})')
         table.rows.append(row)
-    sentence = ('Every count that the thesis prints is met.' if not differing and not missing else
-                f'All printed counts are met but those of {", ".join(differing) or "none"}'
-                + (f'; not available yet: {", ".join(missing)}' if missing else '') + '.')
+    sentence = (
+        'Every count that the thesis prints is met.'
+        if not differing and not missing
+        else f'All printed counts are met but those of {", ".join(differing) or "none"}'
+        + (f'; not available yet: {", ".join(missing)}' if missing else '')
+        + '.'
+    )
     return Outcome(sentence, [table], notes=['Faces are planar faces; all counts come from the CSG tree.'])
 
 
 def visibility(setting: Setting) -> Outcome:
-    table = Table('Visible data features of the 17 views', [
-        'view', 'model features thesis', 'ours', 'visible thesis', 'left eye ours', 'both eyes ours',
-        'data pairs thesis', 'data pairs ours', 'log10 of potential interpretations thesis', 'ours'])
+    table = Table(
+        'Visible data features of the 17 views',
+        [
+            'view',
+            'model features thesis',
+            'ours',
+            'visible thesis',
+            'left eye ours',
+            'both eyes ours',
+            'data pairs thesis',
+            'data pairs ours',
+            'log10 of potential interpretations thesis',
+            'ours',
+        ],
+    )
     same = 0
     names = _views(setting)
     for name in names:
@@ -54,19 +85,35 @@ def visibility(setting: Setting) -> Outcome:
         left = len(visible_features(placed.model, this.pose, this.rig.left))
         both = len(ideal_data(this.scene, this.rig).features)
         printed, e = VIEWS[name].ideal, sum(MODELS[this.model][3:])
-        table.rows.append([name, e, len(this.features), printed, left, both, printed * (printed - 1) // 2,
-                           left * (left - 1) // 2, round(printed * np.log10(e), 1),
-                           round(left * np.log10(len(this.features)), 1)])
+        table.rows.append(
+            [
+                name,
+                e,
+                len(this.features),
+                printed,
+                left,
+                both,
+                printed * (printed - 1) // 2,
+                left * (left - 1) // 2,
+                round(printed * np.log10(e), 1),
+                round(left * np.log10(len(this.features)), 1),
+            ]
+        )
         same += printed == left
-    return Outcome(f'{same} of {len(names)} views show as many features to the left eye as the thesis prints; the '
-                   'column '
-                   'for both eyes is what stereo can recover.', [table], notes=[
-                       'Table 6.2 counts what the thesis recovered of the scenes with curves; ours are exact.'])
+    return Outcome(
+        f'{same} of {len(names)} views show as many features to the left eye as the thesis prints; the '
+        'column '
+        'for both eyes is what stereo can recover.',
+        [table],
+        notes=['Table 6.2 counts what the thesis recovered of the scenes with curves; ours are exact.'],
+    )
 
 
 def stereo_times(setting: Setting) -> Outcome:
-    table = Table('Time of a 512 x 512 stereo pair, tiling, one level', [
-        'view', 'thesis DAP 510, s', 'ours emulated DAP 510, s', 'ratio', 'ours on this machine, ms'])
+    table = Table(
+        'Time of a 512 x 512 stereo pair, tiling, one level',
+        ['view', 'thesis DAP 510, s', 'ours emulated DAP 510, s', 'ratio', 'ours on this machine, ms'],
+    )
     ratios: list[float | None] = []
     why = ''
     for name in [n for n in _views(setting) if VIEWS[n].stereo_s is not None]:
@@ -88,8 +135,10 @@ def stereo_times(setting: Setting) -> Outcome:
         sentence = f'The emulated machine does not render: not available yet ({why}).'
     else:
         good = [r for r in ratios if r is not None]
-        sentence = (f'The emulated DAP 510 takes {average:.2f} times the printed time on average ({min(good):.2f} to '
-                    f'{max(good):.2f}); the cost model is analytic, and the models\' dimensions are ours.')
+        sentence = (
+            f'The emulated DAP 510 takes {average:.2f} times the printed time on average ({min(good):.2f} to '
+            f"{max(good):.2f}); the cost model is analytic, and the models' dimensions are ours."
+        )
     lines = [L('thesis', [r[0] for r in table.rows], [r[1] for r in table.rows], 'bar')]
     if average is not None:
         lines.append(L('ours, emulated', [r[0] for r in table.rows], [r[2] for r in table.rows], 'bar'))
@@ -106,10 +155,8 @@ def _views(setting: Setting) -> list[str]:
             continue
         good.append(name)
     if not good:
-        raise NotAvailable('csg_renderer has none of the thesis\' views')
+        raise NotAvailable("csg_renderer has none of the thesis' views")
     return good
-
-
 
 
 EXPERIMENTS = [

@@ -25,9 +25,11 @@ TILE, TILES = 32, 256
 
 def _charged_to(part: int, function):
     """The method of an object that has a machine, its work charged to a part."""
+
     def charged(self, *arguments, **options):
         with self.dap.at_line(part):
             return function(self, *arguments, **options)
+
     return charged
 
 
@@ -65,20 +67,57 @@ def tiling(setting: Setting) -> Outcome:
         raise NotAvailable(f'csg_renderer has none of the scenes {", ".join(TILING)}')
     names = setting.pick(names, names[:1])
     size = setting.pick(512, 64)
-    counts = Table('Complexity and tiles', [
-        'scene', 'primitives thesis', 'ours', 'half-spaces thesis', 'ours', 'tiles of 256 thesis', 'ours',
-        'visible pixels ours, %', 'primitives a tile ours, % of the scene'])
-    work = Table('Work saved by tiling, %', [
-        'scene', 'intersections thesis', 'ours', 'nodes thesis', 'ours', 'combines thesis', 'ours'])
-    speed = Table('Brute force / tiling, time', [
-        'scene', 'thesis DAP 510', 'ours emulated DAP 510', 'ours on this machine', 'brute force ms ours',
-        'tiling ms ours', 'emulated brute force s ours', 'emulated tiling s ours'])
-    matrices = Table('A 32 x 32 matrix of the emulated DAP', [
-        'scene', 'tiles rendered, % thesis', 'ours', 'primitives, brute force ours', 'primitives, tiling ours',
-        'ms, brute force ours', 'ms, tiling ours'])
-    profile = Table('Where the time of rendering goes, %', [
-        'scene', *(f'{part}, {how} ours' for how in ('brute force', 'tiling') for part in PARTS[1:]),
-        'preparing the tiles, this machine ours'])
+    counts = Table(
+        'Complexity and tiles',
+        [
+            'scene',
+            'primitives thesis',
+            'ours',
+            'half-spaces thesis',
+            'ours',
+            'tiles of 256 thesis',
+            'ours',
+            'visible pixels ours, %',
+            'primitives a tile ours, % of the scene',
+        ],
+    )
+    work = Table(
+        'Work saved by tiling, %',
+        ['scene', 'intersections thesis', 'ours', 'nodes thesis', 'ours', 'combines thesis', 'ours'],
+    )
+    speed = Table(
+        'Brute force / tiling, time',
+        [
+            'scene',
+            'thesis DAP 510',
+            'ours emulated DAP 510',
+            'ours on this machine',
+            'brute force ms ours',
+            'tiling ms ours',
+            'emulated brute force s ours',
+            'emulated tiling s ours',
+        ],
+    )
+    matrices = Table(
+        'A 32 x 32 matrix of the emulated DAP',
+        [
+            'scene',
+            'tiles rendered, % thesis',
+            'ours',
+            'primitives, brute force ours',
+            'primitives, tiling ours',
+            'ms, brute force ours',
+            'ms, tiling ours',
+        ],
+    )
+    profile = Table(
+        'Where the time of rendering goes, %',
+        [
+            'scene',
+            *(f'{part}, {how} ours' for how in ('brute force', 'tiling') for part in PARTS[1:]),
+            'preparing the tiles, this machine ours',
+        ],
+    )
     bars: list[list[float]] = []
     for name in names:
         scene = load_scene(scene_path(name))
@@ -88,8 +127,8 @@ def tiling(setting: Setting) -> Outcome:
             how = 'tiling' if tiled else 'brute force'
             setting.advance(f'{name}, {how}')
             frames[tiled], seconds[tiled] = timed(
-                lambda tiled=tiled, scene=scene, camera=camera: render(scene, camera, tiling=tiled),
-                setting.pick(5, 1))
+                lambda tiled=tiled, scene=scene, camera=camera: render(scene, camera, tiling=tiled), setting.pick(5, 1)
+            )
             setting.advance(f'{name}, emulated, {how}')
             _, machine[tiled], parts = emulated(scene, camera, tiled)
             shares[tiled] = [100.0 * part / sum(parts) for part in parts]
@@ -97,54 +136,124 @@ def tiling(setting: Setting) -> Outcome:
         half_spaces = sum(len(FACES[leaf.kind]) for leaf in scene.primitives)
         printed = TILING[name]
         share = _tile_tree(stats, brute, TILE * TILE, size * size)
-        counts.rows.append([
-            name, printed[0], len(scene.primitives), printed[1], half_spaces, printed[2], stats.tiles,
-            round(100 * float(frames[True].mask.mean()), 1), round(100 * share, 1)])
-        saved = [round(100 * (1 - getattr(stats, what) / max(getattr(brute, what), 1)), 1)
-                 for what in ('intersections', 'nodes', 'combines')]
-        work.rows.append([
-            name, TILING_SAVED['robot_arm_intersections'] if name == 'robot_arm' else '> 90', saved[0], '> 90',
-            saved[1], TILING_SAVED['geneva_wheel_combines'] if name == 'geneva_wheel' else None, saved[2]])
-        speed.rows.append([name, TILING_SPEEDUP.get(name), ratio(machine[False], machine[True]),
-                           seconds[False] / seconds[True], 1e3 * seconds[False], 1e3 * seconds[True],
-                           machine[False], machine[True]])
+        counts.rows.append(
+            [
+                name,
+                printed[0],
+                len(scene.primitives),
+                printed[1],
+                half_spaces,
+                printed[2],
+                stats.tiles,
+                round(100 * float(frames[True].mask.mean()), 1),
+                round(100 * share, 1),
+            ]
+        )
+        saved = [
+            round(100 * (1 - getattr(stats, what) / max(getattr(brute, what), 1)), 1)
+            for what in ('intersections', 'nodes', 'combines')
+        ]
+        work.rows.append(
+            [
+                name,
+                TILING_SAVED['robot_arm_intersections'] if name == 'robot_arm' else '> 90',
+                saved[0],
+                '> 90',
+                saved[1],
+                TILING_SAVED['geneva_wheel_combines'] if name == 'geneva_wheel' else None,
+                saved[2],
+            ]
+        )
+        speed.rows.append(
+            [
+                name,
+                TILING_SPEEDUP.get(name),
+                ratio(machine[False], machine[True]),
+                seconds[False] / seconds[True],
+                1e3 * seconds[False],
+                1e3 * seconds[True],
+                machine[False],
+                machine[True],
+            ]
+        )
         tiles = (size // TILE) ** 2
-        matrices.rows.append([name, round(100 * printed[2] / TILES, 1), round(100 * stats.tiles / tiles, 1),
-                              len(scene.primitives), round(share * len(scene.primitives), 1),
-                              1e3 * machine[False] / tiles, 1e3 * machine[True] / max(stats.tiles, 1)])
+        matrices.rows.append(
+            [
+                name,
+                round(100 * printed[2] / TILES, 1),
+                round(100 * stats.tiles / tiles, 1),
+                len(scene.primitives),
+                round(share * len(scene.primitives), 1),
+                1e3 * machine[False] / tiles,
+                1e3 * machine[True] / max(stats.tiles, 1),
+            ]
+        )
         before = 100.0 * preparation(scene, camera) / seconds[True]
-        profile.rows.append([name, *(round(shares[tiled][k], 1) for tiled in (False, True) for k in (1, 2, 3)),
-                             round(before, 1)])
+        profile.rows.append(
+            [name, *(round(shares[tiled][k], 1) for tiled in (False, True) for k in (1, 2, 3)), round(before, 1)]
+        )
         bars += [shares[False], shares[True]]
     for table, columns in ((work, (2, 4, 5, 6)), (speed, (1, 2, 3, 6, 7)), (profile, range(1, 8))):
         table.rows.append(['mean', *(_mean(table, k) if k in columns else None for k in range(1, len(table.columns)))])
     work.rows[-1][5], speed.rows[-1][1] = TILING_SAVED['combines_mean'], TILING_SPEEDUP['mean']
-    profile.rows.append(['thesis', 'most, about 90', *[None] * 2, 'most', *[None] * 2,
-                         f'{TILING_SAVED["preparation_percent"]} (DAP 510)'])
+    profile.rows.append(
+        [
+            'thesis',
+            'most, about 90',
+            *[None] * 2,
+            'most',
+            *[None] * 2,
+            f'{TILING_SAVED["preparation_percent"]} (DAP 510)',
+        ]
+    )
     mean_work, mean_speed, mean_profile = work.rows[-1], speed.rows[-1], profile.rows[-2]
-    sentence = (f'Tiling saves {mean_work[2]:.1f} % of the intersections (thesis: more than 90 %) and '
-                f'{mean_work[6]:.1f} % of the combines (68.6 %: ours also ends a product as soon as no ray of a row '
-                f'is left in it); brute force over tiling: the emulated DAP {mean_speed[2]:.1f} times (thesis 18.1), '
-                f'this machine {mean_speed[3]:.1f} times. As printed, intersections take about 90 % of the time '
-                f'of brute force ({mean_profile[1]:.0f} %) and less with tiling ({mean_profile[4]:.0f} %), where, '
-                f'unlike there, shading comes first ({mean_profile[6]:.0f} %).')
-    notes = ['Both engines test every product on every pixel by brute force. This machine gains less by tiling than '
-             'its count of intersections says: it tests a row of pixels at once in vector instructions, leaves out the '
-             'cutters of a product that no ray of the row enters, and spends the same time on shading and on the '
-             'frame either way.',
-             'Intersections are counted a ray; the thesis compares them with its serial program on a Sun 3/160 too '
-             '(83.8 times, 89.0 with tiling), which cannot be run again. Preparing the tiles is host work, which the '
-             'emulated machine is not charged for; the thesis has 1.01 s, 5.5 % of its time.',
-             f'The thesis prints that a tile\'s tree holds {TILING_SAVED["tile_tree_percent"]} % of the scene\'s '
-             f'primitives on average; ours {_mean(counts, 8):.1f} %.']
+    sentence = (
+        f'Tiling saves {mean_work[2]:.1f} % of the intersections (thesis: more than 90 %) and '
+        f'{mean_work[6]:.1f} % of the combines (68.6 %: ours also ends a product as soon as no ray of a row '
+        f'is left in it); brute force over tiling: the emulated DAP {mean_speed[2]:.1f} times (thesis 18.1), '
+        f'this machine {mean_speed[3]:.1f} times. As printed, intersections take about 90 % of the time '
+        f'of brute force ({mean_profile[1]:.0f} %) and less with tiling ({mean_profile[4]:.0f} %), where, '
+        f'unlike there, shading comes first ({mean_profile[6]:.0f} %).'
+    )
+    notes = [
+        'Both engines test every product on every pixel by brute force. This machine gains less by tiling than '
+        'its count of intersections says: it tests a row of pixels at once in vector instructions, leaves out the '
+        'cutters of a product that no ray of the row enters, and spends the same time on shading and on the '
+        'frame either way.',
+        'Intersections are counted a ray; the thesis compares them with its serial program on a Sun 3/160 too '
+        '(83.8 times, 89.0 with tiling), which cannot be run again. Preparing the tiles is host work, which the '
+        'emulated machine is not charged for; the thesis has 1.01 s, 5.5 % of its time.',
+        f"The thesis prints that a tile's tree holds {TILING_SAVED['tile_tree_percent']} % of the scene's "
+        f'primitives on average; ours {_mean(counts, 8):.1f} %.',
+    ]
     scenes = [r[0] for r in speed.rows]
-    plots = [Plot('Brute force / tiling', 'scene', 'times faster', [
-        Line('ours on this machine', scenes, [r[3] for r in speed.rows], 'bar'),
-        Line('ours emulated', scenes, [r[2] for r in speed.rows], 'bar'),
-        Line('thesis', scenes, [r[1] for r in speed.rows], 'bar')]),
-        Plot('Profile of brute force and of tiling on the emulated DAP', 'scene and method', '% of the time', [
-            Line(part, [f'{name} {how}' for name in names for how in ('brute', 'tiling')],
-                 [bar[k] for bar in bars], 'bar') for k, part in enumerate(PARTS) if k])]
+    plots = [
+        Plot(
+            'Brute force / tiling',
+            'scene',
+            'times faster',
+            [
+                Line('ours on this machine', scenes, [r[3] for r in speed.rows], 'bar'),
+                Line('ours emulated', scenes, [r[2] for r in speed.rows], 'bar'),
+                Line('thesis', scenes, [r[1] for r in speed.rows], 'bar'),
+            ],
+        ),
+        Plot(
+            'Profile of brute force and of tiling on the emulated DAP',
+            'scene and method',
+            '% of the time',
+            [
+                Line(
+                    part,
+                    [f'{name} {how}' for name in names for how in ('brute', 'tiling')],
+                    [bar[k] for bar in bars],
+                    'bar',
+                )
+                for k, part in enumerate(PARTS)
+                if k
+            ],
+        ),
+    ]
     return Outcome(sentence, [counts, work, speed, matrices, profile], plots, notes)
 
 

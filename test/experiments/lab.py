@@ -114,16 +114,28 @@ def view(name: str) -> View:
         raise NotAvailable(f'csg_renderer has no scene {name!r}')
     scene = load_scene(scene_path(name))
     placed = scene.placements[0]
-    return View(name, scene, default_rig(scene), placed.name, model_features(placed.model),
-                scene.camera_T_scene.compose(placed.pose))
+    return View(
+        name,
+        scene,
+        default_rig(scene),
+        placed.name,
+        model_features(placed.model),
+        scene.camera_T_scene.compose(placed.pose),
+    )
 
 
-def stereo_images(scene: Scene, rig: StereoRig, seed: int = 0, antialias: int = ANTIALIAS, psf: float = PSF,
-                  noise: float = NOISE, left_T_scene: Pose | None = None) -> tuple[np.ndarray, np.ndarray]:
+def stereo_images(
+    scene: Scene,
+    rig: StereoRig,
+    seed: int = 0,
+    antialias: int = ANTIALIAS,
+    psf: float = PSF,
+    noise: float = NOISE,
+    left_T_scene: Pose | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """(h, w) uint8 left and right, as a camera would give them."""
     frames = render_stereo(scene, rig, left_T_scene, antialias=antialias)
-    left, right = (SensorModel(psf, noise, (seed, 0, eye)).apply(grey(frame.image))
-                   for eye, frame in enumerate(frames))
+    left, right = (SensorModel(psf, noise, (seed, 0, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames))
     return left, right
 
 
@@ -139,8 +151,16 @@ def recovered(name: str, seed: int = 0) -> FeatureSet:
 def stating(features: FeatureSet, err_par: float, err_per: float) -> FeatureSet:
     """The same features with other stated errors, metres."""
     n = len(features)
-    return FeatureSet(features.kind, features.start, features.end, features.radii, np.full(n, err_par),
-                      np.full(n, err_per), features.major_axis, features.arc)
+    return FeatureSet(
+        features.kind,
+        features.start,
+        features.end,
+        features.radii,
+        np.full(n, err_par),
+        np.full(n, err_per),
+        features.major_axis,
+        features.arc,
+    )
 
 
 def timed(function: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:

@@ -28,10 +28,12 @@ SHORT_ROWS, SHORT_COLUMNS = 20, 13
 
 def write_page(folder: Path, documents: list[dict[str, Any]]) -> None:
     """index.html and the plots beside it."""
-    parts = ['<h1>Experiments: thesis | ours</h1>',
-             '<p>Every figure marked "ours" was computed by the command below its heading; the thesis\' figures carry '
-             'their table or figure number.</p>',
-             '<nav>' + ' '.join(f'<a href="#{d["name"]}">{_text(d["title"])}</a>' for d in documents) + '</nav>']
+    parts = [
+        '<h1>Experiments: thesis | ours</h1>',
+        '<p>Every figure marked "ours" was computed by the command below its heading; the thesis\' figures carry '
+        'their table or figure number.</p>',
+        '<nav>' + ' '.join(f'<a href="#{d["name"]}">{_text(d["title"])}</a>' for d in documents) + '</nav>',
+    ]
     for number, group in enumerate(('The thesis', 'Beyond the thesis')):
         members = [d for d in documents if bool(d['reference']) == (number == 0)]
         if members:
@@ -39,14 +41,19 @@ def write_page(folder: Path, documents: list[dict[str, Any]]) -> None:
             parts += [_section(folder, document) for document in members]
     (folder / 'index.html').write_text(
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Experiments</title><style>{STYLE}</style>'
-        + '\n'.join(parts) + '</html>\n', encoding='utf-8')
+        + '\n'.join(parts)
+        + '</html>\n',
+        encoding='utf-8',
+    )
 
 
 def _section(folder: Path, document: dict[str, Any]) -> str:
-    parts = [f'<h2 id="{document["name"]}">{_text(document["title"])} '
-             f'<span class="small">{_text(document["reference"])}</span></h2>',
-             f'<p class="small"><code>{_text(document["command"])}</code> &middot; {document["seconds"]} s &middot; '
-             f'commit {_text(document["commit"])}{" &middot; tiny run" if document["tiny"] else ""}</p>']
+    parts = [
+        f'<h2 id="{document["name"]}">{_text(document["title"])} '
+        f'<span class="small">{_text(document["reference"])}</span></h2>',
+        f'<p class="small"><code>{_text(document["command"])}</code> &middot; {document["seconds"]} s &middot; '
+        f'commit {_text(document["commit"])}{" &middot; tiny run" if document["tiny"] else ""}</p>',
+    ]
     if document['status'] != 'done':
         kind = 'failed' if document['status'] == 'failed' else 'missing'
         why = document['why'].strip().splitlines()[-1]
@@ -57,8 +64,9 @@ def _section(folder: Path, document: dict[str, Any]) -> str:
         name = f'{document["name"]}_{number}.png'
         draw(plot, folder / name)
         parts.append(f'<img src="{name}" alt="{_text(plot["title"])}">')
-    parts += [f'<h3>{_text(table["title"])}</h3><div class="wide">{_table(table)}</div>'
-              for table in document['tables']]
+    parts += [
+        f'<h3>{_text(table["title"])}</h3><div class="wide">{_table(table)}</div>' for table in document['tables']
+    ]
     parts += [f'<p class="small">{_text(note)}</p>' for note in document['notes']]
     return '\n'.join(parts)
 
@@ -70,15 +78,21 @@ def draw(plot: dict[str, Any], path: Path) -> None:
     for number, line in enumerate(bars):
         width = 0.8 / len(bars)
         values = [math.nan if y is None else y for y in line['y']]
-        axes.bar([k + (number - (len(bars) - 1) / 2) * width for k in range(len(values))], values, width,
-                 label=line['label'])
+        axes.bar(
+            [k + (number - (len(bars) - 1) / 2) * width for k in range(len(values))], values, width, label=line['label']
+        )
         axes.set_xticks(range(len(values)), [str(x) for x in line['x']], rotation=35, ha='right', fontsize=8)
     for line in plot['lines']:
         if line['style'] == 'bar':
             continue
         values = [math.nan if y is None else y for y in line['y']]
-        style = {'o-': dict(marker='o', ms=4), 'o--': dict(marker='o', ms=4, ls='--'), '--': dict(ls='--', color='0.4'),
-                 'o': dict(marker='o', ls=''), '-': {}}[line['style']]
+        style = {
+            'o-': dict(marker='o', ms=4),
+            'o--': dict(marker='o', ms=4, ls='--'),
+            '--': dict(ls='--', color='0.4'),
+            'o': dict(marker='o', ls=''),
+            '-': {},
+        }[line['style']]
         if line['style'] == '--' and line['label'].endswith('limit') and axes.lines:
             style['color'] = axes.lines[-1].get_color()  # the limit of the series before it
         axes.plot(line['x'], values, label=line['label'], **style)
@@ -97,15 +111,18 @@ def draw(plot: dict[str, Any], path: Path) -> None:
 
 def write_results(path: Path, documents: list[dict[str, Any]]) -> None:
     """The committed summary: one sentence and the tables that are short enough."""
-    lines = ['# Results of the experiments', '',
-             'Written by `make experiments` (`python test/experiments/run.py --force` runs everything again) from the '
-             'last result of each experiment; plots and all tables are in `out/experiments/index.html`. "thesis" is '
-             'what '
-             'the thesis prints, "ours" was computed by the command that stands below the heading.', '']
+    lines = [
+        '# Results of the experiments',
+        '',
+        'Written by `make experiments` (`python test/experiments/run.py --force` runs everything again) from the '
+        'last result of each experiment; plots and all tables are in `out/experiments/index.html`. "thesis" is '
+        'what '
+        'the thesis prints, "ours" was computed by the command that stands below the heading.',
+        '',
+    ]
     for document in documents:
         reference = document['reference'] or 'beyond the thesis'
-        lines += [f'## {document["title"]} ({reference})', '',
-                  f'`{document["command"]}`, {document["seconds"]} s', '']
+        lines += [f'## {document["title"]} ({reference})', '', f'`{document["command"]}`, {document["seconds"]} s', '']
         if document['status'] != 'done':
             lines += [f'{document["status"]}: {document["why"].strip().splitlines()[-1]}', '']
             continue
@@ -114,8 +131,12 @@ def write_results(path: Path, documents: list[dict[str, Any]]) -> None:
             if len(table['rows']) > SHORT_ROWS or len(table['columns']) > SHORT_COLUMNS:
                 lines += [f'{table["title"]}: on the page.', '']
                 continue
-            lines += [f'{table["title"]}:', '', '| ' + ' | '.join(table['columns']) + ' |',
-                      '|' + ' --- |' * len(table['columns'])]
+            lines += [
+                f'{table["title"]}:',
+                '',
+                '| ' + ' | '.join(table['columns']) + ' |',
+                '|' + ' --- |' * len(table['columns']),
+            ]
             lines += ['| ' + ' | '.join(cell(value) for value in row) + ' |' for row in table['rows']]
             lines.append('')
         lines += [f'{note}' for note in document['notes']]
@@ -127,8 +148,10 @@ def write_results(path: Path, documents: list[dict[str, Any]]) -> None:
 def _table(table: dict[str, Any]) -> str:
     ours = ['ours' if 'ours' in title else '' for title in table['columns']]
     head = ''.join(f'<th class="{kind}">{_text(title)}</th>' for title, kind in zip(table['columns'], ours))
-    rows = ''.join('<tr>' + ''.join(f'<td class="{kind}">{_text(cell(value))}</td>' for value, kind in zip(row, ours))
-                   + '</tr>' for row in table['rows'])
+    rows = ''.join(
+        '<tr>' + ''.join(f'<td class="{kind}">{_text(cell(value))}</td>' for value, kind in zip(row, ours)) + '</tr>'
+        for row in table['rows']
+    )
     return f'<table><tr>{head}</tr>{rows}</table>'
 
 

@@ -27,8 +27,17 @@ from page import write_page, write_results  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 # The order of the page.
-GROUPS = ('exp_tiling', 'exp_scenes', 'exp_constraints', 'exp_search', 'exp_agreement', 'exp_poses', 'exp_plug',
-          'exp_beyond', 'exp_images')
+GROUPS = (
+    'exp_tiling',
+    'exp_scenes',
+    'exp_constraints',
+    'exp_search',
+    'exp_agreement',
+    'exp_poses',
+    'exp_plug',
+    'exp_beyond',
+    'exp_images',
+)
 
 
 def experiments() -> list[Experiment]:
@@ -45,8 +54,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--list', action='store_true', help='name the experiments and stop')
     options = parser.parse_args(arguments)
     if options.list:
-        print('\n'.join(f'{item.name:<18} {item.title} ({item.reference or "beyond the thesis"})'
-                        for item in known.values()))
+        print(
+            '\n'.join(
+                f'{item.name:<18} {item.title} ({item.reference or "beyond the thesis"})' for item in known.values()
+            )
+        )
         return 0
     unknown = [name for name in options.only if name not in known]
     if unknown:
@@ -72,14 +84,17 @@ def main(arguments: list[str] | None = None) -> int:
                     tqdm.write(document['why'], file=sys.stderr)
     except KeyboardInterrupt:
         stopped = True
-    documents = [json.loads(path.read_text()) for item in known.values()
-                 if (path := options.out / f'{item.name}.json').exists()]
+    documents = [
+        json.loads(path.read_text()) for item in known.values() if (path := options.out / f'{item.name}.json').exists()
+    ]
     write_page(options.out, documents)
     if len(documents) == len(known) and not any(document['tiny'] for document in documents):
         write_results(HERE / 'RESULTS.md', documents)
     states = [document['status'] for document in documents]
-    print(f'{states.count("done")} done, {states.count("not available yet")} not available yet, '
-          f'{states.count("failed")} failed; {time.perf_counter() - started:.0f} s; open {options.out}/index.html')
+    print(
+        f'{states.count("done")} done, {states.count("not available yet")} not available yet, '
+        f'{states.count("failed")} failed; {time.perf_counter() - started:.0f} s; open {options.out}/index.html'
+    )
     if stopped:
         print('stopped; the same command goes on with the next experiment')
         return 130
@@ -88,10 +103,19 @@ def main(arguments: list[str] | None = None) -> int:
 
 def conduct(item: Experiment, tiny: bool) -> dict[str, Any]:
     """Run one; a missing capability and a failure are results too."""
-    document: dict[str, Any] = {'name': item.name, 'title': item.title, 'reference': item.reference, 'tiny': tiny,
-                                'command': item.command, 'commit': commit(), 'status': 'done', 'why': ''}
+    document: dict[str, Any] = {
+        'name': item.name,
+        'title': item.title,
+        'reference': item.reference,
+        'tiny': tiny,
+        'command': item.command,
+        'commit': commit(),
+        'status': 'done',
+        'why': '',
+    }
     started = time.perf_counter()
     with tqdm(desc=f'  {item.name:<18}', unit='step', leave=False, file=sys.stdout) as bar:
+
         def advance(what: str) -> None:
             bar.set_postfix_str(what)
             bar.update()
@@ -123,8 +147,9 @@ def plain(value: Any) -> Any:
 
 
 def commit() -> str:
-    done = subprocess.run(['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT,
-                          check=False)
+    done = subprocess.run(
+        ['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT, check=False
+    )
     return done.stdout.strip() or 'unknown'
 
 

@@ -17,8 +17,24 @@ Messages = dict[str, Any]
 TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
 ODD_FLOATS = (float('nan'), float('inf'), -float('inf'), 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9)
 ODD_SIZES = (0, 1, 2, 3, 7, 97, 640, 65535, 2**31, 2**32 - 1)
-ENCODINGS = ('', 'mono8', 'rgb8', 'bgr8', 'mono16', '32FC1', '8UC1', '8UC3', '16UC1', 'yuv422', 'bayer_rggb8', 'rgba8',
-             'MONO8', 'mono8 ', '\U0001f4f7', 'x' * 10000)
+ENCODINGS = (
+    '',
+    'mono8',
+    'rgb8',
+    'bgr8',
+    'mono16',
+    '32FC1',
+    '8UC1',
+    '8UC3',
+    '16UC1',
+    'yuv422',
+    'bayer_rggb8',
+    'rgba8',
+    'MONO8',
+    'mono8 ',
+    '\U0001f4f7',
+    'x' * 10000,
+)
 
 
 def one_of(rng: np.random.Generator, choices: Any) -> Any:
@@ -27,10 +43,12 @@ def one_of(rng: np.random.Generator, choices: Any) -> Any:
 
 # -- stereo pairs --------------------------------------------------------------------------------------------------
 
+
 def data_length(rng, messages: Messages) -> None:
     image = messages[one_of(rng, TOPICS[::2])]
-    length = int(one_of(rng, (0, 1, len(image.data) // 2, len(image.data) - 1, len(image.data) + 1,
-                              3 * len(image.data))))
+    length = int(
+        one_of(rng, (0, 1, len(image.data) // 2, len(image.data) - 1, len(image.data) + 1, 3 * len(image.data)))
+    )
     image.data = array.array('B', (bytes(image.data) * 4)[:length])
 
 
@@ -87,7 +105,7 @@ def one_stamp(rng, messages: Messages) -> None:
 def clock_jump(rng, messages: Messages) -> None:
     now = messages[TOPICS[0]].header.stamp.sec
     for message in messages.values():
-        message.header.stamp.sec = max(-2**31, int(one_of(rng, (0, -1, -2**31, now - 5, now + 5))))
+        message.header.stamp.sec = max(-(2**31), int(one_of(rng, (0, -1, -(2**31), now - 5, now + 5))))
 
 
 def frame(rng, messages: Messages) -> None:
@@ -101,11 +119,23 @@ def missing(rng, messages: Messages) -> None:
 
 
 STEREO: tuple[Callable[..., None], ...] = (
-    data_length, image_field, encoding, noise, calibration, calibration_shape, info_size, exchanged, one_stamp,
-    clock_jump, frame, missing)
+    data_length,
+    image_field,
+    encoding,
+    noise,
+    calibration,
+    calibration_shape,
+    info_size,
+    exchanged,
+    one_stamp,
+    clock_jump,
+    frame,
+    missing,
+)
 
 
 # -- feature clouds ------------------------------------------------------------------------------------------------
+
 
 def cloud_data(rng, cloud: Any) -> None:
     data = bytes(cloud.data)
@@ -127,7 +157,7 @@ def cloud_values(rng, cloud: Any) -> None:
         row = int(rng.integers(cloud.width))
         field = cloud.fields[int(rng.integers(4, len(cloud.fields)))]
         start = row * cloud.point_step + field.offset
-        data[start:start + 8] = np.array([one_of(rng, ODD_FLOATS)], '<f8').tobytes()
+        data[start : start + 8] = np.array([one_of(rng, ODD_FLOATS)], '<f8').tobytes()
     cloud.data = array.array('B', bytes(data))
 
 
@@ -155,20 +185,28 @@ def cloud_order(rng, cloud: Any) -> None:
 
 
 def cloud_stamp(rng, cloud: Any) -> None:
-    cloud.header.stamp.sec = int(one_of(rng, (0, -1, -2**31, 2**31 - 1)))
+    cloud.header.stamp.sec = int(one_of(rng, (0, -1, -(2**31), 2**31 - 1)))
 
 
 CLOUD: tuple[Callable[..., None], ...] = (
-    cloud_data, cloud_bytes, cloud_values, cloud_size, cloud_fields, cloud_order, cloud_stamp)
+    cloud_data,
+    cloud_bytes,
+    cloud_values,
+    cloud_size,
+    cloud_fields,
+    cloud_order,
+    cloud_stamp,
+)
 
 
 # -- bytes on the wire ---------------------------------------------------------------------------------------------
+
 
 def garbled(rng: np.random.Generator, message: Any) -> bytes:
     """A serialised message, cut short or with bytes changed where the lengths stand."""
     raw = bytearray(serialize_message(message))
     if rng.random() < 0.5:
-        return bytes(raw[:int(rng.integers(4, min(len(raw), 400)))])
+        return bytes(raw[: int(rng.integers(4, min(len(raw), 400)))])
     for position in rng.integers(4, min(len(raw), 120), int(rng.integers(1, 6))):
         raw[position] = int(rng.integers(256))
     return bytes(raw)
@@ -176,8 +214,33 @@ def garbled(rng: np.random.Generator, message: Any) -> bytes:
 
 # -- parameters ----------------------------------------------------------------------------------------------------
 
+
 def parameter_value(rng: np.random.Generator) -> Any:
     """A value of any type that a parameter can have."""
-    choices = (True, False, 0, 1, -1, 2**62, -2**62, 10**6, *ODD_FLOATS, '', 'native', 'no such', '/', '../..',
-               '\0', 'x' * 3000, [], [''], ['a', 'b'], ['/etc/passwd'], [1, 2], [1.0, float('nan')], [True], b'bytes')
+    choices = (
+        True,
+        False,
+        0,
+        1,
+        -1,
+        2**62,
+        -(2**62),
+        10**6,
+        *ODD_FLOATS,
+        '',
+        'native',
+        'no such',
+        '/',
+        '../..',
+        '\0',
+        'x' * 3000,
+        [],
+        [''],
+        ['a', 'b'],
+        ['/etc/passwd'],
+        [1, 2],
+        [1.0, float('nan')],
+        [True],
+        b'bytes',
+    )
     return one_of(rng, choices)

@@ -125,10 +125,16 @@ class TopicFuzzer:
         before, heard = self.node.health.processed, self.heard()
         messages = self.good(self.moment)
         self.send(messages)
-        if self.harness.spin(lambda: self.node.health.processed > before and self.heard() >= heard + len(messages),
-                             HANG_S) is None:
-            raise Failed(f'a good input was not processed after {self.damaged} damaged ones; last error: '
-                         f'{self.node.health.last_error}')
+        if (
+            self.harness.spin(
+                lambda: self.node.health.processed > before and self.heard() >= heard + len(messages), HANG_S
+            )
+            is None
+        ):
+            raise Failed(
+                f'a good input was not processed after {self.damaged} damaged ones; last error: '
+                f'{self.node.health.last_error}'
+            )
 
     def check_books(self) -> None:
         """Nothing vanishes: every message was heard or is counted as lost, and every stereo message has its fate."""
@@ -156,11 +162,16 @@ def stereo_source(rng: np.random.Generator):
         header = Header(frame_id='cam_left_optical_frame')
         header.stamp.sec = moment
         infos = codecs.camera_infos_from_rig(RIG, header)
-        messages = {'left/image_rect': codecs.array_to_image(left, 'mono8', header), 'left/camera_info': infos[0],
-                    'right/image_rect': codecs.array_to_image(right, 'mono8', header), 'right/camera_info': infos[1]}
+        messages = {
+            'left/image_rect': codecs.array_to_image(left, 'mono8', header),
+            'left/camera_info': infos[0],
+            'right/image_rect': codecs.array_to_image(right, 'mono8', header),
+            'right/camera_info': infos[1],
+        }
         for message in messages.values():  # damaged one by one
             message.header = copy.deepcopy(header)
         return messages
+
     return good
 
 
@@ -172,6 +183,7 @@ def cloud_source():
         header = Header(frame_id='cam_left_optical_frame')
         header.stamp.sec = moment
         return {'features': codecs.features_to_cloud(features, header)}
+
     return good
 
 
@@ -183,7 +195,8 @@ def run(messages: int, seed: int, domain: int) -> dict[str, dict[str, object]]:
     targets = (
         ('recovery_node', RecoveryNode, {}, image_types, stereo_source(rng), 0.5),
         ('recovery_node, raw images', RecoveryNode, {'rectify': True}, image_types, stereo_source(rng), 0.1),
-        ('matcher_node', MatcherNode, {'models': ['l_shape']}, {'features': PointCloud2}, cloud_source(), 0.4))
+        ('matcher_node', MatcherNode, {'models': ['l_shape']}, {'features': PointCloud2}, cloud_source(), 0.4),
+    )
     for name, node_class, parameters, types, good, share in targets:
         harness = Harness(node_class, parameters, domain)
         try:
@@ -191,8 +204,12 @@ def run(messages: int, seed: int, domain: int) -> dict[str, dict[str, object]]:
             fuzzer.send_good()
             fuzzer.run(round(share * messages))
             fuzzer.check_books()
-            report[f'{name}: messages'] = {'damaged': fuzzer.damaged, **fuzzer.outcomes, 'slowest_s': round(
-                fuzzer.slowest[0], 3), 'slowest_damage': fuzzer.slowest[1]}
+            report[f'{name}: messages'] = {
+                'damaged': fuzzer.damaged,
+                **fuzzer.outcomes,
+                'slowest_s': round(fuzzer.slowest[0], 3),
+                'slowest_damage': fuzzer.slowest[1],
+            }
             report[f'{name}: parameters'] = dict(services.fuzz_parameters(harness, rng, messages // 20))
             fuzzer.send_good()
         finally:
@@ -206,15 +223,19 @@ def fuzz_services(rng: np.random.Generator, count: int, domain: int, scene: Path
     """Parameters and services of the nodes that are driven by requests."""
     report: dict[str, dict[str, object]] = {}
     scene.write_bytes(csg_renderer.scene_path('l_shape_v1').read_bytes())
-    for name, node_class, parameters in (('renderer_node', RendererNode, {'rate': 0.0, 'scene': str(scene)}),
-                                         ('emulator_node', EmulatorNode, {})):
+    for name, node_class, parameters in (
+        ('renderer_node', RendererNode, {'rate': 0.0, 'scene': str(scene)}),
+        ('emulator_node', EmulatorNode, {}),
+    ):
         harness = Harness(node_class, parameters, domain)
         try:
             report[f'{name}: parameters'] = dict(services.fuzz_parameters(harness, rng, count))
             report[f'{name}: parameter services'] = dict(services.fuzz_parameter_services(harness, rng, count))
             report[f'{name}: requests'] = dict(
-                services.fuzz_renderer(harness, rng, count, scene) if name == 'renderer_node'
-                else services.fuzz_emulator(harness, rng, count))
+                services.fuzz_renderer(harness, rng, count, scene)
+                if name == 'renderer_node'
+                else services.fuzz_emulator(harness, rng, count)
+            )
         finally:
             harness.close()
     return report

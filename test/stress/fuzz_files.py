@@ -46,7 +46,7 @@ def cut_or_repeat(rng: np.random.Generator, text: str) -> str:
         elif how == 2:
             lines.insert(a, lines[b] * int(rng.integers(1, 20)))
         else:
-            lines[a] = lines[a][:len(lines[a]) // 2]
+            lines[a] = lines[a][: len(lines[a]) // 2]
     return ''.join(lines)
 
 
@@ -69,8 +69,27 @@ def change_numbers(rng: np.random.Generator, text: str) -> str:
 
 
 def insert_junk(rng: np.random.Generator, text: str) -> str:
-    junk = str(rng.choice(['(' * 300, ')' * 50, '"', '/*', 'BLOCK', 'INCLUDE "../../secret.csg";', '\0', '%YAML', ';;;',
-                           'x' * 5000, '\ufeff', 'END', '- - - -', '{[', '&a [*a, *a]']))
+    junk = str(
+        rng.choice(
+            [
+                '(' * 300,
+                ')' * 50,
+                '"',
+                '/*',
+                'BLOCK',
+                'INCLUDE "../../secret.csg";',
+                '\0',
+                '%YAML',
+                ';;;',
+                'x' * 5000,
+                '\ufeff',
+                'END',
+                '- - - -',
+                '{[',
+                '&a [*a, *a]',
+            ]
+        )
+    )
     at = int(rng.integers(len(text) + 1))
     return text[:at] + junk + text[at:]
 
@@ -88,7 +107,7 @@ def damaged_text(rng: np.random.Generator, text: str) -> str:
 def damaged_bytes(rng: np.random.Generator, data: bytes) -> bytes:
     changed = bytearray(data)
     if rng.random() < 0.4:
-        return bytes(changed[:int(rng.integers(len(changed)))])
+        return bytes(changed[: int(rng.integers(len(changed)))])
     for at in rng.integers(0, len(changed), int(rng.integers(1, 30))):
         changed[at] = int(rng.integers(256))
     return bytes(changed)
@@ -117,17 +136,30 @@ def sources() -> dict[str, Source]:
     with tempfile.TemporaryDirectory() as folder:
         model.save(Path(folder) / 'good.npz')
         buffer.write((Path(folder) / 'good.npz').read_bytes())
-    cube = '\n'.join([*(f'v {x} {y} {z}' for x in (0, 1) for y in (0, 1) for z in (0, 1)),
-                      'f 1 2 4 3', 'f 5 7 8 6', 'f 1 5 6 2', 'f 3 4 8 7', 'f 1 3 7 5', 'f 2 6 8 4', ''])
+    cube = '\n'.join(
+        [
+            *(f'v {x} {y} {z}' for x in (0, 1) for y in (0, 1) for z in (0, 1)),
+            'f 1 2 4 3',
+            'f 5 7 8 6',
+            'f 1 5 6 2',
+            'f 3 4 8 7',
+            'f 1 3 7 5',
+            'f 2 6 8 4',
+            '',
+        ]
+    )
     calibration = (resources.files('stereo_recovery') / 'data' / 'chessboard' / 'calibration.yaml').read_text()
     return {
-        'scene': Source('.csg', [path.read_text() for path in sorted(models.glob('*.csg'))],
-                        csg_renderer.load_scene),
+        'scene': Source('.csg', [path.read_text() for path in sorted(models.glob('*.csg'))], csg_renderer.load_scene),
         'features': Source('.npz', [buffer.getvalue()], FeatureSet.load),
         'mesh': Source('.obj', [cube], csg_renderer.features_from_mesh),
         'calibration': Source('.yaml', [calibration], lambda path: load_cameras(path, (640, 480))),
-        'program': Source('.fpp', [program_source(name) for name in program_names()],
-                          lambda path: compile_program(path.read_text(encoding='utf-8')))}
+        'program': Source(
+            '.fpp',
+            [program_source(name) for name in program_names()],
+            lambda path: compile_program(path.read_text(encoding='utf-8')),
+        ),
+    }
 
 
 def main() -> int:

@@ -37,15 +37,21 @@ from msgs_py.node_runtime.transport import make_room_for_images
 RECOVERED_S = 4.0
 START_S = 120.0  # the first start of all may compile
 SCENE = 'l_shape_v1'
-NODES = {'renderer_node': {'scene': SCENE, 'rate': '5.0', 'width': '320', 'antialias': '3'},
-         'recovery_node': {}, 'matcher_node': {'models': f"['{SCENE}']"}}
+NODES = {
+    'renderer_node': {'scene': SCENE, 'rate': '5.0', 'width': '320', 'antialias': '3'},
+    'recovery_node': {},
+    'matcher_node': {'models': f"['{SCENE}']"},
+}
 
 
 def slowness() -> float:
     """How much longer than its processor time the start of a process takes now; 1 on an idle machine."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    subprocess.run([sys.executable, '-c', 'import numpy, scipy.spatial'], check=True,
-                   env=os.environ | {'OPENBLAS_NUM_THREADS': '1'})
+    subprocess.run(
+        [sys.executable, '-c', 'import numpy, scipy.spatial'],
+        check=True,
+        env=os.environ | {'OPENBLAS_NUM_THREADS': '1'},
+    )
     took, after = time.monotonic() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     return max(1.0, took / (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
 
@@ -74,8 +80,12 @@ class Restarts:
         if executable is None:
             raise Failed(f'{name} is not installed as an executable')
         parameters = [item for key, value in NODES[name].items() for item in ('-p', f'{key}:={value}')]
-        self.running[name] = subprocess.Popen([executable, '--ros-args', *parameters], env=self.environment,
-                                              stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.running[name] = subprocess.Popen(
+            [executable, '--ros-args', *parameters],
+            env=self.environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
 
     def spin(self, until, timeout_s: float) -> bool:
         deadline = time.monotonic() + timeout_s
@@ -149,8 +159,10 @@ def main() -> int:
             if arguments.share_out:
                 slow = (slow + slowness()) / 2
             took.append(seconds / slow)
-            print(f'{seconds:5.2f} s  {" ".join(order)}' + f'  (machine {slow:.1f}x slow)' * arguments.share_out,
-                  flush=True)
+            print(
+                f'{seconds:5.2f} s  {" ".join(order)}' + f'  (machine {slow:.1f}x slow)' * arguments.share_out,
+                flush=True,
+            )
     except Failed as error:
         print(f'FAILED: {error}')
         return 1
@@ -159,8 +171,10 @@ def main() -> int:
             other.kill()
             other.wait()
         restarts.close()
-    print(f'{len(took)} restarts: median {np.median(took):.2f} s, p95 {np.percentile(took, 95):.2f} s, '
-          f'longest {max(took):.2f} s (allowed {arguments.allowed:g} s), no pose from before')
+    print(
+        f'{len(took)} restarts: median {np.median(took):.2f} s, p95 {np.percentile(took, 95):.2f} s, '
+        f'longest {max(took):.2f} s (allowed {arguments.allowed:g} s), no pose from before'
+    )
     print('ok' if max(took) < arguments.allowed else 'FAILED')
     return int(max(took) >= arguments.allowed)
 

@@ -12,13 +12,7 @@ import numpy as np
 from harness import HANG_S, Failed, Harness
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -65,19 +59,48 @@ def fuzz_emulator(harness: Harness, rng: np.random.Generator, count: int) -> Cou
     run = tester.create_client(Trigger, '/emulator_node/run')
     if harness.spin(lambda: all(client.service_is_ready() for client in (store, fetch, run)), 20.0) is None:
         raise Failed('no services')
-    names = ('', '.', '/', 'a', 'a.program', 'a.entry', 'a.run_request', 'b.library', 'a.x', 'a.model', 'x' * 3000,
-             'a..b', 'a.data.X', 'a.shape.X', 'a.forget', 'a.cancel', 'a.result.1.data.X', 'b.run_request',
-             '\0', '../../etc', 'a.result.1.cycles')
-    texts = ('', '      SUBROUTINE MAIN', 'entry main\nend', 'program', 'canny', '/etc/passwd', '(' * 2000, '\0\n',
-             'x' * 20000)
+    names = (
+        '',
+        '.',
+        '/',
+        'a',
+        'a.program',
+        'a.entry',
+        'a.run_request',
+        'b.library',
+        'a.x',
+        'a.model',
+        'x' * 3000,
+        'a..b',
+        'a.data.X',
+        'a.shape.X',
+        'a.forget',
+        'a.cancel',
+        'a.result.1.data.X',
+        'b.run_request',
+        '\0',
+        '../../etc',
+        'a.result.1.cycles',
+    )
+    texts = (
+        '',
+        '      SUBROUTINE MAIN',
+        'entry main\nend',
+        'program',
+        'canny',
+        '/etc/passwd',
+        '(' * 2000,
+        '\0\n',
+        'x' * 20000,
+    )
     for _ in range(count):
         parameters = []
         for _ in range(int(rng.integers(0, 4))):
             value = ParameterValue(type=int(rng.integers(0, 12)))
             value.string_value = damage.one_of(rng, texts)
-            value.integer_array_value = rng.integers(-2**60, 2**60, int(rng.integers(0, 50))).tolist()
+            value.integer_array_value = rng.integers(-(2**60), 2**60, int(rng.integers(0, 50))).tolist()
             value.double_array_value = [damage.one_of(rng, damage.ODD_FLOATS) for _ in range(3)]
-            value.integer_value = int(rng.integers(-2**62, 2**62))
+            value.integer_value = int(rng.integers(-(2**62), 2**62))
             value.double_value = damage.one_of(rng, damage.ODD_FLOATS)
             parameters.append(ParameterMessage(name=damage.one_of(rng, names), value=value))
         result = harness.call(store, SetParametersAtomically.Request(parameters=parameters)).result
@@ -100,17 +123,26 @@ def fuzz_emulator(harness: Harness, rng: np.random.Generator, count: int) -> Cou
 def fuzz_parameter_services(harness: Harness, rng: np.random.Generator, count: int) -> Counter[str]:
     """The services that every node has: several odd values at once, names that are no names."""
     name, tester, outcomes = harness.node.get_fully_qualified_name(), harness.tester, Counter()
-    kinds = {'set_parameters': SetParameters, 'set_parameters_atomically': SetParametersAtomically,
-             'get_parameters': GetParameters, 'describe_parameters': DescribeParameters,
-             'list_parameters': ListParameters}
+    kinds = {
+        'set_parameters': SetParameters,
+        'set_parameters_atomically': SetParametersAtomically,
+        'get_parameters': GetParameters,
+        'describe_parameters': DescribeParameters,
+        'list_parameters': ListParameters,
+    }
     clients = {service: tester.create_client(kind, f'{name}/{service}') for service, kind in kinds.items()}
     if harness.spin(lambda: all(client.service_is_ready() for client in clients.values()), 20.0) is None:
         raise Failed('no parameter services')
     known = [spec.name for spec in type(harness.node.config).parameters()]
     names = [*known, '', '.', 'no_such_parameter', 'x' * 3000, '/', '*', 'qos_overrides']
-    initial = [Parameter(spec, *((Parameter.Type.STRING_ARRAY,) if isinstance(value, tuple) else ()),
-                         value=list(value) if isinstance(value, tuple) else value)
-               for spec, value in harness.node.config.as_parameters().items()]
+    initial = [
+        Parameter(
+            spec,
+            *((Parameter.Type.STRING_ARRAY,) if isinstance(value, tuple) else ()),
+            value=list(value) if isinstance(value, tuple) else value,
+        )
+        for spec, value in harness.node.config.as_parameters().items()
+    ]
     for _ in range(count):
         service = damage.one_of(rng, list(kinds))
         wanted = [damage.one_of(rng, names) for _ in range(int(rng.integers(0, 5)))]
@@ -123,8 +155,13 @@ def fuzz_parameter_services(harness: Harness, rng: np.random.Generator, count: i
             request.names = wanted
         problems = harness.node.health.problems
         future = clients[service].call_async(request)
-        if harness.spin(lambda: future.done() or harness.node.health.problems > problems,  # noqa: B023
-                        HANG_S + 3.0) is None:
+        if (
+            harness.spin(
+                lambda: future.done() or harness.node.health.problems > problems,  # noqa: B023
+                HANG_S + 3.0,
+            )
+            is None
+        ):
             raise Failed(f'{service} neither answered nor reported {str(request)[:3000]}')
         if harness.spin(future.done, 0.05) is None:
             # rclpy itself stumbles over a type or name that does not exist, and then has no answer to send.
@@ -146,10 +183,10 @@ def odd_value(rng: np.random.Generator) -> ParameterValue:
     value = ParameterValue(type=int(rng.integers(0, 12)))
     value.bool_value = bool(rng.integers(2))
     value.string_value = damage.one_of(rng, ('', 'native', 'no such', '/etc/passwd', 'x' * 3000, '\0'))
-    value.integer_value = int(rng.integers(-2**62, 2**62))
+    value.integer_value = int(rng.integers(-(2**62), 2**62))
     value.double_value = damage.one_of(rng, damage.ODD_FLOATS)
     value.string_array_value = [value.string_value] * int(rng.integers(0, 3))
-    value.integer_array_value = rng.integers(-2**60, 2**60, int(rng.integers(0, 9))).tolist()
+    value.integer_array_value = rng.integers(-(2**60), 2**60, int(rng.integers(0, 9))).tolist()
     value.double_array_value = [damage.one_of(rng, damage.ODD_FLOATS) for _ in range(3)]
     return value
 
@@ -165,23 +202,33 @@ def fuzz_renderer(harness: Harness, rng: np.random.Generator, count: int, scene:
         raise Failed('no services')
     whole = csg_renderer.scene_path('chair').read_bytes() + b'DRAW chair AT (0, 0, 300);\n'
     for levels, antialias in itertools.product((1, 2), (0, 1, 2)):  # what is compiled at its first use is no hang
-        node.set_parameters_atomically([Parameter('width', value=16), Parameter('levels', value=levels),
-                                        Parameter('antialias', value=antialias)])
+        node.set_parameters_atomically(
+            [Parameter('width', value=16), Parameter('levels', value=levels), Parameter('antialias', value=antialias)]
+        )
         harness.call(clients[0], Trigger.Request(), 120.0)
     for _ in range(count):
         content = bytearray(whole)
         if rng.random() < 0.5:
-            content = content[:int(rng.integers(0, len(content)))]
+            content = content[: int(rng.integers(0, len(content)))]
         for _ in range(int(rng.integers(0, 4)) if content else 0):
             content[int(rng.integers(0, len(content)))] = int(rng.integers(0, 256))
         if rng.random() < 0.1:
             scene.unlink(missing_ok=True)
         else:
             scene.write_bytes(bytes(content))
-        options = [Parameter(name, value=damage.one_of(rng, values)) for name, values in (
-            ('width', RENDER_SIZES), ('height', RENDER_SIZES), ('antialias', (0, 1, 2)), ('levels', (1, 2)),
-            ('encoding', ('mono8', 'rgb8', 'jpeg')), ('baseline', (0.0, 1e-9, 0.05, 999.0, float('nan'))),
-            ('focal', (0.0, 1e-3, 100.0, 1e6, float('inf'))), ('turntable', (0.0, 90.0, -180.0, 1e9)))]
+        options = [
+            Parameter(name, value=damage.one_of(rng, values))
+            for name, values in (
+                ('width', RENDER_SIZES),
+                ('height', RENDER_SIZES),
+                ('antialias', (0, 1, 2)),
+                ('levels', (1, 2)),
+                ('encoding', ('mono8', 'rgb8', 'jpeg')),
+                ('baseline', (0.0, 1e-9, 0.05, 999.0, float('nan'))),
+                ('focal', (0.0, 1e-3, 100.0, 1e6, float('inf'))),
+                ('turntable', (0.0, 90.0, -180.0, 1e9)),
+            )
+        ]
         for option in options:
             node.set_parameters_atomically([option])
         client, problems = damage.one_of(rng, clients), node.health.problems

@@ -57,15 +57,19 @@ class Soak:
         self.nodes = (self.recovery, self.matcher, self.source)
         for node in self.nodes:
             self.executor.add_node(node)
-        self.outputs = {topic: self.source.create_publisher(
-            CameraInfo if topic.endswith('info') else Image, topic, OUTPUT_QOS) for topic in STEREO_TOPICS}
+        self.outputs = {
+            topic: self.source.create_publisher(CameraInfo if topic.endswith('info') else Image, topic, OUTPUT_QOS)
+            for topic in STEREO_TOPICS
+        }
         self.answered: int | None = None
         self.found = 0
         self.source.create_subscription(PoseArray, 'interpretations', self._on_answer, 10)
         scene = csg_renderer.load_scene(csg_renderer.scene_path(SCENE))
         self.rig = scene_rig(scene, width=SIZE)
-        self.frames = [codecs.gray_from_image(codecs.array_to_image(frame.image, 'rgb8')).astype(np.int16)
-                       for frame in csg_renderer.render_stereo(scene, self.rig, antialias=4)]
+        self.frames = [
+            codecs.gray_from_image(codecs.array_to_image(frame.image, 'rgb8')).astype(np.int16)
+            for frame in csg_renderer.render_stereo(scene, self.rig, antialias=4)
+        ]
 
     def _on_answer(self, message: PoseArray) -> None:
         self.answered = message.header.stamp.sec
@@ -80,8 +84,9 @@ class Soak:
         return True
 
     def connect(self) -> None:
-        inner = [p for node in self.nodes[:2] for p in node.publishers
-                 if p.topic_name in ('/features', '/interpretations')]
+        inner = [
+            p for node in self.nodes[:2] for p in node.publishers if p.topic_name in ('/features', '/interpretations')
+        ]
         waiting = [*self.outputs.values(), *inner]
         if not self.spin(lambda: all(p.get_subscription_count() for p in waiting), 20.0):
             raise SystemExit('FAILED: topics did not connect')
@@ -92,8 +97,12 @@ class Soak:
         header.stamp.sec = number + 1
         images = [np.clip(frame + rng.integers(-2, 3, frame.shape), 0, 255).astype(np.uint8) for frame in self.frames]
         infos = codecs.camera_infos_from_rig(self.rig, header)
-        messages = (codecs.array_to_image(images[0], 'mono8', header), infos[0],
-                    codecs.array_to_image(images[1], 'mono8', header), infos[1])
+        messages = (
+            codecs.array_to_image(images[0], 'mono8', header),
+            infos[0],
+            codecs.array_to_image(images[1], 'mono8', header),
+            infos[1],
+        )
         start = time.perf_counter()
         for topic, message in zip(STEREO_TOPICS, messages):
             self.outputs[topic].publish(message)
@@ -103,8 +112,11 @@ class Soak:
 
     def counted(self) -> int:
         """Pairs that did not come back but are in a counter of a node."""
-        return sum(node.health.lost + node.health.dropped for node in self.nodes[:2]) \
-            + self.recovery._sync.counters.unmatched + self.recovery._sync.counters.late
+        return (
+            sum(node.health.lost + node.health.dropped for node in self.nodes[:2])
+            + self.recovery._sync.counters.unmatched
+            + self.recovery._sync.counters.late
+        )
 
     def close(self) -> None:
         for node in self.nodes:
@@ -142,10 +154,12 @@ def main() -> int:
     soak.close()
     block = min(1000, max(1, len(seconds) // 2))
     first, last = (1e3 * float(np.percentile(part, 99)) for part in (seconds[:block], seconds[-block:]))
-    print(f'{arguments.pairs} pairs: {found} recognised, {missing} unanswered, {counted} counted by the nodes; '
-          f'memory {growth:+.1f} MB (allowed {GROWTH_MB:g}); p50 {1e3 * np.median(seconds):.1f} ms, '
-          f'p99 of the first {block} {first:.1f} ms, of the last {last:.1f} ms ({last / first:.2f}x, '
-          f'allowed {arguments.drift:g}x)')
+    print(
+        f'{arguments.pairs} pairs: {found} recognised, {missing} unanswered, {counted} counted by the nodes; '
+        f'memory {growth:+.1f} MB (allowed {GROWTH_MB:g}); p50 {1e3 * np.median(seconds):.1f} ms, '
+        f'p99 of the first {block} {first:.1f} ms, of the last {last:.1f} ms ({last / first:.2f}x, '
+        f'allowed {arguments.drift:g}x)'
+    )
     good = growth < GROWTH_MB and missing <= counted and last <= arguments.drift * first
     print('ok' if good else 'FAILED')
     return 0 if good else 1

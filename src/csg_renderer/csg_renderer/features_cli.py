@@ -43,17 +43,37 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser('features', description='Edges, planar curves and axes of a model, exactly from '
-                                     'its CSG tree, or of a mesh within the error of its facets.')
+    parser = argparse.ArgumentParser(
+        'features',
+        description='Edges, planar curves and axes of a model, exactly from '
+        'its CSG tree, or of a mesh within the error of its facets.',
+    )
     parser.add_argument('model', help='a scene (.csg; also the name of an installed one) or a mesh (.stl, .obj, .ply)')
-    parser.add_argument('-o', '--output', action='append', default=[], metavar='FILE',
-                        help='write a wire frame (.png, .svg, .pdf; hidden lines dashed), .dxf (mm), .json or .npz; '
-                        'may be repeated. Of several models each gets its name added')
-    parser.add_argument('--look', nargs=3, type=float, default=(1.0, -1.6, 1.1), metavar=('X', 'Y', 'Z'),
-                        help='where to look from, model frame (default: %(default)s)')
+    parser.add_argument(
+        '-o',
+        '--output',
+        action='append',
+        default=[],
+        metavar='FILE',
+        help='write a wire frame (.png, .svg, .pdf; hidden lines dashed), .dxf (mm), .json or .npz; '
+        'may be repeated. Of several models each gets its name added',
+    )
+    parser.add_argument(
+        '--look',
+        nargs=3,
+        type=float,
+        default=(1.0, -1.6, 1.1),
+        metavar=('X', 'Y', 'Z'),
+        help='where to look from, model frame (default: %(default)s)',
+    )
     parser.add_argument('--camera', action='store_true', help="draw from the scene file's own camera")
-    parser.add_argument('--crease-angle', type=float, default=np.degrees(CREASE_ANGLE), metavar='DEG',
-                        help='meshes: triangles that turn by more meet in a crease (default: %(default).0f)')
+    parser.add_argument(
+        '--crease-angle',
+        type=float,
+        default=np.degrees(CREASE_ANGLE),
+        metavar='DEG',
+        help='meshes: triangles that turn by more meet in a crease (default: %(default).0f)',
+    )
     parser.add_argument('--scale', type=float, default=1.0, metavar='M', help='meshes: metres per unit of the file')
     parser.add_argument('-q', '--quiet', action='store_true', help='print counts, not the table')
     return parser
@@ -133,8 +153,9 @@ def _save_json(options: argparse.Namespace, exported: dict) -> None:
 
 def describe(name: str, features: FeatureSet, solid: Solid | None = None, table: bool = True) -> str:
     """A model's features as text, millimetres and degrees; with a solid also faces, volume and notices."""
-    counts = ', '.join(f'{(features.kind == kind).sum()} {word}' for kind, word in zip(
-        FeatureKind, ('edges', 'curves', 'axes')))
+    counts = ', '.join(
+        f'{(features.kind == kind).sum()} {word}' for kind, word in zip(FeatureKind, ('edges', 'curves', 'axes'))
+    )
     lines = [f'{name}: {counts}']
     angles = np.full(len(features), np.nan)
     if solid is not None:
@@ -142,18 +163,21 @@ def describe(name: str, features: FeatureSet, solid: Solid | None = None, table:
         details = found.details
         kinds = [face.kind for face in details.faces]
         text = ', '.join(f'{kinds.count(kind)} {kind}' for kind in dict.fromkeys(kinds)) or 'none'
-        lines.append(f'  {len(solid.primitives)} primitives, {solid.halfspaces} half-spaces, '
-                     f'{len(kinds)} faces ({text}), {len(details.vertices)} vertices')
+        lines.append(
+            f'  {len(solid.primitives)} primitives, {solid.halfspaces} half-spaces, '
+            f'{len(kinds)} faces ({text}), {len(details.vertices)} vertices'
+        )
         lines.append(f'  volume {details.volume * 1e9:.6g} mm3, surface {details.area * 1e6:.6g} mm2')
         if np.isfinite(details.low).all():
             lines.append(f'  box {_mm(details.low)} to {_mm(details.high)} mm')
         lines += [f'  note: {notice}' for notice in found.notices + details.notices]
-        angles[:len(details.edge_angles)] = np.degrees(details.edge_angles)
+        angles[: len(details.edge_angles)] = np.degrees(details.edge_angles)
         curves = details.curve_angles[found.ellipse]
-        angles[len(details.edge_angles):len(details.edge_angles) + len(curves)] = np.degrees(curves)
+        angles[len(details.edge_angles) : len(details.edge_angles) + len(curves)] = np.degrees(curves)
     if table and len(features):
-        lines.append(f'  {"":3} kind  {"start or centre, mm":>29} {"end, mm, or normal":>29} {"length or radii":>17} '
-                     'angle, deg')
+        lines.append(
+            f'  {"":3} kind  {"start or centre, mm":>29} {"end, mm, or normal":>29} {"length or radii":>17} angle, deg'
+        )
         for k in range(len(features)):
             kind = FeatureKind(int(features.kind[k]))
             curve = kind == FeatureKind.CURVE

@@ -21,25 +21,47 @@ from .visibility.hidden_lines import visible_fragments
 
 # Model: title, and the thesis' primitives, half-spaces, edges, curves, axes (Tables 5.1, 5.3, 6.1; 6.9), or None.
 MODELS: dict[str, tuple[str, tuple[int | None, ...]]] = {
-    'chipped_block': ('Chipped Block', (2, 12, 15, 0, 0)), 'chair': ('Chair', (3, 18, 30, 0, 0)),
-    'computer': ('Computer', (9, 54, 32, 0, 0)), 'l_shape': ('L-shape', (2, 12, 18, 0, 0)),
-    'wedge': ('Wedge', (3, 18, 15, 0, 0)), 'plug': ('Plug', (8, 48, 54, 0, 0)),
-    'cylinder_box': ('CylinderBox', (None, None, 12, 2, 1)), 'lamp': ('Lamp', (None, None, 24, 3, 1)),
-    'tubes': ('Tubes', (None, None, 0, 10, 5)), 'widget': ('Widget', (None, None, 28, 3, 1)),
+    'chipped_block': ('Chipped Block', (2, 12, 15, 0, 0)),
+    'chair': ('Chair', (3, 18, 30, 0, 0)),
+    'computer': ('Computer', (9, 54, 32, 0, 0)),
+    'l_shape': ('L-shape', (2, 12, 18, 0, 0)),
+    'wedge': ('Wedge', (3, 18, 15, 0, 0)),
+    'plug': ('Plug', (8, 48, 54, 0, 0)),
+    'cylinder_box': ('CylinderBox', (None, None, 12, 2, 1)),
+    'lamp': ('Lamp', (None, None, 24, 3, 1)),
+    'tubes': ('Tubes', (None, None, 0, 10, 5)),
+    'widget': ('Widget', (None, None, 28, 3, 1)),
 }
 # View: the thesis' visible edges, curves, axes (Tables 5.6, 6.2, 6.5).
 VIEWS: dict[str, tuple[int, int, int]] = {
-    'chipped_block_v1': (12, 0, 0), 'chipped_block_v2': (9, 0, 0), 'chair_v1': (20, 0, 0), 'chair_v2': (21, 0, 0),
-    'computer_v1': (26, 0, 0), 'computer_v2': (17, 0, 0), 'l_shape_v1': (15, 0, 0), 'l_shape_v2': (9, 0, 0),
-    'wedge_v1': (12, 0, 0), 'wedge_v2': (8, 0, 0), 'plug_v1': (40, 0, 0), 'plug_v2': (13, 0, 0),
-    'cylinder_box_v1': (9, 2, 1), 'cylinder_box_v2': (11, 1, 0), 'lamp_v1': (16, 3, 1), 'lamp_v2': (15, 2, 1),
-    'tubes_v1': (0, 8, 3), 'widget_v1': (15, 3, 1), 'widget_v2': (15, 2, 0),
+    'chipped_block_v1': (12, 0, 0),
+    'chipped_block_v2': (9, 0, 0),
+    'chair_v1': (20, 0, 0),
+    'chair_v2': (21, 0, 0),
+    'computer_v1': (26, 0, 0),
+    'computer_v2': (17, 0, 0),
+    'l_shape_v1': (15, 0, 0),
+    'l_shape_v2': (9, 0, 0),
+    'wedge_v1': (12, 0, 0),
+    'wedge_v2': (8, 0, 0),
+    'plug_v1': (40, 0, 0),
+    'plug_v2': (13, 0, 0),
+    'cylinder_box_v1': (9, 2, 1),
+    'cylinder_box_v2': (11, 1, 0),
+    'lamp_v1': (16, 3, 1),
+    'lamp_v2': (15, 2, 1),
+    'tubes_v1': (0, 8, 3),
+    'widget_v1': (15, 3, 1),
+    'widget_v2': (15, 2, 0),
 }
 # Large scene: title, and the thesis' primitives and half-spaces (Table 4.3, Plate 4.1).
 LARGE: dict[str, tuple[str, tuple[int | None, ...]]] = {
-    'coverplate': ('Coverplate', (25, 93)), 'recursive_cubes': ('Recursive Cubes', (42, 147)),
-    'oil_rig': ('Oil Rig', (44, 264)), 'robot_arm': ('Robot Arm', (63, 258)),
-    'geneva_wheel': ('Geneva Wheel', (38, 147)), 'table': ('Table', (100, None)),
+    'coverplate': ('Coverplate', (25, 93)),
+    'recursive_cubes': ('Recursive Cubes', (42, 147)),
+    'oil_rig': ('Oil Rig', (44, 264)),
+    'robot_arm': ('Robot Arm', (63, 258)),
+    'geneva_wheel': ('Geneva Wheel', (38, 147)),
+    'table': ('Table', (100, None)),
 }
 # Wide enough to count what is seen whatever the framing of a scene.
 WIDE = PinholeCamera.centred(8000, 8000, 703.0)
@@ -91,22 +113,28 @@ def sheet(tiles: list[np.ndarray], columns: int) -> np.ndarray:
     out = np.full((rows * (height + 2) - 2, columns * (width + 2) - 2, 3), 60, dtype=np.uint8)
     for k, image in enumerate(tiles):
         y, x = (k // columns) * (height + 2), (k % columns) * (width + 2)
-        out[y:y + height, x:x + width] = image
+        out[y : y + height, x : x + width] = image
     return out
 
 
 def page() -> str:
     """docs/scenes.md: ours beside the thesis, a line for every scene."""
     lines = [
-        '# Scenes', '',
+        '# Scenes',
+        '',
         'Written by `python -m csg_renderer.gallery src/csg_renderer/docs`. The thesis gives counts and poses of its',
         'scenes; its dimensions are lost, these are ours. "ours (thesis)" where they differ; - where it gives no',
-        'number.', '',
-        '![Test models](test_models.png)', '',
+        'number.',
+        '',
+        '![Test models](test_models.png)',
+        '',
         'The test models at the printed poses, each framed to fill its picture and turned over top to bottom, which is',
-        'how the thesis shows them: its y axis points up, that of an optical frame down.', '',
-        '![Large scenes](large_scenes.png)', '',
-        '| model | primitives | half-spaces | edges | curves | axes |', '| --- | --- | --- | --- | --- | --- |',
+        'how the thesis shows them: its y axis points up, that of an optical frame down.',
+        '',
+        '![Large scenes](large_scenes.png)',
+        '',
+        '| model | primitives | half-spaces | edges | curves | axes |',
+        '| --- | --- | --- | --- | --- | --- |',
     ]
     for name, (title, thesis) in MODELS.items():
         (model,) = load_models(name).values()
@@ -123,10 +151,10 @@ def page() -> str:
     return '\n'.join(lines) + '\n'
 
 
-NOTES = '''A feature counts once, however many pieces of it are seen. The thesis' counts of Plug, Chipped Block, Chair,
+NOTES = """A feature counts once, however many pieces of it are seen. The thesis' counts of Plug, Chipped Block, Chair,
 Computer, L-shape and Wedge are of ideal data. Those of CylinderBox, Lamp, Tubes and Widget are of recovered data, where
 a broken edge counts twice and a weak one not at all: view 2 of the CylinderBox shows 9 edges of a box at most, of which
-the thesis recovered 11 pieces. The thesis gives the Lamp 13 planar faces; this one has 12.'''
+the thesis recovered 11 pieces. The thesis gives the Lamp 13 planar faces; this one has 12."""
 
 
 def visible(name: str) -> tuple[int, ...]:

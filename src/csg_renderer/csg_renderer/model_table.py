@@ -37,10 +37,22 @@ MODELS: dict[str, tuple[int | None, int | None, int | None, int, int, int]] = {
 }
 # Thesis: visible edges, curves, axes of ideal data (5.6, the plug's from 5.11.5; chapter 6's data are recovered: 6.2).
 VIEWS: dict[str, tuple[int, int, int]] = {
-    'chipped_block_v1': (12, 0, 0), 'chipped_block_v2': (9, 0, 0), 'chair_v1': (20, 0, 0), 'chair_v2': (21, 0, 0),
-    'computer_v1': (26, 0, 0), 'computer_v2': (17, 0, 0), 'l_shape_v1': (15, 0, 0), 'l_shape_v2': (9, 0, 0),
-    'wedge_v1': (12, 0, 0), 'wedge_v2': (8, 0, 0), 'plug_v1': (40, 0, 0), 'plug_v2': (13, 0, 0),
-    'cylinder_box_v1': (9, 2, 1), 'cylinder_box_v2': (11, 1, 0), 'lamp_v1': (16, 3, 1), 'lamp_v2': (15, 2, 1),
+    'chipped_block_v1': (12, 0, 0),
+    'chipped_block_v2': (9, 0, 0),
+    'chair_v1': (20, 0, 0),
+    'chair_v2': (21, 0, 0),
+    'computer_v1': (26, 0, 0),
+    'computer_v2': (17, 0, 0),
+    'l_shape_v1': (15, 0, 0),
+    'l_shape_v2': (9, 0, 0),
+    'wedge_v1': (12, 0, 0),
+    'wedge_v2': (8, 0, 0),
+    'plug_v1': (40, 0, 0),
+    'plug_v2': (13, 0, 0),
+    'cylinder_box_v1': (9, 2, 1),
+    'cylinder_box_v2': (11, 1, 0),
+    'lamp_v1': (16, 3, 1),
+    'lamp_v2': (15, 2, 1),
     'tubes_v1': (0, 8, 3),
 }
 
@@ -65,7 +77,7 @@ def view_counts(path: str | Path) -> tuple[int, int, int]:
     placed = [(item.model, scene.camera_T_scene.compose(item.pose)) for item in scene.placements]
     total = np.zeros(3, int)
     for k, (solid, pose) in enumerate(placed):
-        seen = visible_fragments(solid, pose, scene.camera, placed[:k] + placed[k + 1:])
+        seen = visible_fragments(solid, pose, scene.camera, placed[:k] + placed[k + 1 :])
         kind = boundary(solid).features.kind[np.unique(seen.model_index)]
         total += [int((kind == wanted).sum()) for wanted in FeatureKind]
     edges, curves, axes = total.tolist()
@@ -74,8 +86,10 @@ def view_counts(path: str | Path) -> tuple[int, int, int]:
 
 def table() -> dict[str, dict[str, dict[str, Any]]]:
     """{'models' | 'views': {name: {'ours': counts or None, 'thesis': counts, 'problem': text or None}}}."""
-    return {'models': {name: _row(model_counts, name, thesis) for name, thesis in MODELS.items()},
-            'views': {name: _row(view_counts, name, thesis) for name, thesis in VIEWS.items()}}
+    return {
+        'models': {name: _row(model_counts, name, thesis) for name, thesis in MODELS.items()},
+        'views': {name: _row(view_counts, name, thesis) for name, thesis in VIEWS.items()},
+    }
 
 
 def _row(count: Any, name: str, thesis: tuple) -> dict[str, Any]:
@@ -88,15 +102,19 @@ def _row(count: Any, name: str, thesis: tuple) -> dict[str, Any]:
 def as_markdown(rows: dict[str, dict[str, dict[str, Any]]]) -> str:
     """Two tables, every cell ours | thesis; a cell that differs is marked with *."""
     lines = []
-    for part, heads in (('models', ('primitives', 'half-spaces', 'planar faces', 'edges', 'curves', 'axes')),
-                        ('views', ('visible edges', 'visible curves', 'visible axes'))):
+    for part, heads in (
+        ('models', ('primitives', 'half-spaces', 'planar faces', 'edges', 'curves', 'axes')),
+        ('views', ('visible edges', 'visible curves', 'visible axes')),
+    ):
         lines += [f'| {part[:-1]} (ours / thesis) | ' + ' | '.join(heads) + ' |', '| --- ' * (len(heads) + 1) + '|']
         for name, row in rows[part].items():
             if row['problem']:
                 cells = [f'- / {_number(value)}' for value in row['thesis']]
             else:
-                cells = [f'{ours} / {_number(thesis)}{"" if thesis in (ours, None) else " *"}'
-                         for ours, thesis in zip(row['ours'], row['thesis'])]
+                cells = [
+                    f'{ours} / {_number(thesis)}{"" if thesis in (ours, None) else " *"}'
+                    for ours, thesis in zip(row['ours'], row['thesis'])
+                ]
             lines.append(f'| {name} | ' + ' | '.join(cells) + ' |')
         lines += [f'{name}: {row["problem"]}' for name, row in rows[part].items() if row['problem']]
         lines.append('')

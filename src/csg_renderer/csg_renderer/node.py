@@ -34,32 +34,46 @@ class RendererConfig(Config):
     """Parameters of renderer_node. 0 stands for "as the scene says" in sizes and baseline."""
 
     scene: str = parameter('l_shape_v1', 'Scene file, or the name of a scene of this package')
-    rate: float = parameter(1.0, 'Stereo pairs a second; 0 renders only when ~/render is called', unit='Hz',
-                            minimum=0.0, maximum=1000.0)
+    rate: float = parameter(
+        1.0, 'Stereo pairs a second; 0 renders only when ~/render is called', unit='Hz', minimum=0.0, maximum=1000.0
+    )
     width: int = parameter(0, 'Image width; 0: as the scene says, else 512', unit='px', minimum=0, maximum=16384)
-    height: int = parameter(0, 'Image height; 0: in the proportion of the scene\'s camera', unit='px', minimum=0,
-                            maximum=16384)
-    focal: float = parameter(0.0, 'Focal length; 0: as the scene says, else 703 px at 512 px width', unit='px',
-                             minimum=0.0, maximum=1e6)
-    baseline: float = parameter(0.0, 'Distance of the two eyes; 0: as the scene says, else its distance / 5', unit='m',
-                                minimum=0.0, maximum=1e3)
+    height: int = parameter(
+        0, "Image height; 0: in the proportion of the scene's camera", unit='px', minimum=0, maximum=16384
+    )
+    focal: float = parameter(
+        0.0, 'Focal length; 0: as the scene says, else 703 px at 512 px width', unit='px', minimum=0.0, maximum=1e6
+    )
+    baseline: float = parameter(
+        0.0, 'Distance of the two eyes; 0: as the scene says, else its distance / 5', unit='m', minimum=0.0, maximum=1e3
+    )
     encoding: str = parameter('mono8', 'Encoding of the images', choices=('mono8', 'rgb8'))
     psf: float = parameter(0.0, 'Standard deviation of the lens blur', unit='px', minimum=0.0, maximum=20.0)
-    noise: float = parameter(0.0, 'Standard deviation of the sensor noise', unit='grey levels', minimum=0.0,
-                             maximum=100.0)
+    noise: float = parameter(
+        0.0, 'Standard deviation of the sensor noise', unit='grey levels', minimum=0.0, maximum=100.0
+    )
     seed: int = parameter(0, 'Seed of the noise', minimum=0, maximum=2**31 - 1)
-    antialias: int = parameter(4, '0: one ray a pixel; 1: 3 x 3 rays where faces meet; n: n x n rays', minimum=0,
-                               maximum=16)
+    antialias: int = parameter(
+        4, '0: one ray a pixel; 1: 3 x 3 rays where faces meet; n: n x n rays', minimum=0, maximum=16
+    )
     levels: int = parameter(1, 'Surfaces a ray may meet one after another; 1 is ray casting', minimum=1, maximum=64)
     shadows: bool = parameter(False, 'Cast shadows')
     tiling: bool = parameter(True, 'Split the image into tiles that know their primitives')
     engine: str = parameter('native', 'Which engine renders', choices=tuple(ENGINES))
-    turntable: float = parameter(0.0, 'Turn of the scene about the vertical through its first object, each frame',
-                                 unit='deg', minimum=-180.0, maximum=180.0)
+    turntable: float = parameter(
+        0.0,
+        'Turn of the scene about the vertical through its first object, each frame',
+        unit='deg',
+        minimum=-180.0,
+        maximum=180.0,
+    )
     frame_id: str = parameter('camera_left_optical_frame', 'Frame of all messages')
     scene_folders: tuple[str, ...] = parameter(
-        (), 'Folders that scenes may be read from when the scene is changed at run time, besides that of the scene '
-        'given at the start and that of this package', read_only=True)
+        (),
+        'Folders that scenes may be read from when the scene is changed at run time, besides that of the scene '
+        'given at the start and that of this package',
+        read_only=True,
+    )
     watch: bool = parameter(True, 'Read the scene again when one of its files changes')
 
 
@@ -78,8 +92,9 @@ class RendererNode(GraphNode[RendererConfig]):
         self._read_at: dict[str, int] = {}
         self._pair_index = 0
         self._timer: Timer | None = None
-        self._trusted = TrustedFolders([*self.config.scene_folders, models_folder()],
-                                       [self.config.scene], 'scene_folders')
+        self._trusted = TrustedFolders(
+            [*self.config.scene_folders, models_folder()], [self.config.scene], 'scene_folders'
+        )
         self._load(self.config.scene)
         self._guard('warm up', self._warm_up)()
         self._start_timer()
@@ -169,8 +184,10 @@ class RendererNode(GraphNode[RendererConfig]):
         scene = self._file.scene
         rig = scene_rig(scene, config.width, config.height, config.focal, config.baseline)
         if rig.left.width * rig.left.height > MAX_PIXELS:
-            raise ValueError(f'parameters width, height: {rig.left.width} x {rig.left.height} pixels are too many, '
-                             f'expected at most {MAX_PIXELS}')
+            raise ValueError(
+                f'parameters width, height: {rig.left.width} x {rig.left.height} pixels are too many, '
+                f'expected at most {MAX_PIXELS}'
+            )
         camera_T_scene = turned(scene, config.turntable * self._pair_index)
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=config.frame_id)
         frames = self._frames(scene, rig, camera_T_scene)
@@ -186,8 +203,16 @@ class RendererNode(GraphNode[RendererConfig]):
 
     def _frames(self, scene: Scene, rig: StereoRig, camera_T_scene: Pose) -> tuple[Frame, Frame]:
         config = self.config
-        return render_stereo(scene, rig, camera_T_scene, engine=config.engine, tiling=config.tiling,
-                             levels=config.levels, antialias=config.antialias, shadows=config.shadows)
+        return render_stereo(
+            scene,
+            rig,
+            camera_T_scene,
+            engine=config.engine,
+            tiling=config.tiling,
+            levels=config.levels,
+            antialias=config.antialias,
+            shadows=config.shadows,
+        )
 
     def _publish_truth(self, scene: Scene, camera_T_scene: Pose, camera: PinholeCamera, header: Header) -> None:
         """Pose and visible features of the scene's first object, if anybody wants them and it has them."""
@@ -211,8 +236,12 @@ class RendererNode(GraphNode[RendererConfig]):
 def sensor_images(frames: tuple[Frame, Frame], config: RendererConfig, pair_index: int = 0) -> list[np.ndarray]:
     """Left and right image as the node publishes them, uint8: in the encoding of the config, blurred, with the noise
     of this pair (each pair and each eye has its own)."""
-    return [SensorModel(config.psf, config.noise, (config.seed, pair_index, eye)).apply(
-        grey(frame.image) if config.encoding == 'mono8' else frame.image) for eye, frame in enumerate(frames)]
+    return [
+        SensorModel(config.psf, config.noise, (config.seed, pair_index, eye)).apply(
+            grey(frame.image) if config.encoding == 'mono8' else frame.image
+        )
+        for eye, frame in enumerate(frames)
+    ]
 
 
 def turned(scene: Scene, degrees: float) -> Pose:

@@ -83,8 +83,13 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
     output = options.output or Path(Path(options.scene).stem + '.png')
     width, height = options.size or (0, 0)
     sensor = SensorModel(options.psf, options.noise, options.seed)
-    settings = {'engine': options.engine, 'tiling': not options.no_tiling, 'levels': options.levels,
-                'antialias': options.antialias, 'shadows': options.shadows}
+    settings = {
+        'engine': options.engine,
+        'tiling': not options.no_tiling,
+        'levels': options.levels,
+        'antialias': options.antialias,
+        'shadows': options.shadows,
+    }
     # A single picture needs no baseline, and a scene with nothing in front of the camera suggests none.
     baseline = options.baseline / 1000.0 if options.baseline else 0.0 if options.stereo else 1.0
     rig = scene_rig(scene, width, height, options.focal, baseline)
@@ -102,8 +107,11 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
         frame.image = sensor.apply(frame.image)
         written += write_frame(path, frame, options, rig.baseline if options.stereo else None)
         stats = frame.stats
-        _say(options, f'{path}: {stats.seconds * 1e3:.1f} ms, {stats.tiles} tiles, {stats.intersections} intersections'
-             + (f', {stats.dap_cycles} machine cycles' if stats.dap_cycles else ''))
+        _say(
+            options,
+            f'{path}: {stats.seconds * 1e3:.1f} ms, {stats.tiles} tiles, {stats.intersections} intersections'
+            + (f', {stats.dap_cycles} machine cycles' if stats.dap_cycles else ''),
+        )
     return written
 
 
@@ -137,8 +145,13 @@ def turned(scene: Scene, angle: float) -> Pose:
 
     The vertical is the axis of the scene frame that is nearest to the vertical of the picture.
     """
-    corners = np.array([leaf.matrix[:3, 3] + 0.5 * leaf.matrix[:3, :3] @ _MIDDLE[leaf.kind] for leaf in scene.primitives
-                        if leaf.kind in _MIDDLE]).reshape(-1, 3)
+    corners = np.array(
+        [
+            leaf.matrix[:3, 3] + 0.5 * leaf.matrix[:3, :3] @ _MIDDLE[leaf.kind]
+            for leaf in scene.primitives
+            if leaf.kind in _MIDDLE
+        ]
+    ).reshape(-1, 3)
     if not len(corners):
         return scene.camera_T_scene
     centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
@@ -149,12 +162,15 @@ def turned(scene: Scene, angle: float) -> Pose:
 
 
 # Twice the middle of each bounded primitive in its unit frame.
-_MIDDLE = {'BLOCK': np.ones(3), 'CYLINDER': np.array([0.0, 0.0, 1.0]), 'CONE': np.array([0.0, 0.0, 1.0]),
-           'SPHERE': np.zeros(3)}
+_MIDDLE = {
+    'BLOCK': np.ones(3),
+    'CYLINDER': np.array([0.0, 0.0, 1.0]),
+    'CONE': np.array([0.0, 0.0, 1.0]),
+    'SPHERE': np.zeros(3),
+}
 
 
-def watch(options: argparse.Namespace, wait: Callable[[float], None] = time.sleep,
-          rounds: int | None = None) -> int:
+def watch(options: argparse.Namespace, wait: Callable[[float], None] = time.sleep, rounds: int | None = None) -> int:
     """Render, and again whenever a file of the scene changes; a wrong scene is reported and the watch goes on.
 
     rounds : stop after looking this often (None: until interrupted).
@@ -223,11 +239,17 @@ def _antialias(text: str) -> bool | int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='render', description='Render a scene of the modelling language, with its ground truth.')
+        prog='render', description='Render a scene of the modelling language, with its ground truth.'
+    )
     parser.add_argument('scene', nargs='?', help='a scene file, or the name of a scene of the package')
     parser.add_argument('--list', action='store_true', help='list the scenes of the package')
-    parser.add_argument('-o', '--output', type=Path, metavar='FILE',
-                        help='picture to write (.png, .jpg, ...) or arrays (.npz); default: the name of the scene .png')
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        metavar='FILE',
+        help='picture to write (.png, .jpg, ...) or arrays (.npz); default: the name of the scene .png',
+    )
     what = parser.add_argument_group('what to write')
     what.add_argument('--stereo', action='store_true', help='a pair: FILE_left and FILE_right')
     what.add_argument('--depth', action='store_true', help='also FILE_depth.png, near is bright')
@@ -236,8 +258,12 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument('--npz', action='store_true', help='also FILE.npz: exact depth, normals, ids, camera')
     what.add_argument('--camera', action='store_true', help='also FILE.json: K, [R|t], baseline')
     what.add_argument('--turntable', type=int, metavar='N', help='N pictures of a full turn, FILE_000 ...')
-    what.add_argument('--export', type=Path, metavar='MESH',
-                      help='write a mesh (.stl .glb .gltf .obj .ply); needs manifold3d and trimesh')
+    what.add_argument(
+        '--export',
+        type=Path,
+        metavar='MESH',
+        help='write a mesh (.stl .glb .gltf .obj .ply); needs manifold3d and trimesh',
+    )
     what.add_argument('--segments', type=int, default=64, metavar='N', help='facets around a circle of the mesh (64)')
     view = parser.add_argument_group('camera')
     view.add_argument('--size', type=_size, metavar='WxH', help='pixels; default: what the scene says, or 512x512')
@@ -247,14 +273,24 @@ def _parser() -> argparse.ArgumentParser:
     how.add_argument('--engine', choices=sorted(ENGINES), default='native', help='who renders (native)')
     how.add_argument('--levels', type=int, default=1, metavar='N', help='surfaces a ray may meet; 1 is ray casting (1)')
     how.add_argument('--shadows', action='store_true', help='shadow feelers to every light')
-    how.add_argument('--antialias', type=_antialias, nargs='?', const=True, default=False, metavar='N',
-                     help='9 samples where faces meet, or N x N samples in every pixel')
+    how.add_argument(
+        '--antialias',
+        type=_antialias,
+        nargs='?',
+        const=True,
+        default=False,
+        metavar='N',
+        help='9 samples where faces meet, or N x N samples in every pixel',
+    )
     how.add_argument('--no-tiling', action='store_true', help='test every primitive on every ray, to compare')
     how.add_argument('--psf', type=float, default=0.0, metavar='PX', help='blur of the lens, standard deviation')
     how.add_argument('--noise', type=float, default=0.0, metavar='GREY', help='noise, standard deviation of 255')
     how.add_argument('--seed', type=int, default=0, help='of the noise (0)')
-    parser.add_argument('--print', action='store_true',
-                        help='print the scene as one file, includes and names resolved, and render nothing')
+    parser.add_argument(
+        '--print',
+        action='store_true',
+        help='print the scene as one file, includes and names resolved, and render nothing',
+    )
     parser.add_argument('--watch', action='store_true', help='render again whenever a file of the scene changes')
     parser.add_argument('-q', '--quiet', action='store_true', help='no progress, no figures')
     return parser

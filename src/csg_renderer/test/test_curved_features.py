@@ -41,9 +41,17 @@ SOLIDS = {
     'plate with a blind hole': (PLATE - at(CYLINDER, 0, 0, 0.5), 12, 2, 1),
     'buried cylinder': (PLATE | at(Solid.cylinder(0.2, (0, 0, 0.5)), 0, 0, 0.2), 12, 0, 0),
     'block with a round end: tangent planes': (
-        at(Solid.block(4, 2, 2), 0, -1, -1) | at(Solid.cylinder(1, (0, 2, 0)), 0, -1, 0), 8, 2, 1),
+        at(Solid.block(4, 2, 2), 0, -1, -1) | at(Solid.cylinder(1, (0, 2, 0)), 0, -1, 0),
+        8,
+        2,
+        1,
+    ),
     'equal cylinders crossing: four half ellipses': (
-        at(Solid.cylinder(1, (0, 0, 4)), 0, 0, -2) | at(Solid.cylinder(1, (4, 0, 0)), -2, 0, 0), 0, 8, 2),
+        at(Solid.cylinder(1, (0, 0, 4)), 0, 0, -2) | at(Solid.cylinder(1, (4, 0, 0)), -2, 0, 0),
+        0,
+        8,
+        2,
+    ),
     'parallel cylinders overlapping': (CYLINDER | at(CYLINDER, 1, 0, 0), 2, 4, 2),
     'two spheres': (Solid.sphere(1) | at(Solid.sphere(1), 1, 0, 0), 0, 1, 0),
     'spheres touching in a point': (Solid.sphere(1) | at(Solid.sphere(1), 2, 0, 0), 0, 0, 0),
@@ -61,8 +69,16 @@ def test_counts(name):
     assert [(kind == k).sum() for k in FeatureKind] == [edges, curves, axes]
 
 
-@pytest.mark.parametrize('name', ['tube: one axis for both walls', 'half cylinder', 'cylinder cut at a slant',
-                                  'block with a round end: tangent planes', 'cut through the apex'])
+@pytest.mark.parametrize(
+    'name',
+    [
+        'tube: one axis for both walls',
+        'half cylinder',
+        'cylinder cut at a slant',
+        'block with a round end: tangent planes',
+        'cut through the apex',
+    ],
+)
 def test_counts_survive_any_affine_placement(name):
     solid, edges, curves, axes = SOLIDS[name]
     rng = np.random.default_rng(5)

@@ -14,8 +14,9 @@ AT = Pose(np.eye(3), (0.0, 0.0, 4.0))
 
 def turned(solid, degrees, offset=(0.0, 0.0, 0.0)):
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return solid.transformed(Pose(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @
-                                  np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), offset))
+    return solid.transformed(
+        Pose(np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]), offset)
+    )
 
 
 def scene(*solids, **options):
@@ -51,12 +52,25 @@ def test_same_image_ids_depth_and_normals_as_native(name):
     assert_same(render(one, CAMERA, AT, engine='dap'), render(one, CAMERA, AT))
 
 
-@pytest.mark.parametrize('options', [{'tiling': False}, {'tile_size': 8}, {'antialias': True}, {'antialias': 2},
-                                     {'shadows': True}, {'levels': 3, 'shadows': True}], ids=str)
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'tiling': False},
+        {'tile_size': 8},
+        {'antialias': True},
+        {'antialias': 2},
+        {'shadows': True},
+        {'levels': 3, 'shadows': True},
+    ],
+    ids=str,
+)
 def test_same_image_with_every_option(options):
     glass = Surface((0.3, 0.6, 0.9), reflection=0.3, transparency=0.4, specular=0.4, shininess=7.5)
-    one = scene(turned(SOLIDS['block'], 10, (-0.9, 0.0, 0.5)).painted(glass), Solid.sphere(0.7).painted(SHINY),
-                turned(SOLIDS['cone'], 5, (0.9, 0.2, 1.0)))
+    one = scene(
+        turned(SOLIDS['block'], 10, (-0.9, 0.0, 0.5)).painted(glass),
+        Solid.sphere(0.7).painted(SHINY),
+        turned(SOLIDS['cone'], 5, (0.9, 0.2, 1.0)),
+    )
     ours, theirs = render(one, CAMERA, AT, engine='dap', **options), render(one, CAMERA, AT, **options)
     assert np.array_equal(ours.primitive_id, theirs.primitive_id)
     difference = np.abs(ours.image.astype(int) - theirs.image)

@@ -24,8 +24,13 @@ MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
 SOLIDS = {
     'block': (Solid.block(1, 2, 3), 6, 8, 22, 6),
     'l-shape': (Solid.block(3, 1, 1) | Solid.block(1, 3, 1), 8, 12, 22, 5),
-    'corner cut off': (Solid.block(1, 1, 1) & Solid.plane((1, 1, 1), 2.5), 7, 10,
-                       6 - 3 / 8 + np.sqrt(3) / 8, 1 - 1 / 48),
+    'corner cut off': (
+        Solid.block(1, 1, 1) & Solid.plane((1, 1, 1), 2.5),
+        7,
+        10,
+        6 - 3 / 8 + np.sqrt(3) / 8,
+        1 - 1 / 48,
+    ),
     'square hole': (Solid.block(3, 3, 3) - at(Solid.block(1, 1, 5), 1, 1, -1), 10, 16, 64, 24),
     'hollow': (Solid.block(3, 3, 3) - at(Solid.block(1, 1, 1), 1, 1, 1), 12, 16, 60, 26),
     'a groove splits a face in two': (Solid.block(3, 3, 1) - at(Solid.block(1, 5, 0.5), 1, -1, 0.5), 10, 16, 32, 7.5),
@@ -79,12 +84,15 @@ def test_an_edge_that_more_than_two_faces_share_says_so():
     assert any('only touch' in notice for notice in found.notices)
 
 
-@pytest.mark.parametrize(('solid', 'low', 'high'), [
-    (Solid.sphere(2), [-2, -2, -2], [2, 2, 2]),
-    (Solid.primitive('SPHERE', np.diag([1, 2, 3, 1.0])) & Solid.plane((0, 0, 1), 0), [-1, -2, -3], [1, 2, 0]),
-    (at(Solid.cone(1, (0, 0, 2)), 1, 1, 1), [0, 0, 1], [2, 2, 3]),
-    (CYLINDER & Solid.plane((1, 0, 0), 0.5), [-1, -1, 0], [0.5, 1, 2]),
-])
+@pytest.mark.parametrize(
+    ('solid', 'low', 'high'),
+    [
+        (Solid.sphere(2), [-2, -2, -2], [2, 2, 2]),
+        (Solid.primitive('SPHERE', np.diag([1, 2, 3, 1.0])) & Solid.plane((0, 0, 1), 0), [-1, -2, -3], [1, 2, 0]),
+        (at(Solid.cone(1, (0, 0, 2)), 1, 1, 1), [0, 0, 1], [2, 2, 3]),
+        (CYLINDER & Solid.plane((1, 0, 0), 0.5), [-1, -1, 0], [0.5, 1, 2]),
+    ],
+)
 def test_bounding_box(solid, low, high):
     found = boundary(solid).details
     np.testing.assert_allclose(found.low, low, atol=1e-9)
@@ -96,7 +104,7 @@ def test_volume_is_a_measure():
     rng = np.random.default_rng(4)
     kinds = ('BLOCK', 'CYLINDER', 'CONE', 'SPHERE')
     for k, kind in enumerate(kinds):
-        for other in kinds[max(k, 1):]:
+        for other in kinds[max(k, 1) :]:
             one, two = (Solid.primitive(k, matrix(rng)) for k in (kind, other))
             a, b, both, either, only = (boundary(s).details.volume for s in (one, two, one & two, one | two, one - two))
             np.testing.assert_allclose(either + both, a + b, rtol=1e-6)

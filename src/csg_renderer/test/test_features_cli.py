@@ -65,16 +65,19 @@ def test_mesh(tmp_path, capsys):
     assert (tmp_path / 'drum.png').stat().st_size > 1000
 
 
-@pytest.mark.parametrize(('arguments', 'named'), [
-    (['{scene}', '-o', 'x.gif'], 'x.gif'),
-    (['{scene}', '--look', '0', '0', '0', '-o', '{tmp}/x.png'], 'direction'),
-    (['{scene}', '--camera'], '--camera'),
-    (['{tmp}/missing.csg'], 'missing.csg'),
-    (['{tmp}/missing.stl'], 'missing.stl'),
-    (['{tmp}/bad.csg'], 'bad.csg'),
-    (['{tmp}/bad.stl', '--crease-angle', '500'], '--crease-angle'),
-    (['{tmp}/bad.stl', '--scale', '0'], '--scale'),
-])
+@pytest.mark.parametrize(
+    ('arguments', 'named'),
+    [
+        (['{scene}', '-o', 'x.gif'], 'x.gif'),
+        (['{scene}', '--look', '0', '0', '0', '-o', '{tmp}/x.png'], 'direction'),
+        (['{scene}', '--camera'], '--camera'),
+        (['{tmp}/missing.csg'], 'missing.csg'),
+        (['{tmp}/missing.stl'], 'missing.stl'),
+        (['{tmp}/bad.csg'], 'bad.csg'),
+        (['{tmp}/bad.stl', '--crease-angle', '500'], '--crease-angle'),
+        (['{tmp}/bad.stl', '--scale', '0'], '--scale'),
+    ],
+)
 def test_bad_input_is_named(scene, tmp_path, capsys, arguments, named):
     (tmp_path / 'bad.csg').write_text('DRAW nonsense (')
     assert main([word.format(scene=scene, tmp=tmp_path) for word in arguments]) == 2
@@ -90,8 +93,12 @@ def test_hidden_lines_are_drawn_apart():
     assert (pixels >= 0).all() and (pixels <= [drawing.width, drawing.height]).all()
     mesh = trimesh.creation.box(bounds=[[0, 0, 0], [1, 2, 3]])
     vertices, triangles = np.array(mesh.vertices), np.array(mesh.faces)
-    sampled = draw_mesh(mesh_features(vertices, triangles), vertices, triangles,
-                        *view_from((1, -1.5, 1), np.zeros(3), np.array([1, 2, 3.0])))
+    sampled = draw_mesh(
+        mesh_features(vertices, triangles),
+        vertices,
+        triangles,
+        *view_from((1, -1.5, 1), np.zeros(3), np.array([1, 2, 3.0])),
+    )
     assert len(sampled.seen) == 9
 
 

@@ -106,8 +106,9 @@ def test_clutter_is_in_the_bin_and_hides():
         assert (data.truth(index).assignment[data.object_index == BIN] == BIN).all()
 
 
-@pytest.mark.parametrize(('field', 'value'), [('pieces', 0), ('keep', 1.5), ('gap', -0.1), ('err_par', -1.0),
-                                              ('normal_cone', float('nan'))])
+@pytest.mark.parametrize(
+    ('field', 'value'), [('pieces', 0), ('keep', 1.5), ('gap', -0.1), ('err_par', -1.0), ('normal_cone', float('nan'))]
+)
 def test_wear_names_the_field(field, value):
     with pytest.raises(ValueError, match=field):
         Wear(**{field: value})

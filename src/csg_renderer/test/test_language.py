@@ -41,11 +41,13 @@ def test_lengths_are_millimetres_unless_the_file_says_otherwise():
 
 
 def test_the_five_primitives_are_those_of_the_python_interface():
-    for text, made in (('BLOCK (-1, 2, 3)', Solid.block(-0.001, 0.002, 0.003)),
-                       ('CYLINDER (8, 0, 0, 25)', Solid.cylinder(0.008, (0, 0, 0.025))),
-                       ('CONE (8, 3, 0, 25)', Solid.cone(0.008, (0.003, 0, 0.025))),
-                       ('SPHERE (4)', Solid.sphere(0.004)),
-                       ('PLANE (0, 2, 0, 10)', Solid.plane((0, 1, 0), 0.005))):
+    for text, made in (
+        ('BLOCK (-1, 2, 3)', Solid.block(-0.001, 0.002, 0.003)),
+        ('CYLINDER (8, 0, 0, 25)', Solid.cylinder(0.008, (0, 0, 0.025))),
+        ('CONE (8, 3, 0, 25)', Solid.cone(0.008, (0.003, 0, 0.025))),
+        ('SPHERE (4)', Solid.sphere(0.004)),
+        ('PLANE (0, 2, 0, 10)', Solid.plane((0, 1, 0), 0.005)),
+    ):
         found = solid(text)
         assert found.kind == made.kind
         assert np.allclose(found.matrix, made.matrix, atol=1e-15)
@@ -91,28 +93,39 @@ def test_parentheses_keep_a_suffix_with_the_last_operand():
     assert (first.matrix[0, 3], second.matrix[0, 3]) == (0.0, 0.002)
 
 
-@pytest.mark.parametrize(('text', 'tree'), [
-    ('box UNION ball INTERSECT tube', '(B|(S&C))'),
-    ('box INTERSECT ball UNION tube', '((B&S)|C)'),
-    ('box DIFFERENCE ball UNION tube', '((B-S)|C)'),
-    ('box DIFFERENCE (ball UNION tube)', '(B-(S|C))'),
-    ('box DIFFERENCE ball INTERSECT tube DIFFERENCE ball', '((B-(S&C))-S)'),
-    ('((box)) UNION (ball)', '(B|S)'),
-])
+@pytest.mark.parametrize(
+    ('text', 'tree'),
+    [
+        ('box UNION ball INTERSECT tube', '(B|(S&C))'),
+        ('box INTERSECT ball UNION tube', '((B&S)|C)'),
+        ('box DIFFERENCE ball UNION tube', '((B-S)|C)'),
+        ('box DIFFERENCE (ball UNION tube)', '(B-(S|C))'),
+        ('box DIFFERENCE ball INTERSECT tube DIFFERENCE ball', '((B-(S&C))-S)'),
+        ('((box)) UNION (ball)', '(B|S)'),
+    ],
+)
 def test_intersect_binds_tighter_and_the_rest_goes_left_to_right(text, tree):
     assert spelled(solid(text)) == tree
 
 
-@pytest.mark.parametrize(('text', 'tree'), [
-    ('box UNION NULL', 'B'), ('NULL UNION box', 'B'), ('box DIFFERENCE NULL', 'B'), ('NULL DIFFERENCE box', '0'),
-    ('box INTERSECT NULL', '0'), ('NULL AT (1, 2, 3) COLOUR (1, 0, 0)', '0'), ('NULL PAINT FACES', '0'),
-])
+@pytest.mark.parametrize(
+    ('text', 'tree'),
+    [
+        ('box UNION NULL', 'B'),
+        ('NULL UNION box', 'B'),
+        ('box DIFFERENCE NULL', 'B'),
+        ('NULL DIFFERENCE box', '0'),
+        ('box INTERSECT NULL', '0'),
+        ('NULL AT (1, 2, 3) COLOUR (1, 0, 0)', '0'),
+        ('NULL PAINT FACES', '0'),
+    ],
+)
 def test_null_is_the_empty_set(text, tree):
     assert spelled(solid(text)) == tree
 
 
 def test_the_data_file_of_figure_4_12():
-    scene = parse_scene('''
+    scene = parse_scene("""
         bigtube   = CYLINDER ( 8, 0, 0, 25) XROT (-90) AT (10, 0, 13);
         smalltube = CYLINDER ( 4, 0, 0, 10) YROT (90)  AT (45, 16, 18);
         tallbox   = BLOCK ( 15, 25, 16) AT (30, 0, 10);
@@ -121,7 +134,7 @@ def test_the_data_file_of_figure_4_12():
         pair2  = tallbox UNION smalltube;
         object = pair1 UNION pair2;
         DRAW ( object ) AT (0, 0, 100)
-        ''')
+        """)
     (placement,) = scene.placements
     assert (placement.name, spelled(placement.model)) == ('object', '((C|B)|(B|C))')
     assert np.allclose(placement.matrix[:3, 3], [0, 0, 0.1])
@@ -156,8 +169,10 @@ def test_numbers_are_expressions():
 
 
 def test_surface_properties_change_only_themselves():
-    (leaf,) = solid('ball COLOUR (0.1, 0.2, 0.3) AMBIENT (0.5) DIFFUSE (0.6) SPECULAR (0.7) SHININESS (9) '
-                    'REFLECT (0.25) TRANSPARENT (0.75)').primitives
+    (leaf,) = solid(
+        'ball COLOUR (0.1, 0.2, 0.3) AMBIENT (0.5) DIFFUSE (0.6) SPECULAR (0.7) SHININESS (9) '
+        'REFLECT (0.25) TRANSPARENT (0.75)'
+    ).primitives
     s = leaf.surface
     assert (s.colour, s.ambient, s.diffuse, s.specular) == ((0.1, 0.2, 0.3), 0.5, 0.6, 0.7)
     assert (s.shininess, s.reflection, s.transparency) == (9.0, 0.25, 0.75)
@@ -180,8 +195,9 @@ def test_paint_faces_shows_no_seam_between_coplanar_faces():
 
 
 def test_paint_faces_spends_no_shade_on_faces_that_cut_nothing():
-    body, tool = solid('BLOCK (50, 50, 50) DIFFERENCE (BLOCK (90, 90, 90) ZROT (45) AT (60, 0, -20)) COLOUR (1) '
-                       'PAINT FACES').primitives
+    body, tool = solid(
+        'BLOCK (50, 50, 50) DIFFERENCE (BLOCK (90, 90, 90) ZROT (45) AT (60, 0, -20)) COLOUR (1) PAINT FACES'
+    ).primitives
     # Six faces of the body and one of the tool are left: seven shades.
     shades = {round(float(shade), 6) for shade in (*body.face_colours[:, 0], tool.face_colours[0, 0])}
     assert np.allclose(sorted(shades), np.linspace(0.22, 1.0, 7))
@@ -194,8 +210,9 @@ def test_colours_after_paint_replace_it_and_explicit_colours_are_kept():
 
 
 def test_lights_ambience_and_background():
-    scene = parse_scene('LIGHT (1, 2, 3); LIGHT (0, 0, 9) COLOUR (0.5); AMBIENT (0.1); BACKGROUND (0.2, 0.3, 0.4);'
-                        'DRAW SPHERE (1);')
+    scene = parse_scene(
+        'LIGHT (1, 2, 3); LIGHT (0, 0, 9) COLOUR (0.5); AMBIENT (0.1); BACKGROUND (0.2, 0.3, 0.4);DRAW SPHERE (1);'
+    )
     assert [light.position for light in scene.lights] == [(0.001, 0.002, 0.003), (0.0, 0.0, 0.009)]
     assert [light.colour for light in scene.lights] == [(1.0, 1.0, 1.0), (0.5, 0.5, 0.5)]
     assert (scene.ambient_light, scene.background) == ((0.1, 0.1, 0.1), (0.2, 0.3, 0.4))
@@ -209,8 +226,10 @@ def test_a_camera_by_focal_length_or_field_of_view():
 
 
 def test_a_camera_by_k_and_rt():
-    scene = parse_scene('CAMERA SIZE (64, 48) K (50, 0, 31, 0, 51, 23, 0, 0, 1) '
-                        'RT (0, -1, 0, 10,  1, 0, 0, 20,  0, 0, 1, 30); DRAW SPHERE (1);')
+    scene = parse_scene(
+        'CAMERA SIZE (64, 48) K (50, 0, 31, 0, 51, 23, 0, 0, 1) '
+        'RT (0, -1, 0, 10,  1, 0, 0, 20,  0, 0, 1, 30); DRAW SPHERE (1);'
+    )
     assert (scene.camera.fx, scene.camera.fy, scene.camera.cx, scene.camera.cy) == (50, 51, 31, 23)
     assert np.allclose(scene.camera_T_scene.apply([1.0, 0.0, 0.0]), [0.01, 1.02, 0.03])
 
@@ -239,7 +258,8 @@ def test_comments_are_nothing():
 def test_include_brings_names_and_draws_nothing(tmp_path):
     (tmp_path / 'parts').mkdir()
     (tmp_path / 'parts' / 'part.csg').write_text(
-        'UNITS M; INCLUDE "deep.csg"; part = BLOCK (1, 1, 1); DRAW part; LIGHT (1, 1, 1); CAMERA FOCAL (3);')
+        'UNITS M; INCLUDE "deep.csg"; part = BLOCK (1, 1, 1); DRAW part; LIGHT (1, 1, 1); CAMERA FOCAL (3);'
+    )
     (tmp_path / 'parts' / 'deep.csg').write_text('deep = SPHERE (1);')
     scene = parse_scene('INCLUDE "parts/part.csg"; INCLUDE "parts/deep.csg"; DRAW part UNION deep;', folder=tmp_path)
     assert [leaf.matrix[0, 0] for leaf in scene.primitives] == [1.0, 0.001]

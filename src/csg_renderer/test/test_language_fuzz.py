@@ -18,11 +18,62 @@ FILES = int(os.environ.get('CSG_FUZZ', '150'))
 PATIENCE = 2.0
 
 TOKENS = [
-    'UNION', 'INTERSECT', 'DIFFERENCE', 'BLOCK', 'CYLINDER', 'SPHERE', 'CONE', 'PLANE', 'NULL', 'XROT', 'SCALE',
-    'AT', 'MATRIX', 'COLOUR', 'AMBIENT', 'REFLECT', 'TRANSPARENT', 'PAINT', 'FACES', 'DRAW', 'LIGHT', 'CAMERA',
-    'SIZE', 'FOCAL', 'STEREO', 'DISPARITY', 'UNITS', 'INCLUDE', '"l_shape.csg"', '(', ')', ',', ';', '=', '+', '-',
-    '*', '/', '0', '1', '-1', '1e308', '1e-308', '0.5', '90', 'x', '//', '/*', '*/', '"', '#', '\n', '\x00', 'é',
-    '\t', '$',
+    'UNION',
+    'INTERSECT',
+    'DIFFERENCE',
+    'BLOCK',
+    'CYLINDER',
+    'SPHERE',
+    'CONE',
+    'PLANE',
+    'NULL',
+    'XROT',
+    'SCALE',
+    'AT',
+    'MATRIX',
+    'COLOUR',
+    'AMBIENT',
+    'REFLECT',
+    'TRANSPARENT',
+    'PAINT',
+    'FACES',
+    'DRAW',
+    'LIGHT',
+    'CAMERA',
+    'SIZE',
+    'FOCAL',
+    'STEREO',
+    'DISPARITY',
+    'UNITS',
+    'INCLUDE',
+    '"l_shape.csg"',
+    '(',
+    ')',
+    ',',
+    ';',
+    '=',
+    '+',
+    '-',
+    '*',
+    '/',
+    '0',
+    '1',
+    '-1',
+    '1e308',
+    '1e-308',
+    '0.5',
+    '90',
+    'x',
+    '//',
+    '/*',
+    '*/',
+    '"',
+    '#',
+    '\n',
+    '\x00',
+    'é',
+    '\t',
+    '$',
 ]
 
 
@@ -43,12 +94,12 @@ def damaged(text: str, chance: random.Random, others: list[str]) -> str:
         elif kind == 4:
             other = chance.choice(others)
             cut = chance.randrange(len(other))
-            text = text[:at] + other[cut:cut + chance.choice([10, 100, 1000])] + text[at:]
+            text = text[:at] + other[cut : cut + chance.choice([10, 100, 1000])] + text[at:]
         elif kind == 5:
             numbers = [i for i, c in enumerate(text) if c.isdigit()]
             if numbers:
                 at = chance.choice(numbers)
-                text = text[:at] + chance.choice(['0', '-', '1e9', '999999', '.', '0.0001']) + text[at + 1:]
+                text = text[:at] + chance.choice(['0', '-', '1e9', '999999', '.', '0.0001']) + text[at + 1 :]
         else:
             text = text[:at]
     return text

@@ -71,8 +71,9 @@ def matrices(draw) -> np.ndarray:
 @st.composite
 def leaves(draw) -> Solid:
     kind = draw(st.sampled_from(sorted(FACES)))
-    surface = Surface(draw(colours), draw(unit), draw(unit), draw(unit), draw(st.floats(0.0, 99.0)), draw(unit),
-                      draw(unit))
+    surface = Surface(
+        draw(colours), draw(unit), draw(unit), draw(unit), draw(st.floats(0.0, 99.0)), draw(unit), draw(unit)
+    )
     paint = np.array([draw(colours) for _ in FACES[kind]]) if draw(st.booleans()) else None
     made = {'CYLINDER': Solid.cylinder(0.25, (0.0, -0.5, 0.0)), 'BLOCK': Solid.block(0.1, -0.035, 2.0)}
     if kind in made and draw(st.booleans()):
@@ -80,21 +81,35 @@ def leaves(draw) -> Solid:
     return Primitive(kind, draw(matrices()), surface, paint)
 
 
-solids = st.recursive(leaves(), lambda inner: st.builds(
-    Operation, st.sampled_from(['UNION', 'INTERSECT', 'DIFFERENCE']), inner, inner), max_leaves=8)
+solids = st.recursive(
+    leaves(),
+    lambda inner: st.builds(Operation, st.sampled_from(['UNION', 'INTERSECT', 'DIFFERENCE']), inner, inner),
+    max_leaves=8,
+)
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(solids, matrices()), max_size=3),
-       st.lists(st.tuples(finite, finite, finite, colours), max_size=2), colours, colours, st.booleans(),
-       st.floats(0.001, 2.0))
+@given(
+    st.lists(st.tuples(solids, matrices()), max_size=3),
+    st.lists(st.tuples(finite, finite, finite, colours), max_size=2),
+    colours,
+    colours,
+    st.booleans(),
+    st.floats(0.001, 2.0),
+)
 def test_random_scenes_print_to_themselves(objects, lights, ambient, background, seen, baseline):
     pose = Pose.from_rotation_vector([0.3, -0.2, 0.1], [0.1, 0.2, 0.3]) if seen else None
     camera = PinholeCamera(640, 480, 500.1, 499.9, 320.0, 239.7) if seen else None
-    scene = Scene([Placement(f'thing{k}', solid, matrix) for k, (solid, matrix) in enumerate(objects)],
-                  [Light((x, y, z), colour) for x, y, z, colour in lights], ambient, background,
-                  definitions={f'thing{k}': solid for k, (solid, _) in enumerate(objects)},
-                  camera=camera, camera_T_scene=pose, baseline=baseline)
+    scene = Scene(
+        [Placement(f'thing{k}', solid, matrix) for k, (solid, matrix) in enumerate(objects)],
+        [Light((x, y, z), colour) for x, y, z, colour in lights],
+        ambient,
+        background,
+        definitions={f'thing{k}': solid for k, (solid, _) in enumerate(objects)},
+        camera=camera,
+        camera_T_scene=pose,
+        baseline=baseline,
+    )
     assert_same_scene(scene, again(scene))
 
 
@@ -116,8 +131,16 @@ def test_deep_and_long_trees_are_printed_within_the_limits_of_the_parser():
 
 def test_names_the_language_does_not_allow_are_changed_and_stay_different():
     ball = Solid.sphere(0.01)
-    scene = again(Scene([Placement('my ball', ball), Placement('my_ball', ball), Placement('UNION', Solid.empty()),
-                         Placement('3rd', ball)]))
+    scene = again(
+        Scene(
+            [
+                Placement('my ball', ball),
+                Placement('my_ball', ball),
+                Placement('UNION', Solid.empty()),
+                Placement('3rd', ball),
+            ]
+        )
+    )
     assert [placement.name for placement in scene.placements] == ['my_ball', 'my_ball_2', '_UNION', '_3rd']
 
 

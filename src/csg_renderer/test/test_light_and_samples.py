@@ -29,8 +29,7 @@ def wall(z, surface, size=2.0):
 def test_a_plate_between_light_and_wall_takes_its_share_of_the_light(engine, transparency):
     # The light and the plate are beside the camera's view; the plate's shadow is a square about the wall's centre.
     light = Light((0.0, -2.0, -1.0))
-    plate = moved(Solid.block(0.1, 0.1, 0.001), -0.05, -1.05, 0.0).painted(
-        Surface(transparency=transparency))
+    plate = moved(Solid.block(0.1, 0.1, 0.001), -0.05, -1.05, 0.0).painted(Surface(transparency=transparency))
     scene = Scene([wall(1.0, MATT), plate], [light], ambient_light=(0.2, 0.2, 0.2))
     lit, shaded = (render(scene, CAMERA, engine=engine, shadows=shadows) for shadows in (False, True))
     rays = CAMERA.rays(CAMERA.pixel_grid())
@@ -48,8 +47,12 @@ def test_a_plate_between_light_and_wall_takes_its_share_of_the_light(engine, tra
 
 @pytest.mark.parametrize('engine', ENGINES)
 def test_convex_solids_cast_no_shadow_on_their_own_lit_side(engine):
-    for solid in (Solid.sphere(0.1), Solid.cone(0.1, (0.02, 0.15, 0.05)), Solid.cylinder(0.08, (0.1, 0.1, 0.1)),
-                  Solid.block(0.1, 0.1, 0.1)):
+    for solid in (
+        Solid.sphere(0.1),
+        Solid.cone(0.1, (0.02, 0.15, 0.05)),
+        Solid.cylinder(0.08, (0.1, 0.1, 0.1)),
+        Solid.block(0.1, 0.1, 0.1),
+    ):
         turned = solid.painted(MATT).transformed(Pose.from_rotation_vector([0.5, 0.4, 0.3], [0, 0, 0.5]))
         scene = Scene(turned, [Light((0.3, -0.4, 0.0))])
         a, b = (render(scene, CAMERA, engine=engine, shadows=shadows) for shadows in (False, True))
@@ -93,8 +96,9 @@ def test_glass_mixes_what_is_behind_by_its_transparency(engine):
 @pytest.mark.parametrize('engine', ENGINES)
 def test_two_mirrors_stop_at_the_level_asked_for(engine):
     mirror = Surface((0.5, 0.5, 0.5), ambient=1.0, diffuse=0.0, reflection=0.5)
-    scene = Scene([wall(1.0, mirror, 8.0), moved(Solid.block(8, 8, 0.1), -4, -4, -1.1).painted(mirror)],
-                  ambient_light=(1, 1, 1))
+    scene = Scene(
+        [wall(1.0, mirror, 8.0), moved(Solid.block(8, 8, 0.1), -4, -4, -1.1).painted(mirror)], ambient_light=(1, 1, 1)
+    )
     for levels in (1, 2, 3, 6):
         frame = render(scene, CAMERA, levels=levels, engine=engine)
         expected = 0.5 * sum(0.5**k for k in range(levels))
@@ -130,11 +134,11 @@ def test_adaptive_mode_weighs_nine_samples_at_boundaries_only(engine):
     boundary = np.zeros((64, 64), bool)
     for dv in range(3):
         for du in range(3):
-            boundary |= ids[dv:dv + 64, du:du + 64] != plain.primitive_id
+            boundary |= ids[dv : dv + 64, du : du + 64] != plain.primitive_id
     faces = np.pad(plain.face_id, 1, mode='edge')
     for dv in range(3):
         for du in range(3):
-            boundary |= faces[dv:dv + 64, du:du + 64] != plain.face_id
+            boundary |= faces[dv : dv + 64, du : du + 64] != plain.face_id
     assert np.array_equal(smooth.image[~boundary], plain.image[~boundary])
     sixteenths = np.unique(np.rint(smooth.image[boundary] / 255 * 16 * 1000) / 1000)
     assert np.abs(sixteenths - np.rint(sixteenths)).max() < 0.04 and len(sixteenths) > 4
@@ -146,9 +150,13 @@ def test_adaptive_mode_weighs_nine_samples_at_boundaries_only(engine):
 
 @pytest.mark.parametrize('antialias', [True, 3])
 def test_anti_aliasing_works_with_levels_and_shadows_and_engines_agree(antialias):
-    scene = Scene([wall(1.0, Surface(reflection=0.3, specular=0.4)),
-                   moved(Solid.sphere(0.1), 0, 0, 0.6).painted(Surface((0.9, 0.2, 0.1), transparency=0.3))],
-                  [Light((0.5, -0.5, 0.0))])
+    scene = Scene(
+        [
+            wall(1.0, Surface(reflection=0.3, specular=0.4)),
+            moved(Solid.sphere(0.1), 0, 0, 0.6).painted(Surface((0.9, 0.2, 0.1), transparency=0.3)),
+        ],
+        [Light((0.5, -0.5, 0.0))],
+    )
     a, b = (render(scene, CAMERA, antialias=antialias, levels=3, shadows=True, engine=engine) for engine in ENGINES)
     assert np.abs(a.image.astype(int) - b.image).max() <= 1
 
@@ -181,14 +189,16 @@ def test_sensor_noise_has_its_deviation_and_its_seed():
     assert not np.array_equal(noisy, SensorModel(noise_sigma=3.0, seed=(4, 1)).apply(flat))
 
 
-@pytest.mark.parametrize('arguments, name', [(dict(psf_sigma=-1), 'psf_sigma'),
-                                             (dict(noise_sigma=np.nan), 'noise_sigma'),
-                                             (dict(seed=-2), 'seed')])
+@pytest.mark.parametrize(
+    'arguments, name',
+    [(dict(psf_sigma=-1), 'psf_sigma'), (dict(noise_sigma=np.nan), 'noise_sigma'), (dict(seed=-2), 'seed')],
+)
 def test_sensor_misuse_names_the_field(arguments, name):
     with pytest.raises(ValueError, match=name):
         SensorModel(**arguments)
 
 
 def test_grey_is_luma():
-    assert np.allclose(grey(np.array([[[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 9, 9]]], np.uint8)),
-                       [[76.245, 149.685, 29.07, 9]])
+    assert np.allclose(
+        grey(np.array([[[255, 0, 0], [0, 255, 0], [0, 0, 255], [9, 9, 9]]], np.uint8)), [[76.245, 149.685, 29.07, 9]]
+    )

@@ -31,7 +31,7 @@ class Manifold:
 
     @staticmethod
     def cylinder(height, low, high, segments):
-        profile = [[0, 0], [low, 0], [high, height], [0, height]][not low:]
+        profile = [[0, 0], [low, 0], [high, height], [0, height]][not low :]
         return Manifold('cylinder' if low == high else 'cone', [trimesh.creation.revolve(profile, sections=segments)])
 
     @staticmethod
@@ -42,8 +42,9 @@ class Manifold:
         return Manifold(self.text, [piece.copy().apply_translation(by) for piece in self.pieces])
 
     def transform(self, rows):
-        return Manifold(self.text, [piece.copy().apply_transform(np.vstack([rows, [0, 0, 0, 1]]))
-                                    for piece in self.pieces])
+        return Manifold(
+            self.text, [piece.copy().apply_transform(np.vstack([rows, [0, 0, 0, 1]])) for piece in self.pieces]
+        )
 
     def as_original(self):
         number = next(_originals)
@@ -67,8 +68,12 @@ class Manifold:
         Manifold.made = self.text
         whole = trimesh.util.concatenate(self.pieces) if self.pieces else trimesh.Trimesh(np.zeros((0, 3)))
         runs = np.cumsum([0] + [3 * len(piece.faces) for piece in self.pieces])
-        return SimpleNamespace(tri_verts=whole.faces, vert_properties=whole.vertices, run_index=runs,
-                               run_original_id=[piece.metadata['original'] for piece in self.pieces])
+        return SimpleNamespace(
+            tri_verts=whole.faces,
+            vert_properties=whole.vertices,
+            run_index=runs,
+            run_original_id=[piece.metadata['original'] for piece in self.pieces],
+        )
 
 
 @pytest.fixture
@@ -77,9 +82,15 @@ def stand_in(monkeypatch):
     return Manifold
 
 
-@pytest.mark.parametrize('solid, volume', [
-    (Solid.block(1, -2, 3), 6.0), (Solid.cylinder(1.0, (0, 2, 0)), 2 * np.pi), (Solid.cone(1.0, (3, 0, 0)), np.pi),
-    (Solid.sphere(2.0), 32 / 3 * np.pi)])
+@pytest.mark.parametrize(
+    'solid, volume',
+    [
+        (Solid.block(1, -2, 3), 6.0),
+        (Solid.cylinder(1.0, (0, 2, 0)), 2 * np.pi),
+        (Solid.cone(1.0, (3, 0, 0)), np.pi),
+        (Solid.sphere(2.0), 32 / 3 * np.pi),
+    ],
+)
 def test_a_primitive_is_where_and_as_large_as_the_solid(stand_in, solid, volume):
     vertices, faces, _ = mesh_export.mesh_of(solid, 256)
     assert abs(trimesh.Trimesh(vertices, faces).volume) == pytest.approx(volume, rel=1e-3)

@@ -20,8 +20,9 @@ def prism(outline: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
     k = np.arange(n)
     after = (k + 1) % n
     fan = np.column_stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)])
-    return vertices, np.concatenate([np.column_stack([k, after, after + n]), np.column_stack([k, after + n, k + n]),
-                                     fan[:, ::-1], fan + n])
+    return vertices, np.concatenate(
+        [np.column_stack([k, after, after + n]), np.column_stack([k, after + n, k + n]), fan[:, ::-1], fan + n]
+    )
 
 
 def counts(features: FeatureSet) -> list[int]:
@@ -33,14 +34,17 @@ def arc(low: float, high: float, count: int) -> np.ndarray:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-@pytest.mark.parametrize(('mesh', 'wanted'), [
-    (trimesh.creation.box((1, 2, 3)), [12, 0, 0]),
-    (trimesh.creation.cylinder(1, 2, sections=SIDES), [0, 2, 1]),
-    (trimesh.creation.cone(1, 2, sections=SIDES), [0, 1, 1]),
-    (trimesh.creation.annulus(0.5, 1, 2, sections=SIDES), [0, 4, 1]),
-    (trimesh.creation.icosphere(3), [0, 0, 0]),
-    (trimesh.creation.capsule(2, 1), [0, 0, 0]),
-])
+@pytest.mark.parametrize(
+    ('mesh', 'wanted'),
+    [
+        (trimesh.creation.box((1, 2, 3)), [12, 0, 0]),
+        (trimesh.creation.cylinder(1, 2, sections=SIDES), [0, 2, 1]),
+        (trimesh.creation.cone(1, 2, sections=SIDES), [0, 1, 1]),
+        (trimesh.creation.annulus(0.5, 1, 2, sections=SIDES), [0, 4, 1]),
+        (trimesh.creation.icosphere(3), [0, 0, 0]),
+        (trimesh.creation.capsule(2, 1), [0, 0, 0]),
+    ],
+)
 def test_counts_of_primitives(mesh, wanted):
     assert counts(mesh_features(np.array(mesh.vertices), np.array(mesh.faces))) == wanted
 
@@ -90,8 +94,13 @@ def test_creases_are_merged_over_needless_vertices():
 def test_the_axis_of_a_shaft_runs_through_its_bulge():
     """Two stumps that a smooth bulge joins to one round surface, which is neither cylinder nor cone."""
     bulge = np.linspace(0, 2 * np.pi, 41)
-    profile = np.concatenate([[[0, 0], [1, 0]], np.column_stack([1.3 - 0.3 * np.cos(bulge), 1 + bulge / 2]),
-                              [[1, 2 + np.pi], [0, 2 + np.pi]]])
+    profile = np.concatenate(
+        [
+            [[0, 0], [1, 0]],
+            np.column_stack([1.3 - 0.3 * np.cos(bulge), 1 + bulge / 2]),
+            [[1, 2 + np.pi], [0, 2 + np.pi]],
+        ]
+    )
     mesh = trimesh.creation.revolve(profile, sections=SIDES)
     found = mesh_features(np.array(mesh.vertices), np.array(mesh.faces))
     assert counts(found) == [0, 2, 1]
@@ -116,12 +125,15 @@ def test_crease_angle_decides_what_is_round(tmp_path):
     assert counts(features_from_mesh(path, crease_angle=np.radians(20))) == [36, 0, 0]
 
 
-@pytest.mark.parametrize(('name', 'content', 'error', 'match'), [
-    ('none.stl', None, FileNotFoundError, 'none.stl'),
-    ('bad.stl', b'solid nothing here', ValueError, 'bad.stl'),
-    ('bad.ply', b'not a mesh', ValueError, 'bad.ply'),
-    ('model.step', b'ISO-10303-21', ValueError, 'step'),
-])
+@pytest.mark.parametrize(
+    ('name', 'content', 'error', 'match'),
+    [
+        ('none.stl', None, FileNotFoundError, 'none.stl'),
+        ('bad.stl', b'solid nothing here', ValueError, 'bad.stl'),
+        ('bad.ply', b'not a mesh', ValueError, 'bad.ply'),
+        ('model.step', b'ISO-10303-21', ValueError, 'step'),
+    ],
+)
 def test_bad_files_are_named(tmp_path, name, content, error, match):
     path = tmp_path / name
     if content is not None:

@@ -18,8 +18,10 @@ def cube(x: float, y: float, z: float) -> Solid:
 
 def segments(features: FeatureSet) -> set[tuple[tuple[float, ...], ...]]:
     """Unordered end points, rounded to a nanometre."""
-    return {tuple(sorted(tuple(float(x) + 0.0 for x in np.round(p, 9)) for p in pair))
-            for pair in zip(features.start, features.end)}
+    return {
+        tuple(sorted(tuple(float(x) + 0.0 for x in np.round(p, 9)) for p in pair))
+        for pair in zip(features.start, features.end)
+    }
 
 
 def test_a_block_has_its_twelve_edges():
@@ -36,7 +38,8 @@ def test_l_shape_has_eighteen_edges_and_no_seam():
         wanted |= {tuple(sorted(((x0, y0, z), (x1, y1, z)))) for z in (0, -0.03)}
         wanted.add(tuple(sorted(((x0, y0, -0.03), (x0, y0, 0)))))
     assert segments(model_features(L_SHAPE)) == segments(
-        FeatureSet.from_edges([a for a, _ in wanted], [b for _, b in wanted]))
+        FeatureSet.from_edges([a for a, _ in wanted], [b for _, b in wanted])
+    )
     assert len(model_features(L_SHAPE)) == 18
 
 
@@ -59,18 +62,21 @@ def test_eight_united_cubes_are_one_cube():
     np.testing.assert_allclose(edges.lengths, 2.0, atol=1e-9)
 
 
-@pytest.mark.parametrize(('solid', 'count'), [
-    (cube(0, 0, 0) & cube(1, 0, 0), 0),                       # they share a face only: regularised to nothing
-    (cube(0, 0, 0) - cube(0, 0, 0), 0),
-    (Solid.empty(), 0),
-    (cube(0, 0, 0) | cube(1, 1, 0), 23),                      # touching along an edge, which both have
-    (cube(0, 0, 0) | cube(1, 1, 1), 24),                      # touching in a corner
-    (cube(0, 0, 0) | cube(1, 0.5, 0), 24),                    # a step on both sides
-    (cube(0, 0, 0) - Solid.block(0.5, 0.5, 0.5), 21),         # a corner taken out
-    (cube(0, 0, 0) & Solid.plane((1, 1, 0), 2.0), 12),        # a half-space that touches an edge changes nothing
-    (cube(0, 0, 0) & Solid.plane((1, 1, 0), 2.0 - 1e-4), 15),  # a sliver off that edge
-    (cube(0, 0, 0) | Solid.block(1.0, 1.0, 1.0 + 1e-4), 12),   # a sliver on top
-])
+@pytest.mark.parametrize(
+    ('solid', 'count'),
+    [
+        (cube(0, 0, 0) & cube(1, 0, 0), 0),  # they share a face only: regularised to nothing
+        (cube(0, 0, 0) - cube(0, 0, 0), 0),
+        (Solid.empty(), 0),
+        (cube(0, 0, 0) | cube(1, 1, 0), 23),  # touching along an edge, which both have
+        (cube(0, 0, 0) | cube(1, 1, 1), 24),  # touching in a corner
+        (cube(0, 0, 0) | cube(1, 0.5, 0), 24),  # a step on both sides
+        (cube(0, 0, 0) - Solid.block(0.5, 0.5, 0.5), 21),  # a corner taken out
+        (cube(0, 0, 0) & Solid.plane((1, 1, 0), 2.0), 12),  # a half-space that touches an edge changes nothing
+        (cube(0, 0, 0) & Solid.plane((1, 1, 0), 2.0 - 1e-4), 15),  # a sliver off that edge
+        (cube(0, 0, 0) | Solid.block(1.0, 1.0, 1.0 + 1e-4), 12),  # a sliver on top
+    ],
+)
 def test_counts_of_block_solids(solid, count):
     assert len(model_features(solid)) == count
 
@@ -79,8 +85,9 @@ def test_edges_follow_an_affine_map():
     matrix = np.array([[0.1, 0.03, 0.0, 5.0], [0.0, 0.2, 0.05, -3.0], [0.02, 0.0, -0.1, 1.0], [0, 0, 0, 1.0]])
     plain, mapped = model_features(L_SHAPE), model_features(L_SHAPE.transformed(matrix))
     assert len(mapped) == 18
-    through = FeatureSet.from_edges(plain.start @ matrix[:3, :3].T + matrix[:3, 3],
-                                    plain.end @ matrix[:3, :3].T + matrix[:3, 3])
+    through = FeatureSet.from_edges(
+        plain.start @ matrix[:3, :3].T + matrix[:3, 3], plain.end @ matrix[:3, :3].T + matrix[:3, 3]
+    )
     assert segments(mapped) == segments(through)
     assert (mapped.kind == FeatureKind.EDGE).all()
 

@@ -60,8 +60,12 @@ def image_creases(frame, camera: PinholeCamera, fine: bool) -> np.ndarray:
 
 def drawn(seen, camera: PinholeCamera) -> np.ndarray:
     """(n, 2) pixels along everything that is said to be visible, about four a pixel."""
-    lines = [features.polyline(k, 400) for features in (seen.features, seen.contours) for k in range(len(features))
-             if features.kind[k] != FeatureKind.AXIS]
+    lines = [
+        features.polyline(k, 400)
+        for features in (seen.features, seen.contours)
+        for k in range(len(features))
+        if features.kind[k] != FeatureKind.AXIS
+    ]
     out = [np.zeros((0, 2))]
     for line in [*lines, *seen.others]:
         pixels = camera.project(line)
@@ -78,8 +82,11 @@ def far_from(points: np.ndarray, others: np.ndarray, distance: float) -> np.ndar
     return points[cKDTree(others).query(points)[0] > distance]
 
 
-@pytest.mark.parametrize('kinds', [('BLOCK',), ('CYLINDER',), ('BLOCK', 'CYLINDER'), ('SPHERE',), KINDS],
-                         ids=lambda kinds: '+'.join(kinds).lower())
+@pytest.mark.parametrize(
+    'kinds',
+    [('BLOCK',), ('CYLINDER',), ('BLOCK', 'CYLINDER'), ('SPHERE',), KINDS],
+    ids=lambda kinds: '+'.join(kinds).lower(),
+)
 def test_every_visible_crease_is_in_the_image_and_the_other_way_round(kinds):
     for seed in range(8):
         rng = np.random.default_rng([seed, len(kinds), KINDS.index(kinds[0])])
@@ -94,8 +101,14 @@ def test_every_visible_crease_is_in_the_image_and_the_other_way_round(kinds):
         inside = lines[((lines > 2) & (lines < SIZE - 3)).all(axis=1)]
         for pixel in far_from(inside, image_creases(frame, CAMERA, fine=True), 1.5)[::20]:
             # Too small for this image: look again through a long lens.
-            close = PinholeCamera(61, 61, 40 * CAMERA.fx, 40 * CAMERA.fy, 30 - 40 * (pixel[0] - CAMERA.cx),
-                                  30 - 40 * (pixel[1] - CAMERA.cy))
+            close = PinholeCamera(
+                61,
+                61,
+                40 * CAMERA.fx,
+                40 * CAMERA.fy,
+                30 - 40 * (pixel[0] - CAMERA.cx),
+                30 - 40 * (pixel[1] - CAMERA.cy),
+            )
             creases = image_creases(render(Scene([solid]), close, place), close, fine=True)
             assert not len(far_from(np.array([[30.0, 30.0]]), creases, 3.0)), f'seed {seed}: no crease at {pixel}'
 
@@ -109,8 +122,9 @@ def test_counts_do_not_depend_on_where_a_solid_stands(seed):
     one, two = model_features(solid), model_features(moved)
     assert [(one.kind == k).sum() for k in FeatureKind] == [(two.kind == k).sum() for k in FeatureKind]
     # Volumes of curved solids are quadratures, and where a face is cut into cells depends on where it stands.
-    np.testing.assert_allclose(boundary(moved).details.volume, 1e-6 * boundary(solid).details.volume, rtol=1e-4,
-                               atol=1e-15)
+    np.testing.assert_allclose(
+        boundary(moved).details.volume, 1e-6 * boundary(solid).details.volume, rtol=1e-4, atol=1e-15
+    )
 
 
 @settings(max_examples=25, deadline=None)
@@ -128,9 +142,10 @@ def test_edges_of_voxel_solids(seed):
         grid = np.moveaxis(cells, axis, 2)
         for u in range(1, 5):
             for v in range(1, 5):
-                around = grid[u - 1:u + 1, v - 1:v + 1].reshape(4, 5)
+                around = grid[u - 1 : u + 1, v - 1 : v + 1].reshape(4, 5)
                 flat = (around[0] == around[1]) & (around[2] == around[3]) | (
-                    (around[0] == around[2]) & (around[1] == around[3]))
+                    (around[0] == around[2]) & (around[1] == around[3])
+                )
                 # A run goes on while the same faces meet: the same cells are full.
                 run = np.where(flat, 0, around.T @ [1, 2, 4, 8])
                 wanted += int(((run[1:] != 0) & (run[1:] != run[:-1])).sum())

@@ -24,7 +24,7 @@ def moved(solid, x, y, z):
 
 def random_leaf(rng, lattice):
     """A primitive anywhere; on a lattice of 2 cm, where faces coincide with others' most of the time."""
-    kind = str(rng.choice(['BLOCK', 'CYLINDER', 'CONE', 'SPHERE', 'PLANE'], p=[.45, .2, .12, .18, .05]))
+    kind = str(rng.choice(['BLOCK', 'CYLINDER', 'CONE', 'SPHERE', 'PLANE'], p=[0.45, 0.2, 0.12, 0.18, 0.05]))
     matrix = np.eye(4)
     if lattice:
         matrix[:3, :3] = np.diag(0.02 * rng.integers(1, 4, 3))[:, rng.permutation(3)]
@@ -41,7 +41,7 @@ def random_tree(rng, leaves, lattice):
         return random_leaf(rng, lattice)
     split = int(rng.integers(1, leaves))
     left, right = random_tree(rng, split, lattice), random_tree(rng, leaves - split, lattice)
-    return (left | right, left - right, left & right)[rng.choice(3, p=[.4, .4, .2])]
+    return (left | right, left - right, left & right)[rng.choice(3, p=[0.4, 0.4, 0.2])]
 
 
 def random_scene(seed):
@@ -51,8 +51,11 @@ def random_scene(seed):
     turned = Pose(np.eye(3) if rng.random() < 0.3 else rotation(rng), [0, 0, 0.3 if rng.random() < 0.8 else 0.08])
     if rng.random() < 0.3:
         tree = tree.painted(Surface(transparency=0.5, reflection=0.3, specular=0.5, shininess=7.5))
-    return Scene([tree, random_leaf(rng, lattice)], [Light((0.3, -0.3, 0)), Light((-0.2, 0, -0.1), (0.5, 0.4, 0.3))],
-                 background=(0.1, 0.2, 0.3)), turned
+    return Scene(
+        [tree, random_leaf(rng, lattice)],
+        [Light((0.3, -0.3, 0)), Light((-0.2, 0, -0.1), (0.5, 0.4, 0.3))],
+        background=(0.1, 0.2, 0.3),
+    ), turned
 
 
 def contains(solid, points):
@@ -67,8 +70,13 @@ def contains(solid, points):
     inverse = np.linalg.inv(solid.matrix)
     x, y, z = (points @ inverse[:3, :3].T + inverse[:3, 3]).T
     rho = np.hypot(x, y)
-    values = {'BLOCK': [-x, x - 1, -y, y - 1, -z, z - 1], 'CYLINDER': [rho - 1, -z, z - 1],
-              'CONE': [rho - z, z - 1, -z], 'SPHERE': [np.hypot(rho, z) - 1], 'PLANE': [z]}[solid.kind]
+    values = {
+        'BLOCK': [-x, x - 1, -y, y - 1, -z, z - 1],
+        'CYLINDER': [rho - 1, -z, z - 1],
+        'CONE': [rho - z, z - 1, -z],
+        'SPHERE': [np.hypot(rho, z) - 1],
+        'PLANE': [z],
+    }[solid.kind]
     value = np.max(values, axis=0)
     return value < 0.0, np.abs(value) < 1e-3
 
@@ -181,8 +189,9 @@ def test_coincident_faces_belong_to_the_lowest_leaf_and_touching_blocks_have_no_
 def test_rays_in_a_face_plane_are_never_nan(engine):
     camera = PinholeCamera.centred(65, 65, 100.0)  # odd: the middle column lies in the plane x = 0
     for x in (0.0, -0.1):
-        frame = render(Scene(moved(Solid.block(0.1, 0.1, 0.1), x, -0.05, 0.3), [Light((0, 0, 0))]), camera,
-                       engine=engine)
+        frame = render(
+            Scene(moved(Solid.block(0.1, 0.1, 0.1), x, -0.05, 0.3), [Light((0, 0, 0))]), camera, engine=engine
+        )
         assert np.isfinite(frame.depth[frame.mask]).all() and np.isfinite(frame.normal[frame.mask]).all()
     both = moved(Solid.block(0.1, 0.1, 0.1), 0, -0.05, 0.3) | moved(Solid.block(0.1, 0.1, 0.1), -0.1, -0.05, 0.3)
     assert render(Scene(both), camera, engine=engine).mask[32, 10:55].all()
@@ -233,8 +242,14 @@ def test_engines_and_tilings_agree(seed):
     scene, pose = random_scene(seed)
     options = dict(levels=3, shadows=True) if seed % 3 == 0 else {}
     tiled, small, whole, reference = (
-        render(scene, CAMERA, pose, **kind, **options) for kind in (
-            dict(), dict(tile_size=8, threads=1), dict(tiling=False), dict(engine='reference', tiling=seed % 4 < 2)))
+        render(scene, CAMERA, pose, **kind, **options)
+        for kind in (
+            dict(),
+            dict(tile_size=8, threads=1),
+            dict(tiling=False),
+            dict(engine='reference', tiling=seed % 4 < 2),
+        )
+    )
     for other in (small, whole):
         assert np.array_equal(tiled.image, other.image)
         assert np.array_equal(tiled.depth, other.depth, equal_nan=True)
@@ -307,4 +322,9 @@ def test_memory_of_a_frame_is_not_reused_while_any_of_its_arrays_is_held():
 
 def test_every_kind_has_its_faces():
     assert {kind: len(faces) for kind, faces in FACES.items()} == {
-        'BLOCK': 6, 'CYLINDER': 3, 'CONE': 2, 'SPHERE': 1, 'PLANE': 1}
+        'BLOCK': 6,
+        'CYLINDER': 3,
+        'CONE': 2,
+        'SPHERE': 1,
+        'PLANE': 1,
+    }

@@ -31,11 +31,31 @@ def test_a_picture_is_what_render_returns(tmp_path):
 
 def test_everything_can_be_written_of_both_eyes(tmp_path):
     out = str(tmp_path / 'a' / 'out.png')
-    assert main(['l_shape_v1', '-o', out, '--stereo', '--depth', '--ids', '--normals', '--npz', '--camera',
-                 '--size', '64x48', '-q']) == 0
+    assert (
+        main(
+            [
+                'l_shape_v1',
+                '-o',
+                out,
+                '--stereo',
+                '--depth',
+                '--ids',
+                '--normals',
+                '--npz',
+                '--camera',
+                '--size',
+                '64x48',
+                '-q',
+            ]
+        )
+        == 0
+    )
     names = {path.name for path in (tmp_path / 'a').iterdir()}
-    assert names == {f'out_{eye}{rest}' for eye in ('left', 'right') for rest in (
-        '.png', '_depth.png', '_ids.png', '_normals.png', '.npz', '.json')}
+    assert names == {
+        f'out_{eye}{rest}'
+        for eye in ('left', 'right')
+        for rest in ('.png', '_depth.png', '_ids.png', '_normals.png', '.npz', '.json')
+    }
     data = np.load(tmp_path / 'a' / 'out_right.npz')
     assert data['depth'].shape == (48, 64) and set(data) >= {'image', 'normal', 'primitive_id', 'face_id', 'object_id'}
     camera = json.loads((tmp_path / 'a' / 'out_right.json').read_text())
@@ -58,8 +78,15 @@ def test_the_default_output_is_named_after_the_scene(scene_file, tmp_path, monke
 
 def test_options_reach_the_renderer(scene_file, tmp_path):
     out = tmp_path / 'out.png'
-    for extra in (['--engine', 'reference'], ['--no-tiling'], ['--shadows', '--levels', '2'], ['--antialias'],
-                  ['--antialias', '2'], ['--noise', '3', '--seed', '4', '--psf', '1'], ['--focal', '40']):
+    for extra in (
+        ['--engine', 'reference'],
+        ['--no-tiling'],
+        ['--shadows', '--levels', '2'],
+        ['--antialias'],
+        ['--antialias', '2'],
+        ['--noise', '3', '--seed', '4', '--psf', '1'],
+        ['--focal', '40'],
+    ):
         assert main([str(scene_file), '-o', str(out), '--size', '32', '-q', *extra]) == 0
     assert main([str(scene_file), '-o', str(out), '--size', '32', '-q', '--levels', '0']) == 1
 
@@ -93,13 +120,17 @@ def test_mistakes_are_one_clear_message(scene_file, tmp_path, capsys):
 def test_warnings_do_not_stop_it(scene_file, tmp_path, capsys):
     scene_file.write_text('spare = 3;' + BALL)
     assert main([str(scene_file), '-o', str(tmp_path / 'o.png'), '--size', '9', '-q']) == 0
-    assert "warning: " in capsys.readouterr().err
+    assert 'warning: ' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('text, expected', [
-    ('DRAW BLOCK (9, 9, 9);', ['within or beside', 'no LIGHT']),
-    ('DRAW BLOCK (9, 9, 9) AT (0, 0, -50);', ['behind', 'no LIGHT']),
-    ('LIGHT (0, -90, 0); DRAW BLOCK (9, 9, 9) AT (0, 0, 50);', [])])
+@pytest.mark.parametrize(
+    'text, expected',
+    [
+        ('DRAW BLOCK (9, 9, 9);', ['within or beside', 'no LIGHT']),
+        ('DRAW BLOCK (9, 9, 9) AT (0, 0, -50);', ['behind', 'no LIGHT']),
+        ('LIGHT (0, -90, 0); DRAW BLOCK (9, 9, 9) AT (0, 0, 50);', []),
+    ],
+)
 def test_what_makes_a_poor_picture_is_hinted_at(scene_file, tmp_path, capsys, text, expected):
     scene_file.write_text(text)
     assert main([str(scene_file), '-o', str(tmp_path / 'o.png'), '--size', '9', '-q']) == 0
@@ -121,9 +152,14 @@ def test_watch_renders_again_and_survives_a_typo(scene_file, tmp_path, capsys):
     part.write_text('ball = SPHERE (20);')
     scene_file.write_text('INCLUDE "part.csg"; DRAW ball AT (0, 0, 100);')
     out = tmp_path / 'out.npz'
-    steps = iter([(scene_file, 'DRAW BOLL;'),
-                  (scene_file, 'INCLUDE "part.csg"; DRAW ball AT (0, 0, 200);'),
-                  (part, 'ball = SPHERE (50);'), None])
+    steps = iter(
+        [
+            (scene_file, 'DRAW BOLL;'),
+            (scene_file, 'INCLUDE "part.csg"; DRAW ball AT (0, 0, 200);'),
+            (part, 'ball = SPHERE (50);'),
+            None,
+        ]
+    )
     depths = []
 
     def next_step(_seconds):

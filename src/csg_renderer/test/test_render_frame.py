@@ -134,8 +134,9 @@ def test_stereo_disparity_is_that_of_the_rig(engine):
 @pytest.mark.parametrize('threads', (1, 2, 5))
 @pytest.mark.parametrize('options', ({}, {'antialias': True}, {'levels': 2, 'shadows': True}))
 def test_a_pair_rendered_by_many_threads_is_its_two_images(threads, options):
-    scene = Scene([L_SHAPE.transformed(POSE), Solid.sphere(0.02).transformed(at(0.05, 0.02, 0.3))],
-                  [Light((0.2, -0.3, 0))])
+    scene = Scene(
+        [L_SHAPE.transformed(POSE), Solid.sphere(0.02).transformed(at(0.05, 0.02, 0.3))], [Light((0.2, -0.3, 0))]
+    )
     rig = default_rig(scene, default_camera(120))
     pair = render_stereo(scene, rig, threads=threads, **options)
     for frame, pose in zip(pair, (Pose.identity(), at(-rig.baseline, 0, 0))):
@@ -189,9 +190,16 @@ def test_one_light_on_one_plane_follows_the_stated_formula(engine):
     assert np.abs(frame.image - expected.clip(0, 1) * 255).max() <= 0.51
 
 
-@pytest.mark.parametrize('arguments, name', [
-    (dict(engine='fast'), 'engine'), (dict(levels=0), 'levels'), (dict(antialias=1.5), 'antialias'),
-    (dict(tile_size=1), 'tile_size'), (dict(antialias=99), 'antialias')])
+@pytest.mark.parametrize(
+    'arguments, name',
+    [
+        (dict(engine='fast'), 'engine'),
+        (dict(levels=0), 'levels'),
+        (dict(antialias=1.5), 'antialias'),
+        (dict(tile_size=1), 'tile_size'),
+        (dict(antialias=99), 'antialias'),
+    ],
+)
 def test_misuse_names_the_argument(arguments, name):
     with pytest.raises(ValueError, match=name):
         render(Scene([]), default_camera(8), **arguments)

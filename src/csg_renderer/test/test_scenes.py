@@ -12,24 +12,46 @@ from msgs_py import PinholeCamera
 
 # Model: primitives, half-spaces (Table 5.1), edges, curves, axes (Tables 5.3, 6.1; thesis 6.9).
 MODELS = {
-    'chipped_block': (2, 12, (15, 0, 0)), 'chair': (3, 18, (30, 0, 0)), 'computer': (9, 54, (32, 0, 0)),
-    'l_shape': (2, 12, (18, 0, 0)), 'wedge': (3, 18, (15, 0, 0)), 'plug': (8, 48, (54, 0, 0)),
-    'cylinder_box': (2, 9, (12, 2, 1)), 'lamp': (5, 21, (24, 3, 1)), 'tubes': (5, 15, (0, 10, 5)),
+    'chipped_block': (2, 12, (15, 0, 0)),
+    'chair': (3, 18, (30, 0, 0)),
+    'computer': (9, 54, (32, 0, 0)),
+    'l_shape': (2, 12, (18, 0, 0)),
+    'wedge': (3, 18, (15, 0, 0)),
+    'plug': (8, 48, (54, 0, 0)),
+    'cylinder_box': (2, 9, (12, 2, 1)),
+    'lamp': (5, 21, (24, 3, 1)),
+    'tubes': (5, 15, (0, 10, 5)),
     'widget': (6, 29, (28, 3, 1)),
 }
 # Scene: edges, curves, axes of which something is seen at the printed pose: ours, and the thesis' where it differs.
 VIEWS = {
-    'chipped_block_v1': (12, 0, 0), 'chipped_block_v2': (9, 0, 0), 'chair_v1': (20, 0, 0), 'chair_v2': (21, 0, 0),
-    'computer_v1': (26, 0, 0), 'computer_v2': (17, 0, 0),
-    'l_shape_v1': (15, 0, 0), 'l_shape_v2': (9, 0, 0), 'wedge_v1': (12, 0, 0), 'wedge_v2': (8, 0, 0),
-    'plug_v1': (40, 0, 0), 'plug_v2': (13, 0, 0), 'cylinder_box_v1': (9, 2, 1),
+    'chipped_block_v1': (12, 0, 0),
+    'chipped_block_v2': (9, 0, 0),
+    'chair_v1': (20, 0, 0),
+    'chair_v2': (21, 0, 0),
+    'computer_v1': (26, 0, 0),
+    'computer_v2': (17, 0, 0),
+    'l_shape_v1': (15, 0, 0),
+    'l_shape_v2': (9, 0, 0),
+    'wedge_v1': (12, 0, 0),
+    'wedge_v2': (8, 0, 0),
+    'plug_v1': (40, 0, 0),
+    'plug_v2': (13, 0, 0),
+    'cylinder_box_v1': (9, 2, 1),
     'cylinder_box_v2': (9, 1, 0),  # thesis 11, 1, 0, of 9 edges that face the camera: two were recovered in pieces
-    'lamp_v1': (14, 3, 1), 'lamp_v2': (14, 2, 1),  # thesis 16, 3, 1 and 15, 2, 1
+    'lamp_v1': (14, 3, 1),
+    'lamp_v2': (14, 2, 1),  # thesis 16, 3, 1 and 15, 2, 1
     'tubes_v1': (0, 8, 3),
 }
 # Scene: primitives, half-spaces, lights (Table 4.3, Plate 4.1).
-LARGE = {'coverplate': (25, 93, 3), 'recursive_cubes': (42, 147, 3), 'oil_rig': (44, 264, 3), 'robot_arm': (63, 258, 3),
-         'geneva_wheel': (38, 147, 3), 'table': (100, 377, 3)}
+LARGE = {
+    'coverplate': (25, 93, 3),
+    'recursive_cubes': (42, 147, 3),
+    'oil_rig': (44, 264, 3),
+    'robot_arm': (63, 258, 3),
+    'geneva_wheel': (38, 147, 3),
+    'table': (100, 377, 3),
+}
 
 
 @pytest.mark.parametrize('name', scene_names())
@@ -61,7 +83,8 @@ def test_views_draw_the_model_of_the_same_name_inside_both_images(name):
     model = next(iter(load_models(name.rsplit('_', 1)[0]).values()))
     (placement,) = scene.placements
     assert [leaf.matrix.tolist() for leaf in placement.model.primitives] == [
-        leaf.matrix.tolist() for leaf in model.primitives]
+        leaf.matrix.tolist() for leaf in model.primitives
+    ]
     assert scene.baseline == pytest.approx(placement.pose.translation[2] / 5.0)
     features = model_features(model).transformed(placement.pose)
     ends = np.concatenate([features.start, features.end])

@@ -33,22 +33,25 @@ def test_solids_say_what_they_are():
     assert repr(BLOCK | BALL) == '<UNION of 2 primitives>'
 
 
-@pytest.mark.parametrize('make, named', [
-    (lambda: Solid.primitive('BALL'), "kind: expected one of .*, got 'BALL'"),
-    (lambda: Solid.primitive('BLOCK', np.eye(3)), 'matrix: expected'),
-    (lambda: Solid.primitive('BLOCK', np.full((4, 4), np.nan)), 'matrix: expected'),
-    (lambda: Solid.primitive('BLOCK', np.ones((4, 4))), 'matrix: last row'),
-    (lambda: Solid.primitive('BLOCK', np.diag([1, 0, 1, 1])), 'matrix: flattens the BLOCK'),
-    (lambda: Primitive('SPHERE', np.eye(4), face_colours=np.full((1, 3), 2.0)), 'face_colours: expected'),
-    (lambda: Solid.plane((0, 0, 0), 1.0), 'normal: expected'),
-    (lambda: Solid.cylinder(1.0, (0, 0)), 'axis: expected three numbers'),
-    (lambda: Solid.cylinder(1.0, (0, 0, 0)), 'axis: its length is zero'),
-    (lambda: Operation('XOR', BLOCK, BALL), "operator: expected one of .*, got 'XOR'"),
-    (lambda: Operation('UNION', BLOCK, 3), 'right: expected a Solid, got int'),  # type: ignore[arg-type]
-    (lambda: BLOCK.transformed(np.eye(3)), 'placement: expected'),
-    (lambda: Solid.empty().transformed(np.eye(3)), 'placement: expected'),
-    (lambda: Surface(shininess=-1.0), 'shininess: expected'),
-])
+@pytest.mark.parametrize(
+    'make, named',
+    [
+        (lambda: Solid.primitive('BALL'), "kind: expected one of .*, got 'BALL'"),
+        (lambda: Solid.primitive('BLOCK', np.eye(3)), 'matrix: expected'),
+        (lambda: Solid.primitive('BLOCK', np.full((4, 4), np.nan)), 'matrix: expected'),
+        (lambda: Solid.primitive('BLOCK', np.ones((4, 4))), 'matrix: last row'),
+        (lambda: Solid.primitive('BLOCK', np.diag([1, 0, 1, 1])), 'matrix: flattens the BLOCK'),
+        (lambda: Primitive('SPHERE', np.eye(4), face_colours=np.full((1, 3), 2.0)), 'face_colours: expected'),
+        (lambda: Solid.plane((0, 0, 0), 1.0), 'normal: expected'),
+        (lambda: Solid.cylinder(1.0, (0, 0)), 'axis: expected three numbers'),
+        (lambda: Solid.cylinder(1.0, (0, 0, 0)), 'axis: its length is zero'),
+        (lambda: Operation('XOR', BLOCK, BALL), "operator: expected one of .*, got 'XOR'"),
+        (lambda: Operation('UNION', BLOCK, 3), 'right: expected a Solid, got int'),  # type: ignore[arg-type]
+        (lambda: BLOCK.transformed(np.eye(3)), 'placement: expected'),
+        (lambda: Solid.empty().transformed(np.eye(3)), 'placement: expected'),
+        (lambda: Surface(shininess=-1.0), 'shininess: expected'),
+    ],
+)
 def test_what_is_no_solid_is_refused_by_the_arguments_name(make, named):
     with pytest.raises(ValueError, match=named):
         make()

@@ -49,7 +49,8 @@ def test_visible_points_lie_on_rugged_ground_and_nothing_hides_them(engine, inte
     heights = 0.15 * np.random.default_rng(3).normal(size=(7, 9))
     terrain = Terrain(heights, (0.125, 1 / 6), interpolation)
     turn = Pose.from_rotation_vector([0.9, 0.2, 0.1], [0.0, 0.1, 1.2]).matrix @ np.array(
-        [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, -1, 0.0], [0, 0, 0, 1.0]])
+        [[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, -1, 0.0], [0, 0, 0, 1.0]]
+    )
     frame = render(Scene(terrain.transformed(turn)), CAMERA, engine=engine)
     assert frame.mask.sum() > 500
     inverse = np.linalg.inv(turn)

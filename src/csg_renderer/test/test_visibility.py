@@ -32,8 +32,10 @@ def test_the_hidden_edges_are_those_that_meet_in_the_far_corner():
     missing = model.select(np.setdiff1d(np.arange(12), seen.model_index))
     ends = np.concatenate([missing.start, missing.end])
     farthest = ends[np.linalg.norm(ends, axis=1).argmax()]
-    assert (np.minimum(np.linalg.norm(missing.start - farthest, axis=1),
-                       np.linalg.norm(missing.end - farthest, axis=1)) < 1e-12).all()
+    assert (
+        np.minimum(np.linalg.norm(missing.start - farthest, axis=1), np.linalg.norm(missing.end - farthest, axis=1))
+        < 1e-12
+    ).all()
 
 
 def test_a_plate_in_front_cuts_edges_exactly_where_its_image_ends():

@@ -9,5 +9,19 @@ from .machine.machine import MODELS, Dap, Model, OutOfStore, Stats
 from .machine.mapping import MAPPINGS, Layout
 from .service.client import DapClient
 
-__all__ = ['CONSTANTS', 'CostTable', 'Dap', 'DapArray', 'DapClient', 'Kind', 'Layout', 'MAPPINGS', 'MODELS', 'Model',
-           'OutOfStore', 'Stats', 'fortran_plus', 'intrinsics']
+__all__ = [
+    'CONSTANTS',
+    'CostTable',
+    'Dap',
+    'DapArray',
+    'DapClient',
+    'Kind',
+    'Layout',
+    'MAPPINGS',
+    'MODELS',
+    'Model',
+    'OutOfStore',
+    'Stats',
+    'fortran_plus',
+    'intrinsics',
+]

@@ -1,9 +1,9 @@
 """``dap``: run a Fortran-Plus program, see where its cycles go, and watch its planes.
 
-    dap --list                                     the library
-    dap life -a cells=random:40x40:logical -a generations=12 --show life.gif
-    dap sobel -a image=picture.png --show edges.png --plane RESULT --listing
-    dap my.fpp -a a=a.npy -a n=3 --model 610C --save out.npz
+dap --list                                     the library
+dap life -a cells=random:40x40:logical -a generations=12 --show life.gif
+dap sobel -a image=picture.png --show edges.png --plane RESULT --listing
+dap my.fpp -a a=a.npy -a n=3 --model 610C --save out.npz
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ def value_of(text: str) -> Any:
             return archive[key]
     if Path(text).suffix.lower() in IMAGE_SUFFIXES:
         import cv2
+
         image = cv2.imread(text, cv2.IMREAD_GRAYSCALE)
         if image is None:
             raise ValueError(f'{text}: not an image that can be read')
@@ -77,16 +78,27 @@ def _made(text: str) -> np.ndarray:
 
 
 def parser() -> argparse.ArgumentParser:
-    result = argparse.ArgumentParser(prog='dap', description=__doc__.split('\n')[0], epilog='\n'.join(
-        __doc__.split('\n')[2:]), formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = argparse.ArgumentParser(
+        prog='dap',
+        description=__doc__.split('\n')[0],
+        epilog='\n'.join(__doc__.split('\n')[2:]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     result.add_argument('program', nargs='?', help='a program file, or the name of a library program')
-    result.add_argument('-a', '--argument', action='append', default=[], metavar='NAME=VALUE',
-                        help=' '.join((value_of.__doc__ or '').split('\n\n')[1].split()))
+    result.add_argument(
+        '-a',
+        '--argument',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=' '.join((value_of.__doc__ or '').split('\n\n')[1].split()),
+    )
     result.add_argument('-e', '--entry', help='which ENTRY SUBROUTINE, when there are several')
     result.add_argument('-m', '--model', default='510', type=str.upper, choices=list(MODELS))
     result.add_argument('--memory', type=int, metavar='BITS', help='store of one PE in bits')
-    result.add_argument('--set', action='append', default=[], metavar='CONSTANT=VALUE',
-                        help='override a constant of the cost model')
+    result.add_argument(
+        '--set', action='append', default=[], metavar='CONSTANT=VALUE', help='override a constant of the cost model'
+    )
     result.add_argument('--seconds', type=float, help='stop the program after this time')
     result.add_argument('--listing', action='store_true', help='print the source with the cycles of every line')
     result.add_argument('--trace', type=int, default=0, metavar='N', help='print the last N operations')
@@ -119,8 +131,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             print('dap: name a program, or ask for --list, --functions, --costs or --help', file=sys.stderr)
             return 2
         program = load_program(options.program)
-        result = program.run(dap, options.entry, limits=Limits(seconds=options.seconds),
-                             **_pairs(options.argument, value_of))
+        result = program.run(
+            dap, options.entry, limits=Limits(seconds=options.seconds), **_pairs(options.argument, value_of)
+        )
         _report(options, dap, result)
         if options.show:
             _show(options, dap, result)
@@ -161,19 +174,21 @@ def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
     print(result.stats)
     if options.listing:
         print(result.listing())
-    for entry in list(dap.trace)[-options.trace:] if options.trace else []:
+    for entry in list(dap.trace)[-options.trace :] if options.trace else []:
         print(f'  {entry}')
 
 
 def _show(options: argparse.Namespace, dap: Dap, result: Result) -> None:
     from .machine.drawing import draw
+
     if options.plane:
         if options.plane not in result:
             raise ValueError(f'--plane: {options.plane} is no argument, expected one of {", ".join(result)}')
         frames = [(options.plane.upper(), np.asarray(result[options.plane]), '')]
     else:
-        frames = result.displays or [(name, value, '') for name, value in result.items()
-                                     if isinstance(value, np.ndarray) and value.ndim <= 2]
+        frames = result.displays or [
+            (name, value, '') for name, value in result.items() if isinstance(value, np.ndarray) and value.ndim <= 2
+        ]
     draw(frames, options.show, dap.es)
     print(f'wrote {options.show}')
 

@@ -29,12 +29,16 @@ from .service.imaging import ImageProgram
 from .service.service_config import EmulatorConfig
 from .service.workspaces import Refused, ServiceLimits, Workspaces
 
-_FIELDS = {ParameterType.PARAMETER_BOOL: 'bool_value', ParameterType.PARAMETER_INTEGER: 'integer_value',
-           ParameterType.PARAMETER_DOUBLE: 'double_value', ParameterType.PARAMETER_STRING: 'string_value',
-           ParameterType.PARAMETER_BOOL_ARRAY: 'bool_array_value',
-           ParameterType.PARAMETER_INTEGER_ARRAY: 'integer_array_value',
-           ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value',
-           ParameterType.PARAMETER_STRING_ARRAY: 'string_array_value'}
+_FIELDS = {
+    ParameterType.PARAMETER_BOOL: 'bool_value',
+    ParameterType.PARAMETER_INTEGER: 'integer_value',
+    ParameterType.PARAMETER_DOUBLE: 'double_value',
+    ParameterType.PARAMETER_STRING: 'string_value',
+    ParameterType.PARAMETER_BOOL_ARRAY: 'bool_array_value',
+    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer_array_value',
+    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value',
+    ParameterType.PARAMETER_STRING_ARRAY: 'string_array_value',
+}
 
 
 def value_from_message(message: ParameterValue) -> Any:
@@ -62,9 +66,13 @@ def value_to_message(value: Any) -> ParameterValue:
         message.type = ParameterType.PARAMETER_DOUBLE_ARRAY
         message.double_array_value = array.array('d', value.astype(np.float64).tobytes())
         return message
-    kinds = {bool: ParameterType.PARAMETER_BOOL, int: ParameterType.PARAMETER_INTEGER,
-             float: ParameterType.PARAMETER_DOUBLE, str: ParameterType.PARAMETER_STRING,
-             list: ParameterType.PARAMETER_STRING_ARRAY}
+    kinds = {
+        bool: ParameterType.PARAMETER_BOOL,
+        int: ParameterType.PARAMETER_INTEGER,
+        float: ParameterType.PARAMETER_DOUBLE,
+        str: ParameterType.PARAMETER_STRING,
+        list: ParameterType.PARAMETER_STRING_ARRAY,
+    }
     message.type = kinds[type(value)]
     setattr(message, _FIELDS[message.type], value)
     return message
@@ -73,8 +81,16 @@ def value_to_message(value: Any) -> ParameterValue:
 class ServiceLink:
     """A client's link over ROS services. node, executor: given, or its own pair in the given context."""
 
-    def __init__(self, emulator: str, name: str, node: Node | None, executor: Any, context: Any,
-                 namespace: str | None, timeout: float) -> None:
+    def __init__(
+        self,
+        emulator: str,
+        name: str,
+        node: Node | None,
+        executor: Any,
+        context: Any,
+        namespace: str | None,
+        timeout: float,
+    ) -> None:
         if (node is None) != (executor is None):
             raise ValueError('node and executor: give both or neither')
         self.timeout = timeout
@@ -83,8 +99,7 @@ class ServiceLink:
             if context is None and not rclpy.ok():
                 rclpy.init()
                 self._initialised = True
-            node = Node(name, context=context, namespace=namespace, start_parameter_services=False,
-                        enable_rosout=False)
+            node = Node(name, context=context, namespace=namespace, start_parameter_services=False, enable_rosout=False)
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
         self._node, self._executor = node, executor
@@ -103,8 +118,9 @@ class ServiceLink:
 
     def fetch(self, names: list[str]) -> list[Any]:
         values = self._call(self._fetch, GetParameters.Request(names=names)).values
-        return [None if value.type == ParameterType.PARAMETER_NOT_SET else value_from_message(value)
-                for value in values]
+        return [
+            None if value.type == ParameterType.PARAMETER_NOT_SET else value_from_message(value) for value in values
+        ]
 
     def list(self) -> str:
         return self._call(self._list, Trigger.Request()).message
@@ -174,8 +190,9 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             ImageProgram(new.image_program, new.image_entry, new.image_model)
 
     def on_config(self, old: EmulatorConfig, new: EmulatorConfig) -> None:
-        self.spaces.limits = ServiceLimits(new.max_program_bytes, new.max_store_bytes, new.max_run_seconds,
-                                           new.max_clients)
+        self.spaces.limits = ServiceLimits(
+            new.max_program_bytes, new.max_store_bytes, new.max_run_seconds, new.max_clients
+        )
         if not new.image_program:
             self.images = None
         elif self.images is None or self.images.settings != (new.image_program, new.image_entry, new.image_model):
@@ -184,8 +201,9 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             except (ValueError, OSError) as error:
                 self.problem(f'parameter image_program: {error}')
 
-    def _on_store(self, request: SetParametersAtomically.Request,
-                  response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+    def _on_store(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
         try:
             items = []
             for parameter in request.parameters:
@@ -247,11 +265,18 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         return super().silence() if self.images is not None else None
 
     def report_values(self) -> dict[str, object]:
-        values: dict[str, object] = {'clients': self.spaces.clients, 'runs': self.spaces.runs,
-                                     'failed_runs': self.spaces.failures, 'cycles': self.spaces.cycles}
+        values: dict[str, object] = {
+            'clients': self.spaces.clients,
+            'runs': self.spaces.runs,
+            'failed_runs': self.spaces.failures,
+            'cycles': self.spaces.cycles,
+        }
         if self.images is not None:
-            values |= {'image_program': self.config.image_program, 'image_cycles': self.images.cycles,
-                       'image_dap_seconds': self.images.seconds}
+            values |= {
+                'image_program': self.config.image_program,
+                'image_cycles': self.images.cycles,
+                'image_dap_seconds': self.images.seconds,
+            }
         return values
 
     def reset(self) -> str:

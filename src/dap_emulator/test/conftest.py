@@ -29,6 +29,7 @@ class Emulator:
         from rclpy.executors import SingleThreadedExecutor
 
         from dap_emulator.node import EmulatorNode
+
         worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
         self.context = Context()
         rclpy.init(context=self.context, domain_id=1 + (50 + worker * 25 + next(_domains)) % 100)
@@ -47,12 +48,14 @@ class Emulator:
 
     def client(self, name=None, **options):
         from dap_emulator.service.client import DapClient
+
         client = DapClient(client=name, context=self.context, **options)
         self._clients.append(client)
         return client
 
     def close(self):
         import rclpy
+
         for client in self._clients:
             client.close()
         self._stop.set()
@@ -70,6 +73,7 @@ def start_emulator():
     def start(**parameters):
         running.append(Emulator(**parameters))
         return running[-1]
+
     yield start
     for emulator in running:
         emulator.close()

@@ -14,8 +14,20 @@ def test_a_program_file_runs_and_its_cycles_are_printed(tmp_path, capsys):
     file = tmp_path / 'double.fpp'
     file.write_text('ENTRY SUBROUTINE DOUBLE(A, N)\nREAL A(,)\nINTEGER N\nA = A + A\nN = N + 1\nEND\n')
     np.save(tmp_path / 'a.npy', np.full((40, 40), 1.5))
-    code = main([str(file), '-a', f'a={tmp_path}/a.npy', '-a', 'n=4', '--listing', '--trace', '2',
-                 '--save', str(tmp_path / 'out.npz')])
+    code = main(
+        [
+            str(file),
+            '-a',
+            f'a={tmp_path}/a.npy',
+            '-a',
+            'n=4',
+            '--listing',
+            '--trace',
+            '2',
+            '--save',
+            str(tmp_path / 'out.npz'),
+        ]
+    )
     out = capsys.readouterr().out
     assert code == 0 and 'add REAL*4' in out and '2924' in out and 'A = A + A' in out and 'computed' in out
     saved = np.load(tmp_path / 'out.npz')
@@ -35,6 +47,7 @@ def test_planes_are_drawn(tmp_path, suffix):
     target = tmp_path / f'life.{suffix}'
     assert main(['life', '-a', 'cells=random:33x20:logical:3', '-a', 'generations=4', '--show', str(target)]) == 0
     from PIL import Image
+
     picture = Image.open(target)
     assert min(picture.size) > 100 and getattr(picture, 'n_frames', 1) == (4 if suffix == 'gif' else 1)
     assert len(set(np.asarray(picture.convert('L')).ravel().tolist())) > 3
@@ -42,20 +55,32 @@ def test_planes_are_drawn(tmp_path, suffix):
 
 def test_one_plane_can_be_drawn_alone(tmp_path):
     target = tmp_path / 'cells.png'
-    assert main(['life', '-a', 'cells=zeros:9x9:logical', '-a', 'generations=1', '--plane', 'CELLS', '--show',
-                 str(target)]) == 0
+    assert (
+        main(
+            ['life', '-a', 'cells=zeros:9x9:logical', '-a', 'generations=1', '--plane', 'CELLS', '--show', str(target)]
+        )
+        == 0
+    )
     assert cv2.imread(str(target)) is not None
 
 
-@pytest.mark.parametrize('arguments, code, text', [
-    ([], 2, 'name a program'), (['nothing'], 2, 'neither a file nor a library program'),
-    (['life', '-a', 'cells'], 2, 'NAME=VALUE'), (['life', '-a', 'cells=random:axb'], 2, 'random:32x32'),
-    (['life', '-a', 'colour=1'], 2, 'no such argument'), (['life', '-a', 'cells=random:0x3'], 2, 'at least 1'),
-    (['life', '-a', 'cells=nothing.png'], 2, 'nothing.png: not an image'),
-    (['life', '--set', 'speed=1'], 2, 'unknown constant'),
-    (['life', '-a', 'cells=random:9x9:logical', '--memory', '3'], 1, 'out of store'),
-    (['sorts'], 2, '2 entries'), (['life', '--show', 'x.bmp'], 2, '.png'),
-    (['life', '--plane', 'ODD', '--show', 'x.png'], 2, 'ODD is no argument')])
+@pytest.mark.parametrize(
+    'arguments, code, text',
+    [
+        ([], 2, 'name a program'),
+        (['nothing'], 2, 'neither a file nor a library program'),
+        (['life', '-a', 'cells'], 2, 'NAME=VALUE'),
+        (['life', '-a', 'cells=random:axb'], 2, 'random:32x32'),
+        (['life', '-a', 'colour=1'], 2, 'no such argument'),
+        (['life', '-a', 'cells=random:0x3'], 2, 'at least 1'),
+        (['life', '-a', 'cells=nothing.png'], 2, 'nothing.png: not an image'),
+        (['life', '--set', 'speed=1'], 2, 'unknown constant'),
+        (['life', '-a', 'cells=random:9x9:logical', '--memory', '3'], 1, 'out of store'),
+        (['sorts'], 2, '2 entries'),
+        (['life', '--show', 'x.bmp'], 2, '.png'),
+        (['life', '--plane', 'ODD', '--show', 'x.png'], 2, 'ODD is no argument'),
+    ],
+)
 def test_what_makes_no_sense_is_one_clear_line(capsys, arguments, code, text):
     assert main(arguments) == code
     error = capsys.readouterr().err

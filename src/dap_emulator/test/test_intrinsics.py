@@ -42,9 +42,18 @@ def test_elementwise_functions(values):
     dap = Dap.model('510')
     x = on(dap, values)
     with np.errstate(all='ignore'):
-        for ours, theirs in ((f.exp, np.exp), (f.log, np.log), (f.sin, np.sin), (f.cos, np.cos), (f.tan, np.tan),
-                             (f.atan, np.arctan), (f.asin, np.arcsin), (f.acos, np.arccos), (f.sqrt, np.sqrt),
-                             (f.absolute, np.abs)):
+        for ours, theirs in (
+            (f.exp, np.exp),
+            (f.log, np.log),
+            (f.sin, np.sin),
+            (f.cos, np.cos),
+            (f.tan, np.tan),
+            (f.atan, np.arctan),
+            (f.asin, np.arcsin),
+            (f.acos, np.arccos),
+            (f.sqrt, np.sqrt),
+            (f.absolute, np.abs),
+        ):
             assert np.allclose(ours(x).values, theirs(values), rtol=1e-6, equal_nan=True), ours.__name__
     assert np.array_equal(f.fix(x).values, np.trunc(values))
     assert np.array_equal(f.float_(f.fix(x)).values, np.trunc(values))
@@ -92,7 +101,7 @@ def test_reductions(values, flags):
         assert (f.maxv(x, m), f.minv(x, m), f.sum_(x, m)) == (chosen.max(), chosen.min(), chosen.sum())
         assert np.array_equal(f.minp(x, m).values, mask & (values == chosen.min()))
     else:
-        assert (f.maxv(x, m), f.minv(x, m), f.sum_(x, m)) == (-2**31, 2**31 - 1, 0)
+        assert (f.maxv(x, m), f.minv(x, m), f.sum_(x, m)) == (-(2**31), 2**31 - 1, 0)
         assert not f.any_(f.maxp(x, m))
 
 
@@ -111,7 +120,7 @@ def test_first_true_and_its_row_and_column(flags):
     first = where[0] + 1 if len(where) else 0
     assert f.eln(l) == first
     expected = np.zeros(flags.size, bool)
-    expected[first - 1:first] = True
+    expected[first - 1 : first] = True
     assert np.array_equal(column_order(f.frst(l).values), expected if first else np.zeros(flags.size, bool))
     if flags.ndim == 2:
         row, column = ((first - 1) % flags.shape[0] + 1, (first - 1) // flags.shape[0] + 1) if first else (0, 0)
@@ -140,7 +149,7 @@ def test_between_vectors_and_matrices(m, v):
 @FEW
 def test_patterns(i, j, rows, columns):
     dap = Dap.model('510')
-    row, column = np.mgrid[1:rows + 1, 1:columns + 1]
+    row, column = np.mgrid[1 : rows + 1, 1 : columns + 1]
     assert np.array_equal(f.row(dap, i, rows, columns).values, row == i)
     assert np.array_equal(f.col(dap, i, rows, columns).values, column == i)
     assert np.array_equal(f.rows_(dap, i, j, rows, columns).values, (row >= i) & (row <= j))
@@ -170,8 +179,15 @@ def test_shifts(m, v, distance):
             if 0 <= source < extent:
                 np.moveaxis(out, axis, 0)[target] = np.moveaxis(values, axis, 0)[source]
         return out
-    for way, values, axis, step in (('N', m, 0, 1), ('S', m, 0, -1), ('W', m, 1, 1), ('E', m, 1, -1), ('L', v, 0, 1),
-                                    ('R', v, 0, -1)):
+
+    for way, values, axis, step in (
+        ('N', m, 0, 1),
+        ('S', m, 0, -1),
+        ('W', m, 1, 1),
+        ('E', m, 1, -1),
+        ('L', v, 0, 1),
+        ('R', v, 0, -1),
+    ):
         x = on(dap, values)
         assert np.array_equal(f.SHIFTS[f'SH{way}P'](x, distance).values, planar(values, axis, step)), way
         assert np.array_equal(f.SHIFTS[f'SH{way}C'](x, distance).values, np.roll(values, -step * distance, axis)), way
@@ -180,10 +196,16 @@ def test_shifts(m, v, distance):
 def test_misuse_names_the_function_and_what_it_expected():
     dap = Dap.model('510')
     m, v, l = dap.matrix(np.ones((2, 2))), dap.vector(np.ones(3)), dap.vector(np.ones(3, bool))
-    for action, text in ((lambda: f.eln(v), 'ELN: expected LOGICAL'), (lambda: f.sumr(v), 'SUMR: expected a matrix'),
-                         (lambda: f.minp(l), 'MINP: expected numbers'), (lambda: f.matr(m), 'MATR: expected a vector'),
-                         (lambda: f.merge(v, m, l), 'MERGE: shapes'), (lambda: f.sum_(3), 'SUM: expected a parallel'),
-                         (lambda: f.mat(dap, v, 1, 2), 'do not fit'), (lambda: f.merge(v, l, l), 'do not mix')):
+    for action, text in (
+        (lambda: f.eln(v), 'ELN: expected LOGICAL'),
+        (lambda: f.sumr(v), 'SUMR: expected a matrix'),
+        (lambda: f.minp(l), 'MINP: expected numbers'),
+        (lambda: f.matr(m), 'MATR: expected a vector'),
+        (lambda: f.merge(v, m, l), 'MERGE: shapes'),
+        (lambda: f.sum_(3), 'SUM: expected a parallel'),
+        (lambda: f.mat(dap, v, 1, 2), 'do not fit'),
+        (lambda: f.merge(v, l, l), 'do not mix'),
+    ):
         with pytest.raises(ValueError, match=text):
             action()
 

@@ -59,12 +59,15 @@ def test_statements_alone_make_a_program_of_their_variables():
 
 
 def test_the_thesis_names_its_arrays_entry_exit_in_and_out():
-    source = 'ENTRY SUBROUTINE T(IN, OUT)\nREAL IN(,), OUT(,), ENTRY(,,2,3), EXIT(,)\nENTRY(,,1,2) = IN\n' \
-             'EXIT = ENTRY(,,1,2)\nOUT = EXIT\nEND'
+    source = (
+        'ENTRY SUBROUTINE T(IN, OUT)\nREAL IN(,), OUT(,), ENTRY(,,2,3), EXIT(,)\nENTRY(,,1,2) = IN\n'
+        'EXIT = ENTRY(,,1,2)\nOUT = EXIT\nEND'
+    )
     assert (run(source, **{'in': np.full((32, 32), 7.0)})['OUT'] == 7).all()
 
 
 # Scalars and control.
+
 
 @given(st.integers(-50, 50), st.integers(-9, 9), st.integers(0, 5))
 @FEW
@@ -77,12 +80,20 @@ def test_scalar_arithmetic(i, j, k):
 
 def test_scalar_words_wrap_and_round():
     result = scalars('I = 2147483647\nI = I + 1\nX = 16777216.0 + 1.0\nJ = FIX(-2.7)\nK = 7/(-2)')
-    assert (result['I'], result['X'], result['J'], result['K']) == (-2**31, 16777216.0, -2, -3)
+    assert (result['I'], result['X'], result['J'], result['K']) == (-(2**31), 16777216.0, -2, -3)
 
 
-@pytest.mark.parametrize('expression, value', [
-    ('1.0/Z', np.inf), ('-1.0/Z', -np.inf), ('Z/Z', np.nan), ('(1.0E30*X)**3', np.inf), ('(-X)**0.5', np.nan),
-    ('Z**(-1)', np.inf)])
+@pytest.mark.parametrize(
+    'expression, value',
+    [
+        ('1.0/Z', np.inf),
+        ('-1.0/Z', -np.inf),
+        ('Z/Z', np.nan),
+        ('(1.0E30*X)**3', np.inf),
+        ('(-X)**0.5', np.nan),
+        ('Z**(-1)', np.inf),
+    ],
+)
 def test_reals_divide_by_zero_and_overflow_as_ieee_says(expression, value):
     np.testing.assert_equal(scalars(f'X = 1.0\nZ = 0.0\nY = {expression}')['Y'], value)
 
@@ -108,28 +119,36 @@ def test_do_runs_as_often_as_fortran_says(first, last, step):
 
 
 def test_two_loops_may_end_on_one_label_and_be_left_by_goto():
-    body = 'K = 0\nDO 10 I = 1, 4\nDO 10 J = 1, 4\nIF (J .GT. I) GOTO 10\nK = K + 1\nIF (K .EQ. 8) GOTO 20\n' \
-           '10 CONTINUE\n20 X = K'
+    body = (
+        'K = 0\nDO 10 I = 1, 4\nDO 10 J = 1, 4\nIF (J .GT. I) GOTO 10\nK = K + 1\nIF (K .EQ. 8) GOTO 20\n'
+        '10 CONTINUE\n20 X = K'
+    )
     result = scalars(body)
     assert (result['I'], result['J'], result['X']) == (4, 2, 8)
 
 
 def test_if_blocks_while_stop_and_return():
-    body = 'DO WHILE (I .LT. 5)\nI = I + 1\nEND DO\nIF (I .EQ. 4) THEN\nK = 1\nELSE IF (I .EQ. 5) THEN\n' \
-           'IF (J .EQ. 0) THEN\nK = 2\nENDIF\nELSE\nK = 3\nEND IF\nSTOP\nK = 9'
+    body = (
+        'DO WHILE (I .LT. 5)\nI = I + 1\nEND DO\nIF (I .EQ. 4) THEN\nK = 1\nELSE IF (I .EQ. 5) THEN\n'
+        'IF (J .EQ. 0) THEN\nK = 2\nENDIF\nELSE\nK = 3\nEND IF\nSTOP\nK = 9'
+    )
     assert scalars(body)['K'] == 2
     assert scalars('K = 1\nRETURN\nK = 2')['K'] == 1
 
 
 def test_data_parameter_and_dimension():
-    source = 'ENTRY SUBROUTINE T(S)\nPARAMETER (N = 2 + 1, R = 0.5)\nDIMENSION W(N)\nINTEGER S\nLOGICAL L(2)\n' \
-             'DATA W /1.0, 2*-2.5/, L /.TRUE., .FALSE./\nS = FIX(R*(W(1) + W(2) + W(N)))\nIF (L(2)) S = 99\nEND'
+    source = (
+        'ENTRY SUBROUTINE T(S)\nPARAMETER (N = 2 + 1, R = 0.5)\nDIMENSION W(N)\nINTEGER S\nLOGICAL L(2)\n'
+        'DATA W /1.0, 2*-2.5/, L /.TRUE., .FALSE./\nS = FIX(R*(W(1) + W(2) + W(N)))\nIF (L(2)) S = 99\nEND'
+    )
     assert run(source)['S'] == -2
 
 
 def test_characters():
-    source = "ENTRY SUBROUTINE T(OPS, N, K)\nCHARACTER OPS(N), C\nINTEGER N, K\nK = 0\nDO I = 1, N\nC = OPS(I)\n" \
-             "IF (C .EQ. 'U') K = K + I\nIF (C .NE. '''') K = K + 10\nEND DO\nEND"
+    source = (
+        'ENTRY SUBROUTINE T(OPS, N, K)\nCHARACTER OPS(N), C\nINTEGER N, K\nK = 0\nDO I = 1, N\nC = OPS(I)\n'
+        "IF (C .EQ. 'U') K = K + I\nIF (C .NE. '''') K = K + 10\nEND DO\nEND"
+    )
     assert run(source, ops="0U'U", n=4)['K'] == 36
 
 
@@ -139,8 +158,13 @@ MATRIX = np.arange(35 * 40, dtype=float).reshape(35, 40)
 
 
 def with_matrix(body, declarations='', **arguments):
-    return run(f'ENTRY SUBROUTINE T(M, V, W, S, K)\nREAL M(,), V(), W(), S\nINTEGER K\n{declarations}\n{body}\nEND',
-               m=MATRIX, v=np.zeros(40), w=np.zeros(35), **arguments)
+    return run(
+        f'ENTRY SUBROUTINE T(M, V, W, S, K)\nREAL M(,), V(), W(), S\nINTEGER K\n{declarations}\n{body}\nEND',
+        m=MATRIX,
+        v=np.zeros(40),
+        w=np.zeros(35),
+        **arguments,
+    )
 
 
 def test_indexing_forms_read():
@@ -154,8 +178,10 @@ def test_indexing_forms_read():
 
 
 def test_indexing_forms_write():
-    result = with_matrix('M(3,) = V\nM(,5) = -1.0\nM(2,7) = -2.0\nM(M .GT. 1000.0) = 0.0\nM(36) = -3.0\n'
-                         'M(ELS(9, 10, 35),) = -4.0\nM(,ELS(39, 40, 40)) = -5.0')
+    result = with_matrix(
+        'M(3,) = V\nM(,5) = -1.0\nM(2,7) = -2.0\nM(M .GT. 1000.0) = 0.0\nM(36) = -3.0\n'
+        'M(ELS(9, 10, 35),) = -4.0\nM(,ELS(39, 40, 40)) = -5.0'
+    )
     expected = MATRIX.copy()
     expected[2] = 0
     expected[:, 4] = -1
@@ -225,6 +251,7 @@ def test_whole_serial_arrays_take_a_scalar():
 
 # Subprograms.
 
+
 def test_functions_recursion_and_copy_back():
     source = """
 ENTRY SUBROUTINE T(N, F, A)
@@ -289,14 +316,17 @@ END
 
 
 def test_deep_recursion_runs_and_bottomless_recursion_is_an_error():
-    source = 'ENTRY SUBROUTINE T(N)\nINTEGER N\nCALL DOWN(N)\nEND\nSUBROUTINE DOWN(N)\nINTEGER N\n' \
-             'IF (N .EQ. 0) RETURN\nCALL DOWN(N - 1)\nEND'
+    source = (
+        'ENTRY SUBROUTINE T(N)\nINTEGER N\nCALL DOWN(N)\nEND\nSUBROUTINE DOWN(N)\nINTEGER N\n'
+        'IF (N .EQ. 0) RETURN\nCALL DOWN(N - 1)\nEND'
+    )
     run(source, n=1500)
     with pytest.raises(FortranError, match='nested deeper'):
         run(source, n=-1)
 
 
 # Costs and listing.
+
 
 def test_the_listing_shows_cycles_by_line():
     result = run('ENTRY SUBROUTINE T(A)\nREAL A(,)\nA = A*A\nA = A + 1.0\nEND', a=np.ones((32, 32)))
@@ -326,76 +356,79 @@ def test_parallel_arrays_of_the_machine_are_passed_by_reference():
 CALLED = 'SUBROUTINE S(A, N)\nREAL A(,)\nINTEGER N\nEND\nENTRY SUBROUTINE T(A)\nREAL A(,)\n'
 
 
-@pytest.mark.parametrize('source, line, column, text', [
-    ('REAL A(,)\nA = A +* 2.0', 2, 8, r"'\*'"),
-    ('REAL A(,)\nA = (A + 2.0', 2, 13, 'too early'),
-    ('REAL A(,), B()\nA = A + B', 2, 7, 'matrix meets a vector'),
-    ('REAL A(,)\nLOGICAL L(,)\nA = L', 3, 5, 'cannot assign LOGICAL'),
-    ('REAL A(,)\nA(1,2,3) = 1.0', 2, 1, 'takes 2 indices, 3'),
-    ('REAL A(,)\nIF (A .GT. 1.0) A = 0.0', 2, 7, 'ANY or ALL'),
-    ('REAL A(,)\nA = SQRTT(A)', 2, 5, 'neither an array nor a function'),
-    ('REAL A(,)\nA = SUM(A, A)', 2, 5, 'mask'),
-    ('REAL A(,)\nCALL NOWHERE(A)', 2, 6, 'no subroutine NOWHERE'),
-    ('IMPLICIT NONE\nREAL A(,)\nA = QQ', 3, 5, 'QQ is not declared'),
-    ('REAL*9 A(,)', 1, 8, '3 to 8'),
-    ('REAL A(,,,)', 1, 6, 'at most two parallel'),
-    ('I = 1\nGOTO 77', 2, 1, 'no such label'),
-    ('DO I = 1, 3\nJ = I', 1, 1, 'END DO is missing'),
-    ('J = 1\nEND IF', 2, 1, 'without an IF'),
-    ('IF (1 .EQ. 1) THEN\nJ = 1', 1, 1, 'END IF is missing'),
-    ('REAL A(,)\nA(+,) = 1.0', 2, 3, 'neighbour cannot be assigned'),
-    ('10 I = 1\n10 J = 2', 2, 1, 'label 10 is used twice'),
-    ('I = 1\nREAL A(,)', 2, 1, 'before the first executable'),
-    ('SUBROUTINE X(A)\nREAL A(,)', 1, 12, 'no END'),
-    ('X = 5 $ 3', 1, 7, r"'\$'"),
-    ('REAL A(,)\nA = A &\n  + \xe9', 3, 5, 'character'),
-    ('', 0, 0, 'empty'),
-    # Declarations.
-    ('LOGICAL*2 L', 1, 11, 'takes no length'),
-    ('REAL A(,)\nREAL A\nA = 1.0', 2, 6, 'A is declared twice'),
-    ('REAL A(,)\nDIMENSION A(,)\nA = 1.0', 2, 11, 'A has dimensions twice'),
-    ('REAL A(4,)\nA = 1.0', 1, 6, 'parallel dimensions come before serial'),
-    ('CHARACTER C(,)\nA = 1.0', 1, 11, 'CHARACTER arrays are serial'),
-    ('REAL W(3.0)\nW(1) = 1.0', 1, 8, 'an extent of W is an INTEGER scalar'),
-    ('GEOMETRY(PLANE, ROUND)\nX = 1.0', 1, 1, 'expected PLANE or CYCLIC, got ROUND'),
-    ('ENTRY SUBROUTINE T(A)\nIMPLICIT NONE\nEND', 1, 1, 'A is not declared'),
-    ('ENTRY SUBROUTINE T(A)\nREAL A(,)\nCOMMON /C/ A\nA = 1.0\nEND', 1, 1, 'both an argument and in COMMON'),
-    ('DATA Q /1.0/\nX = Q', 2, 1, 'DATA: Q must be a local'),
-    ('PARAMETER (N = I + 1)\nI = N', 1, 16, 'expected a constant expression'),
-    ('PARAMETER (N = 7/0)\nI = N', 1, 17, 'constant expression: division'),
-    ('PARAMETER (N = .TRUE.)\nI = N', 1, 12, 'N is INTEGER.4, its value is not'),
-    ('IMPLICIT NONE\nPARAMETER (N = 2)\nX = 1.0', 2, 12, 'N is not declared'),
-    # Units and calls.
-    ('SUBROUTINE X\nEND\nSUBROUTINE X\nEND', 3, 12, 'X is defined twice'),
-    ('REAL A(,)\nCALL DISPLAY()', 2, 6, 'DISPLAY takes 1 to 2 arguments'),
-    (f'{CALLED}CALL S(A)\nEND', 7, 6, r'S takes 2 argument\(s\), 1 given'),
-    (f'{CALLED}CALL S(, 1)\nEND', 7, 6, 'an argument is missing'),
-    (f'{CALLED}CALL S(1.0, 1)\nEND', 7, 8, 'argument A is REAL.4 matrix, got REAL.4 scalar'),
-    (f'{CALLED}CALL S(A, .TRUE.)\nEND', 7, 11, 'argument N is INTEGER.4 scalar, got LOGICAL'),
-    (f'{CALLED}A = S(A, 1)\nEND', 7, 5, 'S is a subroutine, not a function'),
-    (f'{CALLED}S = 1.0\nEND', 7, 1, 'S is a subroutine or function, not a variable'),
-    # Statements and expressions.
-    ('PARAMETER (N = 2)\nN = 3', 2, 1, 'N is a constant'),
-    ('REAL A(,), W(4)\nA = W', 2, 5, 'a whole array with serial dimensions'),
-    ('REAL A(,), V()\nA = V', 2, 5, 'cannot assign a vector to a matrix'),
-    ('REAL A(,), V()\nV = A', 2, 5, 'cannot assign REAL.4 matrix to REAL.4 vector'),
-    ('REAL V()\nX = V', 2, 5, 'cannot assign REAL.4 vector to REAL.4 scalar'),
-    ('REAL W(4)\nX = W + 1.0', 2, 5, 'cannot be used as a whole'),
-    ('DO X = 1, 3\nJ = 1\nEND DO', 1, 4, 'a DO variable is an INTEGER scalar'),
-    ('DO I = 1, 2.5\nJ = 1\nEND DO', 1, 11, 'a DO bound is an INTEGER scalar'),
-    ('I = .NOT. 3', 1, 5, '.NOT. of INTEGER'),
-    ('X = -.TRUE.', 1, 5, 'sign of LOGICAL'),
-    ('LOGICAL L\nL = L .AND. 3', 2, 7, '.AND. of LOGICAL scalar and INTEGER'),
-    ('REAL A(,)\nA = SQRT(A, A)', 2, 5, r'SQRT takes 1 argument\(s\), 2 given'),
-    ('REAL A(,)\nA = MERGE(A, , A)', 2, 5, 'MERGE: an argument is missing'),
-    ('REAL A(,)\nA = LENGTH(A, N)', 2, 5, 'a constant word length'),
-    # Indices.
-    ('Q(3) = 1.0', 1, 1, 'Q is not a declared array'),
-    ('X = 1.0\nY = X(3)', 2, 5, 'X is a scalar and takes no index'),
-    ('REAL A(,,4)\nA(,,+) = 1.0', 2, 1, 'a serial dimension needs an INTEGER index'),
-    ('REAL A(,)\nX = A(2.5)', 2, 5, 'a LOGICAL matrix or an INTEGER scalar as the only index'),
-    ('REAL A(,)\nX = A(2.5, 1)', 2, 7, 'an INTEGER scalar or a LOGICAL vector as index'),
-])
+@pytest.mark.parametrize(
+    'source, line, column, text',
+    [
+        ('REAL A(,)\nA = A +* 2.0', 2, 8, r"'\*'"),
+        ('REAL A(,)\nA = (A + 2.0', 2, 13, 'too early'),
+        ('REAL A(,), B()\nA = A + B', 2, 7, 'matrix meets a vector'),
+        ('REAL A(,)\nLOGICAL L(,)\nA = L', 3, 5, 'cannot assign LOGICAL'),
+        ('REAL A(,)\nA(1,2,3) = 1.0', 2, 1, 'takes 2 indices, 3'),
+        ('REAL A(,)\nIF (A .GT. 1.0) A = 0.0', 2, 7, 'ANY or ALL'),
+        ('REAL A(,)\nA = SQRTT(A)', 2, 5, 'neither an array nor a function'),
+        ('REAL A(,)\nA = SUM(A, A)', 2, 5, 'mask'),
+        ('REAL A(,)\nCALL NOWHERE(A)', 2, 6, 'no subroutine NOWHERE'),
+        ('IMPLICIT NONE\nREAL A(,)\nA = QQ', 3, 5, 'QQ is not declared'),
+        ('REAL*9 A(,)', 1, 8, '3 to 8'),
+        ('REAL A(,,,)', 1, 6, 'at most two parallel'),
+        ('I = 1\nGOTO 77', 2, 1, 'no such label'),
+        ('DO I = 1, 3\nJ = I', 1, 1, 'END DO is missing'),
+        ('J = 1\nEND IF', 2, 1, 'without an IF'),
+        ('IF (1 .EQ. 1) THEN\nJ = 1', 1, 1, 'END IF is missing'),
+        ('REAL A(,)\nA(+,) = 1.0', 2, 3, 'neighbour cannot be assigned'),
+        ('10 I = 1\n10 J = 2', 2, 1, 'label 10 is used twice'),
+        ('I = 1\nREAL A(,)', 2, 1, 'before the first executable'),
+        ('SUBROUTINE X(A)\nREAL A(,)', 1, 12, 'no END'),
+        ('X = 5 $ 3', 1, 7, r"'\$'"),
+        ('REAL A(,)\nA = A &\n  + \xe9', 3, 5, 'character'),
+        ('', 0, 0, 'empty'),
+        # Declarations.
+        ('LOGICAL*2 L', 1, 11, 'takes no length'),
+        ('REAL A(,)\nREAL A\nA = 1.0', 2, 6, 'A is declared twice'),
+        ('REAL A(,)\nDIMENSION A(,)\nA = 1.0', 2, 11, 'A has dimensions twice'),
+        ('REAL A(4,)\nA = 1.0', 1, 6, 'parallel dimensions come before serial'),
+        ('CHARACTER C(,)\nA = 1.0', 1, 11, 'CHARACTER arrays are serial'),
+        ('REAL W(3.0)\nW(1) = 1.0', 1, 8, 'an extent of W is an INTEGER scalar'),
+        ('GEOMETRY(PLANE, ROUND)\nX = 1.0', 1, 1, 'expected PLANE or CYCLIC, got ROUND'),
+        ('ENTRY SUBROUTINE T(A)\nIMPLICIT NONE\nEND', 1, 1, 'A is not declared'),
+        ('ENTRY SUBROUTINE T(A)\nREAL A(,)\nCOMMON /C/ A\nA = 1.0\nEND', 1, 1, 'both an argument and in COMMON'),
+        ('DATA Q /1.0/\nX = Q', 2, 1, 'DATA: Q must be a local'),
+        ('PARAMETER (N = I + 1)\nI = N', 1, 16, 'expected a constant expression'),
+        ('PARAMETER (N = 7/0)\nI = N', 1, 17, 'constant expression: division'),
+        ('PARAMETER (N = .TRUE.)\nI = N', 1, 12, 'N is INTEGER.4, its value is not'),
+        ('IMPLICIT NONE\nPARAMETER (N = 2)\nX = 1.0', 2, 12, 'N is not declared'),
+        # Units and calls.
+        ('SUBROUTINE X\nEND\nSUBROUTINE X\nEND', 3, 12, 'X is defined twice'),
+        ('REAL A(,)\nCALL DISPLAY()', 2, 6, 'DISPLAY takes 1 to 2 arguments'),
+        (f'{CALLED}CALL S(A)\nEND', 7, 6, r'S takes 2 argument\(s\), 1 given'),
+        (f'{CALLED}CALL S(, 1)\nEND', 7, 6, 'an argument is missing'),
+        (f'{CALLED}CALL S(1.0, 1)\nEND', 7, 8, 'argument A is REAL.4 matrix, got REAL.4 scalar'),
+        (f'{CALLED}CALL S(A, .TRUE.)\nEND', 7, 11, 'argument N is INTEGER.4 scalar, got LOGICAL'),
+        (f'{CALLED}A = S(A, 1)\nEND', 7, 5, 'S is a subroutine, not a function'),
+        (f'{CALLED}S = 1.0\nEND', 7, 1, 'S is a subroutine or function, not a variable'),
+        # Statements and expressions.
+        ('PARAMETER (N = 2)\nN = 3', 2, 1, 'N is a constant'),
+        ('REAL A(,), W(4)\nA = W', 2, 5, 'a whole array with serial dimensions'),
+        ('REAL A(,), V()\nA = V', 2, 5, 'cannot assign a vector to a matrix'),
+        ('REAL A(,), V()\nV = A', 2, 5, 'cannot assign REAL.4 matrix to REAL.4 vector'),
+        ('REAL V()\nX = V', 2, 5, 'cannot assign REAL.4 vector to REAL.4 scalar'),
+        ('REAL W(4)\nX = W + 1.0', 2, 5, 'cannot be used as a whole'),
+        ('DO X = 1, 3\nJ = 1\nEND DO', 1, 4, 'a DO variable is an INTEGER scalar'),
+        ('DO I = 1, 2.5\nJ = 1\nEND DO', 1, 11, 'a DO bound is an INTEGER scalar'),
+        ('I = .NOT. 3', 1, 5, '.NOT. of INTEGER'),
+        ('X = -.TRUE.', 1, 5, 'sign of LOGICAL'),
+        ('LOGICAL L\nL = L .AND. 3', 2, 7, '.AND. of LOGICAL scalar and INTEGER'),
+        ('REAL A(,)\nA = SQRT(A, A)', 2, 5, r'SQRT takes 1 argument\(s\), 2 given'),
+        ('REAL A(,)\nA = MERGE(A, , A)', 2, 5, 'MERGE: an argument is missing'),
+        ('REAL A(,)\nA = LENGTH(A, N)', 2, 5, 'a constant word length'),
+        # Indices.
+        ('Q(3) = 1.0', 1, 1, 'Q is not a declared array'),
+        ('X = 1.0\nY = X(3)', 2, 5, 'X is a scalar and takes no index'),
+        ('REAL A(,,4)\nA(,,+) = 1.0', 2, 1, 'a serial dimension needs an INTEGER index'),
+        ('REAL A(,)\nX = A(2.5)', 2, 5, 'a LOGICAL matrix or an INTEGER scalar as the only index'),
+        ('REAL A(,)\nX = A(2.5, 1)', 2, 7, 'an INTEGER scalar or a LOGICAL vector as index'),
+    ],
+)
 def test_errors_say_where_and_show_the_line(source, line, column, text):
     with pytest.raises(FortranError, match=text) as found:
         compile(source)
@@ -404,9 +437,16 @@ def test_errors_say_where_and_show_the_line(source, line, column, text):
         assert source.splitlines()[line - 1].strip() in str(found.value)
 
 
-@pytest.mark.parametrize('body, text', [
-    ('I = 5/J', 'division of an INTEGER by zero'), ('W(9) = 1.0', 'outside 1 to 4'), ('V(33) = 1.0', 'outside 1 to 32'),
-    ('V = U', 'shape'), ('DO I = 1, 5, J\nEND DO', 'step of a DO is zero')])
+@pytest.mark.parametrize(
+    'body, text',
+    [
+        ('I = 5/J', 'division of an INTEGER by zero'),
+        ('W(9) = 1.0', 'outside 1 to 4'),
+        ('V(33) = 1.0', 'outside 1 to 32'),
+        ('V = U', 'shape'),
+        ('DO I = 1, 5, J\nEND DO', 'step of a DO is zero'),
+    ],
+)
 def test_run_time_errors_name_the_line(body, text):
     source = f'ENTRY SUBROUTINE T\nREAL V(), U(*40), W(4)\nJ = 0\n{body}\nEND'
     with pytest.raises(FortranError, match=text) as found:
@@ -422,9 +462,14 @@ def test_out_of_store_says_how_many_planes_were_asked_for():
 
 def test_arguments_from_the_host_are_checked_by_name():
     program = compile('ENTRY SUBROUTINE T(A, N)\nREAL A(,)\nINTEGER N\nA = A + N\nEND')
-    for arguments, text in (({'b': 1}, 'B: no such argument'), ({'a': np.ones(3)}, 'A: expected 2'),
-                            ({'n': 1.5}, 'N: expected INTEGER'), ({'n': 2**40}, 'N: .* does not fit'),
-                            ({'a': np.ones((2, 2), bool)}, 'A: expected REAL'), ({'a': 'text'}, 'A')):
+    for arguments, text in (
+        ({'b': 1}, 'B: no such argument'),
+        ({'a': np.ones(3)}, 'A: expected 2'),
+        ({'n': 1.5}, 'N: expected INTEGER'),
+        ({'n': 2**40}, 'N: .* does not fit'),
+        ({'a': np.ones((2, 2), bool)}, 'A: expected REAL'),
+        ({'a': 'text'}, 'A'),
+    ):
         with pytest.raises(ValueError, match=text):
             program.run(Dap.model('510'), **arguments)
     with pytest.raises(ValueError, match='ENTRY'):
@@ -455,7 +500,7 @@ def test_a_thousand_lines_parse_within_a_second():
     assert best <= 1.0 and len(units[0].body) == 1003
 
 
-@given(st.text(alphabet='ABMI(),+-*/=.<>1290 \n&\'!LTEQ', max_size=60))
+@given(st.text(alphabet="ABMI(),+-*/=.<>1290 \n&'!LTEQ", max_size=60))
 @settings(max_examples=150, deadline=None)
 def test_any_text_compiles_or_gives_a_fortran_error(text):
     try:

@@ -23,8 +23,19 @@ def picture(seed, rows, columns):
 
 
 def test_the_library_is_complete_and_says_what_each_program_does():
-    wanted = {'roberts', 'sobel', 'laplacian_of_gaussian', 'canny', 'antialias', 'csg_combine', 'pairwise', 'sorts',
-              'tree', 'mandelbrot', 'life'}
+    wanted = {
+        'roberts',
+        'sobel',
+        'laplacian_of_gaussian',
+        'canny',
+        'antialias',
+        'csg_combine',
+        'pairwise',
+        'sorts',
+        'tree',
+        'mandelbrot',
+        'life',
+    }
     assert set(program_names()) == wanted
     assert all(len(summary(name)) > 20 for name in wanted)
     with pytest.raises(ValueError, match='sobel'):
@@ -32,6 +43,7 @@ def test_the_library_is_complete_and_says_what_each_program_does():
 
 
 # Images.
+
 
 @given(SEEDS, SIZES, SIZES)
 @FEW
@@ -54,7 +66,7 @@ def test_sobel(seed, rows, columns):
 
 def smoothed(image, sigma):
     radius = int(3 * sigma + 0.5)
-    weights = np.exp(-np.arange(-radius, radius + 1) ** 2 / (2 * sigma**2))
+    weights = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * sigma**2))
     weights /= weights.sum()
     for axis in (0, 1):
         image = ndimage.convolve1d(image, weights, axis=axis, mode='constant')
@@ -105,6 +117,7 @@ def test_canny():
 
 # Appendix A.
 
+
 @given(SEEDS, SIZES, st.booleans())
 @FEW
 def test_anti_alias_weighting(seed, size, smooth):
@@ -119,6 +132,7 @@ def test_anti_alias_weighting(seed, size, smooth):
 
 
 # Appendix B.
+
 
 @st.composite
 def trees(draw, most=5):
@@ -154,17 +168,29 @@ def test_csg_combine(tree, seed):
     # All different, so that no two boundaries tie; some rays miss some primitives.
     times = rng.permutation(np.prod(shape) * 2 * leaves).reshape(*shape, 2, leaves).astype('f4') + 1
     enter, leave = times[:, :, 0], times[:, :, 1]
-    result = run('csg_combine', operators=operators, objects=objects, n=len(operators), leaves=leaves,
-                 **{'in': enter, 'out': leave})
+    result = run(
+        'csg_combine',
+        operators=operators,
+        objects=objects,
+        n=len(operators),
+        leaves=leaves,
+        **{'in': enter, 'out': leave},
+    )
     for place in np.ndindex(*shape):
-        ends = sorted((t, k + 1) for k in range(leaves) if enter[place][k] < leave[place][k]
-                      for t in (enter[place][k], leave[place][k]))
-        expected = next(((t, k) for t, k in ends
-                         if inside_at(operators, objects, enter[place], leave[place], t + 0.5)), (1e30, 0))
+        ends = sorted(
+            (t, k + 1)
+            for k in range(leaves)
+            if enter[place][k] < leave[place][k]
+            for t in (enter[place][k], leave[place][k])
+        )
+        expected = next(
+            ((t, k) for t, k in ends if inside_at(operators, objects, enter[place], leave[place], t + 0.5)), (1e30, 0)
+        )
         assert (result['TVALUE'][place], result['OBJECT'][place]) == (np.float32(expected[0]), expected[1])
 
 
 # Appendix C.
+
 
 @given(SEEDS, st.sampled_from([1, 2, 5, 31, 32, 33, 40]), st.integers(1, 12))
 @FEW
@@ -174,8 +200,9 @@ def test_pairwise_tables(seed, edges, pairs):
     farthest, angle = nearest + rng.random((edges, edges)).astype('f4'), rng.random((edges, edges)).astype('f4')
     low, alow = rng.random(pairs).astype('f4'), rng.random(pairs).astype('f4')
     high, ahigh = low + np.float32(0.2), alow + np.float32(0.5)
-    result = run('pairwise', nearest=nearest, farthest=farthest, angle=angle, low=low, high=high, alow=alow,
-                 ahigh=ahigh, n=pairs)
+    result = run(
+        'pairwise', nearest=nearest, farthest=farthest, angle=angle, low=low, high=high, alow=alow, ahigh=ahigh, n=pairs
+    )
     n, far, a = (x[:, :, None] for x in (nearest, farthest, angle))
     expected = (n <= low) & (far >= high) & (a >= alow) & (a <= ahigh)
     assert np.array_equal(result['MATCH'], expected)
@@ -230,14 +257,24 @@ def test_tree_traversal_finds_every_interpretation(seed, items, edges, density):
                 after[a], after[b] = i + 1, j + 1
                 found += extend(after, level + 1)
         return found
+
     expected = extend([0] * items, 0)[:noi]
-    result = run('tree', match=match, datum1=pairs[:, 0], datum2=pairs[:, 1], order=order + 1, pairs=len(pairs),
-                 items=items, noi=noi)
+    result = run(
+        'tree',
+        match=match,
+        datum1=pairs[:, 0],
+        datum2=pairs[:, 1],
+        order=order + 1,
+        pairs=len(pairs),
+        items=items,
+        noi=noi,
+    )
     assert result['COUNT'] == len(expected)
-    assert [tuple(column) for column in result['FOUND'].T[:len(expected)]] == expected
+    assert [tuple(column) for column in result['FOUND'].T[: len(expected)]] == expected
 
 
 # Pictures of nothing but numbers.
+
 
 def test_mandelbrot():
     result = run('mandelbrot', left=-2.0, top=-1.2, step=0.05, limit=20, count=np.zeros((48, 60), 'i2'))

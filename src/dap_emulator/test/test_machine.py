@@ -18,7 +18,8 @@ FEW = settings(max_examples=30, deadline=None)
 
 # Word lengths.
 
-@given(st.integers(1, 8), st.lists(st.integers(-2**70, 2**70), min_size=1, max_size=9))
+
+@given(st.integers(1, 8), st.lists(st.integers(-(2**70), 2**70), min_size=1, max_size=9))
 @FEW
 def test_integers_wrap_in_their_word(length, numbers):
     kind = integer(length)
@@ -44,7 +45,7 @@ def test_reals_keep_their_bits_of_significand(length, values):
     kind = real(length)
     got = kind.convert(values).astype(float)
     error = np.abs(got - values) / np.where(values == 0, 1, np.abs(values))
-    assert (error[np.abs(values) > 1e-30] <= 2.0 ** -kind.mantissa).all()
+    assert (error[np.abs(values) > 1e-30] <= 2.0**-kind.mantissa).all()
     assert np.array_equal(kind.convert(got).astype(float), got)
 
 
@@ -63,7 +64,13 @@ def test_word_lengths_that_do_not_exist_are_refused(text):
 
 def test_numpy_types_keep_their_values():
     assert [str(kind_of(np.zeros(1, t))) for t in ('?', 'u1', 'i1', 'i4', 'f4', 'f8')] == [
-        'LOGICAL', 'INTEGER*2', 'INTEGER*1', 'INTEGER*4', 'REAL*4', 'REAL*8']
+        'LOGICAL',
+        'INTEGER*2',
+        'INTEGER*1',
+        'INTEGER*4',
+        'REAL*4',
+        'REAL*8',
+    ]
 
 
 def test_division_by_zero_is_zero_and_counted(dap):
@@ -72,6 +79,7 @@ def test_division_by_zero_is_zero_and_counted(dap):
 
 
 # Bit-planes.
+
 
 @given(hnp.arrays(np.bool_, st.integers(1, 200)))
 @FEW
@@ -92,6 +100,7 @@ def test_plane_by_plane_arithmetic_is_arithmetic(count, signed, seed, size):
 
     def back(result):
         return planes.from_planes(result, kind, (size,)).tolist()
+
     assert back(p) == a.tolist()
     assert back(planes.add(p, q, np.zeros_like(full))) == [kind.scalar(int(x + y)) for x, y in zip(a, b)]
     assert back(planes.subtract(p, q, full)) == [kind.scalar(int(x - y)) for x, y in zip(a, b)]
@@ -126,6 +135,7 @@ def test_the_table_agrees_with_the_micro_operations():
 
 # Mappings.
 
+
 @given(st.integers(1, 70), st.integers(1, 70), st.sampled_from(['sheet', 'crinkled', 'combined']))
 @FEW
 def test_every_element_has_its_own_place(rows, columns, mapping):
@@ -154,6 +164,7 @@ def test_mappings_do_not_mix_and_can_be_changed(dap):
 
 # Arrays.
 
+
 @given(hnp.arrays(np.float32, st.tuples(SIZES, SIZES), elements=st.floats(-100, 100, width=32)))
 @FEW
 def test_arrays_compute_what_numpy_computes(values):
@@ -161,8 +172,7 @@ def test_arrays_compute_what_numpy_computes(values):
     a = dap.matrix(values)
     two = np.float32(2)
     assert np.array_equal((a * 2.0 - a / 4.0).values, values * two - values / np.float32(4))
-    assert np.array_equal(((a > 1.0) & ~(a > 5.0) | (a < -2.0)).values,
-                          ((values > 1) & ~(values > 5)) | (values < -2))
+    assert np.array_equal(((a > 1.0) & ~(a > 5.0) | (a < -2.0)).values, ((values > 1) & ~(values > 5)) | (values < -2))
     assert np.array_equal(a.neighbour(1, 1).values[:, :-1], values[:, 1:])
     assert not a.neighbour(1, 1).values[:, -1].any()
     assert np.array_equal(a.neighbour(-1, 0, cyclic=True).values, np.roll(values, 1, 0))
@@ -173,7 +183,7 @@ def test_remainders_powers_and_relations(dap):
     assert (a % b).values.tolist() == [1, -1, 1] and (a % 4).values.tolist() == [3, -3, 3]
     assert (a**2).values.tolist() == [49, 49, 9] and (+a) is a
     np.testing.assert_allclose((a**b).values, [343.0, -343.0, 9.0], rtol=1e-6)
-    np.testing.assert_allclose((dap.vector(np.array([4.0, 9.0], 'f4'))**0.5).values, [2.0, 3.0], rtol=1e-6)
+    np.testing.assert_allclose((dap.vector(np.array([4.0, 9.0], 'f4')) ** 0.5).values, [2.0, 3.0], rtol=1e-6)
     flags, others = dap.vector(np.array([True, True, False])), dap.vector(np.array([True, False, False]))
     assert (flags == others).values.tolist() == [True, False, True]
     assert (flags != others).values.tolist() == [False, True, False]
@@ -198,16 +208,24 @@ def test_assignments_convert_numbers_and_respect_the_mask(dap):
 
 def test_misuse_names_what_is_wrong(dap):
     a, b = dap.matrix(np.ones((2, 2))), dap.matrix(np.ones((3, 3)))
-    for action, text in ((lambda: a + b, 'shapes'), (lambda: bool(a), 'any'), (lambda: a & a, 'LOGICAL'),
-                         (lambda: dap.vector(np.ones((2, 2))), 'vector'),
-                         (lambda: dap.matrix(np.ones((0, 2))), 'element'),
-                         (lambda: a + Dap.model('510').matrix(np.ones((2, 2))), 'different machines'),
-                         (lambda: a.planes(), 'of a LOGICAL or INTEGER'), (lambda: a + (a > 0.0), 'expected numbers'),
-                         (lambda: -(a > 0.0), 'expected numbers'), (lambda: a.astype('LOGICAL'), 'MERGE'),
-                         (lambda: a.assign(True), 'cannot put True'), (lambda: a.neighbour(1, 2), 'axis'),
-                         (lambda: dap.vector(np.ones(3)).T, 'expected a matrix'),
-                         (lambda: Dap.model('720'), '510'), (lambda: Dap.model('510', mapping='odd'), 'sheet'),
-                         (lambda: Dap.model('510', costs={'speed': 1}), 'speed')):
+    for action, text in (
+        (lambda: a + b, 'shapes'),
+        (lambda: bool(a), 'any'),
+        (lambda: a & a, 'LOGICAL'),
+        (lambda: dap.vector(np.ones((2, 2))), 'vector'),
+        (lambda: dap.matrix(np.ones((0, 2))), 'element'),
+        (lambda: a + Dap.model('510').matrix(np.ones((2, 2))), 'different machines'),
+        (lambda: a.planes(), 'of a LOGICAL or INTEGER'),
+        (lambda: a + (a > 0.0), 'expected numbers'),
+        (lambda: -(a > 0.0), 'expected numbers'),
+        (lambda: a.astype('LOGICAL'), 'MERGE'),
+        (lambda: a.assign(True), 'cannot put True'),
+        (lambda: a.neighbour(1, 2), 'axis'),
+        (lambda: dap.vector(np.ones(3)).T, 'expected a matrix'),
+        (lambda: Dap.model('720'), '510'),
+        (lambda: Dap.model('510', mapping='odd'), 'sheet'),
+        (lambda: Dap.model('510', costs={'speed': 1}), 'speed'),
+    ):
         with pytest.raises(ValueError, match=text):
             action()
     with pytest.raises(IndexError, match='outside'):
@@ -230,6 +248,7 @@ def test_store_is_taken_and_given_back():
 
 
 # Counters.
+
 
 def test_every_constant_has_a_source_and_a_confidence():
     for constant in CONSTANTS.values():

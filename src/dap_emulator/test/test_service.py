@@ -58,14 +58,15 @@ def test_four_clients_at_once_do_not_meet(start_emulator):
 def test_malformed_requests_are_refused_with_a_reason_and_the_node_lives(start_emulator):
     client = start_emulator(max_store_bytes=10_000, max_program_bytes=1000).client()
     for values, reason in (
-            ({'program': 'C = A +'}, 'line 1, column 8'),
-            ({'library': 'nothing'}, 'library'),
-            ({'model': '710'}, '510'),
-            ({'run_request': 5}, 'no program'),
-            ({'run_request': -1}, 'at least 1'),
-            ({'a': np.zeros(2000)}, '10000'),
-            ({'program': 'X = 1\n' * 500}, '1000'),
-            ({'a': []}, 'an element')):
+        ({'program': 'C = A +'}, 'line 1, column 8'),
+        ({'library': 'nothing'}, 'library'),
+        ({'model': '710'}, '510'),
+        ({'run_request': 5}, 'no program'),
+        ({'run_request': -1}, 'at least 1'),
+        ({'a': np.zeros(2000)}, '10000'),
+        ({'program': 'X = 1\n' * 500}, '1000'),
+        ({'a': []}, 'an element'),
+    ):
         with pytest.raises(DapError, match=reason):
             client.store(**values)
     with pytest.raises(DapError, match='A: expected shape|A: expected 2'):

@@ -43,12 +43,21 @@ def test_a_request_takes_the_workspace_as_it_was(spaces):
     assert one.result(1)['A'].max() == 2 and one.result(2)['A'].max() == 100 and one.result(1)['N'] == 2
 
 
-@pytest.mark.parametrize('items, reason', [
-    ([('me', 1)], 'expected <client>'), ([('me.data.a', [])], 'element'), ([('me.shape.a', [2, 0])], 'extents'),
-    ([('me.data.a', np.arange(4)), ('me.shape.a', np.array([3, 2]))], r'\(3, 2\) does not hold 4'),
-    ([('me.program', 5)], 'expected a text'), ([('me.run_request', 1)], 'no program'),
-    ([('me.run_request', 'x')], 'whole number'), ([('me.library', 'none')], 'library'),
-    ([('me.program', 'X = (')], 'line 1'), ([('me.program', DOUBLE), ('me.entry', 'NO'), ('me.run_request', 1)], 'NO')])
+@pytest.mark.parametrize(
+    'items, reason',
+    [
+        ([('me', 1)], 'expected <client>'),
+        ([('me.data.a', [])], 'element'),
+        ([('me.shape.a', [2, 0])], 'extents'),
+        ([('me.data.a', np.arange(4)), ('me.shape.a', np.array([3, 2]))], r'\(3, 2\) does not hold 4'),
+        ([('me.program', 5)], 'expected a text'),
+        ([('me.run_request', 1)], 'no program'),
+        ([('me.run_request', 'x')], 'whole number'),
+        ([('me.library', 'none')], 'library'),
+        ([('me.program', 'X = (')], 'line 1'),
+        ([('me.program', DOUBLE), ('me.entry', 'NO'), ('me.run_request', 1)], 'NO'),
+    ],
+)
 def test_bad_stores_are_refused_with_a_reason(spaces, items, reason):
     with pytest.raises(Refused, match=reason):
         spaces.store(items)
@@ -110,6 +119,7 @@ def test_four_threads_of_clients_never_mix(spaces):
             result = one.run(DOUBLE if turn == 0 else None, a=np.full((index + 1, 2), value), n=turn)
             if result['A'].shape != (index + 1, 2) or (result['A'] != 2 * value).any() or result['N'] != turn + 1:
                 wrong.append((index, turn))
+
     threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
     for thread in threads:
         thread.start()

@@ -1,6 +1,6 @@
 """match: find models in a file of recovered features, print what was found, draw it.
 
-    match part.csg features.npz -o found.png --image left.png --camera left.json
+match part.csg features.npz -o found.png --image left.png --camera left.json
 """
 
 from __future__ import annotations
@@ -20,15 +20,27 @@ from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchPara
 
 COLUMNS = ('model', 'matched', 'residual mm', 'x y z mm', 'turned deg about', 'signs', 'same', 'state')
 # Options that are fields of MatchParams, by type.
-NUMBERS = {'fracdev': float, 'curvedev': float, 'max_cone_deg': float, 'curve_cone_deg': float, 'err_scale': float,
-           'overhang': float, 'min_matched': int, 'max_bin': int, 'max_interpretations': int,
-           'false_alarm_rate': float, 'seed': int}
+NUMBERS = {
+    'fracdev': float,
+    'curvedev': float,
+    'max_cone_deg': float,
+    'curve_cone_deg': float,
+    'err_scale': float,
+    'overhang': float,
+    'min_matched': int,
+    'max_bin': int,
+    'max_interpretations': int,
+    'false_alarm_rate': float,
+    'seed': int,
+}
 
 
 def match_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='match', description='Find models among recovered features; print and draw the interpretations. '
-        'Exit status 0: something was found, 1: nothing, 2: bad input.')
+        prog='match',
+        description='Find models among recovered features; print and draw the interpretations. '
+        'Exit status 0: something was found, 1: nothing, 2: bad input.',
+    )
     add = parser.add_argument
     add('model', help='.csg, .npz, mesh, a folder of them, or the name of a model of csg_renderer')
     add('features', help='.npz file of recovered features (FeatureSet.save)')
@@ -48,8 +60,12 @@ def match_parser() -> argparse.ArgumentParser:
     add('--constraints', nargs='+', choices=CONSTRAINTS, default=CONSTRAINTS, help='default: all')
     for name, kind in NUMBERS.items():
         value = getattr(default, name)
-        add('--' + name.replace('_', '-'), type=kind, default=value,
-            help=f'default: {"any" if value is None else value}')
+        add(
+            '--' + name.replace('_', '-'),
+            type=kind,
+            default=value,
+            help=f'default: {"any" if value is None else value}',
+        )
     add('--no-signs', action='store_true', help='leave direction signs out of the tree search')
     add('--prove', action='store_true', help='certify that no larger interpretation exists')
     seconds = default.time_limit_s
@@ -76,16 +92,18 @@ def _run(options: argparse.Namespace) -> int:
         raise ValueError(f'{options.out}: expected a file name of a picture, such as found.png')
     from .model.library import load_library  # parsers and numba: not before the options are known to be good
     from .pipeline import survey
+
     library = load_library([options.model])
     for problem in library.problems:
         print(f'match: {problem}', file=sys.stderr)
     if not library.models:
         return 2
     result = survey(library.models, data, params)
-    print(table([*result.interpretations, *result.rejected[:max(options.rejected, 0)]]), end='')
+    print(table([*result.interpretations, *result.rejected[: max(options.rejected, 0)]]), end='')
     print(summary(result, len(data)))
     if options.out is not None:
         from .match_drawing import draw_overlay, draw_views
+
         models = {model.name: model.features for model in library.models}
         if camera is not None:
             draw_overlay(options.out, data, models, result.interpretations, camera, image)
@@ -98,9 +116,17 @@ def _run(options: argparse.Namespace) -> int:
 def params_of(options: argparse.Namespace) -> MatchParams:
     """Raises ValueError naming the parameter."""
     values = {name: getattr(options, name) for name in NUMBERS}
-    return MatchParams(search=options.search, engine=options.engine, ordering=options.ordering, scale=options.scale,
-                       constraints=tuple(options.constraints), signs=not options.no_signs, prove=options.prove,
-                       time_limit_s=options.time_limit, **values)
+    return MatchParams(
+        search=options.search,
+        engine=options.engine,
+        ordering=options.ordering,
+        scale=options.scale,
+        constraints=tuple(options.constraints),
+        signs=not options.no_signs,
+        prove=options.prove,
+        time_limit_s=options.time_limit,
+        **values,
+    )
 
 
 def camera_of(options: argparse.Namespace, image: np.ndarray | None) -> PinholeCamera | None:
@@ -149,10 +175,16 @@ def _cells(item: Interpretation) -> tuple[str, ...]:
     if (signs == 0).any():
         counts += f' ?{int((signs == 0).sum())}'
     state = f'rejected: {item.rejected_reason}' if item.rejected_reason else 'proven' if item.proven else 'accepted'
-    return (item.model, f'{item.matched}/{len(item.assignment)}', f'{1e3 * item.residual_rms:.3f}',
-            ' '.join(f'{1e3 * value:.2f}' for value in item.pose.translation),
-            f'{np.degrees(angle):.2f} ({" ".join(f"{value:.3f}" for value in axis)})', counts,
-            str(len(item.symmetric_poses)), state)
+    return (
+        item.model,
+        f'{item.matched}/{len(item.assignment)}',
+        f'{1e3 * item.residual_rms:.3f}',
+        ' '.join(f'{1e3 * value:.2f}' for value in item.pose.translation),
+        f'{np.degrees(angle):.2f} ({" ".join(f"{value:.3f}" for value in axis)})',
+        counts,
+        str(len(item.symmetric_poses)),
+        state,
+    )
 
 
 def summary(result: MatchResult, n_data: int) -> str:
@@ -171,6 +203,7 @@ def _image(path: Path | None) -> Any:
     if path is None:
         return None
     import cv2
+
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
         raise ValueError(f'{path}: not a readable image')

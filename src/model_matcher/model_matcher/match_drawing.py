@@ -17,8 +17,14 @@ from .overlay import GREY, Colour, canvas, draw_features
 COLOURS: tuple[Colour, ...] = ((80, 220, 60), (40, 160, 255), (255, 160, 60), (220, 80, 220), (60, 60, 255))
 
 
-def draw_overlay(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet], found: Sequence[Interpretation],
-                 camera: PinholeCamera, image: np.ndarray | None = None) -> None:
+def draw_overlay(
+    path: Path,
+    data: FeatureSet,
+    models: Mapping[str, FeatureSet],
+    found: Sequence[Interpretation],
+    camera: PinholeCamera,
+    image: np.ndarray | None = None,
+) -> None:
     """Write a picture: data thick, in the colour of what explains it (grey: nothing), models thin.
 
     data : camera frame, metres; models : by name, model frame; image : (h, w[, 3]) uint8, black when not given
@@ -27,8 +33,9 @@ def draw_overlay(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet],
     if image is None:
         image = np.zeros((camera.height, camera.width), np.uint8)
     if image.shape[:2] != (camera.height, camera.width):
-        raise ValueError(f'--image: {image.shape[1]} x {image.shape[0]} pixels, but the camera has '
-                         f'{camera.width} x {camera.height}')
+        raise ValueError(
+            f'--image: {image.shape[1]} x {image.shape[0]} pixels, but the camera has {camera.width} x {camera.height}'
+        )
     picture = draw_features(canvas(image, dim=0.6), data, camera, data_colours(len(data), found), 3)
     for number, item in enumerate(found):
         placed = models[item.model].transformed(item.pose)
@@ -42,14 +49,14 @@ def draw_overlay(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet],
         raise ValueError(f'{path}: cannot be written as a picture')
 
 
-def draw_views(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet],
-               found: Sequence[Interpretation]) -> None:
+def draw_views(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet], found: Sequence[Interpretation]) -> None:
     """Write two orthographic views with matplotlib: from the camera (x, y) and from above (x, z), millimetres.
 
     Raises ValueError when the file cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+
     figure = Figure(figsize=(12, 6), layout='constrained')
     FigureCanvasAgg(figure)
     for axes, second, title in zip(figure.subplots(1, 2), (1, 2), ('from the camera', 'from above')):
@@ -63,8 +70,9 @@ def draw_views(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet],
         raise ValueError(f'{path}: cannot be written as a picture: {error}') from None
 
 
-def _draw_view(axes: Any, data: FeatureSet, models: Mapping[str, FeatureSet], found: Sequence[Interpretation],
-               second: int) -> None:
+def _draw_view(
+    axes: Any, data: FeatureSet, models: Mapping[str, FeatureSet], found: Sequence[Interpretation], second: int
+) -> None:
     for index, colour in enumerate(data_colours(len(data), found)):
         line = 1e3 * data.polyline(index)
         axes.plot(line[:, 0], line[:, second], color=_rgb(colour), linewidth=2.5, alpha=0.6)

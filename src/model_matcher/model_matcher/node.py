@@ -41,50 +41,88 @@ class MatcherConfig(Config):
     """Parameters of matcher_node."""
 
     models: tuple[str, ...] = parameter(
-        (), 'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer')
+        (), 'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer'
+    )
     model_folders: tuple[str, ...] = parameter(
-        (), 'Folders that models may be read from when they are changed at run time, besides those of the models given '
-        'at the start and those of csg_renderer', read_only=True)
+        (),
+        'Folders that models may be read from when they are changed at run time, besides those of the models given '
+        'at the start and those of csg_renderer',
+        read_only=True,
+    )
     watch: bool = parameter(True, 'Read the models again when a file changes')
     search: str = parameter(_DEFAULT.search, 'Search method', choices=SEARCHES)
     engine: str = parameter(_DEFAULT.engine, 'Where the tree search runs', choices=ENGINES)
     ordering: str = parameter(_DEFAULT.ordering, 'Order of data pairs in the tree search', choices=ORDERINGS)
     constraints: tuple[str, ...] = parameter(CONSTRAINTS, 'Pairwise constraints of the tree search')
     scale: str = parameter(_DEFAULT.scale, 'Whether the data has absolute size', choices=SCALES)
-    fracdev: float = parameter(_DEFAULT.fracdev, 'Largest distance of a data end point from its model feature, as a '
-                               'fraction of the model\'s size', minimum=1e-6, maximum=0.5)
-    curvedev: float = parameter(_DEFAULT.curvedev, 'Largest difference of radii, as a fraction of the model\'s largest',
-                                minimum=0.0, maximum=10.0)
-    max_cone_deg: float = parameter(_DEFAULT.max_cone_deg, 'Cap of the uncertainty of an edge\'s direction', unit='deg',
-                                    minimum=0.1, maximum=90.0)
-    curve_cone_deg: float = parameter(_DEFAULT.curve_cone_deg, 'Uncertainty of a curve\'s normal', unit='deg',
-                                      minimum=0.1, maximum=90.0)
-    err_scale: float = parameter(_DEFAULT.err_scale, 'Factor on the uncertainties that come with the features',
-                                 minimum=0.0, maximum=100.0)
-    overhang: float = parameter(_DEFAULT.overhang, 'How far an edge may run past its model edge, as a fraction of its '
-                                'length', minimum=0.0, maximum=1.0)
-    min_matched: int = parameter(_DEFAULT.min_matched, 'Fewest distinct model features of an accepted interpretation',
-                                 minimum=1, maximum=10000)
-    max_interpretations: int = parameter(_DEFAULT.max_interpretations, 'Most interpretations reported for a model',
-                                         minimum=1, maximum=1000)
-    false_alarm_rate: float = parameter(_DEFAULT.false_alarm_rate, 'Accepted share of scenes in which an absent model '
-                                        'is reported; sets the evidence that an interpretation needs',
-                                        minimum=0.0, maximum=1.0)
+    fracdev: float = parameter(
+        _DEFAULT.fracdev,
+        "Largest distance of a data end point from its model feature, as a fraction of the model's size",
+        minimum=1e-6,
+        maximum=0.5,
+    )
+    curvedev: float = parameter(
+        _DEFAULT.curvedev,
+        "Largest difference of radii, as a fraction of the model's largest",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    max_cone_deg: float = parameter(
+        _DEFAULT.max_cone_deg, "Cap of the uncertainty of an edge's direction", unit='deg', minimum=0.1, maximum=90.0
+    )
+    curve_cone_deg: float = parameter(
+        _DEFAULT.curve_cone_deg, "Uncertainty of a curve's normal", unit='deg', minimum=0.1, maximum=90.0
+    )
+    err_scale: float = parameter(
+        _DEFAULT.err_scale, 'Factor on the uncertainties that come with the features', minimum=0.0, maximum=100.0
+    )
+    overhang: float = parameter(
+        _DEFAULT.overhang,
+        'How far an edge may run past its model edge, as a fraction of its length',
+        minimum=0.0,
+        maximum=1.0,
+    )
+    min_matched: int = parameter(
+        _DEFAULT.min_matched, 'Fewest distinct model features of an accepted interpretation', minimum=1, maximum=10000
+    )
+    max_interpretations: int = parameter(
+        _DEFAULT.max_interpretations, 'Most interpretations reported for a model', minimum=1, maximum=1000
+    )
+    false_alarm_rate: float = parameter(
+        _DEFAULT.false_alarm_rate,
+        'Accepted share of scenes in which an absent model is reported; sets the evidence that an interpretation needs',
+        minimum=0.0,
+        maximum=1.0,
+    )
     prove: bool = parameter(False, 'Certify that no larger interpretation exists')
-    time_limit: float = parameter(2.0, 'Time for one message and model; the best so far is taken then', unit='s',
-                                  minimum=0.001, maximum=3600.0)
+    time_limit: float = parameter(
+        2.0, 'Time for one message and model; the best so far is taken then', unit='s', minimum=0.001, maximum=3600.0
+    )
     tf: bool = parameter(False, 'Broadcast the best pose of each model on /tf (needs tf2_msgs)')
-    tf_prefix: str = parameter('', 'Put before the model\'s name to make its frame')
+    tf_prefix: str = parameter('', "Put before the model's name to make its frame")
     seed: int = parameter(0, 'Seed of the search', minimum=0, maximum=2**31 - 1)
 
     def match_params(self) -> MatchParams:
         """Raises ValueError, naming the parameter."""
         return MatchParams(
-            search=self.search, engine=self.engine, ordering=self.ordering, constraints=self.constraints,
-            scale=self.scale, fracdev=self.fracdev, curvedev=self.curvedev, max_cone_deg=self.max_cone_deg,
-            curve_cone_deg=self.curve_cone_deg, err_scale=self.err_scale, overhang=self.overhang,
-            min_matched=self.min_matched, max_interpretations=self.max_interpretations,
-            false_alarm_rate=self.false_alarm_rate, prove=self.prove, time_limit_s=self.time_limit, seed=self.seed)
+            search=self.search,
+            engine=self.engine,
+            ordering=self.ordering,
+            constraints=self.constraints,
+            scale=self.scale,
+            fracdev=self.fracdev,
+            curvedev=self.curvedev,
+            max_cone_deg=self.max_cone_deg,
+            curve_cone_deg=self.curve_cone_deg,
+            err_scale=self.err_scale,
+            overhang=self.overhang,
+            min_matched=self.min_matched,
+            max_interpretations=self.max_interpretations,
+            false_alarm_rate=self.false_alarm_rate,
+            prove=self.prove,
+            time_limit_s=self.time_limit,
+            seed=self.seed,
+        )
 
     def validate(self) -> None:
         try:
@@ -108,8 +146,9 @@ class MatcherNode(GraphNode[MatcherConfig]):
         self._looked_at = time.monotonic()
         self._library = Library((), (), {})
         self._params = self.config.match_params()
-        self._trusted = TrustedFolders([*self.config.model_folders, models_folder()],
-                                       self.config.models, 'model_folders')
+        self._trusted = TrustedFolders(
+            [*self.config.model_folders, models_folder()], self.config.models, 'model_folders'
+        )
         self._load()
         warm_up(self._params, len(self._library.models))
         self._start_transforms()
@@ -210,8 +249,11 @@ class MatcherNode(GraphNode[MatcherConfig]):
         return None
 
     def report_values(self) -> dict[str, object]:
-        return {'models': ', '.join(model.name for model in self._library.models),
-                'unusable_models': '; '.join(self._library.problems), 'why_nothing_found': self._reason}
+        return {
+            'models': ', '.join(model.name for model in self._library.models),
+            'unusable_models': '; '.join(self._library.problems),
+            'why_nothing_found': self._reason,
+        }
 
 
 def _topic_name(name: str) -> str:

@@ -25,8 +25,14 @@ def canvas(image: np.ndarray, enlarge: int = ENLARGE, dim: float = 1.0) -> np.nd
     return (big * dim).astype(np.uint8)
 
 
-def draw_features(picture: np.ndarray, features: FeatureSet, camera: PinholeCamera,
-                  colours: Sequence[Colour] | None = None, thickness: int = 2, enlarge: int = ENLARGE) -> np.ndarray:
+def draw_features(
+    picture: np.ndarray,
+    features: FeatureSet,
+    camera: PinholeCamera,
+    colours: Sequence[Colour] | None = None,
+    thickness: int = 2,
+    enlarge: int = ENLARGE,
+) -> np.ndarray:
     """Draw features given in the camera frame, in place; colours one a feature, by kind when not given."""
     for index in range(len(features)):
         colour = KIND_COLOURS[FeatureKind(features.kind[index])] if colours is None else colours[index]

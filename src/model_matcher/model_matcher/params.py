@@ -75,9 +75,16 @@ class MatchParams:
         object.__setattr__(self, 'constraints', constraints)
         if self.engine == 'dap' and self.search not in ('tree',):
             raise ValueError(f"engine: 'dap' runs search='tree' only, got search={self.search!r}")
-        for name, low, high in (('max_cone_deg', 0.0, 90.0), ('curve_cone_deg', 0.0, 90.0), ('fracdev', 0.0, 1.0),
-                                ('curvedev', 0.0, 10.0), ('err_scale', 0.0, 1e6), ('overhang', 0.0, 1.0),
-                                ('false_alarm_rate', 0.0, 1.0), ('time_limit_s', 0.0, np.inf)):
+        for name, low, high in (
+            ('max_cone_deg', 0.0, 90.0),
+            ('curve_cone_deg', 0.0, 90.0),
+            ('fracdev', 0.0, 1.0),
+            ('curvedev', 0.0, 10.0),
+            ('err_scale', 0.0, 1e6),
+            ('overhang', 0.0, 1.0),
+            ('false_alarm_rate', 0.0, 1.0),
+            ('time_limit_s', 0.0, np.inf),
+        ):
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)) or not low <= float(value) <= high:
                 raise ValueError(f'{name}: expected a number from {low:g} to {high:g}, got {value!r}')

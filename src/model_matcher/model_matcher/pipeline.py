@@ -49,8 +49,9 @@ _warm: list[bool] = []  # not empty once everything is compiled
 LIBRARY = 20  # of a larger library only the models that the prefilter lets through are searched
 
 
-def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams | None = None,
-          name: str = 'model') -> MatchResult:
+def match(
+    model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams | None = None, name: str = 'model'
+) -> MatchResult:
     """Find one model in recovered features.
 
     model : FeatureSet in the model frame, metres (or a ModelIndex); data : FeatureSet in the camera frame, metres
@@ -71,25 +72,33 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
         return no_match(data, str(error))
     if params.scale == 'free':
         from .search.free_scale import match_free
+
         # One length beyond all distance would be all that the scale is read off.
         keep = usable(data, unit=None)
         result = match_free(index, data.select(keep), params, started, match)
         if len(keep) < len(data):
-            found, rejected = (tuple(_spread(one, keep, len(data)) for one in ones)
-                               for ones in (result.interpretations, result.rejected))
+            found, rejected = (
+                tuple(_spread(one, keep, len(data)) for one in ones)
+                for ones in (result.interpretations, result.rejected)
+            )
             result = replace(result, interpretations=found, rejected=rejected)
         result.stats['seconds'] = time.perf_counter() - started
         return result
     problem = make_problem(index, data, params)
     if len(problem.rows) == 0:
-        return no_match(data, 'the data holds no features' if len(data) == 0 else
-                        'every data feature has length zero or lies beyond all distance')
+        return no_match(
+            data,
+            'the data holds no features'
+            if len(data) == 0
+            else 'every data feature has length zero or lies beyond all distance',
+        )
     if params.search == 'hypotheses' and not _all_parallel(problem.rows):
         result = _match_hypotheses(problem, params, started)
     else:
         result = match_by_tree(problem, params, started)
     if params.prove and result.best is not None:
         from .proof.certificate import certify
+
         result = certify(problem, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
@@ -98,13 +107,15 @@ def match(model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams 
 def _all_parallel(rows: np.ndarray) -> bool:
     """Whether no two features fix a pose; a tree then finds what there is, with the shift along them left free."""
     from .geometry.kernels import PARALLEL_SINE
+
     least = float(np.abs(rows[:, 3:6] @ rows[0, 3:6]).min())
-    return 1.0 - least * least < PARALLEL_SINE ** 2 / 4.0
+    return 1.0 - least * least < PARALLEL_SINE**2 / 4.0
 
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:
     """The production search and what follows it."""
     from .geometry.kernels import rank_pairs
+
     index, rows = problem.index, problem.rows
     n = len(rows)
     neighbours, all_ranked = EVERYONE, True
@@ -117,17 +128,25 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     for patience in (PATIENCE, MORE_PATIENCE):
         begin = parts[-1][1].pairs if parts else 0
         found = _search(problem, pairs, partners, begin, patience, started + searching)
-        refined = refine_all(problem, found.motions, found.scores, params) if n <= LARGE else \
-            _refine_in_time(problem, found.motions, found.scores, params, started + params.time_limit_s)
+        refined = (
+            refine_all(problem, found.motions, found.scores, params)
+            if n <= LARGE
+            else _refine_in_time(problem, found.motions, found.scores, params, started + params.time_limit_s)
+        )
         parts.append((refined, found))
         if found.stopped_by != 'patience' or refined.figures[:, 7].max() >= needed_evidence(problem, params):
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.figures[:, 7].max()))
     accepted, rejected = conclude(problem, refined, params)
     stopped = found.stopped_by if all_ranked or found.stopped_by != 'exhausted' else 'time limit'
-    stats = {'search': 'hypotheses', 'data_features': problem.n_data, 'pairs': found.pairs,
-             'hypotheses': sum(part[1].hypotheses for part in parts), 'stopped_by': stopped,
-             'evidence_needed': needed_evidence(problem, params)}
+    stats = {
+        'search': 'hypotheses',
+        'data_features': problem.n_data,
+        'pairs': found.pairs,
+        'hypotheses': sum(part[1].hypotheses for part in parts),
+        'stopped_by': stopped,
+        'evidence_needed': needed_evidence(problem, params),
+    }
     enough = np.flatnonzero(refined.figures[:, 0] >= min(params.min_matched, len(index)))
     if len(enough):
         stats['evidence'] = float(refined.figures[enough, 7].max())
@@ -147,10 +166,17 @@ class _Found(NamedTuple):
     stopped_by: str
 
 
-def _search(problem: Problem, pairs: np.ndarray, partners: np.ndarray, begin: int, patience: tuple[float, float],
-            deadline: float) -> _Found:
+def _search(
+    problem: Problem,
+    pairs: np.ndarray,
+    partners: np.ndarray,
+    begin: int,
+    patience: tuple[float, float],
+    deadline: float,
+) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
     from .search import pair_search as hypotheses
+
     search: Any = hypotheses.search_pairs
     index, table = problem.index, problem.table
     block = max(8, BLOCK // len(problem.rows))
@@ -162,10 +188,32 @@ def _search(problem: Problem, pairs: np.ndarray, partners: np.ndarray, begin: in
         first, in_time = begin, True
         while first < len(pairs) and not state[3] and in_time:
             last = min(len(pairs), first + block)
-            search(pairs, partners, index.rows, index.kind, index.pair_starts, index.pair_members, index.pair_values,
-                   index.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, index.middle,
-                   index.size, *problem.sample, SEARCH_WIDTH, problem.radius_tol, first, last, patience, motions,
-                   scores, state)
+            search(
+                pairs,
+                partners,
+                index.rows,
+                index.kind,
+                index.pair_starts,
+                index.pair_members,
+                index.pair_values,
+                index.pair_reach,
+                table.low,
+                table.cell,
+                table.shape,
+                table.starts,
+                table.items,
+                index.middle,
+                index.size,
+                *problem.sample,
+                SEARCH_WIDTH,
+                problem.radius_tol,
+                first,
+                last,
+                patience,
+                motions,
+                scores,
+                state,
+            )
             first = last
             now = time.perf_counter()
             block = 2 * block if now - looked < QUICK else max(8, block // 2) if now - looked > SLOW else block
@@ -190,13 +238,14 @@ def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.n
     for first in range(0, len(rows), AT_ONCE):
         if first and time.perf_counter() > deadline:
             return near, False
-        some = order[first:first + AT_ONCE]
+        some = order[first : first + AT_ONCE]
         near[some] = tree.query(rows[some, :3], k=count)[1]
     return near, True
 
 
-def _refine_in_time(problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams,
-                    deadline: float) -> Refined:
+def _refine_in_time(
+    problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams, deadline: float
+) -> Refined:
     """As refine_all, one candidate after the other while there is time; the first in any case."""
     refined = refine_all(problem, motions[:1], scores[:1], params)
     parts = [refined]
@@ -205,15 +254,17 @@ def _refine_in_time(problem: Problem, motions: np.ndarray, scores: np.ndarray, p
         if scores[k] <= 0.0 or time.perf_counter() > deadline:
             break
         if scores[k] >= KEEP * np.floor(scores[0]) or max(part.figures[0, 7] for part in parts) < enough:
-            parts.append(refine_all(problem, motions[k:k + 1], scores[k:k + 1], params))
+            parts.append(refine_all(problem, motions[k : k + 1], scores[k : k + 1], params))
     motions, assignments, signs, normals, figures = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ('motions', 'assignments', 'signs', 'normals', 'figures'))
+        for name in ('motions', 'assignments', 'signs', 'normals', 'figures')
+    )
     return Refined(motions, assignments, signs, normals, figures)
 
 
-def recognise(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
-              params: MatchParams | None = None) -> list[Interpretation]:
+def recognise(
+    models: Sequence[FeatureSet | ModelIndex], data: FeatureSet, params: MatchParams | None = None
+) -> list[Interpretation]:
     """Find several models, and several instances of each.
 
     models : FeatureSets (named model0, model1, ...) or ModelIndexes with names of their own
@@ -224,8 +275,9 @@ def recognise(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
     return list(survey(models, data, params).interpretations)
 
 
-def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
-           params: MatchParams | None = None) -> MatchResult:
+def survey(
+    models: Sequence[FeatureSet | ModelIndex], data: FeatureSet, params: MatchParams | None = None
+) -> MatchResult:
     """As :func:`recognise`, with the rejected hypotheses and their reasons.
 
     The interpretation that explains most data over all models claims it; the search goes on in what is left, until
@@ -248,6 +300,7 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
     n_models = len(indexes)
     if n_models > LIBRARY and params.scale == 'known':
         from .search.prefilter import prefilter
+
         indexes = [indexes[k] for k in prefilter(indexes, data, params)]
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
     if not _warm:
@@ -267,8 +320,12 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
         for number, result in enumerate(results):
             other = result.best
             if other is None or not (other.assignment[~keep] != BIN).any():
-                results[number] = MatchResult(tuple(_thin(one, keep) for one in result.interpretations[:1]),
-                                              tuple(_thin(one, keep) for one in result.rejected), {}, result.reason)
+                results[number] = MatchResult(
+                    tuple(_thin(one, keep) for one in result.interpretations[:1]),
+                    tuple(_thin(one, keep) for one in result.rejected),
+                    {},
+                    result.reason,
+                )
             else:
                 again.append(number)
         left = left[keep]
@@ -280,8 +337,12 @@ def survey(models: Sequence[FeatureSet | ModelIndex], data: FeatureSet,
         rejected += [_spread(one, left, len(data)) for one in result.rejected]
         reasons += [result.reason] if result.reason else []
     rejected.sort(key=lambda one: -one.matched)
-    stats = {'data_features': len(data), 'models': n_models, 'searched': len(indexes),
-             'seconds': time.perf_counter() - started}
+    stats = {
+        'data_features': len(data),
+        'models': n_models,
+        'searched': len(indexes),
+        'seconds': time.perf_counter() - started,
+    }
     reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'
     return MatchResult(tuple(accepted), tuple(rejected), stats, reason)
 
@@ -307,8 +368,12 @@ def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
     """
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.2, 1.1, 0], [0.3, 0.2, 1.2], [1.1, 0.9, 0.8]])
     first, last = np.triu_indices(len(corners), 1)
-    model = FeatureSet.concatenate([FeatureSet.from_edges(corners[first], corners[last]),
-                                    FeatureSet.from_curves([[0.5, 0.5, 0]], [[0, 0, 1]], [0.2])])
+    model = FeatureSet.concatenate(
+        [
+            FeatureSet.from_edges(corners[first], corners[last]),
+            FeatureSet.from_curves([[0.5, 0.5, 0]], [[0, 0, 1]], [0.2]),
+        ]
+    )
     _warm.append(True)
     # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
     for asked in (MatchParams(false_alarm_rate=1.0), replace(params or MatchParams(), false_alarm_rate=1.0)):
@@ -317,4 +382,5 @@ def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
     match(bars, bars)  # a tree's, all being parallel
     if n_models > LIBRARY:
         from .search.prefilter import prefilter
+
         prefilter([indexed(model, 'model')], model, params or MatchParams())

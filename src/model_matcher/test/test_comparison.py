@@ -47,8 +47,9 @@ def test_pose_error_takes_the_nearest_symmetric_pose():
 def test_assignment_is_judged_by_geometry():
     pose = Pose.from_rotation_vector([0.1, 0.2, 0.3], [0, 0, 0.5])
     data = FeatureSet.from_edges(TRUE.start, TRUE.end).transformed(pose)
-    data = FeatureSet.from_edges(np.r_[data.start[:1], data.end[1:], [[9, 9, 9]]],
-                                 np.r_[data.end[:1], data.start[1:], [[9, 9, 8]]])
+    data = FeatureSet.from_edges(
+        np.r_[data.start[:1], data.end[1:], [[9, 9, 9]]], np.r_[data.end[:1], data.start[1:], [[9, 9, 8]]]
+    )
     right = compare_assignment(Interpretation('m', [0, 1, -1], [1, -1, 0], pose), TRUE, data)
     assert (right.matched, right.right, right.signs_right, right.spurious) == (2, 2, 2, 0)
     wrong = compare_assignment(Interpretation('m', [1, 1, 0], [1, 1, 1], pose), TRUE, data)

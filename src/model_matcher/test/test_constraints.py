@@ -68,8 +68,11 @@ def test_ranges_agree_with_dense_sampling_to_1e_9(seed):
     def vectors(s, t):
         return (b[:3] + t[:, None] * b[3:6])[None] - (a[:3] + s[:, None] * a[3:6])[:, None]
 
-    measures = {0: lambda s, t: np.linalg.norm(vectors(s, t), axis=-1), 4: lambda s, t: angle(vectors(s, t), a[3:6]),
-                6: lambda s, t: angle(vectors(s, t), b[3:6])}
+    measures = {
+        0: lambda s, t: np.linalg.norm(vectors(s, t), axis=-1),
+        4: lambda s, t: angle(vectors(s, t), a[3:6]),
+        6: lambda s, t: angle(vectors(s, t), b[3:6]),
+    }
     normal = np.cross(a[3:6], b[3:6])
     assert bool(out[10]) == (np.linalg.norm(normal) > 1e-6)
     if out[10]:
@@ -102,8 +105,11 @@ def test_error_cone_is_the_thesis_formula():
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.sampled_from(['l_shape', 'chipped_block', 'wedge', 'chair', 'cylinder_box', 'tubes']),
-       st.integers(0, 10**6), st.floats(0.0, 2e-3))
+@given(
+    st.sampled_from(['l_shape', 'chipped_block', 'wedge', 'chair', 'cylinder_box', 'tubes']),
+    st.integers(0, 10**6),
+    st.floats(0.0, 2e-3),
+)
 def test_a_true_pairing_is_never_pruned_when_errors_are_inside_their_bounds(name, seed, error):
     """Fragments anywhere on their edges, end points moved by up to err_par along and err_per across."""
     rng = np.random.default_rng(seed)

@@ -38,12 +38,23 @@ def seen(indices, noise=0.0, seed=0, flip=True, clutter=0):
     start[turn], end[turn] = end[turn], start[turn].copy()
     start, end = start + rng.normal(0, noise, start.shape), end + rng.normal(0, noise, end.shape)
     extra = rng.random((clutter, 2, 3)) * 0.05 + [0.0, 0.0, 0.28]
-    return FeatureSet.from_edges(np.concatenate([start, extra[:, 0]]), np.concatenate([end, extra[:, 1]]),
-                                 err_par=max(3 * noise, 1e-5), err_per=max(3 * noise, 1e-5))
+    return FeatureSet.from_edges(
+        np.concatenate([start, extra[:, 0]]),
+        np.concatenate([end, extra[:, 1]]),
+        err_par=max(3 * noise, 1e-5),
+        err_per=max(3 * noise, 1e-5),
+    )
 
 
-@pytest.mark.parametrize('constraints', [('distance', 'angle', 'direction1', 'direction2', 'direction3'), ('angle',),
-                                         ('distance', 'direction3'), ('direction1', 'direction2')])
+@pytest.mark.parametrize(
+    'constraints',
+    [
+        ('distance', 'angle', 'direction1', 'direction2', 'direction3'),
+        ('angle',),
+        ('distance', 'direction3'),
+        ('direction1', 'direction2'),
+    ],
+)
 @pytest.mark.parametrize('signs', [True, False])
 def test_tables_are_the_native_ones(constraints, signs):
     params = MatchParams(search='tree', constraints=constraints, signs=signs)
@@ -61,8 +72,11 @@ def test_sorts_are_the_native_ones_ties_included(features, ordering, seed, most)
     assert np.array_equal(sort_pairs(Dap.model('510'), pairs, sums, ordering), order_pairs(pairs, sums, ordering))
 
 
-@pytest.mark.parametrize('changes', [{}, {'signs': False}, {'ordering': 'holder_buxton'}, {'max_bin': 0},
-                                     {'ordering': 'consistency_grouped'}], ids=str)
+@pytest.mark.parametrize(
+    'changes',
+    [{}, {'signs': False}, {'ordering': 'holder_buxton'}, {'max_bin': 0}, {'ordering': 'consistency_grouped'}],
+    ids=str,
+)
 @pytest.mark.parametrize('clutter', [0, 2])
 def test_interpretations_are_the_native_ones(changes, clutter):
     params = MatchParams(search='tree', **changes)
@@ -86,8 +100,12 @@ def test_match_finds_the_pose_and_says_what_the_machine_would_take():
 
 def test_a_model_too_large_for_the_store_is_refused_with_the_number_of_planes():
     with pytest.raises(ValueError, match='bit-planes'):
-        tree_search(indexed(MODEL, 'bar'), seen(range(12)), MatchParams(search='tree'),
-                    dap=Dap.model('510', memory_bits_per_pe=2000))
+        tree_search(
+            indexed(MODEL, 'bar'),
+            seen(range(12)),
+            MatchParams(search='tree'),
+            dap=Dap.model('510', memory_bits_per_pe=2000),
+        )
 
 
 @pytest.mark.parametrize('misplaced, max_bin', [((2,), 1), ((0, 4), 2), ((1, 3), 3)])
@@ -109,8 +127,9 @@ def test_misplaced_edges_go_to_the_bin_as_they_do_natively(misplaced, max_bin, s
 def test_a_single_edge_may_be_every_edge_of_its_kind_and_none_agrees_with_another_model():
     params = MatchParams(search='tree', max_bin=1)
     index, data = indexed(MODEL, 'bar'), seen([3, 9], noise=5e-5)
-    far = FeatureSet.from_edges(data.start + [[0, 0, 0], [0, 0, 5.0]], data.end + [[0, 0, 0], [0, 0, 5.0]],
-                                err_par=1e-4, err_per=1e-4)
+    far = FeatureSet.from_edges(
+        data.start + [[0, 0, 0], [0, 0, 5.0]], data.end + [[0, 0, 0], [0, 0, 5.0]], err_par=1e-4, err_per=1e-4
+    )
     for some in (far, seen([3])):
         native, ours = native_search(build_tables(index, some, params), params), tree_search(index, some, params)
         assert np.array_equal(ours.assignments, native.assignments)

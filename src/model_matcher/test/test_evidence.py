@@ -1,6 +1,5 @@
 """Evidence counts coincidences, not features: closed forms for boxes."""
 
-
 import numpy as np
 import pytest
 
@@ -20,8 +19,20 @@ IDENTITY = np.r_[np.eye(3).ravel(), np.zeros(3)]
 def nats_of(index: ModelIndex, used: np.ndarray) -> float:
     made = regularity(index)
     number, nats = plane_table(made.offsets, made.sorted, TOLERANCE)
-    return coincidences(index.rows, index.kind, used, made.order, made.direction, made.normals, made.usual,
-                        made.spanned, made.upright, number, nats, np.zeros(number.shape))
+    return coincidences(
+        index.rows,
+        index.kind,
+        used,
+        made.order,
+        made.direction,
+        made.normals,
+        made.usual,
+        made.spanned,
+        made.upright,
+        number,
+        nats,
+        np.zeros(number.shape),
+    )
 
 
 def of_length(length: float) -> float:
@@ -54,8 +65,11 @@ def test_planes_nearer_than_the_tolerance_allows_are_one(block):
 
 
 def test_the_three_edges_of_a_corner_are_no_coincidence(block):
-    corner = [k for k in range(12) if np.abs(np.minimum(*(np.linalg.norm(p[k]) for p in (
-        block.features.start, block.features.end)))) < 1e-9]
+    corner = [
+        k
+        for k in range(12)
+        if np.abs(np.minimum(*(np.linalg.norm(p[k]) for p in (block.features.start, block.features.end)))) < 1e-9
+    ]
     used = np.zeros(12, bool)
     used[corner] = True
     assert used.sum() == 3
@@ -63,14 +77,21 @@ def test_the_three_edges_of_a_corner_are_no_coincidence(block):
 
 
 def test_each_dimension_that_agrees_counts_once_however_many_edges_show_it(block):
-    corner = np.array([np.minimum(np.linalg.norm(block.features.start[k]), np.linalg.norm(block.features.end[k])) < 1e-9
-                       for k in range(12)])
+    corner = np.array(
+        [
+            np.minimum(np.linalg.norm(block.features.start[k]), np.linalg.norm(block.features.end[k])) < 1e-9
+            for k in range(12)
+        ]
+    )
     for axis in range(3):
         other = (axis + 1) % 3
         used = corner.copy()
         # The edge along another axis at the far end of the corner's edge.
-        far = [k for k in lines(block, other) if abs(abs(block.rows[k, axis]) - SIZE[axis]) < 1e-9
-               and abs(block.rows[k, 3 - axis - other]) < 1e-9]
+        far = [
+            k
+            for k in lines(block, other)
+            if abs(abs(block.rows[k, axis]) - SIZE[axis]) < 1e-9 and abs(block.rows[k, 3 - axis - other]) < 1e-9
+        ]
         used[far] = True
         assert nats_of(block, used) == pytest.approx(of_length(SIZE[axis]))
     assert nats_of(block, np.ones(12, bool)) == pytest.approx(sum(of_length(s) for s in SIZE))
@@ -96,8 +117,10 @@ def test_edges_on_a_diagonal_count_their_offsets_unless_something_else_slants_li
     diagonal = [k for k in upright if (index.rows[k, :2].min() < 1e-9) and (index.rows[k, :2].max() > 1e-9)]
     level = [k for k in range(len(index)) if abs(index.rows[k, 2]) < 1e-9 and abs(index.rows[k, 5]) < 1e-9]
     slanted = [k for k in level if np.abs(index.rows[k, 3:5]).max() < 0.99]
-    along = [next(k for k in level if abs(index.rows[k, 3 + axis]) > 0.99 and index.rows[k, 1 - axis] < 1e-9)
-             for axis in (0, 1)]
+    along = [
+        next(k for k in level if abs(index.rows[k, 3 + axis]) > 0.99 and index.rows[k, 1 - axis] < 1e-9)
+        for axis in (0, 1)
+    ]
     assert len(diagonal) == 2 and len(slanted) == 1
     one, both = np.zeros(len(index), bool), np.zeros(len(index), bool)
     one[[*along, diagonal[0]]] = both[[*along, *diagonal]] = True
@@ -127,6 +150,7 @@ def test_the_lines_of_a_flat_grid_count_their_offsets():
 def test_edges_meet_end_to_end_and_slightly_beyond_their_ends_but_not_across_a_gap():
     def rows(start, end):
         return feature_rows(FeatureSet.from_edges(np.array([start], float), np.array([end], float)))[0]
+
     along = rows((0, 0, 0), (0.1, 0, 0))
     assert meet(along, rows((0.1, 0, 0), (0.1, 0.05, 0)), TOLERANCE)
     assert meet(along, rows((0.105, 0.002, 0), (0.105, 0.05, 0)), TOLERANCE)
@@ -147,7 +171,7 @@ def test_unexplained_edges_at_explained_corners_speak_against_a_pose_up_to_a_lim
         rows = feature_rows(data)
         tols = np.full((len(rows), 3), TOLERANCE)
         assignment = np.r_[np.arange(4), np.full(extra, -1)].astype(np.int32)
-        values.append(neighbours(IDENTITY, rows, kinds[:len(rows)], tols, assignment, block.middle, block.size))
+        values.append(neighbours(IDENTITY, rows, kinds[: len(rows)], tols, assignment, block.middle, block.size))
     assert values[0] == pytest.approx(np.log((1.0 - CROWDED) * np.exp(NEIGHBOURS) + CROWDED))
     assert values[0] > values[1] > values[2]
     assert values[3] == pytest.approx(np.log(CROWDED), abs=1e-6)
@@ -174,6 +198,8 @@ def test_absent_models_are_rejected_among_regular_objects(others):
     rng = np.random.default_rng(5)
     shapes = None if others == 'polyhedra' else tuple(box(rng.uniform(0.02, 0.1, 3)) for _ in range(30))
     model = index_model(l_shape(), 'l_shape')
-    found = [bool(match(model, make_scene(l_shape(), seed, clutter=0.8, instances=0, others=shapes).data))
-             for seed in range(500, 560)]
+    found = [
+        bool(match(model, make_scene(l_shape(), seed, clutter=0.8, instances=0, others=shapes).data))
+        for seed in range(500, 560)
+    ]
     assert not any(found)

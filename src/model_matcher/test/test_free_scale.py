@@ -58,8 +58,14 @@ def test_lines_through_one_point_leave_the_scale_open_and_nothing_fails():
     assert result or result.reason
 
 
-@pytest.mark.parametrize('data', [FeatureSet.empty(), FeatureSet.from_edges(np.zeros((3, 3)), np.zeros((3, 3))),
-                                  FeatureSet.from_edges(np.zeros((4, 3)), np.tile([[0.1, 0.0, 0.0]], (4, 1)))])
+@pytest.mark.parametrize(
+    'data',
+    [
+        FeatureSet.empty(),
+        FeatureSet.from_edges(np.zeros((3, 3)), np.zeros((3, 3))),
+        FeatureSet.from_edges(np.zeros((4, 3)), np.tile([[0.1, 0.0, 0.0]], (4, 1))),
+    ],
+)
 @pytest.mark.parametrize('search', ['hypotheses', 'tree', 'serial'])
 def test_data_without_an_answer_gives_a_reason(data, search):
     result = match(box((0.03, 0.05, 0.08)), data, MatchParams(scale='free', search=search))

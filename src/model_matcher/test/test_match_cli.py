@@ -47,8 +47,21 @@ def test_draws_over_the_image_with_a_camera_file(files):
     camera = {'width': 160, 'height': 120, 'K': [[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]]}
     (files / 'left.json').write_text(json.dumps(camera))
     out = files / 'found.png'
-    assert main([str(files / 'l_shape.npz'), str(files / 'features.npz'), '-o', str(out), '--image',
-                 str(files / 'left.png'), '--camera', str(files / 'left.json')]) == 0
+    assert (
+        main(
+            [
+                str(files / 'l_shape.npz'),
+                str(files / 'features.npz'),
+                '-o',
+                str(out),
+                '--image',
+                str(files / 'left.png'),
+                '--camera',
+                str(files / 'left.json'),
+            ]
+        )
+        == 0
+    )
     picture = cv2.imread(str(out))
     assert picture.shape == (240, 320, 3)
     green = (picture[..., 1] > 150) & (picture[..., 2] < 120)
@@ -67,17 +80,22 @@ def test_the_searches_of_the_thesis_can_be_chosen(files, capsys):
     assert 'l_shape' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('arguments, said', [
-    (['missing.npz'], 'missing.npz'),
-    (['features.npz', '--fracdev', '7'], 'fracdev'),
-    (['features.npz', '--focal', '500'], '--size'),
-    (['features.npz', '--camera', 'features.npz'], 'not a camera file'),
-    (['features.npz', '--image', 'none.png'], 'none.png'),
-    (['features.npz', '--image', 'small.png', '--focal', '500', '--size', '640', '480', '-o', 'x.png'],
-     '5 x 4 pixels, but the camera has 640 x 480'),
-    (['features.npz', '--focal', '500', '--size', '640', '480', '-o', 'x.none'], 'x.none: cannot be written'),
-    (['features.npz', '-o', 'x.none'], 'x.none: cannot be written'),
-])
+@pytest.mark.parametrize(
+    'arguments, said',
+    [
+        (['missing.npz'], 'missing.npz'),
+        (['features.npz', '--fracdev', '7'], 'fracdev'),
+        (['features.npz', '--focal', '500'], '--size'),
+        (['features.npz', '--camera', 'features.npz'], 'not a camera file'),
+        (['features.npz', '--image', 'none.png'], 'none.png'),
+        (
+            ['features.npz', '--image', 'small.png', '--focal', '500', '--size', '640', '480', '-o', 'x.png'],
+            '5 x 4 pixels, but the camera has 640 x 480',
+        ),
+        (['features.npz', '--focal', '500', '--size', '640', '480', '-o', 'x.none'], 'x.none: cannot be written'),
+        (['features.npz', '-o', 'x.none'], 'x.none: cannot be written'),
+    ],
+)
 def test_bad_input_is_one_line_and_exit_status_2(files, capsys, monkeypatch, arguments, said):
     monkeypatch.chdir(files)
     cv2.imwrite('small.png', np.zeros((4, 5), np.uint8))

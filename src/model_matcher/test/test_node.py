@@ -25,8 +25,12 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 from model_matcher.node import MatcherNode  # noqa: E402
 from msgs_py.codecs import features_to_cloud, interpretations_from_report, pose_from_message  # noqa: E402
 
-OUTPUTS = {'interpretations': PoseArray, 'interpretations/l_shape': PoseStamped,
-           'interpretations/report': DiagnosticArray, 'interpretations/markers': MarkerArray}
+OUTPUTS = {
+    'interpretations': PoseArray,
+    'interpretations/l_shape': PoseStamped,
+    'interpretations/report': DiagnosticArray,
+    'interpretations/markers': MarkerArray,
+}
 
 
 class Bench:
@@ -35,8 +39,9 @@ class Bench:
     def __init__(self, models, domain):
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=domain)
-        self.node = MatcherNode(context=self.context, parameter_overrides=[
-            Parameter('models', Parameter.Type.STRING_ARRAY, models)])
+        self.node = MatcherNode(
+            context=self.context, parameter_overrides=[Parameter('models', Parameter.Type.STRING_ARRAY, models)]
+        )
         self.other = Node('observer', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         for node in (self.node, self.other):
@@ -45,9 +50,13 @@ class Bench:
         for topic, kind in OUTPUTS.items():
             self.other.create_subscription(kind, topic, self.heard[topic].append, 10)
         self.features = self.other.create_publisher(PointCloud2, 'features', 10)
-        self.wait(lambda: self.features.get_subscription_count() == 1
-                  and self.other.count_publishers('interpretations') == 1
-                  and self.node.count_subscribers('interpretations/markers') == 1)
+        self.wait(
+            lambda: (
+                self.features.get_subscription_count() == 1
+                and self.other.count_publishers('interpretations') == 1
+                and self.node.count_subscribers('interpretations/markers') == 1
+            )
+        )
 
     def wait(self, predicate, seconds=20.0):
         deadline = time.monotonic() + seconds
@@ -87,8 +96,11 @@ def test_a_scene_gives_pose_report_and_markers_with_the_header_of_the_input(benc
     scene = make_scene(l_shape(), 1, clutter=0.5)
     bench.send(stamped(scene.data, 42))
     bench.wait(lambda: all(bench.heard.values()))
-    for messages in (bench.heard['interpretations'], bench.heard['interpretations/l_shape'],
-                     bench.heard['interpretations/report']):
+    for messages in (
+        bench.heard['interpretations'],
+        bench.heard['interpretations/l_shape'],
+        bench.heard['interpretations/report'],
+    ):
         assert messages[0].header.stamp.sec == 42 and messages[0].header.frame_id == 'left_optical'
     pose = pose_from_message(bench.heard['interpretations/l_shape'][0].pose)
     error = pose.error_to(scene.poses[0])

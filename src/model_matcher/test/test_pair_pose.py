@@ -51,5 +51,5 @@ def test_the_cost_of_a_pair_is_gap_over_length_and_sine():
         over = [max(0.0, abs(foot) - rows[k, 6]) for foot, k in ((foot_a, a), (foot_b, b))]
         wanted = np.inf
         if sine > 0.17:
-            wanted = (np.sqrt(offset ** 2 + over[0] ** 2 + over[1] ** 2) + 0.05 * size) / (min(rows[[a, b], 6]) * sine)
+            wanted = (np.sqrt(offset**2 + over[0] ** 2 + over[1] ** 2) + 0.05 * size) / (min(rows[[a, b], 6]) * sine)
         np.testing.assert_allclose(_cost_of_pair(rows, a, b, size), wanted, rtol=1e-6)

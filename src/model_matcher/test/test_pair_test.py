@@ -20,16 +20,20 @@ NAMES = ('chair', 'plug', 'lamp', 'tubes', 'wedge', 'cylinder_box')
 def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, log_sigma, log_fracdev):
     rng = np.random.default_rng(seed)
     model = MODELS[name]()
-    index, params = index_model(model, name), MatchParams(fracdev=float(10 ** log_fracdev))
+    index, params = index_model(model, name), MatchParams(fracdev=float(10**log_fracdev))
     pose = random_pose(rng)
-    data, _, _ = fragment(model.transformed(pose), rng, 0.8, break_chance=0.5, sigma=10 ** log_sigma)
+    data, _, _ = fragment(model.transformed(pose), rng, 0.8, break_chance=0.5, sigma=10**log_sigma)
     rows = feature_rows(data)
     tols = data_tolerances(data, rows, index.size, params)
     radius_tol = params.curvedev * index.max_radius
     mids, directions = pose.inverse().apply(rows[:, :3]), rows[:, 3:6] @ pose.rotation
-    fitting = [(a, i) for a in range(len(data)) for i in range(len(index))
-               if fit_one(a, rows, data.kind, tols, i, index.rows, index.kind, *mids[a], *directions[a], 1.0,
-                          radius_tol) >= 0.0]
+    fitting = [
+        (a, i)
+        for a in range(len(data))
+        for i in range(len(index))
+        if fit_one(a, rows, data.kind, tols, i, index.rows, index.kind, *mids[a], *directions[a], 1.0, radius_tol)
+        >= 0.0
+    ]
     relations, margins, halves = model_relations(index.rows), margins_of(rows, tols), index.rows[:, 6].copy()
     alone = possible(rows, data.kind, tols, index.rows, index.kind, radius_tol)
     tables = build_tables(index, data, params)
@@ -51,10 +55,34 @@ def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, 
     lists, counts = listed(alone)
     for a, i in fitting:
         others = np.flatnonzero(nodes_a != a)
-        left = narrowed(a, i, others, nodes_a, nodes_i, supporters, nothing, np.full(len(data), -1), nothing, *parts,
-                        np.empty((len(data), 11)), np.zeros(len(data), bool))
+        left = narrowed(
+            a,
+            i,
+            others,
+            nodes_a,
+            nodes_i,
+            supporters,
+            nothing,
+            np.full(len(data), -1),
+            nothing,
+            *parts,
+            np.empty((len(data), 11)),
+            np.zeros(len(data), bool),
+        )
         assert left.tolist() == others.tolist()
     for a in np.unique(nodes_a):
-        thin(a, np.delete(np.arange(len(data)), a), rows, margins, lists, counts, halves, relations, parts[6],
-             *extremes(halves, relations), supporters, len(index))
-        assert set(nodes_i[nodes_a == a]) <= set(lists[a, :counts[a]])
+        thin(
+            a,
+            np.delete(np.arange(len(data)), a),
+            rows,
+            margins,
+            lists,
+            counts,
+            halves,
+            relations,
+            parts[6],
+            *extremes(halves, relations),
+            supporters,
+            len(index),
+        )
+        assert set(nodes_i[nodes_a == a]) <= set(lists[a, : counts[a]])

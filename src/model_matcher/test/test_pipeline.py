@@ -66,8 +66,14 @@ def test_covariance_predicts_the_scatter_of_the_pose():
     assert 3.0 < np.median(deviations) < 12.0  # chi-square of six degrees of freedom has its median at 5.3
 
 
-@pytest.mark.parametrize('data', [FeatureSet.empty(), FeatureSet.from_edges(np.zeros((3, 3)), np.zeros((3, 3))),
-                                  FeatureSet.from_edges([[0, 0, 1.0]], [[0, 0.1, 1.0]])])
+@pytest.mark.parametrize(
+    'data',
+    [
+        FeatureSet.empty(),
+        FeatureSet.from_edges(np.zeros((3, 3)), np.zeros((3, 3))),
+        FeatureSet.from_edges([[0, 0, 1.0]], [[0, 0.1, 1.0]]),
+    ],
+)
 def test_data_without_an_answer_gives_a_reason(data):
     result = match(l_shape(), data)
     assert not result and result.reason
@@ -100,8 +106,12 @@ def test_two_instances_and_two_models_are_recognised():
     data = FeatureSet.concatenate([scene.data for scene in scenes])
     found = recognise([block, angle], data)
     for truth, name in [(scenes[0].poses[0], 'model0'), (scenes[0].poses[1], 'model0'), (scenes[1].poses[0], 'model1')]:
-        assert any(close(pose, truth, 2.0, 3e-3) for one in found if one.model == name
-                   for pose in (one.pose, *one.symmetric_poses))
+        assert any(
+            close(pose, truth, 2.0, 3e-3)
+            for one in found
+            if one.model == name
+            for pose in (one.pose, *one.symmetric_poses)
+        )
 
 
 @pytest.mark.parametrize('scale', ['known', 'free'])
@@ -111,14 +121,17 @@ def test_the_time_limit_holds_with_far_too_much_data(scale):
     data = FeatureSet.from_edges(start, start + rng.normal(scale=0.03, size=start.shape), 1e-3, 1e-3)
     scene = make_scene(MODELS['l_shape'](), 5)
     match(MODELS['l_shape'](), scene.data, MatchParams(scale=scale))
-    result = match(MODELS['l_shape'](), FeatureSet.concatenate([scene.data, data]),
-                   MatchParams(scale=scale, time_limit_s=1.0))
+    result = match(
+        MODELS['l_shape'](), FeatureSet.concatenate([scene.data, data]), MatchParams(scale=scale, time_limit_s=1.0)
+    )
     assert result.stats['seconds'] < 2.0  # 1.3 on a quiet machine
     assert result or result.reason
 
 
-@pytest.mark.parametrize('options', [{}, {'search': 'tree'}, {'search': 'serial'}, {'search': 'subgraph'},
-                                     {'scale': 'free'}, {'prove': True}])
+@pytest.mark.parametrize(
+    'options',
+    [{}, {'search': 'tree'}, {'search': 'serial'}, {'search': 'subgraph'}, {'scale': 'free'}, {'prove': True}],
+)
 def test_absurd_numbers_are_left_out_and_the_rest_is_found(options):
     model = l_shape()
     clean = model.transformed(Pose.from_rotation_vector([0.4, 0.3, 0.1], [0.0, 0.0, 0.3]))

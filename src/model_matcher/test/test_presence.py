@@ -20,20 +20,28 @@ def candidates(data: list[list[int]], evidence: list[float], n: int = 10) -> tup
         assignments[k, mine] = np.arange(len(mine))
     figures = np.zeros((len(data), 8))
     figures[:, 0], figures[:, 7] = [len(mine) + 0.9 for mine in data], evidence
-    refined = Refined(np.zeros((len(data), 12)), assignments, np.zeros_like(assignments, np.int8),
-                      np.zeros((len(data), 6, 6)), figures)
+    refined = Refined(
+        np.zeros((len(data), 12)),
+        assignments,
+        np.zeros_like(assignments, np.int8),
+        np.zeros((len(data), 6, 6)),
+        figures,
+    )
     matched = (assignments >= 0).astype(int)
     return refined, matched @ matched.T
 
 
-@pytest.mark.parametrize('data, evidence, best', [
-    ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 14.0], 0),               # more of the same data
-    ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 12.1 + 2.0 * OUTDONE], 1),    # so much weaker is another matter
-    ([[0, 1, 2, 3, 4, 5, 6], [6, 7, 8, 9]], [12.0, 14.0], 1),               # other data
-    ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 14.0], 0),
-    ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 12.1 + OUTDONE], 1),           # one feature more weighs less than two
-    ([[0, 1, 2, 3], [0, 1, 2, 3]], [12.0, 14.0], 1),
-])
+@pytest.mark.parametrize(
+    'data, evidence, best',
+    [
+        ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 14.0], 0),  # more of the same data
+        ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 12.1 + 2.0 * OUTDONE], 1),  # so much weaker is another matter
+        ([[0, 1, 2, 3, 4, 5, 6], [6, 7, 8, 9]], [12.0, 14.0], 1),  # other data
+        ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 14.0], 0),
+        ([[0, 1, 2, 3, 4], [0, 1, 2, 3]], [12.0, 12.1 + OUTDONE], 1),  # one feature more weighs less than two
+        ([[0, 1, 2, 3], [0, 1, 2, 3]], [12.0, 14.0], 1),
+    ],
+)
 def test_evidence_counts_for_the_pose_that_explains_the_same_data_and_more(data, evidence, best):
     refined, common = candidates(data, evidence)
     _presence(refined, common)
@@ -53,7 +61,8 @@ def test_a_model_like_itself_is_not_found_turned_within_itself(name):
         cut = rng.uniform(0.0, 0.2, (2, len(seen), 1)) * (seen.end - seen.start)
         middle = pose.apply(np.zeros(3)) + rng.uniform(-size, size, (len(seen), 3))
         half = rng.normal(size=(len(seen), 3)) * 0.2 * size
-        data = FeatureSet.from_edges(np.r_[seen.start + cut[0], middle - half], np.r_[seen.end - cut[1], middle + half],
-                                     1e-4, 1e-4)
+        data = FeatureSet.from_edges(
+            np.r_[seen.start + cut[0], middle - half], np.r_[seen.end - cut[1], middle + half], 1e-4, 1e-4
+        )
         found = match(model, data).best
         assert found is not None and best_pose_error(found, pose).rotation_deg < 1.0, seed

@@ -44,7 +44,7 @@ def pairs_of(assignment):
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from(SMALL), st.floats(-4.5, -3.0), st.floats(0.0, 0.5))
 def test_more_than_a_pose_explains_is_never_ruled_out(seed, name, log_sigma, clutter):
-    scene = make_scene(MODELS[name](), seed, clutter=clutter, sigma=10 ** log_sigma)
+    scene = make_scene(MODELS[name](), seed, clutter=clutter, sigma=10**log_sigma)
     index, params = index_model(MODELS[name](), name), MatchParams()
     problem = make_problem(index, scene.data, params)
     size = int((explained(problem, as_motion(scene.poses[0])) != BIN).sum())
@@ -55,8 +55,9 @@ def test_more_than_a_pose_explains_is_never_ruled_out(seed, name, log_sigma, clu
         assert not proof.proven and proof.reason
     else:
         assert (proof.assignment != BIN).sum() >= size
-        assert all_fit(proof.motion, *pairs_of(proof.assignment), *problem.sample, index.rows, index.kind,
-                       problem.radius_tol)
+        assert all_fit(
+            proof.motion, *pairs_of(proof.assignment), *problem.sample, index.rows, index.kind, problem.radius_tol
+        )
 
 
 @pytest.mark.parametrize('name', ['l_shape', 'wedge', 'chair', 'computer', 'cylinder_box'])
@@ -76,7 +77,8 @@ def test_match_is_proven_with_half_the_data_spurious(name):
         assert best.proven and not plain.proven
         assert best.matched >= plain.matched
         assert len(np.unique(best.assignment[best.assignment != BIN])) >= len(
-            np.unique(plain.assignment[plain.assignment != BIN]))
+            np.unique(plain.assignment[plain.assignment != BIN])
+        )
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -162,6 +164,7 @@ def test_what_may_join_a_set_is_what_shares_a_pose_with_it(seed):
     others_i = np.random.default_rng(seed).integers(0, len(problem.index), len(others_a))
     allowed = can_join(pose, a[few], i[few], others_a, others_i, 0, *sample)
     for k in range(len(others_a)):
-        together = common_pose(pose.copy(), np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), *sample,
-                               np.empty(5))
+        together = common_pose(
+            pose.copy(), np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), *sample, np.empty(5)
+        )
         assert allowed[k] == (together != INFEASIBLE) or (together == OPEN and not allowed[k])

@@ -65,8 +65,12 @@ def test_a_grid_is_not_a_period_off_though_something_lies_along_each_of_its_line
     stray = FeatureSet.from_edges([[0.14, -0.05, 0.0]], [[0.14, -0.01, 0.0]])
     noise = np.random.default_rng(1)
     data = FeatureSet.concatenate([model, stray]).transformed(truth)
-    data = FeatureSet.from_edges(data.start + noise.normal(0, 2e-4, data.start.shape),
-                                 data.end + noise.normal(0, 2e-4, data.end.shape), err_par=5e-4, err_per=5e-4)
+    data = FeatureSet.from_edges(
+        data.start + noise.normal(0, 2e-4, data.start.shape),
+        data.end + noise.normal(0, 2e-4, data.end.shape),
+        err_par=5e-4,
+        err_per=5e-4,
+    )
     best = match(model, data).best
     poses = (best.pose, *best.symmetric_poses)
     assert min(np.linalg.norm(pose.translation - truth.translation) for pose in poses) < 2e-3

@@ -14,9 +14,19 @@ def regular(sides, radius=0.05, depth=0.03):
     return prism(radius * np.column_stack([np.cos(angle), np.sin(angle)]), depth)
 
 
-@pytest.mark.parametrize('model, order', [
-    (box((0.05, 0.05, 0.05)), 24), (box((0.05, 0.05, 0.08)), 8), (box((0.03, 0.05, 0.08)), 4),
-    (regular(3), 6), (regular(5), 10), (chipped_block(), 1), (lattice(), 1), (tubes(), 1)])
+@pytest.mark.parametrize(
+    'model, order',
+    [
+        (box((0.05, 0.05, 0.05)), 24),
+        (box((0.05, 0.05, 0.08)), 8),
+        (box((0.03, 0.05, 0.08)), 4),
+        (regular(3), 6),
+        (regular(5), 10),
+        (chipped_block(), 1),
+        (lattice(), 1),
+        (tubes(), 1),
+    ],
+)
 def test_the_order_of_the_group(model, order):
     assert len(symmetries(index_model(model))) + 1 == order
 

@@ -24,13 +24,43 @@ def test_orderings_are_those_of_the_thesis():
     pairs = all_pairs(5)
     sums = np.array([15, 2, 1, 6, 9, 18, 29, 31, 30, 14])
     assert names(pairs, order_pairs(pairs, sums, 'consistency')) == [
-        '1-2', '1-3', '2-3', '1-4', '2-4', '3-4', '1-5', '2-5', '3-5', '4-5']
+        '1-2',
+        '1-3',
+        '2-3',
+        '1-4',
+        '2-4',
+        '3-4',
+        '1-5',
+        '2-5',
+        '3-5',
+        '4-5',
+    ]
     assert names(pairs, order_pairs(pairs, sums, 'consistency_grouped')) == [
-        '1-2', '1-3', '2-3', '1-4', '2-4', '3-4', '1-5', '2-5', '3-5', '4-5']
+        '1-2',
+        '1-3',
+        '2-3',
+        '1-4',
+        '2-4',
+        '3-4',
+        '1-5',
+        '2-5',
+        '3-5',
+        '4-5',
+    ]
     assert names(pairs, order_pairs(pairs, sums, 'holder_buxton'))[:3] == ['1-4', '1-3', '1-5']
     assert names(pairs, order_pairs(pairs, sums, 'worst'))[:2] == ['3-4', '3-5']
     assert names(pairs, order_pairs(pairs, sums, 'combined')) == [
-        '1-4', '1-2', '1-3', '2-3', '2-4', '3-4', '1-5', '2-5', '3-5', '4-5']
+        '1-4',
+        '1-2',
+        '1-3',
+        '2-3',
+        '2-4',
+        '3-4',
+        '1-5',
+        '2-5',
+        '3-5',
+        '4-5',
+    ]
     for ordering in ORDERINGS:
         assert sorted(order_pairs(pairs, sums, ordering)) == list(range(10))
 
@@ -94,8 +124,11 @@ def test_quadrants_and_the_serial_search_give_the_same_feasible_interpretations(
     data = make_scene(model, 3, sigma=2e-4, clutter=0.1).data
     params = MatchParams(max_bin=6)
     tables = build_tables(index, data, params)
-    results = [tree_search(tables, params), subgraph_search(tables, params.replace(quadrant=4)),
-               serial_search(index, data, params)]
+    results = [
+        tree_search(tables, params),
+        subgraph_search(tables, params.replace(quadrant=4)),
+        serial_search(index, data, params),
+    ]
     found = [sorted(map(tuple, result.assignments.tolist())) for result in results]
     assert found[0] and found[0] == found[1] == found[2]
 
@@ -105,8 +138,10 @@ def test_quadrants_and_the_serial_search_give_the_same_feasible_interpretations(
 def test_all_searches_give_one_best_interpretation(name, seed):
     model = MODELS[name]()
     scene = make_scene(model, seed, sigma=2e-4, clutter=0.05)
-    bests = {search: match(model, scene.data, MatchParams(search=search)).best
-             for search in ('hypotheses', 'tree', 'subgraph', 'serial')}
+    bests = {
+        search: match(model, scene.data, MatchParams(search=search)).best
+        for search in ('hypotheses', 'tree', 'subgraph', 'serial')
+    }
     first = bests['hypotheses']
     for search, best in bests.items():
         np.testing.assert_array_equal(best.assignment, first.assignment, err_msg=search)
@@ -126,8 +161,11 @@ def test_parallel_data_gives_its_pose_and_the_shift_that_stays_free(search):
     assert abs(free @ data.directions[0]) > 1.0 - 1e-9 and 'free_turn' not in result.stats
     assert result.best.matched == len(data)
     np.testing.assert_allclose(result.best.free_shift, free)
-    gaps = [pose.translation - truth.translation for pose in (result.best.pose, *result.best.symmetric_poses)
-            if pose.error_to(truth).rotation_deg < 1e-3]
+    gaps = [
+        pose.translation - truth.translation
+        for pose in (result.best.pose, *result.best.symmetric_poses)
+        if pose.error_to(truth).rotation_deg < 1e-3
+    ]
     assert any(np.linalg.norm(np.cross(gap, free)) < 1e-6 for gap in gaps)
     variance = free @ result.best.covariance[:3, :3] @ free
     assert variance > (0.5 * np.ptp(model.start, axis=0).max()) ** 2

@@ -70,7 +70,7 @@ class PinholeCamera:
 
     def pixel_grid(self) -> np.ndarray:
         """(height, width, 2) float64: (u, v) of every pixel's centre."""
-        v, u = np.mgrid[0:self.height, 0:self.width]
+        v, u = np.mgrid[0 : self.height, 0 : self.width]
         return np.stack([u, v], axis=-1).astype(np.float64)
 
     def contains(self, pixels: ArrayLike) -> np.ndarray:
@@ -125,13 +125,19 @@ class StereoRig:
             raise ValueError(f'left camera_info: P[0,3] is {p_left[0, 3]:g}, expected 0{hint}; P =\n{p_left}')
         offset = p_right[0, 3]
         if offset == 0.0:
-            raise ValueError('right camera_info: P[0,3] is 0, so the baseline is missing; '
-                             f'expected -fx * baseline < 0; P =\n{p_right}')
+            raise ValueError(
+                'right camera_info: P[0,3] is 0, so the baseline is missing; '
+                f'expected -fx * baseline < 0; P =\n{p_right}'
+            )
         if offset > 0.0:
-            raise ValueError(f'right camera_info: P[0,3] is {offset:g}, the wrong sign; expected -fx * baseline < 0 '
-                             f'(are left and right exchanged?); P =\n{p_right}')
-        cameras = [PinholeCamera(info.width, info.height, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
-                   for info, p in ((left, p_left), (right, p_right))]
+            raise ValueError(
+                f'right camera_info: P[0,3] is {offset:g}, the wrong sign; expected -fx * baseline < 0 '
+                f'(are left and right exchanged?); P =\n{p_right}'
+            )
+        cameras = [
+            PinholeCamera(info.width, info.height, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
+            for info, p in ((left, p_left), (right, p_right))
+        ]
         return cls(cameras[0], cameras[1], -offset / p_right[0, 0])
 
     @property
@@ -168,8 +174,10 @@ def _projection(side: str, info: Any) -> np.ndarray:
     if not np.isfinite(p).all():
         raise ValueError(f'{side} camera_info: P contains NaN or infinity; P =\n{p}')
     if p[0, 0] <= 0.0 or p[1, 1] <= 0.0:
-        raise ValueError(f'{side} camera_info: fx = {p[0, 0]:g}, fy = {p[1, 1]:g} in P, expected > 0 '
-                         f'(an uncalibrated camera sends zeros); P =\n{p}')
+        raise ValueError(
+            f'{side} camera_info: fx = {p[0, 0]:g}, fy = {p[1, 1]:g} in P, expected > 0 '
+            f'(an uncalibrated camera sends zeros); P =\n{p}'
+        )
     if info.width < 1 or info.height < 1:
         raise ValueError(f'{side} camera_info: size {info.width} x {info.height}, expected at least one pixel')
     return p

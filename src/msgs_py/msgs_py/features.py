@@ -96,18 +96,32 @@ class FeatureSet:
         return cls.from_edges(np.zeros((0, 3)), np.zeros((0, 3)))
 
     @classmethod
-    def from_edges(cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0,
-                   err_per: ArrayLike = 0.0) -> FeatureSet:
+    def from_edges(
+        cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0, err_per: ArrayLike = 0.0
+    ) -> FeatureSet:
         """Straight edges from end points (n, 3), metres; uncertainties scalar or (n,)."""
         start = np.asarray(start, dtype=np.float64).reshape(-1, 3)
         n = len(start)
-        return cls(np.full(n, FeatureKind.EDGE, np.uint8), start, np.asarray(end), np.full((n, 2), np.nan),
-                   np.asarray(err_par), np.asarray(err_per))
+        return cls(
+            np.full(n, FeatureKind.EDGE, np.uint8),
+            start,
+            np.asarray(end),
+            np.full((n, 2), np.nan),
+            np.asarray(err_par),
+            np.asarray(err_per),
+        )
 
     @classmethod
-    def from_curves(cls, centre: ArrayLike, normal: ArrayLike, radii: ArrayLike, err_par: ArrayLike = 0.0,
-                    err_per: ArrayLike = 0.0, major_axis: ArrayLike | None = None,
-                    arc: ArrayLike | None = None) -> FeatureSet:
+    def from_curves(
+        cls,
+        centre: ArrayLike,
+        normal: ArrayLike,
+        radii: ArrayLike,
+        err_par: ArrayLike = 0.0,
+        err_per: ArrayLike = 0.0,
+        major_axis: ArrayLike | None = None,
+        arc: ArrayLike | None = None,
+    ) -> FeatureSet:
         """Planar curves from centres (n, 3), normals (n, 3) of any length, radii (n, 2) or (n,) for circles."""
         centre = np.asarray(centre, dtype=np.float64).reshape(-1, 3)
         normal = np.asarray(normal, dtype=np.float64).reshape(-1, 3)
@@ -117,12 +131,21 @@ class FeatureSet:
         radii = np.asarray(radii, dtype=np.float64)
         if radii.ndim < 2:
             radii = np.repeat(np.broadcast_to(radii, (len(centre),))[:, None], 2, axis=1)
-        return cls(np.full(len(centre), FeatureKind.CURVE, np.uint8), centre, centre + normal / length, radii,
-                   err_par, err_per, major_axis, arc)  # type: ignore[arg-type]
+        return cls(
+            np.full(len(centre), FeatureKind.CURVE, np.uint8),
+            centre,
+            centre + normal / length,
+            radii,
+            err_par,
+            err_per,
+            major_axis,
+            arc,
+        )  # type: ignore[arg-type]
 
     @classmethod
-    def from_axes(cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0,
-                  err_per: ArrayLike = 0.0) -> FeatureSet:
+    def from_axes(
+        cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0, err_per: ArrayLike = 0.0
+    ) -> FeatureSet:
         """Axes from end points (n, 3), metres."""
         edges = cls.from_edges(start, end, err_par, err_per)
         return replace(edges, kind=np.full(len(edges), FeatureKind.AXIS, np.uint8))
@@ -174,10 +197,19 @@ class FeatureSet:
     def transformed(self, pose: Pose) -> FeatureSet:
         """In another frame: ``camera = model.transformed(camera_T_model)``. Sizes and errors follow the scale."""
         start = pose.apply(self.start)
-        end = np.where((self.kind == FeatureKind.CURVE)[:, None], start + pose.rotate(self.vectors),
-                       pose.apply(self.end))
-        return FeatureSet(self.kind, start, end, self.radii * pose.scale, self.err_par * pose.scale,
-                          self.err_per * pose.scale, pose.rotate(self.major_axis), self.arc)
+        end = np.where(
+            (self.kind == FeatureKind.CURVE)[:, None], start + pose.rotate(self.vectors), pose.apply(self.end)
+        )
+        return FeatureSet(
+            self.kind,
+            start,
+            end,
+            self.radii * pose.scale,
+            self.err_par * pose.scale,
+            self.err_per * pose.scale,
+            pose.rotate(self.major_axis),
+            self.arc,
+        )
 
     def polyline(self, index: int, samples: int = 64) -> np.ndarray:
         """(m, 3) float64, metres: the feature as points to draw; 2 for an EDGE or AXIS, ``samples`` for a CURVE."""
@@ -192,14 +224,18 @@ class FeatureSet:
         first /= np.linalg.norm(first)
         angle = self.arc[index, 0] + np.linspace(0.0, 1.0, samples) * self.arc[index, 1]
         major, minor = self.radii[index]
-        return (self.start[index] + major * np.cos(angle)[:, None] * first
-                + minor * np.sin(angle)[:, None] * np.cross(normal, first))
+        return (
+            self.start[index]
+            + major * np.cos(angle)[:, None] * first
+            + minor * np.sin(angle)[:, None] * np.cross(normal, first)
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FeatureSet):
             return NotImplemented
-        return all(np.array_equal(getattr(self, name), getattr(other, name), equal_nan=name != 'kind')
-                   for name in FIELDS)
+        return all(
+            np.array_equal(getattr(self, name), getattr(other, name), equal_nan=name != 'kind') for name in FIELDS
+        )
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -78,5 +78,7 @@ class Interpretation:
 
     def __repr__(self) -> str:
         state = 'accepted' if self.accepted else f'rejected: {self.rejected_reason}'
-        return (f'Interpretation({self.model!r}, matched={self.matched}/{len(self.assignment)}, '
-                f'residual_rms={self.residual_rms:.3g} m, {self.pose!r}, {state})')
+        return (
+            f'Interpretation({self.model!r}, matched={self.matched}/{len(self.assignment)}, '
+            f'residual_rms={self.residual_rms:.3g} m, {self.pose!r}, {state})'
+        )

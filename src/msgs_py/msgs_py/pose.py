@@ -135,7 +135,8 @@ class Pose:
         """How far ``other`` is from this pose. Symmetric in rotation and translation."""
         relative = self.rotation.T @ other.rotation
         sine = 0.5 * np.linalg.norm(
-            [relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]])
+            [relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]]
+        )
         # atan2 keeps full precision near 0 and pi, where arccos of the trace loses half the digits.
         angle = float(np.arctan2(sine, 0.5 * (np.trace(relative) - 1.0)))
         distance = float(np.linalg.norm(self.translation - other.translation))
@@ -144,8 +145,11 @@ class Pose:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Pose):
             return NotImplemented
-        return (self.scale == other.scale and np.array_equal(self.rotation, other.rotation)
-                and np.array_equal(self.translation, other.translation))
+        return (
+            self.scale == other.scale
+            and np.array_equal(self.rotation, other.rotation)
+            and np.array_equal(self.translation, other.translation)
+        )
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -153,8 +157,10 @@ class Pose:
         rv = np.degrees(self.rotation_vector)
         t = self.translation
         scale = '' if self.scale == 1.0 else f', scale={self.scale:.6g}'
-        return (f'Pose(rotation_vector_deg=[{rv[0]:.4g}, {rv[1]:.4g}, {rv[2]:.4g}], '
-                f'translation=[{t[0]:.6g}, {t[1]:.6g}, {t[2]:.6g}]{scale})')
+        return (
+            f'Pose(rotation_vector_deg=[{rv[0]:.4g}, {rv[1]:.4g}, {rv[2]:.4g}], '
+            f'translation=[{t[0]:.6g}, {t[1]:.6g}, {t[2]:.6g}]{scale})'
+        )
 
 
 def _rotations() -> Any:
@@ -167,7 +173,12 @@ def _rotations() -> Any:
 def _departure(rotation: np.ndarray) -> tuple[float, float]:
     """Largest element of R R^T - I, and the determinant; a tenth of the time that numpy needs for 3 x 3."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    departure = max(abs(a * a + b * b + c * c - 1.0), abs(d * d + e * e + f * f - 1.0),
-                    abs(g * g + h * h + i * i - 1.0), abs(a * d + b * e + c * f), abs(a * g + b * h + c * i),
-                    abs(d * g + e * h + f * i))
+    departure = max(
+        abs(a * a + b * b + c * c - 1.0),
+        abs(d * d + e * e + f * f - 1.0),
+        abs(g * g + h * h + i * i - 1.0),
+        abs(a * d + b * e + c * f),
+        abs(a * g + b * h + c * i),
+        abs(d * g + e * h + f * i),
+    )
     return departure, a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

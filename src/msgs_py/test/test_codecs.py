@@ -47,14 +47,18 @@ def feature_sets(draw):
 
     errors = draw(hnp.arrays(np.float64, (n_edges,), elements=st.floats(0, 1)))
     normals = np.concatenate([rows(n_curves, 2), np.ones((n_curves, 1))], axis=1)
-    return FeatureSet.concatenate([
-        FeatureSet.from_edges(rows(n_edges, 3), rows(n_edges, 3), errors, errors / 2),
-        FeatureSet.from_curves(rows(n_curves, 3), normals, rows(n_curves, 2, st.floats(1e-3, 10))),
-        FeatureSet.from_axes(rows(n_axes, 3), rows(n_axes, 3))])
+    return FeatureSet.concatenate(
+        [
+            FeatureSet.from_edges(rows(n_edges, 3), rows(n_edges, 3), errors, errors / 2),
+            FeatureSet.from_curves(rows(n_curves, 3), normals, rows(n_curves, 2, st.floats(1e-3, 10))),
+            FeatureSet.from_axes(rows(n_axes, 3), rows(n_axes, 3)),
+        ]
+    )
 
 
-poses = st.builds(lambda r, t: Pose.from_rotation_vector(r, t),
-                  st.tuples(*[st.floats(-3, 3)] * 3), st.tuples(finite, finite, finite))
+poses = st.builds(
+    lambda r, t: Pose.from_rotation_vector(r, t), st.tuples(*[st.floats(-3, 3)] * 3), st.tuples(finite, finite, finite)
+)
 
 
 class TestImages:
@@ -72,7 +76,7 @@ class TestImages:
         data = np.pad(data, ((0, 0), (0, padding)), constant_values=77)
         message.step += padding
         raw = data.tobytes()
-        message.data = array.array('B', raw[:len(raw) - padding] if cut_last_padding and padding else raw)
+        message.data = array.array('B', raw[: len(raw) - padding] if cut_last_padding and padding else raw)
         back, found = codecs.image_to_array(message)
         assert found == encoding and back.dtype == pixels.dtype
         assert np.array_equal(back, pixels, equal_nan=encoding == '32FC1')
@@ -83,10 +87,17 @@ class TestImages:
         assert codecs.gray_from_image(codecs.array_to_image(pixels, 'rgb8')).tolist() == [[76, 150, 29]]
         assert codecs.gray_from_image(codecs.array_to_image(pixels, 'bgr8')).tolist() == [[29, 150, 76]]
 
-    @pytest.mark.parametrize('change, text', [
-        (dict(encoding='yuv422'), 'image.encoding'), (dict(data=array.array('B', [1, 2, 3])), 'image.data'),
-        (dict(step=3), 'image.step'), (dict(width=0), 'image.height, image.width'),
-        (dict(height=2**20), 'image.data'), (dict(data=array.array('B')), 'image.data')])
+    @pytest.mark.parametrize(
+        'change, text',
+        [
+            (dict(encoding='yuv422'), 'image.encoding'),
+            (dict(data=array.array('B', [1, 2, 3])), 'image.data'),
+            (dict(step=3), 'image.step'),
+            (dict(width=0), 'image.height, image.width'),
+            (dict(height=2**20), 'image.data'),
+            (dict(data=array.array('B')), 'image.data'),
+        ],
+    )
     def test_damage_is_named(self, change, text):
         message = codecs.array_to_image(np.zeros((4, 4), np.uint8), 'mono8')
         for name, value in change.items():
@@ -94,9 +105,15 @@ class TestImages:
         with pytest.raises(codecs.CodecError, match=text):
             codecs.image_to_array(message)
 
-    @pytest.mark.parametrize('pixels, encoding', [
-        (np.zeros((2, 2)), 'mono8'), (np.zeros((2, 2, 3), np.uint8), 'mono8'), (np.zeros((2, 2), np.uint8), 'rgb8'),
-        (np.zeros((2, 2), np.uint8), 'jpeg')])
+    @pytest.mark.parametrize(
+        'pixels, encoding',
+        [
+            (np.zeros((2, 2)), 'mono8'),
+            (np.zeros((2, 2, 3), np.uint8), 'mono8'),
+            (np.zeros((2, 2), np.uint8), 'rgb8'),
+            (np.zeros((2, 2), np.uint8), 'jpeg'),
+        ],
+    )
     def test_an_array_that_does_not_fit_its_encoding_is_refused(self, pixels, encoding):
         with pytest.raises(codecs.CodecError):
             codecs.array_to_image(pixels, encoding)
@@ -119,8 +136,9 @@ class TestCameraInfo:
         assert back.left == rig.left and back.right == rig.right
         assert back.baseline == pytest.approx(baseline, rel=1e-12)
 
-    @pytest.mark.parametrize('offset, text', [
-        (0.0, 'baseline is missing'), (35.0, 'wrong sign'), (np.nan, 'NaN'), (-np.inf, 'infinity')])
+    @pytest.mark.parametrize(
+        'offset, text', [(0.0, 'baseline is missing'), (35.0, 'wrong sign'), (np.nan, 'NaN'), (-np.inf, 'infinity')]
+    )
     def test_a_wrong_or_missing_baseline_is_refused_by_name(self, offset, text):
         rig = StereoRig.symmetric(PinholeCamera.centred(64, 64, 100.0), 0.1)
         left, right = codecs.camera_infos_from_rig(rig)
@@ -149,9 +167,14 @@ class TestFeatures:
     def test_decoding_goes_by_name_with_padding_rows_and_byte_order(self):
         features = FeatureSet.from_edges([[0, 1, 2], [3, 4, 5]], [[1, 1, 1], [2, 2, 2]], 0.5, 0.25)
         cloud = codecs.features_to_cloud(features)
-        dtype = np.dtype({'names': [f.name for f in cloud.fields], 'formats': [
-            {7: '<f4', 2: 'u1', 8: '<f8'}[f.datatype] for f in cloud.fields],
-            'offsets': [f.offset for f in cloud.fields], 'itemsize': cloud.point_step})
+        dtype = np.dtype(
+            {
+                'names': [f.name for f in cloud.fields],
+                'formats': [{7: '<f4', 2: 'u1', 8: '<f8'}[f.datatype] for f in cloud.fields],
+                'offsets': [f.offset for f in cloud.fields],
+                'itemsize': cloud.point_step,
+            }
+        )
         rows = np.frombuffer(cloud.data, dtype)
         keep = [n for n in reversed(dtype.names) if not n.startswith(('major', 'arc'))]
         big = np.zeros((2, 1), np.dtype([(n, dtype[n].newbyteorder('>')) for n in keep]))
@@ -166,15 +189,18 @@ class TestFeatures:
         cloud.data = array.array('B', b''.join(row.tobytes() + b'xxxxx' for row in big))
         assert codecs.cloud_to_features(cloud) == features
 
-    @pytest.mark.parametrize('damage, text', [
-        (lambda c: setattr(c, 'data', c.data[:-1]), 'features.data'),
-        (lambda c: setattr(c, 'fields', [f for f in c.fields if f.name != 'end_y']), 'end_y'),
-        (lambda c: setattr(c, 'fields', []), 'no field'),
-        (lambda c: setattr(c, 'point_step', 8), 'point_step'),
-        (lambda c: setattr(c, 'row_step', 8), 'row_step'),
-        (lambda c: setattr(c.fields[3], 'datatype', 99), 'datatype'),
-        (lambda c: setattr(c, 'data', array.array('B', b'\xff' * len(c.data))), 'features.data'),
-    ])
+    @pytest.mark.parametrize(
+        'damage, text',
+        [
+            (lambda c: setattr(c, 'data', c.data[:-1]), 'features.data'),
+            (lambda c: setattr(c, 'fields', [f for f in c.fields if f.name != 'end_y']), 'end_y'),
+            (lambda c: setattr(c, 'fields', []), 'no field'),
+            (lambda c: setattr(c, 'point_step', 8), 'point_step'),
+            (lambda c: setattr(c, 'row_step', 8), 'row_step'),
+            (lambda c: setattr(c.fields[3], 'datatype', 99), 'datatype'),
+            (lambda c: setattr(c, 'data', array.array('B', b'\xff' * len(c.data))), 'features.data'),
+        ],
+    )
     def test_damage_is_named(self, damage, text):
         cloud = codecs.features_to_cloud(FeatureSet.from_edges([[0, 1, 2]], [[1, 1, 1]]))
         damage(cloud)
@@ -217,15 +243,27 @@ class TestMarkersAndReports:
             assert edges[0].points[0].x == features.start[0, 0] and edges[0].points[1].z == features.end[0, 2]
 
     @fast
-    @given(st.lists(st.tuples(st.integers(-1, 5), st.integers(-1, 1)), max_size=6), poses, st.booleans(),
-           st.floats(0, 1), st.booleans())
+    @given(
+        st.lists(st.tuples(st.integers(-1, 5), st.integers(-1, 1)), max_size=6),
+        poses,
+        st.booleans(),
+        st.floats(0, 1),
+        st.booleans(),
+    )
     def test_report_round_trip(self, pairs, pose, accepted, residual, with_covariance):
         item = Interpretation(
-            'chair', [a for a, _ in pairs], [s for _, s in pairs], pose, residual_rms=residual,
-            covariance=np.diag(np.arange(6.0)) if with_covariance else None, symmetric_poses=(pose, pose.inverse()),
-            proven=accepted, rejected_reason=None if accepted else 'edge 3 is 2 mm away',
-            free_shift=None if accepted else [0.0, 0.6, 0.8])
-        back, = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
+            'chair',
+            [a for a, _ in pairs],
+            [s for _, s in pairs],
+            pose,
+            residual_rms=residual,
+            covariance=np.diag(np.arange(6.0)) if with_covariance else None,
+            symmetric_poses=(pose, pose.inverse()),
+            proven=accepted,
+            rejected_reason=None if accepted else 'edge 3 is 2 mm away',
+            free_shift=None if accepted else [0.0, 0.6, 0.8],
+        )
+        (back,) = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
         for name in ('assignment', 'sign'):
             assert np.array_equal(getattr(back, name), getattr(item, name))
         for name in ('model', 'pose', 'matched', 'residual_rms', 'symmetric_poses', 'proven', 'rejected_reason'):

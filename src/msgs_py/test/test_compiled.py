@@ -26,7 +26,7 @@ INNER = textwrap.dedent('''\
         """{words}"""
         return x + {offset} if x < LIMIT else x
     ''')
-OUTER = textwrap.dedent('''\
+OUTER = textwrap.dedent("""\
     from lower import sums
     from msgs_py.numeric.compiled import njit
 
@@ -34,15 +34,19 @@ OUTER = textwrap.dedent('''\
     @njit
     def outer(x):
         return 2 * sums.inner(x)
-    ''')
+    """)
 # One process calls with an integer first, the other with a float: two signatures of the same functions.
 CALL = 'from upper.doubled import outer\nimport sys\nprint(*(outer(eval(word)) for word in sys.argv[1:]))'
 
 
 def write(folder: Path, offset: int = 1, limit: int = 100, words: str = 'Add.') -> Path:
     """Two packages: a function of ``upper`` calls one of ``lower``, which takes its options from a third module."""
-    for name, text in (('lower/settings.py', SETTINGS.format(limit=limit)), ('lower/options.py', KERNEL),
-                       ('lower/sums.py', INNER.format(offset=offset, words=words)), ('upper/doubled.py', OUTER)):
+    for name, text in (
+        ('lower/settings.py', SETTINGS.format(limit=limit)),
+        ('lower/options.py', KERNEL),
+        ('lower/sums.py', INNER.format(offset=offset, words=words)),
+        ('upper/doubled.py', OUTER),
+    ):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         (path.parent / '__init__.py').touch()
@@ -61,10 +65,21 @@ def cache(tmp_path: Path) -> Path:
 
 
 def start(folder: Path, cache: Path, *words: str, code: str = CALL, **extra: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, 'MSGS_PY_CACHE_DIR': str(cache), 'NUMBA_DISABLE_JIT': '0',
-                   'PYTHONDONTWRITEBYTECODE': '1', **extra}
-    return subprocess.Popen([sys.executable, '-c', code, *words], cwd=folder, env=environment, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    environment = {
+        **os.environ,
+        'MSGS_PY_CACHE_DIR': str(cache),
+        'NUMBA_DISABLE_JIT': '0',
+        'PYTHONDONTWRITEBYTECODE': '1',
+        **extra,
+    }
+    return subprocess.Popen(
+        [sys.executable, '-c', code, *words],
+        cwd=folder,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
 
 
 def answer(process: subprocess.Popen[str]) -> str:
@@ -116,7 +131,7 @@ def test_an_earlier_content_finds_its_code_again(modules, cache):
 
 
 def test_the_order_of_a_named_tuples_fields_belongs_to_the_content(tmp_path, cache):
-    code = textwrap.dedent('''\
+    code = textwrap.dedent("""\
         from collections import namedtuple
         import sys
         from msgs_py.numeric.compiled import njit
@@ -125,7 +140,7 @@ def test_the_order_of_a_named_tuples_fields_belongs_to_the_content(tmp_path, cac
         def first(pair):
             return pair.a
         print(first(Pair(1, 2)))
-        ''')
+        """)
     assert answer(start(tmp_path, cache, 'a b', code=code)) == '1'
     assert answer(start(tmp_path, cache, 'b a', code=code)) == '2'
 
@@ -151,14 +166,20 @@ def test_where_nothing_can_be_written_everything_is_compiled(modules, tmp_path):
     assert answer(start(modules, blocked / 'cache', '1')) == '4'
     full = tmp_path / 'full'
     full.mkdir()
-    no_room = 'import os, errno\n\ndef replace(a, b):\n    raise OSError(errno.ENOSPC, "no space")\n\nos.replace = replace\n'
+    no_room = (
+        'import os, errno\n\ndef replace(a, b):\n    raise OSError(errno.ENOSPC, "no space")\n\nos.replace = replace\n'
+    )
     assert answer(start(modules, full, '1', code=no_room + CALL)) == '4'
     assert list(full.iterdir()) == []
 
 
 def test_the_cache_is_the_users_own_unless_a_variable_moves_it(modules, tmp_path):
-    assert answer(start(modules, Path(), '1', MSGS_PY_CACHE_DIR='', NUMBA_CACHE_DIR='',
-                        XDG_CACHE_HOME=str(tmp_path / 'xdg'))) == '4'
+    assert (
+        answer(
+            start(modules, Path(), '1', MSGS_PY_CACHE_DIR='', NUMBA_CACHE_DIR='', XDG_CACHE_HOME=str(tmp_path / 'xdg'))
+        )
+        == '4'
+    )
     assert len(entries(tmp_path / 'xdg' / 'msgs_py' / 'machinecode')) == 2
     assert answer(start(modules, Path(), '1', MSGS_PY_CACHE_DIR='', NUMBA_CACHE_DIR=str(tmp_path / 'numba'))) == '4'
     assert len(entries(tmp_path / 'numba' / 'msgs_py' / 'machinecode')) == 2

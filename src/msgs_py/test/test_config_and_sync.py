@@ -34,10 +34,21 @@ class TestConfig:
         assert (changed.size, changed.gain, changed.names, changed.queue) == (64, 2.0, ('p', 'q'), 9)
         assert Example.from_parameters(changed.as_parameters()) == changed
 
-    @pytest.mark.parametrize('name, value, text', [
-        ('size', 4, 'out of range, expected 8 to 4096 px'), ('size', 64.0, 'an integer'), ('size', True, 'an integer'),
-        ('gain', float('nan'), 'finite'), ('gain', -1.0, 'at least 0'), ('mode', 'c', "one of 'a', 'b'"),
-        ('on', 1, 'true or false'), ('names', 'x', 'a list'), ('names', [1], 'a string'), ('nope', 1, 'unknown')])
+    @pytest.mark.parametrize(
+        'name, value, text',
+        [
+            ('size', 4, 'out of range, expected 8 to 4096 px'),
+            ('size', 64.0, 'an integer'),
+            ('size', True, 'an integer'),
+            ('gain', float('nan'), 'finite'),
+            ('gain', -1.0, 'at least 0'),
+            ('mode', 'c', "one of 'a', 'b'"),
+            ('on', 1, 'true or false'),
+            ('names', 'x', 'a list'),
+            ('names', [1], 'a string'),
+            ('nope', 1, 'unknown'),
+        ],
+    )
     def test_bad_values_name_the_parameter_and_what_was_expected(self, name, value, text):
         with pytest.raises(ValueError, match=f'parameter {name}: .*{text}'):
             Example().changed({name: value})
@@ -108,8 +119,10 @@ class TestStampSync:
         counters = sync.counters
         assert len(messages) == 3 * counters.sets + counters.unmatched + counters.late
 
-    @pytest.mark.parametrize('arguments', [dict(topics='aa'), dict(topics=''), dict(topics='a', queue_size=0),
-                                           dict(topics='a', tolerance_ns=-1)])
+    @pytest.mark.parametrize(
+        'arguments',
+        [dict(topics='aa'), dict(topics=''), dict(topics='a', queue_size=0), dict(topics='a', tolerance_ns=-1)],
+    )
     def test_misuse_is_refused(self, arguments):
         with pytest.raises(ValueError):
             StampSync(**arguments)
@@ -138,8 +151,10 @@ class TestHealth:
         assert len(health._seen) == REMEMBERED_PROBLEMS
 
 
-@pytest.mark.parametrize('numbers, missed', [
-    ((1, 2, 3), 0), ((5, 6, 9), 2), ((1, 4, 5, 11), 7), ((10, 1, 2), 0), ((None, None), 0), ((3, None, 9, 10), 0)])
+@pytest.mark.parametrize(
+    'numbers, missed',
+    [((1, 2, 3), 0), ((5, 6, 9), 2), ((1, 4, 5, 11), 7), ((10, 1, 2), 0), ((None, None), 0), ((3, None, 9, 10), 0)],
+)
 def test_gaps_in_sequence_numbers_are_counted_and_a_restarted_writer_is_none(numbers, missed):
     gaps = SequenceGaps()
     assert sum(gaps.missed(number) for number in numbers) == missed

@@ -19,14 +19,16 @@ def tree(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize('inside', ['models', 'models/a.csg', 'models/deep/b.csg', 'models/not_yet.csg',
-                                    'models/deep/../a.csg'])
+@pytest.mark.parametrize(
+    'inside', ['models', 'models/a.csg', 'models/deep/b.csg', 'models/not_yet.csg', 'models/deep/../a.csg']
+)
 def test_what_lies_in_a_trusted_folder_passes(tree, inside):
     TrustedFolders([tree / 'models'], [], 'model_folders').check(str(tree / inside))
 
 
-@pytest.mark.parametrize('outside', ['other/secret.csg', 'models/../other/secret.csg', 'models/link.csg', 'models2',
-                                     '', 'other'])
+@pytest.mark.parametrize(
+    'outside', ['other/secret.csg', 'models/../other/secret.csg', 'models/link.csg', 'models2', '', 'other']
+)
 def test_what_leads_out_of_them_is_refused_with_the_remedy(tree, outside):
     with pytest.raises(ValueError, match='model_folders'):
         TrustedFolders([tree / 'models'], [], 'model_folders').check(str(tree / outside))

@@ -22,9 +22,12 @@ def test_the_profile_makes_processes_announce_themselves_often(tmp_path):
     environment: dict[str, str] = {}
     make_room_for_images(environment, tmp_path)
     root = ElementTree.parse(Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE'])).getroot()
-    period, lease = ({item.tag.rpartition('}')[2]: int(item.text) for item in duration}
-                     for name in ('leaseAnnouncement', 'leaseDuration')
-                     for duration in root.iter() if duration.tag.endswith(name))
+    period, lease = (
+        {item.tag.rpartition('}')[2]: int(item.text) for item in duration}
+        for name in ('leaseAnnouncement', 'leaseDuration')
+        for duration in root.iter()
+        if duration.tag.endswith(name)
+    )
     seconds = period['sec'] + 1e-9 * period['nanosec']
     assert 0.1 <= seconds <= 1.0, 'a node started again waits for this at the most'
     assert lease['sec'] >= 10 * seconds, 'a few lost announcements are no death'

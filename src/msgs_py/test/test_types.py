@@ -48,10 +48,17 @@ class TestPose:
         assert error.rotation == pytest.approx(angle, rel=1e-5, abs=1e-15)
         assert error.translation == pytest.approx(2.0)
 
-    @pytest.mark.parametrize('arguments, name', [
-        ((np.eye(3) * 2,), 'rotation'), ((np.diag([1, 1, -1]),), 'rotation'), ((np.eye(2),), 'rotation'),
-        (('text',), 'rotation'), ((np.eye(3), [0, 0, np.nan]), 'translation'), ((np.eye(3), [0, 0, 0], 0.0), 'scale'),
-    ])
+    @pytest.mark.parametrize(
+        'arguments, name',
+        [
+            ((np.eye(3) * 2,), 'rotation'),
+            ((np.diag([1, 1, -1]),), 'rotation'),
+            ((np.eye(2),), 'rotation'),
+            (('text',), 'rotation'),
+            ((np.eye(3), [0, 0, np.nan]), 'translation'),
+            ((np.eye(3), [0, 0, 0], 0.0), 'scale'),
+        ],
+    )
     def test_misuse_names_the_argument(self, arguments, name):
         with pytest.raises(ValueError, match=f'^{name}'):
             Pose(*arguments)
@@ -87,30 +94,39 @@ class TestCameras:
         assert np.allclose(rig.triangulate(left_pixel, right_pixel[0]), point, rtol=1e-9, atol=1e-9)
         assert rig.disparity(z) == pytest.approx(left_pixel[0] - right_pixel[0])
 
-    @pytest.mark.parametrize('change, name', [
-        (dict(fx=0.0), 'fx'), (dict(fy=np.nan), 'fy'), (dict(width=0), 'width'), (dict(height=2.5), 'height')])
+    @pytest.mark.parametrize(
+        'change, name',
+        [(dict(fx=0.0), 'fx'), (dict(fy=np.nan), 'fy'), (dict(width=0), 'width'), (dict(height=2.5), 'height')],
+    )
     def test_bad_intrinsics_are_refused_by_name(self, change, name):
         values = dict(width=640, height=480, fx=500.0, fy=500.0, cx=320.0, cy=240.0) | change
         with pytest.raises(ValueError, match=f'^{name}'):
             PinholeCamera(**values)
 
-    @pytest.mark.parametrize('right, baseline, name', [
-        (PinholeCamera(640, 480, 501.0, 510.0, 320.5, 239.5), 0.1, 'fx'),
-        (PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5), 0.1, 'cy'),
-        (PinholeCamera(641, 480, 500.0, 510.0, 320.5, 239.5), 0.1, 'width'),
-        (camera, 0.0, 'baseline'), (camera, -0.1, 'baseline'), (camera, np.inf, 'baseline'),
-    ])
+    @pytest.mark.parametrize(
+        'right, baseline, name',
+        [
+            (PinholeCamera(640, 480, 501.0, 510.0, 320.5, 239.5), 0.1, 'fx'),
+            (PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5), 0.1, 'cy'),
+            (PinholeCamera(641, 480, 500.0, 510.0, 320.5, 239.5), 0.1, 'width'),
+            (camera, 0.0, 'baseline'),
+            (camera, -0.1, 'baseline'),
+            (camera, np.inf, 'baseline'),
+        ],
+    )
     def test_an_unrectified_pair_is_refused_by_name(self, right, baseline, name):
         with pytest.raises(ValueError, match=f'^{name}'):
             StereoRig(self.camera, right, baseline)
 
 
 def example_features() -> FeatureSet:
-    return FeatureSet.concatenate([
-        FeatureSet.from_edges([[0, 0, 0], [1, 1, 1]], [[1, 0, 0], [1, 1, 3]], 0.001, [0.002, 0.003]),
-        FeatureSet.from_curves([[0, 0, 1]], [[0, 0, 2]], [[2.0, 1.0]], major_axis=[[0, 1, 0]], arc=[[0.5, 1.0]]),
-        FeatureSet.from_axes([[0, 0, 0]], [[0, 2, 0]]),
-    ])
+    return FeatureSet.concatenate(
+        [
+            FeatureSet.from_edges([[0, 0, 0], [1, 1, 1]], [[1, 0, 0], [1, 1, 3]], 0.001, [0.002, 0.003]),
+            FeatureSet.from_curves([[0, 0, 1]], [[0, 0, 2]], [[2.0, 1.0]], major_axis=[[0, 1, 0]], arc=[[0.5, 1.0]]),
+            FeatureSet.from_axes([[0, 0, 0]], [[0, 2, 0]]),
+        ]
+    )
 
 
 class TestFeatureSet:
@@ -155,9 +171,16 @@ class TestFeatureSet:
         with pytest.raises(ValueError, match='broken.npz'):
             FeatureSet.load(path)
 
-    @pytest.mark.parametrize('change, name', [
-        (dict(end=[[0, 0, np.inf]]), 'end'), (dict(start=[[0, 0]]), 'start'), (dict(kind=[7]), 'kind'),
-        (dict(kind=[1]), 'radii'), (dict(err_par=[-1.0]), 'err_par')])
+    @pytest.mark.parametrize(
+        'change, name',
+        [
+            (dict(end=[[0, 0, np.inf]]), 'end'),
+            (dict(start=[[0, 0]]), 'start'),
+            (dict(kind=[7]), 'kind'),
+            (dict(kind=[1]), 'radii'),
+            (dict(err_par=[-1.0]), 'err_par'),
+        ],
+    )
     def test_misuse_names_the_array(self, change, name):
         values = dict(kind=[0], start=[[0, 0, 0]], end=[[1, 0, 0]], radii=[[np.nan, np.nan]], err_par=[0], err_per=[0])
         with pytest.raises(ValueError, match=f'^{name}'):
@@ -173,9 +196,16 @@ class TestInterpretation:
         item = Interpretation('block', [0, -1, 3], [1, 0, -1], Pose())
         assert item.matched == 2 and item.accepted and list(item.data_indices) == [0, 2]
 
-    @pytest.mark.parametrize('change, name', [
-        (dict(sign=[1]), 'sign'), (dict(assignment=[0, -2]), 'assignment'), (dict(sign=[2, 0]), 'sign'),
-        (dict(matched=5), 'matched'), (dict(covariance=np.eye(3)), 'covariance')])
+    @pytest.mark.parametrize(
+        'change, name',
+        [
+            (dict(sign=[1]), 'sign'),
+            (dict(assignment=[0, -2]), 'assignment'),
+            (dict(sign=[2, 0]), 'sign'),
+            (dict(matched=5), 'matched'),
+            (dict(covariance=np.eye(3)), 'covariance'),
+        ],
+    )
     def test_misuse_names_the_field(self, change, name):
         values = dict(model='m', assignment=[0, -1], sign=[1, 0], pose=Pose())
         with pytest.raises(ValueError, match=f'^{name}'):

@@ -34,12 +34,19 @@ def draw_features(image: np.ndarray, features: FeatureSet, camera: PinholeCamera
             # Linear in the picture means linear in 1 / z.
             inverse = 1.0 / line[0, 2] + steps[:, 0] * (1.0 / line[1, 2] - 1.0 / line[0, 2])
             colour = depth_colours(1.0 / (0.5 * (inverse[:-1] + inverse[1:])), near, far)
-        fixed = np.round(np.clip(pixels, -1e4, 1e4) * 2 ** SHIFT).astype(int)
+        fixed = np.round(np.clip(pixels, -1e4, 1e4) * 2**SHIFT).astype(int)
         for k, (a, b) in enumerate(zip(fixed[:-1], fixed[1:])):
             if kind == FeatureKind.AXIS and k % 2:
                 continue
-            cv2.line(canvas, tuple(int(x) for x in a), tuple(int(x) for x in b), tuple(int(x) for x in colour[k]),
-                     thickness, cv2.LINE_AA, SHIFT)
+            cv2.line(
+                canvas,
+                tuple(int(x) for x in a),
+                tuple(int(x) for x in b),
+                tuple(int(x) for x in colour[k]),
+                thickness,
+                cv2.LINE_AA,
+                SHIFT,
+            )
     _legend(canvas, near, far)
     return canvas
 
@@ -57,6 +64,6 @@ def _legend(canvas: np.ndarray, near: float, far: float) -> None:
     if width < 160 or height < 60:
         return
     bar = depth_colours(np.linspace(near, far, 100), near, far)
-    canvas[height - 16:height - 8, 10:110] = bar
+    canvas[height - 16 : height - 8, 10:110] = bar
     for text, x in ((f'{near:.3g} m', 10), (f'{far:.3g} m', 80)):
         cv2.putText(canvas, text, (x, height - 20), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (255, 255, 255), 1, cv2.LINE_AA)

@@ -28,34 +28,70 @@ class RecoveryConfig(Config):
     rectify: bool = parameter(False, 'The images are raw: undistort and rectify them with CameraInfo')
     detector: str = parameter(DEFAULT.detector, 'Edge detector', choices=DETECTORS)
     sigma: float = parameter(DEFAULT.sigma, 'Gaussian smoothing of the images', unit='px', minimum=0.5, maximum=5.0)
-    low: float = parameter(DEFAULT.low, 'Lower threshold of hysteresis, after smoothing; raised where the image is '
-                           'noisy', unit='grey levels/px', minimum=0.1, maximum=255.0)
-    high: float = parameter(DEFAULT.high, 'Upper threshold of hysteresis, after smoothing; raised where the image is '
-                            'noisy', unit='grey levels/px', minimum=0.1, maximum=255.0)
+    low: float = parameter(
+        DEFAULT.low,
+        'Lower threshold of hysteresis, after smoothing; raised where the image is noisy',
+        unit='grey levels/px',
+        minimum=0.1,
+        maximum=255.0,
+    )
+    high: float = parameter(
+        DEFAULT.high,
+        'Upper threshold of hysteresis, after smoothing; raised where the image is noisy',
+        unit='grey levels/px',
+        minimum=0.1,
+        maximum=255.0,
+    )
     min_length: float = parameter(DEFAULT.min_length, 'Shortest straight edge', unit='px', minimum=3.0, maximum=1000.0)
-    min_disparity: float = parameter(DEFAULT.min_disparity, 'Least disparity of a match', unit='px', minimum=-1e5,
-                                     maximum=1e5)
-    max_disparity: float = parameter(0.0, 'Largest disparity of a match; 0: nearly the width of the image', unit='px',
-                                     minimum=0.0, maximum=1e5)
-    support_radius: float = parameter(DEFAULT.support_radius, 'Neighbourhood in which matches support each other',
-                                      unit='px', minimum=1.0, maximum=10000.0)
-    min_belief: float = parameter(DEFAULT.min_belief, 'Least belief of a match: 1 accepts only the best of all',
-                                  minimum=0.0, maximum=1.0)
-    rectification_sigma: float = parameter(DEFAULT.rectification_sigma, 'By how much corresponding rows may disagree',
-                                           unit='px', minimum=0.0, maximum=5.0)
-    sync_queue_size: int = parameter(5, 'Pairs that may wait for their other half', name='sync.queue_size', minimum=1,
-                                     maximum=100, read_only=True)
-    sync_tolerance: float = parameter(0.0, 'Largest difference of stamps in a pair', name='sync.tolerance', unit='s',
-                                      minimum=0.0, maximum=1.0, read_only=True)
+    min_disparity: float = parameter(
+        DEFAULT.min_disparity, 'Least disparity of a match', unit='px', minimum=-1e5, maximum=1e5
+    )
+    max_disparity: float = parameter(
+        0.0, 'Largest disparity of a match; 0: nearly the width of the image', unit='px', minimum=0.0, maximum=1e5
+    )
+    support_radius: float = parameter(
+        DEFAULT.support_radius,
+        'Neighbourhood in which matches support each other',
+        unit='px',
+        minimum=1.0,
+        maximum=10000.0,
+    )
+    min_belief: float = parameter(
+        DEFAULT.min_belief, 'Least belief of a match: 1 accepts only the best of all', minimum=0.0, maximum=1.0
+    )
+    rectification_sigma: float = parameter(
+        DEFAULT.rectification_sigma, 'By how much corresponding rows may disagree', unit='px', minimum=0.0, maximum=5.0
+    )
+    sync_queue_size: int = parameter(
+        5, 'Pairs that may wait for their other half', name='sync.queue_size', minimum=1, maximum=100, read_only=True
+    )
+    sync_tolerance: float = parameter(
+        0.0,
+        'Largest difference of stamps in a pair',
+        name='sync.tolerance',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=True,
+    )
 
     def validate(self) -> None:
         self.params()
 
     def params(self) -> RecoveryParams:
         """What the library understands."""
-        return RecoveryParams(self.detector, self.sigma, self.low, self.high, self.min_length, self.min_disparity,
-                              self.max_disparity or None, self.support_radius, self.min_belief,
-                              self.rectification_sigma)
+        return RecoveryParams(
+            self.detector,
+            self.sigma,
+            self.low,
+            self.high,
+            self.min_length,
+            self.min_disparity,
+            self.max_disparity or None,
+            self.support_radius,
+            self.min_belief,
+            self.rectification_sigma,
+        )
 
 
 class RecoveryNode(GraphNode[RecoveryConfig]):
@@ -87,8 +123,11 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         header = messages.left.header
         self._reason = result.reason
         kinds = {f'features.{kind.name.lower()}s': int((result.features.kind == kind).sum()) for kind in FeatureKind}
-        self._counts = {**kinds, **result.counts,
-                        **{f'milliseconds.{name}': f'{value:.1f}' for name, value in result.milliseconds.items()}}
+        self._counts = {
+            **kinds,
+            **result.counts,
+            **{f'milliseconds.{name}': f'{value:.1f}' for name, value in result.milliseconds.items()},
+        }
         self.features_out.publish(features_to_cloud(result.features, header))
         if self.wanted(self.markers_out):
             self.markers_out.publish(features_to_markers(result.features, header))
@@ -100,8 +139,10 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
 
     def _rectifier_for(self, messages: StereoMessages) -> Rectifier:
         """Maps are made again only when the calibration changes."""
-        key = tuple((info.width, info.height, info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r),
-                     tuple(info.p)) for info in (messages.left_info, messages.right_info))
+        key = tuple(
+            (info.width, info.height, info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r), tuple(info.p))
+            for info in (messages.left_info, messages.right_info)
+        )
         if self._rectifier is None or key != self._calibration:
             self._rectifier, self._calibration = Rectifier(messages.left_info, messages.right_info), key
         return self._rectifier

@@ -35,15 +35,22 @@ class RecoveryParams:
     def __post_init__(self) -> None:
         if self.detector not in DETECTORS:
             raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {self.detector!r}')
-        for name, low, high in (('sigma', 0.5, 5.0), ('low', 0.1, 255.0), ('high', 0.1, 255.0),
-                                ('min_length', 3.0, 1000.0), ('support_radius', 1.0, 10000.0),
-                                ('min_belief', 0.0, 1.0), ('rectification_sigma', 0.0, 5.0),
-                                ('min_disparity', -1e5, 1e5)):
+        for name, low, high in (
+            ('sigma', 0.5, 5.0),
+            ('low', 0.1, 255.0),
+            ('high', 0.1, 255.0),
+            ('min_length', 3.0, 1000.0),
+            ('support_radius', 1.0, 10000.0),
+            ('min_belief', 0.0, 1.0),
+            ('rectification_sigma', 0.0, 5.0),
+            ('min_disparity', -1e5, 1e5),
+        ):
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f'{name}: expected {low:g} to {high:g}, got {value}')
         if self.high < self.low:
             raise ValueError(f'high: expected at least low = {self.low:g}, got {self.high:g}')
         if self.max_disparity is not None and not self.max_disparity > self.min_disparity:
-            raise ValueError(f'max_disparity: expected more than min_disparity = {self.min_disparity:g}, '
-                             f'got {self.max_disparity}')
+            raise ValueError(
+                f'max_disparity: expected more than min_disparity = {self.min_disparity:g}, got {self.max_disparity}'
+            )

@@ -90,7 +90,7 @@ class _View:
 
 def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     noise = edgel_module.noise_level(grey)
-    gradient_noise = noise / (np.sqrt(8.0 * np.pi) * params.sigma ** 2)
+    gradient_noise = noise / (np.sqrt(8.0 * np.pi) * params.sigma**2)
     low, high = max(params.low, 5.0 * gradient_noise), max(params.high, 7.0 * gradient_noise)
     slopes = edgel_module.gradient(grey, params.detector, params.sigma)
     found = edgel_module.detect(grey, params.detector, params.sigma, low, noise, slopes)
@@ -104,8 +104,15 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     weakest = max(params.low, WEAKEST * gradient_noise)
     sparse = len(found) < SPARSE * grey.size and weakest < low
     if sparse:
-        every = edgel_module.detect(grey, params.detector, params.sigma, weakest, noise, slopes,
-                                    float(np.median(found.width)) if len(found) else None)
+        every = edgel_module.detect(
+            grey,
+            params.detector,
+            params.sigma,
+            weakest,
+            noise,
+            slopes,
+            float(np.median(found.width)) if len(found) else None,
+        )
         strings = with_weak(strings, every, grey.shape, max(params.low, WEAK_MEAN * gradient_noise), WEAK_COUNT)
     ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
     if sparse:
@@ -146,26 +153,34 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     for name, image, camera in (('left', left, rig.left), ('right', right, rig.right)):
         grey = edgel_module.as_grey(image, name)
         if grey.shape != (camera.height, camera.width):
-            raise ValueError(f'{name}: image is {grey.shape[1]} x {grey.shape[0]} pixels, the rig expects '
-                             f'{camera.width} x {camera.height}')
+            raise ValueError(
+                f'{name}: image is {grey.shape[1]} x {grey.shape[0]} pixels, the rig expects '
+                f'{camera.width} x {camera.height}'
+            )
         greys.append(grey)
     views = [_segment(grey, params) for grey in greys]
     lap('segment')
     found = (views[0].edgels, views[1].edgels)
-    counts = {'left edgels': len(found[0]), 'right edgels': len(found[1]), 'left pieces': len(views[0].pieces),
-              'right pieces': len(views[1].pieces)}
+    counts = {
+        'left edgels': len(found[0]),
+        'right edgels': len(found[1]),
+        'left pieces': len(views[0].pieces),
+        'right pieces': len(views[1].pieces),
+    }
     for name, view in zip(('left', 'right'), views):
         if len(view.pieces) == 0:
             return Recovery(FeatureSet.empty(), found, f'no texture: no edges in the {name} image', stages, counts)
     if np.array_equal(greys[0], greys[1]):
-        return Recovery(FeatureSet.empty(), found, 'left and right are the same picture, so nothing has a disparity',
-                        stages, counts)
+        return Recovery(
+            FeatureSet.empty(), found, 'left and right are the same picture, so nothing has a disparity', stages, counts
+        )
     pieces = _worth_while(views[0].pieces), _worth_while(views[1].pieces)
     offset = rig.left.cx - rig.right.cx
     lowest = params.min_disparity + offset
     highest = (0.9 * rig.left.width if params.max_disparity is None else params.max_disparity) + offset
-    matches = match(greys[0], greys[1], pieces[0], pieces[1], lowest, highest, params.support_radius,
-                    least_belief=params.min_belief)
+    matches = match(
+        greys[0], greys[1], pieces[0], pieces[1], lowest, highest, params.support_radius, least_belief=params.min_belief
+    )
     counts['matches'] = len(matches)
     lap('match')
     if len(matches) == 0:
@@ -211,9 +226,9 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
     keep &= segments.err_per < (BESIDE_CURVES if rims else LEAST_DETERMINED) * span
     err_per = segments.err_per[keep]
     ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves + unseen)
-    features = FeatureSet.concatenate([
-        FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per),
-        curve_features(curves), axis_features(axes)])
+    features = FeatureSet.concatenate(
+        [FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per), curve_features(curves), axis_features(axes)]
+    )
     lap('features')
     reason = '' if len(features) else 'no matched edge is long enough'
     return Recovery(features, found, reason, stages, counts, tuple(curves))
@@ -224,7 +239,7 @@ def warm_up() -> None:
     left = np.full((96, 128), 40, np.uint8)
     left[24:72, 40:92] = 200
     v, u = np.mgrid[0:96, 0:128]
-    left[(u - 66) ** 2 + (v - 48) ** 2 < 15 ** 2] = 90
+    left[(u - 66) ** 2 + (v - 48) ** 2 < 15**2] = 90
     recover(left, np.roll(left, -12, axis=1), StereoRig.symmetric(PinholeCamera.centred(128, 96, 150.0), 0.05))
     warm_up_profiles()
     warm_up_faint()

@@ -22,19 +22,35 @@ from .drawing import draw_features
 from .params import RecoveryParams
 from .pipeline import recover
 
-COLUMNS = ('kind', 'start x', 'start y', 'start z', 'end x', 'end y', 'end z', 'radius', 'minor', 'err along',
-           'err across')
+COLUMNS = (
+    'kind',
+    'start x',
+    'start y',
+    'start z',
+    'end x',
+    'end y',
+    'end z',
+    'radius',
+    'minor',
+    'err along',
+    'err across',
+)
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     default = RecoveryParams()
     result = argparse.ArgumentParser(
-        prog='recover', description='Recover 3D edges, curves and axes from a stereo pair of image files.')
+        prog='recover', description='Recover 3D edges, curves and axes from a stereo pair of image files.'
+    )
     result.add_argument('left', type=Path, help='left image')
     result.add_argument('right', type=Path, help='right image')
-    result.add_argument('calibration', type=Path, help='OpenCV YAML; ROS camera_info YAML of the left camera with '
-                        'the right one beside it; or the JSON that "render --stereo --camera" writes')
+    result.add_argument(
+        'calibration',
+        type=Path,
+        help='OpenCV YAML; ROS camera_info YAML of the left camera with '
+        'the right one beside it; or the JSON that "render --stereo --camera" writes',
+    )
     result.add_argument('-o', '--out', type=Path, default=Path('out'), help='folder for the results (default: out)')
     result.add_argument('--raw', action='store_true', help='the images are raw: undistort and rectify them first')
     result.add_argument('--baseline', type=float, help='baseline in metres, for a calibration in other units')
@@ -53,16 +69,21 @@ def table(features: FeatureSet) -> list[list[str]]:
         numbers = [*(1e3 * features.start[i]), *end]
         text = [f'{x:.3f}' for x in numbers]
         text += [f'{1e3 * r:.3f}' if np.isfinite(r) else '' for r in features.radii[i]]
-        rows.append([FeatureKind(kind).name, *text, f'{1e3 * features.err_par[i]:.3f}',
-                     f'{1e3 * features.err_per[i]:.3f}'])
+        rows.append(
+            [FeatureKind(kind).name, *text, f'{1e3 * features.err_par[i]:.3f}', f'{1e3 * features.err_per[i]:.3f}']
+        )
     return rows
 
 
 def camera_record(rig: StereoRig) -> dict[str, object]:
     """The left camera of left.png, as the renderer writes its own: "match --camera" draws with it."""
     left = rig.left
-    return {'width': left.width, 'height': left.height,
-            'K': [[left.fx, 0.0, left.cx], [0.0, left.fy, left.cy], [0.0, 0.0, 1.0]], 'baseline': rig.baseline}
+    return {
+        'width': left.width,
+        'height': left.height,
+        'K': [[left.fx, 0.0, left.cx], [0.0, left.fy, left.cy], [0.0, 0.0, 1.0]],
+        'baseline': rig.baseline,
+    }
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -98,8 +119,9 @@ def run(arguments: argparse.Namespace) -> int:
         file.writelines(','.join(row) + '\n' for row in [list(COLUMNS), *rows])
     for row in [list(COLUMNS), *rows]:
         print(' '.join(f'{cell:>10}' for cell in row))
-    print(f'{result.features!r} in {sum(result.milliseconds.values()):.0f} ms; lengths in mm; written to '
-          f'{arguments.out}')
+    print(
+        f'{result.features!r} in {sum(result.milliseconds.values()):.0f} ms; lengths in mm; written to {arguments.out}'
+    )
     if result.reason:
         print(f'nothing found: {result.reason}', file=sys.stderr)
         return 1

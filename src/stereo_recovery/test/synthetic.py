@@ -35,15 +35,16 @@ class Shape:
     axes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def __add__(self, other: Shape) -> Shape:
-        return Shape(self.faces + other.faces, self.edges + other.edges, self.rims + other.rims,
-                     self.axes + other.axes)
+        return Shape(self.faces + other.faces, self.edges + other.edges, self.rims + other.rims, self.axes + other.axes)
 
     def at(self, pose: Pose) -> Shape:
         move, turn = pose.apply, pose.rotate
-        return Shape([Face(f.kind, move(f.points), turn(f.normal), f.radius, f.height, f.albedo) for f in self.faces],
-                     [(move(a), move(b)) for a, b in self.edges],
-                     [(move(c), turn(n), r) for c, n, r in self.rims],
-                     [(move(a), move(b)) for a, b in self.axes])
+        return Shape(
+            [Face(f.kind, move(f.points), turn(f.normal), f.radius, f.height, f.albedo) for f in self.faces],
+            [(move(a), move(b)) for a, b in self.edges],
+            [(move(c), turn(n), r) for c, n, r in self.rims],
+            [(move(a), move(b)) for a, b in self.axes],
+        )
 
 
 def prism(outline, height: float) -> Shape:
@@ -91,8 +92,16 @@ def cylinder(radius: float, height: float) -> Shape:
     """Along +z from the origin."""
     up = np.array([0, 0, 1.0])
     base, top = np.zeros(3), height * up
-    return Shape([Face('side', base[None], up, radius, height), Face('disc', base[None], -up, radius),
-                  Face('disc', top[None], up, radius)], [], [(base, -up, radius), (top, up, radius)], [(base, top)])
+    return Shape(
+        [
+            Face('side', base[None], up, radius, height),
+            Face('disc', base[None], -up, radius),
+            Face('disc', top[None], up, radius),
+        ],
+        [],
+        [(base, -up, radius), (top, up, radius)],
+        [(base, top)],
+    )
 
 
 def _hits(face: Face, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +112,7 @@ def _hits(face: Face, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray,
             oc = origin - face.points[0]
             d = rays - (rays @ axis)[:, None] * axis
             o = oc - (oc @ axis) * axis
-            a, b, c = (d * d).sum(1), d @ o, o @ o - face.radius ** 2
+            a, b, c = (d * d).sum(1), d @ o, o @ o - face.radius**2
             root = b * b - a * c
             t = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
             along = (oc @ axis) + t * (rays @ axis)
@@ -115,7 +124,7 @@ def _hits(face: Face, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray,
         t = np.where((slope < 0) & (t > 0), t, np.inf)
         p = origin + np.where(np.isfinite(t), t, 0)[:, None] * rays
         if face.kind == 'disc':
-            inside = ((p - face.points[0]) ** 2).sum(1) <= face.radius ** 2
+            inside = ((p - face.points[0]) ** 2).sum(1) <= face.radius**2
         else:
             e1 = face.points[1] - face.points[0]
             e1 = e1 / np.linalg.norm(e1)
@@ -130,9 +139,19 @@ def _hits(face: Face, origin: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray,
         return np.where(inside, t, np.inf), np.broadcast_to(face.normal, rays.shape)
 
 
-def render(shape: Shape, camera: PinholeCamera, eye=(0.0, 0.0, 0.0), ss: int = 4, background: float = 30.0,
-           light=(-0.4, -0.75, -0.6), ambient: float = 40.0, diffuse: float = 180.0, psf: float = 0.5,
-           noise: float = 2.0, seed: int = 0) -> np.ndarray:
+def render(
+    shape: Shape,
+    camera: PinholeCamera,
+    eye=(0.0, 0.0, 0.0),
+    ss: int = 4,
+    background: float = 30.0,
+    light=(-0.4, -0.75, -0.6),
+    ambient: float = 40.0,
+    diffuse: float = 180.0,
+    psf: float = 0.5,
+    noise: float = 2.0,
+    seed: int = 0,
+) -> np.ndarray:
     """(h, w) uint8."""
     eye = np.asarray(eye, float)
     light = np.asarray(light, float) / np.linalg.norm(light)
@@ -157,7 +176,7 @@ def render(shape: Shape, camera: PinholeCamera, eye=(0.0, 0.0, 0.0), ss: int = 4
         t = t.reshape(u.shape)
         # Half Lambert: no face is without light, so that no edge is without contrast by accident.
         shade = (ambient + diffuse * (0.5 + 0.5 * normal @ light) * face.albedo).reshape(u.shape)
-        window = np.s_[low[1]:high[1], low[0]:high[0]]
+        window = np.s_[low[1] : high[1], low[0] : high[0]]
         near = t < depth[window]
         depth[window][near] = t[near]
         image[window][near] = shade[near]
@@ -169,8 +188,10 @@ def render(shape: Shape, camera: PinholeCamera, eye=(0.0, 0.0, 0.0), ss: int = 4
 
 
 def render_pair(shape: Shape, rig: StereoRig, seed: int = 0, **options) -> tuple[np.ndarray, np.ndarray]:
-    return (render(shape, rig.left, (0, 0, 0), seed=2 * seed, **options),
-            render(shape, rig.right, (rig.baseline, 0, 0), seed=2 * seed + 1, **options))
+    return (
+        render(shape, rig.left, (0, 0, 0), seed=2 * seed, **options),
+        render(shape, rig.right, (rig.baseline, 0, 0), seed=2 * seed + 1, **options),
+    )
 
 
 def _seen(shape: Shape, points: np.ndarray, camera: PinholeCamera, eye: np.ndarray) -> np.ndarray:
@@ -195,8 +216,10 @@ def visible_pieces(shape: Shape, start, end, rig: StereoRig, samples: int = 400)
             visible |= _seen(shape, points + 2e-5 * shift, camera, eye)
         seen &= visible
     steps = np.flatnonzero(np.diff(np.concatenate([[0], seen.astype(int), [0]])))
-    return [(start + a / samples * (end - start), start + b / samples * (end - start))
-            for a, b in zip(steps[::2], steps[1::2])]
+    return [
+        (start + a / samples * (end - start), start + b / samples * (end - start))
+        for a, b in zip(steps[::2], steps[1::2])
+    ]
 
 
 def _around(direction: np.ndarray) -> np.ndarray:
@@ -227,8 +250,9 @@ def truth_rims(shape: Shape, rig: StereoRig) -> list[tuple[np.ndarray, np.ndarra
         for camera, x in ((rig.left, 0.0), (rig.right, rig.baseline)):
             visible = np.zeros(len(angle), bool)
             for outward, up in ((1, 1), (1, -1), (-1, 1), (1, 0), (0, 1), (0, -1)):
-                visible |= _seen(shape, centre + radius * ring + 3e-5 * (outward * ring + up * normal), camera,
-                                 np.array([x, 0, 0]))
+                visible |= _seen(
+                    shape, centre + radius * ring + 3e-5 * (outward * ring + up * normal), camera, np.array([x, 0, 0])
+                )
             seen &= visible
         result.append((centre, normal, radius, float(seen.mean())))
     return result
@@ -252,9 +276,16 @@ def printed_box(seed: int, fold: float = 1.5e-3, prints: int = 40) -> PrintedBox
     size = np.array([rng.uniform(0.12, 0.18), rng.uniform(0.06, 0.09), rng.uniform(0.05, 0.08)])
     _, b, c = size
     bend = np.radians(np.arange(0, 91, 22.5))
-    outline = [(x + fold * np.cos(t + q), y + fold * np.sin(t + q)) for x, y, q in
-               ((b - fold, c - fold, 0.0), (fold, c - fold, 0.5 * np.pi), (fold, fold, np.pi),
-                (b - fold, fold, 1.5 * np.pi)) for t in bend]
+    outline = [
+        (x + fold * np.cos(t + q), y + fold * np.sin(t + q))
+        for x, y, q in (
+            (b - fold, c - fold, 0.0),
+            (fold, c - fold, 0.5 * np.pi),
+            (fold, fold, np.pi),
+            (b - fold, fold, 1.5 * np.pi),
+        )
+        for t in bend
+    ]
     # The prism's outline lies in y and z, its height along x.
     shape = prism(np.array(outline), size[0]).at(Pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.zeros(3)))
     for axis in range(3):

@@ -23,11 +23,16 @@ def grid(shape=(240, 320), square=20) -> np.ndarray:
 
 RANDOM = np.random.default_rng(0)
 PICTURES = {
-    'black': np.zeros((64, 64), np.uint8), 'saturated': np.full((64, 64), 255, np.uint8),
-    'one pixel': np.zeros((1, 1), np.uint8), '8 x 8': RANDOM.integers(0, 255, (8, 8), dtype=np.uint8),
-    'a strip': RANDOM.integers(0, 255, (3, 400), dtype=np.uint8), 'noise': RANDOM.integers(0, 255, (200, 200)),
-    'stripes along the rows': np.repeat(grid((12, 320), 320), 20, axis=0), 'NaN': np.full((64, 64), np.nan),
-    'binary noise': (RANDOM.random((200, 200)) > 0.5) * np.uint8(255), 'huge values': np.full((64, 64), 1e30),
+    'black': np.zeros((64, 64), np.uint8),
+    'saturated': np.full((64, 64), 255, np.uint8),
+    'one pixel': np.zeros((1, 1), np.uint8),
+    '8 x 8': RANDOM.integers(0, 255, (8, 8), dtype=np.uint8),
+    'a strip': RANDOM.integers(0, 255, (3, 400), dtype=np.uint8),
+    'noise': RANDOM.integers(0, 255, (200, 200)),
+    'stripes along the rows': np.repeat(grid((12, 320), 320), 20, axis=0),
+    'NaN': np.full((64, 64), np.nan),
+    'binary noise': (RANDOM.random((200, 200)) > 0.5) * np.uint8(255),
+    'huge values': np.full((64, 64), 1e30),
 }
 
 
@@ -63,6 +68,7 @@ def test_the_same_picture_twice_is_named():
 
 def test_exchanged_pictures_are_named(synthetic, solids):
     from msgs_py import Pose
+
     rig = StereoRig.symmetric(PinholeCamera.centred(256, 256, 350.0), 0.05)
     solid = solids['wedge'].at(Pose.from_rotation_vector([-0.6, 0.5, 0.4], [0.025, 0, 0.25]))
     left, right = synthetic.render_pair(solid, rig)
@@ -72,9 +78,15 @@ def test_exchanged_pictures_are_named(synthetic, solids):
     assert 'swapped' in swapped.reason
 
 
-@pytest.mark.parametrize('image, message', [
-    (np.zeros((64, 64, 5)), 'left: expected shape'), (np.zeros((64, 64), bool), 'left: expected grey levels'),
-    (np.zeros((64, 64, 0)), 'left: expected shape'), (np.array([['a']]), 'left: expected grey levels')])
+@pytest.mark.parametrize(
+    'image, message',
+    [
+        (np.zeros((64, 64, 5)), 'left: expected shape'),
+        (np.zeros((64, 64), bool), 'left: expected grey levels'),
+        (np.zeros((64, 64, 0)), 'left: expected shape'),
+        (np.array([['a']]), 'left: expected grey levels'),
+    ],
+)
 def test_what_is_no_image_is_refused_by_name(image, message):
     good = np.zeros((64, 64), np.uint8)
     with pytest.raises(ValueError, match=message):
@@ -87,11 +99,20 @@ def test_a_missing_rig_is_refused_by_name():
         recover(image, image, None)
 
 
-@pytest.mark.parametrize('convert', [
-    lambda x: np.dstack([x] * 3), lambda x: np.dstack([x] * 4), lambda x: x.astype(np.uint16) * 256,
-    lambda x: x.astype(np.float64), lambda x: np.asfortranarray(x)], ids=['rgb', 'rgba', 'uint16', 'float', 'fortran'])
+@pytest.mark.parametrize(
+    'convert',
+    [
+        lambda x: np.dstack([x] * 3),
+        lambda x: np.dstack([x] * 4),
+        lambda x: x.astype(np.uint16) * 256,
+        lambda x: x.astype(np.float64),
+        lambda x: np.asfortranarray(x),
+    ],
+    ids=['rgb', 'rgba', 'uint16', 'float', 'fortran'],
+)
 def test_every_kind_of_image_gives_the_same_features(synthetic, solids, convert):
     from msgs_py import Pose
+
     rig = StereoRig.symmetric(PinholeCamera.centred(256, 256, 350.0), 0.05)
     solid = solids['wedge'].at(Pose.from_rotation_vector([-0.6, 0.5, 0.4], [0.025, 0, 0.25]))
     left, right = synthetic.render_pair(solid, rig)

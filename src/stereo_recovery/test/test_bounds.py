@@ -54,20 +54,42 @@ def test_noise_alone_is_no_bow():
 def test_ends_of_an_edge_that_recedes_are_uncertain_along_it_as_its_depth_is(slope):
     """Ends moved as disparity and place vary: their spread along the edge is what err_par states."""
     rig = StereoRig.symmetric(PinholeCamera.centred(512, 512, 700.0), 0.05)
-    left = Pieces(np.zeros((1, 2), int), np.zeros(1, int), np.array([[200.0, 250.0]]), np.array([[0.8, 0.6]]),
-                  np.array([[0.0, 50.0]]), np.zeros(1), np.zeros(1), np.full(1, 50.0), np.full((1, 2), 1e-4),
-                  np.full(1, 20.0), np.full(1, -1, np.int32))
+    left = Pieces(
+        np.zeros((1, 2), int),
+        np.zeros(1, int),
+        np.array([[200.0, 250.0]]),
+        np.array([[0.8, 0.6]]),
+        np.array([[0.0, 50.0]]),
+        np.zeros(1),
+        np.zeros(1),
+        np.full(1, 50.0),
+        np.full((1, 2), 1e-4),
+        np.full(1, 20.0),
+        np.full(1, -1, np.int32),
+    )
     sigma_d, sigma_s = 0.2, 0.1
 
     def lines(a, b, reach):
-        return Lines3D(np.array([0], np.int32), np.array([0], np.int32), np.array([reach]), np.array([[a, b]]),
-                       np.diag([sigma_d ** 2, 1e-12])[None], np.full((1, 2), sigma_s), np.ones((1, 2), bool),
-                       np.zeros(1, bool))
+        return Lines3D(
+            np.array([0], np.int32),
+            np.array([0], np.int32),
+            np.array([reach]),
+            np.array([[a, b]]),
+            np.diag([sigma_d**2, 1e-12])[None],
+            np.full((1, 2), sigma_s),
+            np.ones((1, 2), bool),
+            np.zeros(1, bool),
+        )
 
     stated = to_space(lines(100.0, slope, left.reach[0]), left, rig)
     run = stated.ends[0, 1] - stated.ends[0, 0]
     rng = np.random.default_rng(1)
-    moved = [to_space(lines(100.0 + rng.normal(0.0, sigma_d), slope, left.reach[0] + rng.normal(0.0, sigma_s, 2)), left,
-                      rig).ends[0] - stated.ends[0] for _ in range(2000)]
+    moved = [
+        to_space(
+            lines(100.0 + rng.normal(0.0, sigma_d), slope, left.reach[0] + rng.normal(0.0, sigma_s, 2)), left, rig
+        ).ends[0]
+        - stated.ends[0]
+        for _ in range(2000)
+    ]
     spread = np.sqrt((np.array(moved) @ (run / np.linalg.norm(run))).var(axis=0).mean())
     assert stated.err_par[0] == pytest.approx(3.0 * spread, rel=0.1)

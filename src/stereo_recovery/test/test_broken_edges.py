@@ -22,9 +22,19 @@ def pieces(*segments) -> Pieces:
     run = ends[:, 1] - ends[:, 0]
     length = np.hypot(*run.T)
     n, zeros = len(ends), np.zeros(len(ends))
-    return Pieces(np.zeros((n, 2), int), np.zeros(n, int), ends.mean(axis=1), run / length[:, None],
-                  0.5 * np.column_stack([-length, length]), zeros, zeros, length, np.full((n, 2), 0.02), zeros + 20.0,
-                  np.full(n, -1, np.int32))
+    return Pieces(
+        np.zeros((n, 2), int),
+        np.zeros(n, int),
+        ends.mean(axis=1),
+        run / length[:, None],
+        0.5 * np.column_stack([-length, length]),
+        zeros,
+        zeros,
+        length,
+        np.full((n, 2), 0.02),
+        zeros + 20.0,
+        np.full(n, -1, np.int32),
+    )
 
 
 def matched(*pairs, disparity) -> Matches:
@@ -61,15 +71,19 @@ def test_parts_that_match_elsewhere_too_stay_apart():
 def broken_edge(right_shift: float = 0.0):
     """A flat edge broken at other places in the two images, between posts of disparity 40 and 50 at its ends."""
     left = pieces(((100, 20), (100, 98)), ((300, 20), (300, 98)), ((105, 100), (190, 100)), ((200, 100), (294, 100)))
-    right = pieces(((60, 20), (60, 98)), ((250, 20), (250, 98)), ((64 + right_shift, 100), (120 + right_shift, 100)),
-                   ((128 + right_shift, 100), (245 + right_shift, 100)))
+    right = pieces(
+        ((60, 20), (60, 98)),
+        ((250, 20), (250, 98)),
+        ((64 + right_shift, 100), (120 + right_shift, 100)),
+        ((128 + right_shift, 100), (245 + right_shift, 100)),
+    )
     matches = matched((0, 0), (1, 1), disparity=[[40] * 3, [50] * 3])
     coefficient, covariance = np.array([[40.0, 0], [50.0, 0]]), np.array([np.diag([1e-3, 1e-7])] * 2)
     return broken_edges.complete(matches, left, right, coefficient, covariance)
 
 
 def test_a_broken_flat_edge_runs_between_the_posts_that_tell_its_ends():
-    edge, = broken_edge()
+    (edge,) = broken_edge()
     assert set(edge.members) == {2, 3} and edge.fixed.all()
     ends = edge.line.centre + edge.reach[:, None] * edge.line.direction
     assert np.allclose(ends, [[100, 100], [300, 100]], atol=1e-6)
@@ -91,8 +105,11 @@ def test_long_edges_of_a_printed_box_along_the_rows_are_found(synthetic, seed):
     for edge in flat:
         length = np.linalg.norm(edge.b - edge.a)
         line = (edge.b - edge.a) / length
-        places = [np.sort((np.stack([s, e]) - edge.a) @ line) for s, e in zip(found.start, found.end)
-                  if np.linalg.norm(np.cross(np.stack([s, e]) - edge.a, line), axis=1).max() < 4e-3]
+        places = [
+            np.sort((np.stack([s, e]) - edge.a) @ line)
+            for s, e in zip(found.start, found.end)
+            if np.linalg.norm(np.cross(np.stack([s, e]) - edge.a, line), axis=1).max() < 4e-3
+        ]
         samples = np.linspace(0, length, 100)
         hit += np.mean([any(p[0] <= x <= p[1] for p in places) for x in samples]) > 0.5
     assert len(flat) == 3 and hit >= 2
@@ -106,7 +123,7 @@ def test_print_that_reaches_an_edge_tells_its_depth_where_an_end_has_no_corner()
     right = pieces(*(((u - d, 40), (u - d, 97)) for u, d in strokes), ((65, 100), (250, 100)))
     matches = matched(*((k, k) for k in range(5)), disparity=[[d] * 3 for _, d in strokes])
     coefficient = np.array([[d, 0.0] for _, d in strokes])
-    edge, = broken_edges.complete(matches, left, right, coefficient, np.array([np.diag([1e-3, 1e-7])] * 5))
+    (edge,) = broken_edges.complete(matches, left, right, coefficient, np.array([np.diag([1e-3, 1e-7])] * 5))
     assert list(edge.fixed) == [True, False]
     ends = edge.line.centre + edge.reach[:, None] * edge.line.direction
     assert np.allclose(ends, [[100, 100], [300, 100]], atol=1e-6)
@@ -115,11 +132,15 @@ def test_print_that_reaches_an_edge_tells_its_depth_where_an_end_has_no_corner()
 
 def strings(*polylines):
     """Edgels of strings with one edgel a row through these (column, row) points, and one piece for each string."""
-    parts = [np.column_stack([np.interp(v, *np.array(line, float).T[::-1]), v]) for line in polylines
-             for v in [np.arange(line[0][1], line[-1][1] + 1.0)]]
+    parts = [
+        np.column_stack([np.interp(v, *np.array(line, float).T[::-1]), v])
+        for line in polylines
+        for v in [np.arange(line[0][1], line[-1][1] + 1.0)]
+    ]
     n, last = sum(map(len, parts)), np.cumsum([len(part) for part in parts])
-    edgels = Edgels(np.concatenate(parts), np.zeros(n), np.full(n, 9.0), np.full(n, 0.05), np.full(n, 0.1), np.ones(n),
-                    np.zeros(n))
+    edgels = Edgels(
+        np.concatenate(parts), np.zeros(n), np.full(n, 9.0), np.full(n, 0.05), np.full(n, 0.1), np.ones(n), np.zeros(n)
+    )
     bounds = np.column_stack([np.append(0, last[:-1]), last])
     return edgels, fit_pieces(edgels, bounds, np.arange(len(parts)), 0.8)
 

@@ -35,13 +35,22 @@ WHOLE = (0.0, 2.0 * np.pi)
 def curve(centre, normal, major=0.015, minor=None, arc=WHOLE, spread=1e-5) -> Curve:
     normal = np.asarray(normal, float) / np.linalg.norm(normal)
     first = np.cross(normal, [0.3, 0.1, 0.9])
-    return Curve(np.asarray(centre, float), normal, first / np.linalg.norm(first), np.array([major, minor or major]),
-                 np.diag([spread, spread, spread, 1e-3, 1e-3, spread]) ** 2, 0.01, NONE, NONE, arc)
+    return Curve(
+        np.asarray(centre, float),
+        normal,
+        first / np.linalg.norm(first),
+        np.array([major, minor or major]),
+        np.diag([spread, spread, spread, 1e-3, 1e-3, spread]) ** 2,
+        0.01,
+        NONE,
+        NONE,
+        arc,
+    )
 
 
 def points_of(c: Curve, count: int, arc=WHOLE) -> np.ndarray:
     angle = arc[0] + arc[1] * (np.arange(count) + 0.5) / count
-    return (c.centre + np.cos(angle)[:, None] * c.radii[0] * c.first + np.sin(angle)[:, None] * c.radii[1] * c.second)
+    return c.centre + np.cos(angle)[:, None] * c.radii[0] * c.first + np.sin(angle)[:, None] * c.radii[1] * c.second
 
 
 def edgels_of(c: Curve, camera, eye, count=120, arc=WHOLE, noise=0.0, seed=0) -> Edgels:
@@ -52,8 +61,9 @@ def edgels_of(c: Curve, camera, eye, count=120, arc=WHOLE, noise=0.0, seed=0) ->
     across = h / np.linalg.norm(h, axis=1, keepdims=True)
     at = at + noise * np.random.default_rng(seed).normal(size=(count, 1)) * across
     sigma = np.full(count, max(noise, 0.01))
-    return Edgels(at, np.arctan2(across[:, 1], across[:, 0]), np.full(count, 40.0), sigma, sigma, np.ones(count),
-                  np.zeros(count))
+    return Edgels(
+        at, np.arctan2(across[:, 1], across[:, 0]), np.full(count, 40.0), sigma, sigma, np.ones(count), np.zeros(count)
+    )
 
 
 def both(c: Curve, **options) -> tuple[Edgels, Edgels]:
@@ -67,9 +77,19 @@ def pieces_of(segments) -> Pieces:
     run = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(run, axis=1)
     reach = np.stack([-0.5 * length, 0.5 * length], axis=1)
-    return Pieces(np.tile([0, 20], (n, 1)), np.arange(n), ends.mean(axis=1), run / length[:, None], reach,
-                  np.full(n, 0.01), np.zeros(n), np.full(n, 20.0), np.tile([0.01, 0.001], (n, 1)), np.full(n, 40.0),
-                  np.full(n, -1, np.int32))
+    return Pieces(
+        np.tile([0, 20], (n, 1)),
+        np.arange(n),
+        ends.mean(axis=1),
+        run / length[:, None],
+        reach,
+        np.full(n, 0.01),
+        np.zeros(n),
+        np.full(n, 20.0),
+        np.tile([0.01, 0.001], (n, 1)),
+        np.full(n, 40.0),
+        np.full(n, -1, np.int32),
+    )
 
 
 def angle_between(a, b) -> float:
@@ -115,8 +135,10 @@ def test_stated_errors_of_a_fit_are_true():
     true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0])
     ratio = []
     for seed in range(60):
-        mine = [edgels_of(true, camera, eye, arc=(0.3, 3.5), noise=0.05, seed=2 * seed + k)
-                for k, (camera, eye) in enumerate(EYES)]
+        mine = [
+            edgels_of(true, camera, eye, arc=(0.3, 3.5), noise=0.05, seed=2 * seed + k)
+            for k, (camera, eye) in enumerate(EYES)
+        ]
         found = refine(true, *mine, RIG, 0.0, circle=True)
         assert found is not None
         ratio.append(np.radians(angle_between(found.normal, true.normal)) / found.tilt)
@@ -129,8 +151,10 @@ def test_the_mirror_image_of_a_circle_looks_alike_to_one_eye_only():
     other = mirrored(true)
     assert angle_between(other.normal, true.normal) > 30.0
     assert np.allclose(mirrored(other).normal, true.normal)
-    off = [np.abs(sampson(picture(other, camera.matrix, eye), camera.project(points_of(true, 50) - [eye, 0, 0]))).max()
-           for camera, eye in EYES]
+    off = [
+        np.abs(sampson(picture(other, camera.matrix, eye), camera.project(points_of(true, 50) - [eye, 0, 0]))).max()
+        for camera, eye in EYES
+    ]
     assert off[0] < 0.8
     assert off[1] > 2.0 * off[0]
 
@@ -173,12 +197,15 @@ def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[n
     return result
 
 
-@pytest.mark.parametrize('moved, is_outline', [
-    ((0.0, 0.0), True),
-    ((0.0, 2.5), True),      # the right image's piece is a neighbour, but the left one is an outline beyond doubt
-    ((2.5, 2.5), False),
-    ((0.0, 9.0), False),
-])
+@pytest.mark.parametrize(
+    'moved, is_outline',
+    [
+        ((0.0, 0.0), True),
+        ((0.0, 2.5), True),  # the right image's piece is a neighbour, but the left one is an outline beyond doubt
+        ((2.5, 2.5), False),
+        ((0.0, 9.0), False),
+    ],
+)
 def test_outlines_of_a_rims_surface_are_no_edges(moved, is_outline):
     rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
     sides = [outline_of_cylinder(rim, 0.03, camera, eye)[0] + [off, 0.0] for (camera, eye), off in zip(EYES, moved)]
@@ -188,8 +215,16 @@ def test_outlines_of_a_rims_surface_are_no_edges(moved, is_outline):
         shift = 0.4 * side.length[:, None]
         pieces.append(replace(side, centre=side.centre + shift * side.direction, reach=side.reach - shift))
     zero = np.zeros(1, np.int32)
-    lines = Lines3D(zero, zero, pieces[0].reach, np.zeros((1, 2)), np.zeros((1, 2, 2)), np.ones((1, 2)),
-                    np.zeros((1, 2), bool), np.zeros(1, bool))
+    lines = Lines3D(
+        zero,
+        zero,
+        pieces[0].reach,
+        np.zeros((1, 2)),
+        np.zeros((1, 2, 2)),
+        np.ones((1, 2)),
+        np.zeros((1, 2), bool),
+        np.zeros(1, bool),
+    )
     found = contours(lines, (pieces[0], pieces[1]), [(rim, np.append(rim.normal, 0.0))], RIG)
     assert list(found) == [is_outline]
 
@@ -198,8 +233,12 @@ def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
     rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
     # The rim's normal is known to a degree only; the outlines know better.
     off = Pose.from_rotation_vector([0.01, 0.0, 0.008]).rotation
-    seen = replace(rim, normal=off @ rim.normal, first=off @ rim.first,
-                   covariance=np.diag([1e-5, 1e-5, 1e-5, 0.01, 0.01, 1e-5]) ** 2)
+    seen = replace(
+        rim,
+        normal=off @ rim.normal,
+        first=off @ rim.first,
+        covariance=np.diag([1e-5, 1e-5, 1e-5, 0.01, 0.01, 1e-5]) ** 2,
+    )
     pieces = tuple(pieces_of(outline_of_cylinder(rim, 0.03, camera, eye)) for camera, eye in EYES)
     axes, _ = find_axes([seen], pieces, RIG)
     assert len(axes) == 1
@@ -227,10 +266,13 @@ def test_the_apex_of_a_cone_from_its_base_and_outlines():
 
 def test_rims_of_one_end_count_once_and_neighbouring_ends_have_an_axis_each():
     low = curve([0.0, 0.0, 0.3], [0.0, 1.0, 0.0], 0.02)
-    rims = [low, replace(low, centre=low.centre + [0.0, 0.01, 0.0]),
-            replace(low, centre=low.centre + [0.0, 0.01, 0.0], radii=np.full(2, 0.01)),
-            replace(low, centre=low.centre + [0.0, 0.04, 0.0], radii=np.full(2, 0.01)),
-            curve([0.05, 0.0, 0.3], [0.0, 1.0, 0.0], 0.01)]
+    rims = [
+        low,
+        replace(low, centre=low.centre + [0.0, 0.01, 0.0]),
+        replace(low, centre=low.centre + [0.0, 0.01, 0.0], radii=np.full(2, 0.01)),
+        replace(low, centre=low.centre + [0.0, 0.04, 0.0], radii=np.full(2, 0.01)),
+        curve([0.05, 0.0, 0.3], [0.0, 1.0, 0.0], 0.01),
+    ]
     nothing = (pieces_of([]), pieces_of([]))
     axes, _ = find_axes(rims, nothing, RIG)
     heights = sorted(tuple(sorted((round(a.start[1], 4), round(a.end[1], 4)))) for a in axes)
@@ -288,7 +330,7 @@ def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
 def disc(middle, radius, blur):
     """(80, 80) float32: a bright disc, 8 x 8 samples a pixel, blurred."""
     at = (np.arange(640) + 0.5) / 8.0 - 0.5
-    inside = (at[None, :] - middle[0]) ** 2 + (at[:, None] - middle[1]) ** 2 < radius ** 2
+    inside = (at[None, :] - middle[0]) ** 2 + (at[:, None] - middle[1]) ** 2 < radius**2
     grey = 60.0 + 120.0 * inside.reshape(80, 8, 80, 8).mean(axis=(1, 3))
     return cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur)
 
@@ -329,8 +371,11 @@ def test_an_edge_that_goes_on_or_meets_no_arc_keeps_its_ends(start, beyond):
 
 
 def test_one_rim_found_twice_is_one_and_two_rims_are_two():
-    rim = replace(curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0]), left=np.array([1, 1, 1, 0, 0], bool),
-                  right=np.array([1, 1, 0, 0, 0], bool))
+    rim = replace(
+        curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0]),
+        left=np.array([1, 1, 1, 0, 0], bool),
+        right=np.array([1, 1, 0, 0, 0], bool),
+    )
     again = replace(rim, centre=rim.centre + 1e-4, left=np.array([0, 0, 0, 1, 0], bool), right=np.zeros(5, bool))
     ring = replace(rim, radii=0.8 * rim.radii)
     end = replace(rim, centre=rim.centre + 0.002 * rim.normal)
@@ -364,8 +409,13 @@ def _edge(low, high) -> tuple[Matches, tuple[Pieces, Pieces]]:
     ends = np.array([low, high])
     pixels = [camera.project(ends - [eye, 0, 0]) for camera, eye in EYES]
     d = RIG.left.fx * RIG.baseline / ends[:, 2]
-    matches = Matches(np.array([0], np.int32), np.array([0], np.int32), np.array([[d[0], d.mean(), d[1]]]),
-                      np.sort(pixels[0][:, 1])[None], np.ones(1))
+    matches = Matches(
+        np.array([0], np.int32),
+        np.array([0], np.int32),
+        np.array([[d[0], d.mean(), d[1]]]),
+        np.sort(pixels[0][:, 1])[None],
+        np.ones(1),
+    )
     return matches, (pieces_of([pixels[0]]), pieces_of([pixels[1]]))
 
 
@@ -392,8 +442,12 @@ def test_an_edge_that_ends_on_a_rim_of_its_own_face_has_a_corner_there():
 
 def test_an_edge_that_stops_at_an_outline_has_no_corner_there():
     rim = curve([0.0, 0.0, 0.25], [0.0, -1.0, -0.4])
-    stem = [RIG.left.project(np.stack([rim.centre + s * 0.015 * rim.first, rim.centre + s * 0.015 * rim.first
-                                       - 0.03 * rim.normal])) for s in (1.0, -1.0)]
+    stem = [
+        RIG.left.project(
+            np.stack([rim.centre + s * 0.015 * rim.first, rim.centre + s * 0.015 * rim.first - 0.03 * rim.normal])
+        )
+        for s in (1.0, -1.0)
+    ]
     conic = picture(rim, RIG.left.matrix, 0.0)
     lines = tangents(conic, RIG.left.matrix @ rim.normal)
     # The outlines themselves: from the touching point along the tangent.
@@ -406,6 +460,12 @@ def test_an_edge_that_stops_at_an_outline_has_no_corner_there():
     out = np.sign(middle - 0.5 * (outline[1][0] + outline[1][1]))
     pieces = pieces_of([*outline, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
     none = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
-    met = hidden_ends(none, (pieces, pieces_of([])), (corners(pieces), corners(pieces_of([]))), [rim],
-                      [(rim, np.append(rim.normal, 0.0))], RIG)
+    met = hidden_ends(
+        none,
+        (pieces, pieces_of([])),
+        (corners(pieces), corners(pieces_of([]))),
+        [rim],
+        [(rim, np.append(rim.normal, 0.0))],
+        RIG,
+    )
     assert met[0].through[2].tolist() == [True, False]

@@ -137,7 +137,13 @@ def test_sampson_distance_of_a_circle_is_the_distance():
     assert sampson(conic, np.array([[10.1, 0.0], [0.0, -9.9]])) == pytest.approx([0.1, -0.1], rel=0.02)
 
 
-@pytest.mark.parametrize('points', [np.zeros((8, 2)), np.column_stack([np.arange(9.0), np.arange(9.0)]),
-                                    np.column_stack([np.arange(5.0), np.arange(5.0) ** 2])])
+@pytest.mark.parametrize(
+    'points',
+    [
+        np.zeros((8, 2)),
+        np.column_stack([np.arange(9.0), np.arange(9.0)]),
+        np.column_stack([np.arange(5.0), np.arange(5.0) ** 2]),
+    ],
+)
 def test_points_without_an_ellipse_give_none(points):
     assert fit_ellipse(points) is None

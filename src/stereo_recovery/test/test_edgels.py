@@ -11,6 +11,7 @@ from stereo_recovery.detection.edgels import DETECTORS, as_grey, detect, noise_l
 def step_edge(angle: float, offset: float, size: int = 64, contrast: float = 100.0, blur: float = 1.0) -> np.ndarray:
     """A blurred straight step, brighter in the direction of the angle; exact area sampling by an error function."""
     from scipy.special import erf
+
     v, u = np.mgrid[0:size, 0:size] - (size - 1) / 2
     distance = u * np.cos(angle) + v * np.sin(angle) - offset
     return (80.0 + contrast * 0.5 * (1.0 + erf(distance / (blur * np.sqrt(2.0))))).astype(np.float32)

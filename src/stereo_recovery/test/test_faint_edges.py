@@ -12,7 +12,7 @@ from stereo_recovery.detection.segmentation import Pieces, fit_pieces
 
 SIGMA = 0.8
 NOISE = 2.0
-GRADIENT_NOISE = NOISE / (np.sqrt(8.0 * np.pi) * SIGMA ** 2)
+GRADIENT_NOISE = NOISE / (np.sqrt(8.0 * np.pi) * SIGMA**2)
 
 
 def picture(contrast: float, bottom: int = 150) -> np.ndarray:
@@ -27,8 +27,15 @@ def fragments(rows: list[tuple[int, int]]) -> tuple[edgels.Edgels, Pieces]:
     """Pieces on the step that cover these rows, the bright side on the right hand."""
     v = np.concatenate([np.arange(*run[::-1], -1, dtype=float) for run in rows])
     n = len(v)
-    found = edgels.Edgels(np.column_stack([np.full(n, 47.5), v]), np.zeros(n), np.full(n, 3.0), np.full(n, 0.05),
-                          np.full(n, 0.1), np.ones(n), np.zeros(n))
+    found = edgels.Edgels(
+        np.column_stack([np.full(n, 47.5), v]),
+        np.zeros(n),
+        np.full(n, 3.0),
+        np.full(n, 0.05),
+        np.full(n, 0.1),
+        np.ones(n),
+        np.zeros(n),
+    )
     last = np.cumsum([b - a for a, b in rows])
     bounds = np.column_stack([np.concatenate([[0], last[:-1]]), last])
     return found, fit_pieces(found, bounds, np.zeros(len(rows), int), SIGMA)

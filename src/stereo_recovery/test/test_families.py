@@ -15,8 +15,9 @@ UP = np.array([0.15, -0.9, 0.41]) / np.linalg.norm([0.15, -0.9, 0.41])
 SLOPE_SIGMA = 0.004
 
 
-def seen(middles: np.ndarray, directions: np.ndarray, seed: int | None,
-         length: float = 0.008) -> tuple[Lines3D, Pieces]:
+def seen(
+    middles: np.ndarray, directions: np.ndarray, seed: int | None, length: float = 0.008
+) -> tuple[Lines3D, Pieces]:
     """Edges in space as both images show them; the slope of the disparity is off by its sigma; exact without a seed."""
     n = len(middles)
     noise = 0.0 if seed is None else SLOPE_SIGMA * np.random.default_rng(seed).normal(size=n)
@@ -26,16 +27,27 @@ def seen(middles: np.ndarray, directions: np.ndarray, seed: int | None,
     span = np.linalg.norm(run, axis=1)
     reach = np.stack([-0.5 * span, 0.5 * span], axis=1)
     many = np.arange(n)
-    left = Pieces(np.tile([0, 20], (n, 1)), many, pixels.mean(axis=1), run / span[:, None], reach, np.full(n, 0.01),
-                  np.zeros(n), np.full(n, 20.0), np.tile([0.01, 0.002], (n, 1)), np.full(n, 40.0),
-                  np.full(n, -1, np.int32))
+    left = Pieces(
+        np.tile([0, 20], (n, 1)),
+        many,
+        pixels.mean(axis=1),
+        run / span[:, None],
+        reach,
+        np.full(n, 0.01),
+        np.zeros(n),
+        np.full(n, 20.0),
+        np.tile([0.01, 0.002], (n, 1)),
+        np.full(n, 40.0),
+        np.full(n, -1, np.int32),
+    )
     disparity = RIG.left.fx * RIG.baseline / ends[..., 2]
     slope = (disparity[:, 1] - disparity[:, 0]) / span
     noisy = np.stack([disparity.mean(axis=1), slope + noise], axis=1)
-    covariance = np.tile(np.diag([0.01 ** 2, SLOPE_SIGMA ** 2]), (n, 1, 1))
+    covariance = np.tile(np.diag([0.01**2, SLOPE_SIGMA**2]), (n, 1, 1))
     no = np.zeros((n, 2), bool)
-    return Lines3D(many.astype(np.int32), many.astype(np.int32), reach, noisy, covariance, np.full((n, 2), 0.2), no,
-                   no[:, 0]), left
+    return Lines3D(
+        many.astype(np.int32), many.astype(np.int32), reach, noisy, covariance, np.full((n, 2), 0.2), no, no[:, 0]
+    ), left
 
 
 def off(lines: Lines3D, middles: np.ndarray, directions: np.ndarray) -> np.ndarray:

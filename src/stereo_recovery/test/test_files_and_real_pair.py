@@ -63,8 +63,9 @@ def plane_normal(start, end) -> np.ndarray:
 
 def check_board(folder: Path, pair: str) -> float:
     """Recall and wrong matches are checked; returns by how many degrees the board's normal is off."""
-    left, right = (cv2.imread(str(folder / f'{side}{pair}_rect.png'), cv2.IMREAD_GRAYSCALE)
-                   for side in ('left', 'right'))
+    left, right = (
+        cv2.imread(str(folder / f'{side}{pair}_rect.png'), cv2.IMREAD_GRAYSCALE) for side in ('left', 'right')
+    )
     rig = load_rig(folder / 'calibration.yaml', SIZE)
     joint = json.loads((folder / 'board_poses.json').read_text())[pair]['joint']
     pose = Pose.from_rotation_vector(joint['rvec'], joint['tvec'])
@@ -100,11 +101,13 @@ def test_opencv_calibration_gives_the_rig():
 
 
 def camera_info_yaml(name: str, offset: float) -> str:
-    return (f'image_width: 640\nimage_height: 480\ncamera_name: {name}\ndistortion_model: plumb_bob\n'
-            'camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n'
-            'distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n'
-            'rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n'
-            f'projection_matrix: {{rows: 3, cols: 4, data: [500, 0, 320, {offset}, 0, 500, 240, 0, 0, 0, 1, 0]}}\n')
+    return (
+        f'image_width: 640\nimage_height: 480\ncamera_name: {name}\ndistortion_model: plumb_bob\n'
+        'camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n'
+        'distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n'
+        'rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n'
+        f'projection_matrix: {{rows: 3, cols: 4, data: [500, 0, 320, {offset}, 0, 500, 240, 0, 0, 0, 1, 0]}}\n'
+    )
 
 
 def test_ros_calibration_is_two_files_or_one(tmp_path):
@@ -116,17 +119,25 @@ def test_ros_calibration_is_two_files_or_one(tmp_path):
 
 
 def test_the_camera_of_an_ideal_pair_is_one_file(tmp_path):
-    (tmp_path / 'left.json').write_text('{"width": 64, "height": 48, "K": [[70, 0, 31.5], [0, 70, 23.5], [0, 0, 1]], '
-                                        '"baseline": 0.05}')
+    (tmp_path / 'left.json').write_text(
+        '{"width": 64, "height": 48, "K": [[70, 0, 31.5], [0, 70, 23.5], [0, 0, 1]], "baseline": 0.05}'
+    )
     rig = load_rig(tmp_path / 'left.json', SIZE)
     assert rig.baseline == pytest.approx(0.05) and (rig.left.width, rig.left.fx, rig.left.cy) == (64, 70.0, 23.5)
 
 
-@pytest.mark.parametrize('text, message', [
-    ('', 'expected a calibration'), ('{"K": [1, 2], "baseline": 0.1}', 'expected K, nine numbers'),
-    ('a: [', 'not YAML'), ('just words', 'expected a calibration'),
-    ('image_width: 3', 'describes one camera'), ('%YAML:1.0\n---\nK1: 3\n', 'no matrix P1'),
-    ('left: {}\nright: {}', 'left camera: projection_matrix')])
+@pytest.mark.parametrize(
+    'text, message',
+    [
+        ('', 'expected a calibration'),
+        ('{"K": [1, 2], "baseline": 0.1}', 'expected K, nine numbers'),
+        ('a: [', 'not YAML'),
+        ('just words', 'expected a calibration'),
+        ('image_width: 3', 'describes one camera'),
+        ('%YAML:1.0\n---\nK1: 3\n', 'no matrix P1'),
+        ('left: {}\nright: {}', 'left camera: projection_matrix'),
+    ],
+)
 def test_unusable_calibration_names_the_file_and_what_it_lacks(tmp_path, text, message):
     path = tmp_path / 'calibration.yaml'
     path.write_text(text)
@@ -136,8 +147,17 @@ def test_unusable_calibration_names_the_file_and_what_it_lacks(tmp_path, text, m
 
 
 def test_command_line_writes_features_picture_and_table(tmp_path, capsys):
-    code = main([str(DATA / 'left01_rect.png'), str(DATA / 'right01_rect.png'), str(DATA / 'calibration.yaml'),
-                 '-o', str(tmp_path), '--baseline', '0.083'])
+    code = main(
+        [
+            str(DATA / 'left01_rect.png'),
+            str(DATA / 'right01_rect.png'),
+            str(DATA / 'calibration.yaml'),
+            '-o',
+            str(tmp_path),
+            '--baseline',
+            '0.083',
+        ]
+    )
     assert code == 0
     features = FeatureSet.load(tmp_path / 'features.npz')
     assert len(features) > 50
@@ -146,7 +166,8 @@ def test_command_line_writes_features_picture_and_table(tmp_path, capsys):
     assert 'EDGE' in capsys.readouterr().out
     again = load_rig(tmp_path / 'camera.json', SIZE)
     assert again.baseline == pytest.approx(0.083) and again.left.fx == pytest.approx(
-        load_rig(DATA / 'calibration.yaml', SIZE).left.fx)
+        load_rig(DATA / 'calibration.yaml', SIZE).left.fx
+    )
     assert np.array_equal(cv2.imread(str(tmp_path / 'left.png'), 0), cv2.imread(str(DATA / 'left01_rect.png'), 0))
 
 
@@ -159,16 +180,25 @@ def raw_camera(offset: float, **change) -> SimpleNamespace:
     k = [500.0, 0, 319.5, 0, 500.0, 239.5, 0, 0, 1]
     p = [500.0, 0, 319.5, offset, 0, 500.0, 239.5, 0, 0, 0, 1, 0]
     r = [1.0, 0, 0, 0, 1, 0, 0, 0, 1]
-    return SimpleNamespace(**{**dict(width=640, height=480, distortion_model='plumb_bob', d=[-0.2, 0.05, 0, 0, 0], k=k,
-                                     r=r, p=p), **change})
+    return SimpleNamespace(
+        **{
+            **dict(width=640, height=480, distortion_model='plumb_bob', d=[-0.2, 0.05, 0, 0, 0], k=k, r=r, p=p),
+            **change,
+        }
+    )
 
 
 def test_rectification_straightens_a_distorted_line():
     rectifier = Rectifier(raw_camera(0), raw_camera(-50))
     # A vertical line x = 0.4 z, seen through the lens.
     y = np.linspace(-0.45, 0.45, 2000)
-    bent, _ = cv2.projectPoints(np.column_stack([np.full_like(y, 0.4), y, np.ones_like(y)]), np.zeros(3), np.zeros(3),
-                                np.array(raw_camera(0).k).reshape(3, 3), np.array(raw_camera(0).d))
+    bent, _ = cv2.projectPoints(
+        np.column_stack([np.full_like(y, 0.4), y, np.ones_like(y)]),
+        np.zeros(3),
+        np.zeros(3),
+        np.array(raw_camera(0).k).reshape(3, 3),
+        np.array(raw_camera(0).d),
+    )
     v, u = np.mgrid[0:480, 0:640]
     at_row = np.interp(v[:, 0], bent[:, 0, 1], bent[:, 0, 0])
     image = np.clip((u - at_row[:, None]) * 100 + 128, 0, 255).astype(np.uint8)
@@ -178,9 +208,16 @@ def test_rectification_straightens_a_distorted_line():
     assert np.mean(crossing) == pytest.approx(319.5 + 200, abs=0.1)
 
 
-@pytest.mark.parametrize('change, message', [
-    ({'distortion_model': 'magic'}, 'magic'), ({'d': [float('nan')]}, 'D contains NaN'), ({'k': [0.0] * 9}, 'K has'),
-    ({'r': [0.0] * 9}, 'R is no rotation'), ({'d': [0.1] * 3}, 'D has 3')])
+@pytest.mark.parametrize(
+    'change, message',
+    [
+        ({'distortion_model': 'magic'}, 'magic'),
+        ({'d': [float('nan')]}, 'D contains NaN'),
+        ({'k': [0.0] * 9}, 'K has'),
+        ({'r': [0.0] * 9}, 'R is no rotation'),
+        ({'d': [0.1] * 3}, 'D has 3'),
+    ],
+)
 def test_unusable_camera_info_is_refused_by_field(change, message):
     with pytest.raises(ValueError, match=message):
         Rectifier(raw_camera(0, **change), raw_camera(-50))

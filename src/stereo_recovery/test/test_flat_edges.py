@@ -17,9 +17,19 @@ def pieces(*lines) -> Pieces:
     length = np.hypot(*run.T)
     n = len(ends)
     zeros = np.zeros(n)
-    return Pieces(np.zeros((n, 2), int), np.arange(n), ends[:, 0], run / length[:, None],
-                  np.column_stack([zeros, length]), zeros, zeros, zeros + 50.0, np.full((n, 2), 1e-4), zeros + 20.0,
-                  np.full(n, -1, np.int32))
+    return Pieces(
+        np.zeros((n, 2), int),
+        np.arange(n),
+        ends[:, 0],
+        run / length[:, None],
+        np.column_stack([zeros, length]),
+        zeros,
+        zeros,
+        zeros + 50.0,
+        np.full((n, 2), 1e-4),
+        zeros + 20.0,
+        np.full(n, -1, np.int32),
+    )
 
 
 def no_corners(found: Pieces) -> Corners:
@@ -59,8 +69,9 @@ def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed)
     left, right = pieces(flat, STEEP), pieces(((20.0, 100.0), (118.0, 100.0)), shifted(STEEP, disparity))
     known = np.array([False, True])
     coefficient = np.array([[0.0, 0.0], [disparity, 0.0]])
-    kept = flat_edges.confirmed(np.array([[0, 100.0, 1, 0.0]]), known, coefficient, all_matched(2), left, right,
-                                no_corners(right))
+    kept = flat_edges.confirmed(
+        np.array([[0, 100.0, 1, 0.0]]), known, coefficient, all_matched(2), left, right, no_corners(right)
+    )
     assert list(kept) == [allowed]
 
 
@@ -103,7 +114,7 @@ def test_a_piece_that_matches_part_of_a_longer_one_is_compared_with_that_part():
     right = np.array([[40.0, 10.0, 40.0, 90.0, 0.0, 1.0, 90.0, 180.0, 20.0]])
     beside = np.tile([50.0, 100.0], (1, SAMPLES, 1))
     right_beside = beside.copy()
-    right_beside[0, :SAMPLES // 2] = 90.0, 180.0
+    right_beside[0, : SAMPLES // 2] = 90.0, 180.0
     _, value = relaxation_kernels.candidates(left, right, beside, right_beside, 0.0, 1000.0, 0.1, -1000.0, 12.0)
     assert value[0, 5] > 0.5
 
@@ -115,7 +126,9 @@ def test_the_nearer_of_two_edges_side_by_side_goes_first_when_it_is_nearly_as_st
     value = np.array([[30.0, 30.0, 30.0, 10.0, 50.0, 1.0], [33.0, 33.0, 33.0, 10.0, 50.0, 0.8]])
     first, right_first, right_of = np.array([0, 2]), np.array([0, 1, 2]), np.array([0, 1])
     for strength, order in (((1.0, 0.8), [1, 0]), ((1.0, 0.4), [0, 1])):
-        standing = relaxation_kernels.standing(node, value, np.array(strength), np.ones(2), first, right_of, right_first)
+        standing = relaxation_kernels.standing(
+            node, value, np.array(strength), np.ones(2), first, right_of, right_first
+        )
         assert list(np.argsort(-standing)) == order
 
 

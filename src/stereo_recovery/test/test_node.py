@@ -41,13 +41,22 @@ class Bench:
         self.executor = SingleThreadedExecutor(context=self.context)
         for node in (self.node, self.tester):
             self.executor.add_node(node)
-        self.out = {topic: self._collect(kind, topic) for kind, topic in
-                    ((PointCloud2, 'features'), (MarkerArray, 'features/markers'), (Image, 'debug_image'))}
-        self.sources = [self.tester.create_publisher(kind, f'{side}/{name}', 10) for side in ('left', 'right')
-                        for kind, name in ((Image, 'image_rect'), (CameraInfo, 'camera_info'))]
-        self.until(lambda: all(s.get_subscription_count() for s in self.sources)
-                   and self.node.features_out.get_subscription_count()
-                   and self.node.debug_out.get_subscription_count())
+        self.out = {
+            topic: self._collect(kind, topic)
+            for kind, topic in ((PointCloud2, 'features'), (MarkerArray, 'features/markers'), (Image, 'debug_image'))
+        }
+        self.sources = [
+            self.tester.create_publisher(kind, f'{side}/{name}', 10)
+            for side in ('left', 'right')
+            for kind, name in ((Image, 'image_rect'), (CameraInfo, 'camera_info'))
+        ]
+        self.until(
+            lambda: (
+                all(s.get_subscription_count() for s in self.sources)
+                and self.node.features_out.get_subscription_count()
+                and self.node.debug_out.get_subscription_count()
+            )
+        )
 
     def _collect(self, kind, topic) -> list:
         received: list = []
@@ -162,5 +171,6 @@ def test_the_config_file_states_the_defaults():
     from importlib import resources
 
     import yaml
+
     text = (resources.files('stereo_recovery') / 'config' / 'recovery.yaml').read_text()
     assert yaml.safe_load(text)['/**']['ros__parameters'] == RecoveryConfig().as_parameters()

@@ -36,8 +36,9 @@ def pieces_of(image, noise: float = 0.0):
 
 def places(pieces, row: float = 48.0):
     """Columns where the upright pieces cross a row."""
-    return np.sort([c[0] + (row - c[1]) * t[0] / t[1] for c, t in zip(pieces.centre, pieces.direction)
-                    if abs(t[1]) > 0.9])
+    return np.sort(
+        [c[0] + (row - c[1]) * t[0] / t[1] for c, t in zip(pieces.centre, pieces.direction) if abs(t[1]) > 0.9]
+    )
 
 
 @pytest.mark.parametrize('thin', [1.5, 2.0, 3.0])

@@ -35,14 +35,29 @@ def edgels(points: np.ndarray, eye: float, seed: int) -> Edgels:
     across = (at - centre) / np.linalg.norm(at - centre, axis=1, keepdims=True)
     at = at + NOISE * np.random.default_rng(seed).normal(size=(len(at), 1)) * across
     level = np.full(len(at), NOISE)
-    return Edgels(at, np.arctan2(across[:, 1], across[:, 0]), np.full(len(at), 40.0), level, level, np.ones(len(at)),
-                  np.zeros(len(at)))
+    return Edgels(
+        at,
+        np.arctan2(across[:, 1], across[:, 0]),
+        np.full(len(at), 40.0),
+        level,
+        level,
+        np.ones(len(at)),
+        np.zeros(len(at)),
+    )
 
 
 def fitted(radius: float, pair: tuple[Edgels, Edgels]) -> Curve:
     """The circle that the curve fit makes of the edgels of both images."""
-    start = Curve(CENTRE, -towards(CENTRE), towards(np.cross(CENTRE, [0.0, 1.0, 0.0])), np.full(2, radius),
-                  np.zeros((6, 6)), np.inf, np.ones(len(pair[0]), bool), np.ones(len(pair[1]), bool))
+    start = Curve(
+        CENTRE,
+        -towards(CENTRE),
+        towards(np.cross(CENTRE, [0.0, 1.0, 0.0])),
+        np.full(2, radius),
+        np.zeros((6, 6)),
+        np.inf,
+        np.ones(len(pair[0]), bool),
+        np.ones(len(pair[1]), bool),
+    )
     found = refine(start, *pair, RIG, 0.0, circle=True)
     assert found is not None
     return replace(found, left=start.left, right=start.right)
@@ -56,8 +71,18 @@ def test_the_outline_of_a_ball_is_no_curve(radius, extent):
         # The circle in which the cone of sight touches the ball.
         sight = CENTRE - [eye, 0.0, 0.0]
         far = np.linalg.norm(sight)
-        pair.append(edgels(ring(CENTRE - radius ** 2 / far * towards(sight), towards(sight),
-                                radius * np.sqrt(1.0 - (radius / far) ** 2), extent), eye, seed))
+        pair.append(
+            edgels(
+                ring(
+                    CENTRE - radius**2 / far * towards(sight),
+                    towards(sight),
+                    radius * np.sqrt(1.0 - (radius / far) ** 2),
+                    extent,
+                ),
+                eye,
+                seed,
+            )
+        )
     assert without_balls([fitted(radius, tuple(pair))], tuple(pair), RIG, 0.0) == []
 
 
@@ -65,6 +90,7 @@ def test_the_outline_of_a_ball_is_no_curve(radius, extent):
 @pytest.mark.parametrize('tilt', [0.0, 0.1, 0.5])
 def test_a_disc_is_a_curve_even_when_it_faces_us(radius, tilt):
     normal = towards(towards(CENTRE - [0.5 * RIG.baseline, 0.0, 0.0]) + [0.0, tilt, 0.0])
-    pair = tuple(edgels(ring(CENTRE, normal, radius, 2.0 * np.pi), eye, seed)
-                 for seed, eye in enumerate((0.0, RIG.baseline)))
+    pair = tuple(
+        edgels(ring(CENTRE, normal, radius, 2.0 * np.pi), eye, seed) for seed, eye in enumerate((0.0, RIG.baseline))
+    )
     assert len(without_balls([fitted(radius, pair)], pair, RIG, 0.0)) == 1

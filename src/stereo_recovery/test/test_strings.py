@@ -11,7 +11,7 @@ from stereo_recovery.detection.chains import link, with_weak
 from stereo_recovery.detection.segmentation import split
 
 SIGMA, NOISE = 0.8, 2.0
-GRADIENT_NOISE = NOISE / (np.sqrt(8.0 * np.pi) * SIGMA ** 2)
+GRADIENT_NOISE = NOISE / (np.sqrt(8.0 * np.pi) * SIGMA**2)
 
 
 def found(image: np.ndarray, low: float, high: float):
@@ -35,7 +35,7 @@ def test_a_long_weak_edge_is_found_and_noise_is_not(contrast):
 
 def test_two_edges_that_meet_at_a_slight_angle_are_not_joined_through_a_scrap():
     """A face whose outline bends by 5 degrees in the middle."""
-    v, u = np.mgrid[0:160 * 4, 0:160 * 4] / 4.0
+    v, u = np.mgrid[0 : 160 * 4, 0 : 160 * 4] / 4.0
     edge = np.where(v < 80, 70.0, 70.0 + np.tan(np.radians(5.0)) * (v - 80))
     image = np.where(u > edge, 150.0, 50.0).reshape(160, 4, 160, 4).mean(axis=(1, 3)).astype(np.float32)
     image = cv2.GaussianBlur(image, (0, 0), 0.5)

@@ -11,10 +11,21 @@ from stereo_recovery.matching.relaxation import Matches
 
 # A quadrangle of known edges and, below its lower left corner, an edge that leads to the corner of another face.
 TOP_LEFT, TOP_RIGHT, LOW_RIGHT, LOW_LEFT, DEEP, DEEP_RIGHT = (
-    (100.0, 100.0, 50.0), (200.0, 104.0, 51.0), (204.0, 200.0, 54.0), (103.0, 196.0, 53.0), (99.0, 230.0, 40.0),
-    (194.0, 234.0, 41.0))
-KNOWN = ((TOP_LEFT, TOP_RIGHT), (TOP_RIGHT, LOW_RIGHT), (LOW_RIGHT, LOW_LEFT), (LOW_LEFT, TOP_LEFT),
-         (DEEP, DEEP_RIGHT), (DEEP_RIGHT, LOW_RIGHT))
+    (100.0, 100.0, 50.0),
+    (200.0, 104.0, 51.0),
+    (204.0, 200.0, 54.0),
+    (103.0, 196.0, 53.0),
+    (99.0, 230.0, 40.0),
+    (194.0, 234.0, 41.0),
+)
+KNOWN = (
+    (TOP_LEFT, TOP_RIGHT),
+    (TOP_RIGHT, LOW_RIGHT),
+    (LOW_RIGHT, LOW_LEFT),
+    (LOW_LEFT, TOP_LEFT),
+    (DEEP, DEEP_RIGHT),
+    (DEEP_RIGHT, LOW_RIGHT),
+)
 
 
 def pieces_between(ends: np.ndarray) -> Pieces:
@@ -22,9 +33,19 @@ def pieces_between(ends: np.ndarray) -> Pieces:
     run = ends[:, 1] - ends[:, 0]
     length = np.hypot(run[:, 0], run[:, 1])
     n = len(ends)
-    return Pieces(np.tile([0, 30], (n, 1)), np.arange(n), ends.mean(axis=1), run / length[:, None],
-                  length[:, None] * [-0.5, 0.5], np.full(n, 0.02), np.zeros(n), length,
-                  np.stack([np.full(n, 0.02), 0.05 / length], axis=1), np.full(n, 20.0), np.full(n, -1, np.int32))
+    return Pieces(
+        np.tile([0, 30], (n, 1)),
+        np.arange(n),
+        ends.mean(axis=1),
+        run / length[:, None],
+        length[:, None] * [-0.5, 0.5],
+        np.full(n, 0.02),
+        np.zeros(n),
+        length,
+        np.stack([np.full(n, 0.02), 0.05 / length], axis=1),
+        np.full(n, 20.0),
+        np.full(n, -1, np.int32),
+    )
 
 
 def pair(lines: list) -> tuple[Matches, Pieces, Pieces]:
@@ -33,17 +54,23 @@ def pair(lines: list) -> tuple[Matches, Pieces, Pieces]:
     right = np.array([[(u - d, v) for u, v, d in line[-2:]] for line in lines])
     disparity = left[..., 0] - right[..., 0]
     n = len(lines)
-    matches = Matches(np.arange(n, dtype=np.int32), np.arange(n, dtype=np.int32),
-                      np.column_stack([disparity[:, 0], disparity.mean(axis=1), disparity[:, 1]]),
-                      np.sort(left[..., 1], axis=1), np.ones(n))
+    matches = Matches(
+        np.arange(n, dtype=np.int32),
+        np.arange(n, dtype=np.int32),
+        np.column_stack([disparity[:, 0], disparity.mean(axis=1), disparity[:, 1]]),
+        np.sort(left[..., 1], axis=1),
+        np.ones(n),
+    )
     return matches, pieces_between(left), pieces_between(right)
 
 
 def found(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[np.ndarray, np.ndarray]]:
     """Left ends (2, 2) of the edges, and their disparities (2,)."""
     lines, shown, _ = edges(matches, left, right, corners(left), corners(right), 0.05)
-    return [(shown.centre[i] + reach[:, None] * shown.direction[i], a + b * reach)
-            for i, reach, (a, b) in zip(lines.left, lines.reach, lines.coefficient)]
+    return [
+        (shown.centre[i] + reach[:, None] * shown.direction[i], a + b * reach)
+        for i, reach, (a, b) in zip(lines.left, lines.reach, lines.coefficient)
+    ]
 
 
 def of_ends(first: tuple, last: tuple, among: list) -> list[np.ndarray]:
@@ -62,7 +89,7 @@ def test_a_pair_of_neighbours_beside_a_thin_face_gives_way_to_the_edge_between_t
     beside = ((97.0, 180.0, 0.0), DEEP)
     matches, left, right = pair([*KNOWN, (*beside, LOW_LEFT, DEEP)])
     result = found(matches, left, right)
-    between, = of_ends(LOW_LEFT, DEEP, result)
+    (between,) = of_ends(LOW_LEFT, DEEP, result)
     np.testing.assert_allclose(between, [53.0, 40.0], atol=0.3)
     assert not of_ends(*beside, result)
     assert len(result) == len(KNOWN) + 1
@@ -71,7 +98,7 @@ def test_a_pair_of_neighbours_beside_a_thin_face_gives_way_to_the_edge_between_t
 def test_a_true_pair_stays_as_it_is():
     matches, left, right = pair([*KNOWN, (LOW_LEFT, DEEP)])
     result = found(matches, left, right)
-    between, = of_ends(LOW_LEFT, DEEP, result)
+    (between,) = of_ends(LOW_LEFT, DEEP, result)
     np.testing.assert_allclose(between, [53.0, 40.0], atol=0.2)
     assert len(result) == len(KNOWN) + 1
 
@@ -85,7 +112,7 @@ def test_an_edge_between_two_known_corners_needs_but_one_image(side):
     sides = [left, right]
     ends = np.stack([sides[side].start, sides[side].end], axis=1)
     sides[side] = pieces_between(np.concatenate([ends, piece]))
-    between, = of_ends(LOW_LEFT, DEEP, found(matches, *sides))
+    (between,) = of_ends(LOW_LEFT, DEEP, found(matches, *sides))
     np.testing.assert_allclose(between, [53.0, 40.0], atol=0.3)
 
 
@@ -102,25 +129,36 @@ def test_an_edge_that_runs_the_other_way_in_the_other_image_is_matched_by_its_co
     away = (118.0, 235.0, 78.0)
     matches, left, right = pair([*KNOWN, (LOW_LEFT, away), (away, (190.0, 262.0, 78.0))])
     unmatched = [k for k in range(len(matches)) if k != len(KNOWN)]
-    matches = Matches(matches.left[unmatched], matches.right[unmatched], matches.disparity[unmatched],
-                      matches.rows[unmatched], matches.belief[unmatched])
-    between, = of_ends(LOW_LEFT, away, found(matches, left, right))
+    matches = Matches(
+        matches.left[unmatched],
+        matches.right[unmatched],
+        matches.disparity[unmatched],
+        matches.rows[unmatched],
+        matches.belief[unmatched],
+    )
+    (between,) = of_ends(LOW_LEFT, away, found(matches, left, right))
     np.testing.assert_allclose(between, [53.0, 78.0], atol=0.4)
 
 
 def test_edges_that_leave_a_corner_for_different_heights_are_no_pair():
     matches, left, right = pair([*KNOWN, (LOW_LEFT, (110.0, 240.0, 50.0), LOW_LEFT, (110.0, 225.0, 50.0))])
     alone = np.arange(len(KNOWN))
-    matches = Matches(matches.left[alone], matches.right[alone], matches.disparity[alone], matches.rows[alone],
-                      matches.belief[alone])
+    matches = Matches(
+        matches.left[alone], matches.right[alone], matches.disparity[alone], matches.rows[alone], matches.belief[alone]
+    )
     assert len(found(matches, left, right)) == len(KNOWN)
 
 
 def test_a_string_that_is_lost_beside_another_edge_reaches_their_common_corner():
     # A thin face: its edges meet at (150, 40), and are less than five pixels apart over the last third.
     corner = np.array([150.0, 40.0])
-    ends = np.array([[[80.0, 140.0], corner], [[92.0, 145.0], corner + 0.35 * (np.array([92.0, 145.0]) - corner)],
-                     [corner, [230.0, 50.0]]])
+    ends = np.array(
+        [
+            [[80.0, 140.0], corner],
+            [[92.0, 145.0], corner + 0.35 * (np.array([92.0, 145.0]) - corner)],
+            [corner, [230.0, 50.0]],
+        ]
+    )
     pieces = pieces_between(ends)
     met = corners(pieces)
     reached = pieces.centre[1] + met.place[1, 1] * pieces.direction[1]

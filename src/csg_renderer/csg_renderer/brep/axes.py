@@ -34,8 +34,9 @@ def axes(table: SurfaceTable, curved: Pieces, closed: np.ndarray) -> tuple[np.nd
     return start[once], end[once]
 
 
-def _spans(table: SurfaceTable, curved: Pieces, closed: np.ndarray, group: int, frame: np.ndarray,
-           cone: bool) -> list[tuple[float, float]]:
+def _spans(
+    table: SurfaceTable, curved: Pieces, closed: np.ndarray, group: int, frame: np.ndarray, cone: bool
+) -> list[tuple[float, float]]:
     """Ranges of unit-frame z between the planar ends of each connected piece of one curved surface."""
     inverse = np.linalg.inv(frame)
     branches = curved.branches
@@ -69,8 +70,11 @@ def _spans(table: SurfaceTable, curved: Pieces, closed: np.ndarray, group: int, 
     for part in range(label.max(initial=-1) + 1):
         member = label == part
         # An end belongs to the part if the part's ruling through the end's middle stops there.
-        at_ends = [height[k] for k in range(len(at)) if (member & (row == k) & (
-            (np.abs(low - local[k, 2]) < 1e-6) | (np.abs(high - local[k, 2]) < 1e-6))).any()]
+        at_ends = [
+            height[k]
+            for k in range(len(at))
+            if (member & (row == k) & ((np.abs(low - local[k, 2]) < 1e-6) | (np.abs(high - local[k, 2]) < 1e-6))).any()
+        ]
         if not at_ends:
             continue
         first, last = min(at_ends), max(at_ends)
@@ -105,6 +109,9 @@ def connected(angle: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndar
     after[order] = np.roll(order, -1)
     same = row[:, None] == row[None, :]
     slack = np.where(same, 1e-7, -1e-7)
-    linked = ((same | (row[None, :] == after[row][:, None]))
-              & (low[:, None] < high[None, :] + slack) & (low[None, :] < high[:, None] + slack))
+    linked = (
+        (same | (row[None, :] == after[row][:, None]))
+        & (low[:, None] < high[None, :] + slack)
+        & (low[None, :] < high[:, None] + slack)
+    )
     return linked_groups(len(row), np.argwhere(linked))

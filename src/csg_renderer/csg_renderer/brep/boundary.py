@@ -65,10 +65,13 @@ class Boundary:
     def features(self) -> FeatureSet:
         """The matching features: edges, then circles and ellipses, then axes."""
         k = self.ellipse
-        return FeatureSet.concatenate([
-            FeatureSet.from_edges(self.edge_start, self.edge_end),
-            arcs(self.conic[self.curve[k]], self.curve_low[k], self.curve_high[k], self.curve_normal[k]),
-            FeatureSet.from_axes(self.axis_start, self.axis_end)])
+        return FeatureSet.concatenate(
+            [
+                FeatureSet.from_edges(self.edge_start, self.edge_end),
+                arcs(self.conic[self.curve[k]], self.curve_low[k], self.curve_high[k], self.curve_normal[k]),
+                FeatureSet.from_axes(self.axis_start, self.axis_end),
+            ]
+        )
 
 
 def evaluate(solid: Solid) -> Boundary:
@@ -87,10 +90,20 @@ def evaluate(solid: Solid) -> Boundary:
     skew = tuple(table.metres(samples) for samples in skew_found.creases)
     anatomy = Anatomy(table, found.point, found.direction, found.conic, straight, curved, skew_found, edges, curves)
     return Boundary(
-        anatomy, table.metres(point + edges.low[:, None] * direction),
-        table.metres(point + edges.high[:, None] * direction), to_metres @ found.conic, curves.curve, curves.low,
-        curves.high, _normals(table, found.conic, curved, curves), ellipse, table.metres(axis_start),
-        table.metres(axis_end), skew, _notices(anatomy, ellipse))
+        anatomy,
+        table.metres(point + edges.low[:, None] * direction),
+        table.metres(point + edges.high[:, None] * direction),
+        to_metres @ found.conic,
+        curves.curve,
+        curves.low,
+        curves.high,
+        _normals(table, found.conic, curved, curves),
+        ellipse,
+        table.metres(axis_start),
+        table.metres(axis_end),
+        skew,
+        _notices(anatomy, ellipse),
+    )
 
 
 def _notices(anatomy: Anatomy, ellipse: np.ndarray) -> tuple[str, ...]:
@@ -100,8 +113,10 @@ def _notices(anatomy: Anatomy, ellipse: np.ndarray) -> tuple[str, ...]:
         out.append('the solid is empty: NULL')
     elif not any(len(pieces.branches.point) for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces)):
         out.append('no surfaces meet on the boundary: the solid has no creases, or nothing is left of it')
-    shared = sum(int((np.bincount(pieces.branches.point, minlength=1) > 2).sum())
-                 for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces))
+    shared = sum(
+        int((np.bincount(pieces.branches.point, minlength=1) > 2).sum())
+        for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces)
+    )
     if shared:
         out.append(f'more than two faces meet along {shared} piece(s) of crease: parts of the solid only touch there')
     if (~ellipse).any():
@@ -146,8 +161,10 @@ def _normals(table: SurfaceTable, conic: np.ndarray, pieces: Pieces, runs: Runs)
     out = np.zeros((len(runs), 3))
     branches = pieces.branches
     for row, (curve, piece) in enumerate(zip(runs.curve, runs.piece)):
-        plane = np.cross(conic[curve, :3, 0] - conic[curve, 3, 0] * pieces.middle[piece],
-                         conic[curve, :3, 1] - conic[curve, 3, 1] * pieces.middle[piece])
+        plane = np.cross(
+            conic[curve, :3, 0] - conic[curve, 3, 0] * pieces.middle[piece],
+            conic[curve, :3, 1] - conic[curve, 3, 1] * pieces.middle[piece],
+        )
         plane /= np.linalg.norm(plane)
         mine = branches.point == piece
         flat = mine & (branches.group < len(table.planes))

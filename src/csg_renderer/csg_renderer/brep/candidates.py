@@ -51,8 +51,11 @@ def candidates(table: SurfaceTable) -> Candidates:
     if lines:
         # Lines of planes come first, and are kept as they are where a quadric has the same one.
         quality = np.concatenate([np.full(len(point), 2.0), np.ones(len(lines))])
-        point, direction = distinct_lines(np.concatenate([point, [line[0] for line in lines]]),
-                                          np.concatenate([direction, [line[1] for line in lines]]), quality)
+        point, direction = distinct_lines(
+            np.concatenate([point, [line[0] for line in lines]]),
+            np.concatenate([direction, [line[1] for line in lines]]),
+            quality,
+        )
     conic = np.array(conics).reshape(-1, 4, 3)
     conic = conic[cluster(identity(conic), ON)[1]]
     return Candidates(point, direction, conic, tuple(skew), np.array(extra).reshape(-1, 4))
@@ -68,5 +71,4 @@ def _group_pairs(table: SurfaceTable) -> tuple[list[tuple[int, int]], list[tuple
     low, high = np.minimum(one, two), np.maximum(one, two)
     keep = (low >= 0) & (high >= g) & (low != high)
     unique = np.unique(np.stack([low[keep], high[keep]], axis=1), axis=0)
-    return ([(int(a), int(b) - g) for a, b in unique if a < g],
-            [(int(a) - g, int(b) - g) for a, b in unique if a >= g])
+    return ([(int(a), int(b) - g) for a, b in unique if a < g], [(int(a) - g, int(b) - g) for a, b in unique if a >= g])

@@ -59,7 +59,7 @@ def section(table: SurfaceTable, quadric: int, plane: np.ndarray) -> tuple[list[
     one = np.array([u[0] * near, u[1] * near, near])
     two = np.array([-u[0] * far, -u[1] * far, far])
     centre = 0.5 * (one + two)
-    half = np.sqrt(max(centre[2]**2 - centre[0]**2 - centre[1]**2, 0.0))
+    half = np.sqrt(max(centre[2] ** 2 - centre[0] ** 2 - centre[1] ** 2, 0.0))
     return [frame @ _ellipse(centre, 0.5 * (one - two), half * np.array([-u[1], u[0], 0.0]))], []
 
 
@@ -127,7 +127,7 @@ def conic_cuts(table: SurfaceTable, conic: np.ndarray, extra: np.ndarray) -> lis
             owner.append(np.broadcast_to(np.append(np.arange(g), np.full(len(extra) + 1, -1)), met.shape))
     if n and len(table.quadrics):
         form = np.einsum('nia,qij,njb->nqab', conic, table.quadrics, conic)
-        found = quadric_angles(form, (np.linalg.norm(conic, axis=(1, 2))**2)[:, None])
+        found = quadric_angles(form, (np.linalg.norm(conic, axis=(1, 2)) ** 2)[:, None])
         roots.append(found.reshape(n, -1))
         owner.append(np.broadcast_to(np.repeat(g + np.arange(len(table.quadrics)), 4), (n, found.shape[1] * 4)))
     if not n:
@@ -240,8 +240,12 @@ def _degenerate(a: np.ndarray, b: np.ndarray) -> list[tuple[float, float]]:
     # (a2 - x b2) = (c + x s) a + (s - x c) b
     # A multiple zero is scattered by rounding, but the mean of its scattered copies is accurate.
     found = []
-    for x in [values[np.abs(values - x) <= reach * (1.0 + np.abs(x))].mean().real
-              for reach in (1e-2, 1e-4, 0.0) for x in values if abs(x.imag) < 1e-2 * (1.0 + abs(x))]:
+    for x in [
+        values[np.abs(values - x) <= reach * (1.0 + np.abs(x))].mean().real
+        for reach in (1e-2, 1e-4, 0.0)
+        for x in values
+        if abs(x.imag) < 1e-2 * (1.0 + abs(x))
+    ]:
         weights = np.array([c + x * s, s - x * c])
         weights /= np.linalg.norm(weights)
         found.append((float(weights[0]), float(weights[1])))

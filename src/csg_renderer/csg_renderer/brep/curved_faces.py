@@ -24,8 +24,9 @@ MERIDIANS = 24  # lines of constant angle that link the parts of a face, besides
 STEP = 1e-4  # how far inside its border a face is looked for, unit frame
 
 
-def curved_faces(table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
-                 ) -> tuple[list[FacePart], dict[int, int]]:
+def curved_faces(
+    table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
+) -> tuple[list[FacePart], dict[int, int]]:
     """All curved faces, and which of them each row of branches belongs to (rows from 0, faces from 0)."""
     faces: list[FacePart] = []
     owner: dict[int, int] = {}
@@ -35,8 +36,9 @@ def curved_faces(table: SurfaceTable, outlines: Sequence[Outline], branches: Bra
         chart = _chart(table.leaves[leaf].kind, table.frames[leaf], [o for o, _ in rows])
         for along in (True, False):
             mine = [(o, row) for o, row in rows if _along(table, g + k, o, branches, row) == along]
-            mine = [(o, row) for o, row in mine
-                    if sum(other is o for other, _ in mine) == 1]  # else the face goes on across the piece
+            mine = [
+                (o, row) for o, row in mine if sum(other is o for other, _ in mine) == 1
+            ]  # else the face goes on across the piece
             parts, found = _parts(table, chart, g + k, along, mine, branches)
             for row, label in found.items():
                 owner[row] = len(faces) + label
@@ -88,7 +90,7 @@ class _Chart:
     def angle_step(self, nodes: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """dt along a curve; zero on the axis, where the angle is undefined."""
         p, d = self.local(nodes), steps @ self.inverse[:3, :3].T
-        square = p[:, 0]**2 + p[:, 1]**2
+        square = p[:, 0] ** 2 + p[:, 1] ** 2
         return np.where(square > 1e-20, (p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]) / np.maximum(square, 1e-20), 0.0)
 
     def left(self, point: np.ndarray, tangent: np.ndarray, direction: np.ndarray) -> bool:
@@ -123,15 +125,21 @@ def _along(table: SurfaceTable, group: int, outline: Outline, branches: Branches
     return bool(branches.outward[row] @ gradient > 0.0)
 
 
-def _parts(table: SurfaceTable, chart: _Chart, group: int, along: bool, borders: list[tuple[Outline, int]],
-           branches: Branches) -> tuple[list[tuple[float, float]], dict[int, int]]:
+def _parts(
+    table: SurfaceTable, chart: _Chart, group: int, along: bool, borders: list[tuple[Outline, int]], branches: Branches
+) -> tuple[list[tuple[float, float]], dict[int, int]]:
     """Area and flux of each connected face of one quadric that looks one way, and the face of each border."""
     left = [chart.left(outline.middle, outline.tangent, branches.direction[row]) for outline, row in borders]
     owner, seeds = _seeds(table, chart, group, borders, left)
     # A face that narrows to a point there ends there: look at every vertex too.
     ends = chart.local(np.array([p for outline, _ in borders for p in (outline.start, outline.end)]).reshape(-1, 3))
-    angle = np.concatenate([np.arctan2(seeds[:, 1], seeds[:, 0]), np.arctan2(ends[:, 1], ends[:, 0]),
-                            0.1234 + 2.0 * np.pi * np.arange(MERIDIANS) / MERIDIANS])
+    angle = np.concatenate(
+        [
+            np.arctan2(seeds[:, 1], seeds[:, 0]),
+            np.arctan2(ends[:, 1], ends[:, 0]),
+            0.1234 + 2.0 * np.pi * np.arange(MERIDIANS) / MERIDIANS,
+        ]
+    )
     row, low, high = _meridians(table, chart, group, along, angle)
     if not len(row):
         return [], {}
@@ -164,8 +172,9 @@ def _parts(table: SurfaceTable, chart: _Chart, group: int, along: bool, borders:
     return [(float(a), float(f)) for a, f in total[keep]], {branch: int(rank[part]) for branch, part in found.items()}
 
 
-def _seeds(table: SurfaceTable, chart: _Chart, group: int, borders: list[tuple[Outline, int]],
-           left: list[bool]) -> tuple[np.ndarray, np.ndarray]:
+def _seeds(
+    table: SurfaceTable, chart: _Chart, group: int, borders: list[tuple[Outline, int]], left: list[bool]
+) -> tuple[np.ndarray, np.ndarray]:
     """Unit-frame points (n, 3) just inside the face beside each border, some along each, and their border (n,)."""
     owner, points = [], []
     for k, (outline, _) in enumerate(borders):
@@ -186,7 +195,7 @@ def _following(borders: list[tuple[Outline, int]], left: list[bool]) -> list[tup
     start = np.array([o.start if forward else o.end for (o, _), forward in zip(borders, left)])
     end = np.array([o.end if forward else o.start for (o, _), forward in zip(borders, left)])
     vertex = cluster(np.concatenate([start, end]), VERTEX)[0]
-    begins, stops = vertex[:len(start)], vertex[len(start):]
+    begins, stops = vertex[: len(start)], vertex[len(start) :]
     pairs = []
     for k, where in enumerate(stops):
         after = np.nonzero(begins == where)[0]
@@ -206,20 +215,23 @@ def _linked(label: np.ndarray, owner: np.ndarray, beside: np.ndarray, following:
     return linked_groups(int(label.max()) + 1, links)[label]
 
 
-def _add_poles(chart: _Chart, row: np.ndarray, low: np.ndarray, high: np.ndarray, label: np.ndarray, sign: float,
-               total: np.ndarray) -> None:
+def _add_poles(
+    chart: _Chart, row: np.ndarray, low: np.ndarray, high: np.ndarray, label: np.ndarray, sign: float, total: np.ndarray
+) -> None:
     """A pole inside a face is a whole side of the (t, h) plane, which no border runs along."""
     t, weight = quadrature(0.0, 2.0 * np.pi)
     for end, pole in ((high, 0.5 * np.pi), (low, -0.5 * np.pi)):
         at = np.nonzero(np.abs(end - pole) < 1e-9)[0]
         if len(at):
             h = np.full(len(t), np.sign(pole))
-            total[label[at[0]]] += np.sign(pole) * np.array([
-                (chart.area(t, h) * weight).sum(), sign * (chart.flux(t, h) * weight).sum()])
+            total[label[at[0]]] += np.sign(pole) * np.array(
+                [(chart.area(t, h) * weight).sum(), sign * (chart.flux(t, h) * weight).sum()]
+            )
 
 
-def _meridians(table: SurfaceTable, chart: _Chart, group: int, along: bool,
-               angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _meridians(
+    table: SurfaceTable, chart: _Chart, group: int, along: bool, angle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the face stands on lines of constant angle: which line, and ranges of height (sphere: of latitude)."""
     c, s, frame = np.cos(angle), np.sin(angle), chart.frame
     zero, one = np.zeros_like(c), np.ones_like(c)

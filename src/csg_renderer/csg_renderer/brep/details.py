@@ -91,10 +91,26 @@ def details(anatomy: Anatomy) -> Details:
     estimate, error = _sampled_volume(table, low, high)
     notices: tuple[str, ...] = ()
     if abs(volume - estimate) > 6.0 * error + 1e-9 * table.size**3:
-        volume, notices = estimate, ('the faces do not close: the volume is estimated by sampling, and faces and areas '
-                                     'are incomplete (surfaces much thinner in one direction than in another)',)
-    return Details(faces, table.metres(vertices), edge_faces, edge_angles, curve_faces, curve_angles, low, high,
-                   sum(face.area for face in faces), volume, notices)
+        volume, notices = (
+            estimate,
+            (
+                'the faces do not close: the volume is estimated by sampling, and faces and areas '
+                'are incomplete (surfaces much thinner in one direction than in another)',
+            ),
+        )
+    return Details(
+        faces,
+        table.metres(vertices),
+        edge_faces,
+        edge_angles,
+        curve_faces,
+        curve_angles,
+        low,
+        high,
+        sum(face.area for face in faces),
+        volume,
+        notices,
+    )
 
 
 def _sampled_volume(table: SurfaceTable, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
@@ -112,9 +128,13 @@ def _outlines(anatomy: Anatomy) -> tuple[list[Outline], Branches, int]:
     """All boundary pieces with quadratures, their branches in one table, and where the curved pieces start."""
     sets = (anatomy.straight, anatomy.curved, anatomy.skew.pieces)
     offset = np.cumsum([0] + [len(s.low) for s in sets])
-    branches = Branches(np.concatenate([s.branches.point + k for s, k in zip(sets, offset)]),
-                        *(np.concatenate([getattr(s.branches, name) for s in sets])
-                          for name in ('group', 'direction', 'outward', 'crease', 'signature')))
+    branches = Branches(
+        np.concatenate([s.branches.point + k for s, k in zip(sets, offset)]),
+        *(
+            np.concatenate([getattr(s.branches, name) for s in sets])
+            for name in ('group', 'direction', 'outward', 'crease', 'signature')
+        ),
+    )
     rows = [np.nonzero(branches.point == k)[0] for k in range(offset[-1])]
     outlines = []
     for k, (pieces, start) in enumerate(zip(sets, offset)):
@@ -137,8 +157,9 @@ def _outlines(anatomy: Anatomy) -> tuple[list[Outline], Branches, int]:
                     ends = anatomy.skew.points(int(pieces.curve[j]), np.array([low, high]))
             if not (np.isfinite(ends).all() and np.isfinite(nodes).all()):
                 continue  # next to infinity, where a nearly flat quadric can put a crossing
-            outlines.append(Outline(ends[0], ends[1], nodes, steps, pieces.middle[j], pieces.tangent[j],
-                                    rows[start + j]))
+            outlines.append(
+                Outline(ends[0], ends[1], nodes, steps, pieces.middle[j], pieces.tangent[j], rows[start + j])
+            )
     return outlines, branches, int(offset[1])
 
 
@@ -172,8 +193,7 @@ def _vertices(anatomy: Anatomy) -> np.ndarray:
     open_ = curves.high - curves.low < 2.0 * np.pi - 1e-6
     for angle in (curves.low[open_], curves.high[open_]):
         found.append(positions(anatomy.conic[curves.curve[open_]], angle)[0])
-    found += [samples[[0, -1]] for samples in anatomy.skew.creases
-              if np.linalg.norm(samples[0] - samples[-1]) > VERTEX]
+    found += [samples[[0, -1]] for samples in anatomy.skew.creases if np.linalg.norm(samples[0] - samples[-1]) > VERTEX]
     apexes = [table.frames[leaf][:3, 3] for leaf in table.quadric_leaf if table.leaves[leaf].kind == 'CONE']
     if apexes:
         at = np.array(apexes)

@@ -52,12 +52,15 @@ def quadrature(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     pieces = max(1, int(np.ceil((high - low) / 0.8)))
     borders = np.linspace(low, high, pieces + 1)
     half = 0.5 * np.diff(borders)[:, None]
-    return ((0.5 * (borders[1:] + borders[:-1])[:, None] + half * NODES).ravel(),
-            np.broadcast_to(half * WEIGHTS, (pieces, len(NODES))).ravel())
+    return (
+        (0.5 * (borders[1:] + borders[:-1])[:, None] + half * NODES).ravel(),
+        np.broadcast_to(half * WEIGHTS, (pieces, len(NODES))).ravel(),
+    )
 
 
-def planar_faces(table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
-                 ) -> tuple[list[FacePart], dict[int, int]]:
+def planar_faces(
+    table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
+) -> tuple[list[FacePart], dict[int, int]]:
     """All planar faces, and which of them each row of branches belongs to."""
     borders: dict[tuple[int, bool], list[tuple[int, int, bool]]] = {}
     for k, outline in enumerate(outlines):
@@ -112,7 +115,7 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
     start = np.array([o.start if forward else o.end for o, forward in zip(outlines, left)])
     end = np.array([o.end if forward else o.start for o, forward in zip(outlines, left)])
     vertex = cluster(np.concatenate([start, end]), VERTEX)[0]
-    begins, stops = vertex[:len(start)], vertex[len(start):]
+    begins, stops = vertex[: len(start)], vertex[len(start) :]
     points = [(o.nodes if forward else o.nodes[::-1]) @ frame for o, forward in zip(outlines, left)]
     flat_start, flat_end = start @ frame, end @ frame
     steps = [(o.steps if forward else -o.steps[::-1]) @ frame for o, forward in zip(outlines, left)]
@@ -135,9 +138,12 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
             members.append(k)
             k = successor[k]
         if members:
-            area = sum((1.0 if left[j] else -1.0) * 0.5 * float(
-                (np.cross(outlines[j].nodes - outlines[members[0]].start, outlines[j].steps) @ normal).sum())
-                for j in members)
+            area = sum(
+                (1.0 if left[j] else -1.0)
+                * 0.5
+                * float((np.cross(outlines[j].nodes - outlines[members[0]].start, outlines[j].steps) @ normal).sum())
+                for j in members
+            )
             loops.append(_Loop(members, area, np.concatenate([np.vstack([flat_start[j], points[j]]) for j in members])))
     return loops
 

@@ -62,10 +62,13 @@ def line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) -> 
     """(n, c) float64: increasing parameters at which lines enter or leave a leaf, padded with NaN."""
     m = len(table.leaves)
     step = max(1, CHUNK // max(1, m * (SLOTS + 2) * SLOTS))
-    parts = [_line_cuts(table, point[i:i + step], direction[i:i + step]) for i in range(0, len(point), step)]
+    parts = [_line_cuts(table, point[i : i + step], direction[i : i + step]) for i in range(0, len(point), step)]
     width = max((part.shape[1] for part in parts), default=0)
-    return np.concatenate([np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan)
-                           for part in parts]) if parts else np.zeros((0, 0))
+    return (
+        np.concatenate([np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan) for part in parts])
+        if parts
+        else np.zeros((0, 0))
+    )
 
 
 def _line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -99,7 +102,7 @@ def _line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) ->
         value = (square[:, slots] * t + linear[:, slots]) * t + constant[:, slots]
         kept = (value * sign <= GENEROUS).all(axis=-1)
     cuts = np.sort(np.where(kept, roots, np.nan).reshape(n, -1), axis=1)
-    return cuts[:, :int(np.isfinite(cuts).sum(axis=1).max(initial=0))]
+    return cuts[:, : int(np.isfinite(cuts).sum(axis=1).max(initial=0))]
 
 
 def _meet(one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -111,8 +114,9 @@ def _meet(one: np.ndarray, two: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
     return point, cross / safe, sine
 
 
-def _inside_planes(table: SurfaceTable, leaf: np.ndarray, point: np.ndarray,
-                   direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _inside_planes(
+    table: SurfaceTable, leaf: np.ndarray, point: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Parameter ranges (n,), (n,) of lines inside the planar faces of their leaves; curved faces are ignored."""
     g = len(table.planes)
     slots = table.slots[leaf]

@@ -55,11 +55,17 @@ def faces_through(table: SurfaceTable, points: np.ndarray) -> np.ndarray:
 def classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> Branches:
     """The boundary's branches at points (n, 3) of curves with unit tangents (n, 3), normalised frame."""
     step = max(1, CHUNK // max(1, 12 * table.slots.size))
-    parts = [_classify(table, points[i:i + step], tangents[i:i + step]) for i in range(0, max(len(points), 1), step)]
+    parts = [
+        _classify(table, points[i : i + step], tangents[i : i + step]) for i in range(0, max(len(points), 1), step)
+    ]
     offset = np.cumsum([0] + [len(part.crease) for part in parts])
-    return Branches(np.concatenate([part.point + k for part, k in zip(parts, offset)]),
-                    *(np.concatenate([getattr(part, name) for part in parts])
-                      for name in ('group', 'direction', 'outward', 'crease', 'signature')))
+    return Branches(
+        np.concatenate([part.point + k for part, k in zip(parts, offset)]),
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ('group', 'direction', 'outward', 'crease', 'signature')
+        ),
+    )
 
 
 def _classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> Branches:
@@ -94,7 +100,8 @@ def _classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> 
     np.put_along_axis(bundle, order, np.cumsum(bundle_edges, axis=1), 1)
     order = np.lexsort((~unused, curvature, bundle), axis=1)
     angle, bundle, curvature, owner, unused = (
-        np.take_along_axis(a, order, 1) for a in (angle, bundle, curvature, owner, unused))
+        np.take_along_axis(a, order, 1) for a in (angle, bundle, curvature, owner, unused)
+    )
     direction, turn = (np.take_along_axis(a, order[..., None], 1) for a in (direction, turn))
 
     # Sector j lies between branch j and the next; its angle is in the middle, or the branches' own in a cusp.
@@ -180,8 +187,9 @@ def _frame(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(tangents, first)
 
 
-def _curvature(table: SurfaceTable, points: np.ndarray, groups: np.ndarray, direction: np.ndarray,
-               turn: np.ndarray) -> np.ndarray:
+def _curvature(
+    table: SurfaceTable, points: np.ndarray, groups: np.ndarray, direction: np.ndarray, turn: np.ndarray
+) -> np.ndarray:
     """(n, b): how the section of each branch's surface bends from direction towards turn; 0 for planes."""
     out = np.zeros(groups.shape)
     g = len(table.planes)
@@ -196,8 +204,9 @@ def _curvature(table: SurfaceTable, points: np.ndarray, groups: np.ndarray, dire
     return out
 
 
-def _bend_along(table: SurfaceTable, points: np.ndarray, groups: np.ndarray, direction: np.ndarray,
-                along: np.ndarray) -> np.ndarray:
+def _bend_along(
+    table: SurfaceTable, points: np.ndarray, groups: np.ndarray, direction: np.ndarray, along: np.ndarray
+) -> np.ndarray:
     """(n, sectors, k): curvature, towards its gradient, of each surface along sectors of its own direction, else 0."""
     out = np.zeros(along.shape)
     g = len(table.planes)
@@ -216,4 +225,4 @@ def _fill_forward(truth: np.ndarray, empty: np.ndarray) -> np.ndarray:
     """Sectors of no width take the answer of the sector before them, round the circle."""
     twice = np.concatenate([truth, truth], axis=1)
     index = np.where(np.concatenate([empty, empty], axis=1), 0, np.arange(twice.shape[1]))
-    return np.take_along_axis(twice, np.maximum.accumulate(index, axis=1), 1)[:, truth.shape[1]:]
+    return np.take_along_axis(twice, np.maximum.accumulate(index, axis=1), 1)[:, truth.shape[1] :]

@@ -78,8 +78,16 @@ def conic_pieces(table: SurfaceTable, conic: np.ndarray, extra: np.ndarray, face
     return _kept(table, curve[real], low[real], high[real], middle[real], tangent[real], SHORTEST_ARC, faces)
 
 
-def _kept(table: SurfaceTable, curve: np.ndarray, low: np.ndarray, high: np.ndarray, middle: np.ndarray,
-          tangent: np.ndarray, shortest: float, faces: int) -> Pieces:
+def _kept(
+    table: SurfaceTable,
+    curve: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    middle: np.ndarray,
+    tangent: np.ndarray,
+    shortest: float,
+    faces: int,
+) -> Pieces:
     keep = faces_through(table, middle).sum(axis=1) >= faces
     curve, low, high, middle, tangent = curve[keep], low[keep], high[keep], middle[keep], tangent[keep]
     return Pieces(curve, low, high, middle, tangent, shortest, classify(table, middle, tangent))
@@ -93,25 +101,30 @@ def creases(pieces: Pieces, period: float | None = None) -> Runs:
     """
     signature = pieces.branches.signature
     index = np.nonzero(pieces.branches.crease)[0]
-    first, last = touching(pieces.curve[index], pieces.low[index], pieces.high[index], signature[index],
-                           2.0 * pieces.shortest)
+    first, last = touching(
+        pieces.curve[index], pieces.low[index], pieces.high[index], signature[index], 2.0 * pieces.shortest
+    )
     first, last = index[first], index[last]
     curve, low, high = pieces.curve[first], pieces.low[first].copy(), pieces.high[last].copy()
     keep = np.ones(len(first), bool)
     if period is not None:
         for k in np.unique(curve):
             a, b = np.nonzero(curve == k)[0][[0, -1]]
-            if a != b and low[a] + period - high[b] <= 2.0 * pieces.shortest and \
-                    signature[first[a]] == signature[last[b]]:
+            if (
+                a != b
+                and low[a] + period - high[b] <= 2.0 * pieces.shortest
+                and signature[first[a]] == signature[last[b]]
+            ):
                 high[b], keep[a] = high[a] + period, False
     length = pieces.high - pieces.low
-    longest = np.array([f + int(np.argmax(length[f:g + 1])) for f, g in zip(first, last)], int)
+    longest = np.array([f + int(np.argmax(length[f : g + 1])) for f, g in zip(first, last)], int)
     return Runs(curve[keep], low[keep], high[keep], longest[keep])
 
 
-def touching(curve: np.ndarray, low: np.ndarray, high: np.ndarray, signature: np.ndarray,
-             slack: float) -> tuple[np.ndarray, np.ndarray]:
+def touching(
+    curve: np.ndarray, low: np.ndarray, high: np.ndarray, signature: np.ndarray, slack: float
+) -> tuple[np.ndarray, np.ndarray]:
     """First and last member of each run of rows that continue each other; rows are ordered along each curve."""
-    apart = ((curve[1:] != curve[:-1]) | (low[1:] - high[:-1] > slack) | (signature[1:] != signature[:-1]))
+    apart = (curve[1:] != curve[:-1]) | (low[1:] - high[:-1] > slack) | (signature[1:] != signature[:-1])
     edge = np.ones(min(len(curve), 1), bool)
     return np.nonzero(np.concatenate([edge, apart]))[0], np.nonzero(np.concatenate([apart, edge]))[0]

@@ -108,7 +108,7 @@ def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
     scale = np.linalg.norm(form)
     ends = quadric_angles(form, np.array(scale)) if scale > 0.0 else np.zeros(0)
     ends = np.sort(ends[np.isfinite(ends)] % (2.0 * np.pi))
-    ends = ends[np.append(np.diff(ends) > 1e-7, True)[:len(ends)]]
+    ends = ends[np.append(np.diff(ends) > 1e-7, True)[: len(ends)]]
     if not len(ends):
         real = np.array([1.0, 0.0, 1.0]) @ form @ np.array([1.0, 0.0, 1.0]) > 0.0
         return [RuledCurve(vertex, base, other, 0.0, np.pi, sign) for sign in (1.0, -1.0)] if real else []
@@ -155,8 +155,15 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
         ahead = curves[k].points(at + 1e-5) - curves[k].points(at - 1e-5)
         tangent[mine] *= np.where(np.einsum('ni,ni->n', ahead, tangent[mine]) < 0.0, -1.0, 1.0)[:, None]
     good[good] = faces_through(table, middle[good]).sum(axis=1) >= 2
-    pieces = Pieces(row[good], low[good], high[good], middle[good], tangent[good], SHORTEST_ARC,
-                    classify(table, middle[good], tangent[good]))
+    pieces = Pieces(
+        row[good],
+        low[good],
+        high[good],
+        middle[good],
+        tangent[good],
+        SHORTEST_ARC,
+        classify(table, middle[good], tangent[good]),
+    )
     runs = creases(pieces, 2.0 * np.pi)
     found = (_sampled(curves[k], a, b) for k, a, b in zip(runs.curve, runs.low, runs.high))
     return SkewPieces(tuple(curves), pieces, tuple(samples for samples in found if len(samples) > 2))
@@ -167,7 +174,7 @@ def _sampled(curve: RuledCurve, low: float, high: float) -> np.ndarray:
     points = curve.points(np.linspace(low, high, 2 * count + 1))
     # A nearly flat quadric can bring a crossing next to infinity; what is finite is kept, an odd number of points.
     finite = points[np.isfinite(points).all(axis=1)]
-    return finite[:len(finite) - (len(finite) + 1) % 2]
+    return finite[: len(finite) - (len(finite) + 1) % 2]
 
 
 def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int]) -> np.ndarray:
@@ -183,7 +190,7 @@ def _plane_cuts(planes: np.ndarray, curve: RuledCurve) -> np.ndarray:
     level = np.abs(along) <= 1e-9 * np.linalg.norm(across, axis=1)
     conic = along[:, None, None] * curve.base - curve.vertex[:, None] * across[:, None, :]
     form = np.einsum('gia,ij,gjb->gab', conic, curve.other, conic)
-    t = quadric_angles(form, np.linalg.norm(conic, axis=(1, 2))**2)
+    t = quadric_angles(form, np.linalg.norm(conic, axis=(1, 2)) ** 2)
     t[level] = np.nan
     plane, root = np.nonzero(np.isfinite(t))
     t = t[plane, root]

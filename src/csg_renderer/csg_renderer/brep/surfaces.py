@@ -192,9 +192,21 @@ def compile_surfaces(solid: Solid) -> SurfaceTable:
         slots[i, k], sign[i, k], real[i, k] = group, s, face
     for (i, k, _), group in zip(curved, quadric_group):
         slots[i, k], real[i, k] = g + group, True
-    return SurfaceTable(leaves, centre, size, (planes * flip[:, None])[first], quadrics[first_quadric],
-                        np.array([curved[k][0] for k in first_quadric], int), frames, slots, sign, real,
-                        (boxes[:, 0] - centre) / size, (boxes[:, 1] - centre) / size, program)
+    return SurfaceTable(
+        leaves,
+        centre,
+        size,
+        (planes * flip[:, None])[first],
+        quadrics[first_quadric],
+        np.array([curved[k][0] for k in first_quadric], int),
+        frames,
+        slots,
+        sign,
+        real,
+        (boxes[:, 0] - centre) / size,
+        (boxes[:, 1] - centre) / size,
+        program,
+    )
 
 
 def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -261,5 +273,3 @@ def _leaf_box(leaf: Primitive) -> np.ndarray:
     far = np.stack([t + z - reach, t + z + reach])
     near = np.stack([t, t]) if leaf.kind == 'CONE' else np.stack([t - reach, t + reach])
     return np.stack([np.minimum(near[0], far[0]), np.maximum(near[1], far[1])])
-
-

@@ -33,8 +33,9 @@ class Drawing:
     height: int
 
 
-def view_from(direction: ArrayLike, low: np.ndarray, high: np.ndarray, width: int = 900, height: int = 700
-              ) -> tuple[Pose, PinholeCamera]:
+def view_from(
+    direction: ArrayLike, low: np.ndarray, high: np.ndarray, width: int = 900, height: int = 700
+) -> tuple[Pose, PinholeCamera]:
     """camera_T_model and a camera that looks at a box from a direction (3,), model frame, z upwards in the picture.
 
     Raises ValueError when the direction is zero.
@@ -50,8 +51,10 @@ def view_from(direction: ArrayLike, low: np.ndarray, high: np.ndarray, width: in
     size = float(np.linalg.norm(high - low)) or 1.0
     middle = 0.5 * (low + high)
     focal = 0.9 * min(width, height) * (DISTANCE - 0.5)
-    return (Pose(rotation, -rotation @ middle + [0.0, 0.0, DISTANCE * size]),
-            PinholeCamera.centred(width, height, focal))
+    return (
+        Pose(rotation, -rotation @ middle + [0.0, 0.0, DISTANCE * size]),
+        PinholeCamera.centred(width, height, focal),
+    )
 
 
 def draw_solid(solid: Solid, pose: Pose, camera: PinholeCamera) -> Drawing:
@@ -60,14 +63,24 @@ def draw_solid(solid: Solid, pose: Pose, camera: PinholeCamera) -> Drawing:
     everything = polylines(found.features.transformed(pose), (FeatureKind.EDGE, FeatureKind.CURVE))
     everything += [pose.apply(points) for points in other_creases(found)]
     visible = polylines(seen.features, (FeatureKind.EDGE, FeatureKind.CURVE)) + list(seen.others)
-    return Drawing([camera.project(p) for p in visible], [camera.project(p) for p in everything],
-                   [camera.project(p) for p in polylines(seen.contours, (FeatureKind.EDGE, FeatureKind.CURVE))],
-                   [camera.project(p) for p in polylines(found.features.transformed(pose), (FeatureKind.AXIS,))],
-                   camera.width, camera.height)
+    return Drawing(
+        [camera.project(p) for p in visible],
+        [camera.project(p) for p in everything],
+        [camera.project(p) for p in polylines(seen.contours, (FeatureKind.EDGE, FeatureKind.CURVE))],
+        [camera.project(p) for p in polylines(found.features.transformed(pose), (FeatureKind.AXIS,))],
+        camera.width,
+        camera.height,
+    )
 
 
-def draw_mesh(features: FeatureSet, vertices: np.ndarray, triangles: np.ndarray, pose: Pose,
-              camera: PinholeCamera, samples: int = 64) -> Drawing:
+def draw_mesh(
+    features: FeatureSet,
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    pose: Pose,
+    camera: PinholeCamera,
+    samples: int = 64,
+) -> Drawing:
     """The wire frame of a mesh's features; hidden pieces are found by sampling each feature."""
     corners = pose.apply(vertices)[triangles]
     seen = []
@@ -78,10 +91,16 @@ def draw_mesh(features: FeatureSet, vertices: np.ndarray, triangles: np.ndarray,
         clear = ~_behind_triangles(points * (1.0 - SHORT), corners)
         starts = np.nonzero(clear & ~np.concatenate([[False], clear[:-1]]))[0]
         ends = np.nonzero(clear & ~np.concatenate([clear[1:], [False]]))[0]
-        seen += [points[a:b + 1] for a, b in zip(starts, ends) if b > a]
+        seen += [points[a : b + 1] for a, b in zip(starts, ends) if b > a]
     axes = polylines(features.transformed(pose), (FeatureKind.AXIS,))
-    return Drawing([camera.project(p) for p in seen], [camera.project(p) for p in lines], [],
-                   [camera.project(p) for p in axes], camera.width, camera.height)
+    return Drawing(
+        [camera.project(p) for p in seen],
+        [camera.project(p) for p in lines],
+        [],
+        [camera.project(p) for p in axes],
+        camera.width,
+        camera.height,
+    )
 
 
 def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
@@ -97,7 +116,8 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
         (drawing.hidden, {'color': '0.6', 'linewidth': 0.8, 'linestyle': (0, (4, 3))}),
         (drawing.axes, {'color': 'tab:red', 'linewidth': 0.8, 'linestyle': '-.'}),
         (drawing.contours, {'color': '0.35', 'linewidth': 0.9}),
-        (drawing.seen, {'color': 'black', 'linewidth': 1.6, 'capstyle': 'round'}))
+        (drawing.seen, {'color': 'black', 'linewidth': 1.6, 'capstyle': 'round'}),
+    )
     for lines, style in styles:
         axes.add_collection(LineCollection(lines, **style))
     axes.set_xlim(0, drawing.width)

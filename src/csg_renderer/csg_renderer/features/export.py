@@ -43,8 +43,12 @@ def as_json(features: FeatureSet, found: Boundary | None = None) -> dict[str, An
         kind = FeatureKind(int(features.kind[k]))
         row: dict[str, Any] = {'kind': kind.name}
         if kind == FeatureKind.CURVE:
-            row |= {'centre': _list(features.start[k]), 'normal': _list(features.directions[k]),
-                    'radii': _list(features.radii[k]), 'arc': _list(features.arc[k])}
+            row |= {
+                'centre': _list(features.start[k]),
+                'normal': _list(features.directions[k]),
+                'radii': _list(features.radii[k]),
+                'arc': _list(features.arc[k]),
+            }
             if np.isfinite(features.major_axis[k]).all():
                 row['major_axis'] = _list(features.major_axis[k])
         else:
@@ -54,16 +58,24 @@ def as_json(features: FeatureSet, found: Boundary | None = None) -> dict[str, An
     if found is None:
         return out
     details = found.details
-    sides = [*zip(details.edge_faces, details.edge_angles),
-             *((f, a) for f, a, k in zip(details.curve_faces, details.curve_angles, found.ellipse) if k)]
+    sides = [
+        *zip(details.edge_faces, details.edge_angles),
+        *((f, a) for f, a, k in zip(details.curve_faces, details.curve_angles, found.ellipse) if k),
+    ]
     for row, (faces, angle) in zip(rows, sides):
         row |= {'faces': [int(f) for f in faces], 'dihedral_angle': float(angle) if np.isfinite(angle) else None}
     box = None if np.isnan(details.low).any() else [_list(details.low), _list(details.high)]
     return out | {
-        'faces': [{'kind': face.kind, 'area': face.area, 'normal': None if face.normal is None else _list(face.normal)}
-                  for face in details.faces],
-        'vertices': [_list(v) for v in details.vertices], 'bounding_box': box, 'area': details.area,
-        'volume': details.volume, 'notices': list(found.notices + details.notices)}
+        'faces': [
+            {'kind': face.kind, 'area': face.area, 'normal': None if face.normal is None else _list(face.normal)}
+            for face in details.faces
+        ],
+        'vertices': [_list(v) for v in details.vertices],
+        'bounding_box': box,
+        'area': details.area,
+        'volume': details.volume,
+        'notices': list(found.notices + details.notices),
+    }
 
 
 def save_json(models: dict[str, dict[str, Any]], path: str | Path) -> None:

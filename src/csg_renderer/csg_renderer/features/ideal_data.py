@@ -70,12 +70,24 @@ class IdealData:
     def truth(self, index: int = 0) -> Interpretation:
         """The right answer for one of the placed objects: its features paired, all others in the bin."""
         mine = self.object_index == index
-        return Interpretation(self.names[index], np.where(mine, self.model_index, BIN), np.where(mine, self.sign, 0),
-                              self.poses[index], residual_rms=0.0)
+        return Interpretation(
+            self.names[index],
+            np.where(mine, self.model_index, BIN),
+            np.where(mine, self.sign, 0),
+            self.poses[index],
+            residual_rms=0.0,
+        )
 
 
-def ideal_data(scene: Scene, rig: StereoRig, left_T_scene: Pose | None = None, *, wear: Wear | None = None,
-               clutter: Sequence[Placement] = (), seed: int = 0) -> IdealData:
+def ideal_data(
+    scene: Scene,
+    rig: StereoRig,
+    left_T_scene: Pose | None = None,
+    *,
+    wear: Wear | None = None,
+    clutter: Sequence[Placement] = (),
+    seed: int = 0,
+) -> IdealData:
     """The features of a scene's objects that both eyes see, with the true assignment, sign and pose.
 
     left_T_scene : None takes the scene file's camera; clutter : further placed objects, scene frame, which hide what is
@@ -100,15 +112,22 @@ def ideal_data(scene: Scene, rig: StereoRig, left_T_scene: Pose | None = None, *
     features = FeatureSet.concatenate(sets)
     keep = rng.random(len(features)) < wear.keep
     count = len(scene.placements)
-    object_index, model_index, sign = (np.concatenate([np.zeros(0, int), *part])[keep]
-                                       for part in (objects, models, signs))
-    return IdealData(features.select(keep), object_index.astype(np.int32), model_index.astype(np.int32),
-                     sign.astype(np.int8), tuple(item.name for item in placements[:count]),
-                     tuple(pose for _, pose in placed[:count]))
+    object_index, model_index, sign = (
+        np.concatenate([np.zeros(0, int), *part])[keep] for part in (objects, models, signs)
+    )
+    return IdealData(
+        features.select(keep),
+        object_index.astype(np.int32),
+        model_index.astype(np.int32),
+        sign.astype(np.int8),
+        tuple(item.name for item in placements[:count]),
+        tuple(pose for _, pose in placed[:count]),
+    )
 
 
-def _broken(features: FeatureSet, index: np.ndarray, wear: Wear, rng: np.random.Generator
-            ) -> tuple[FeatureSet, np.ndarray]:
+def _broken(
+    features: FeatureSet, index: np.ndarray, wear: Wear, rng: np.random.Generator
+) -> tuple[FeatureSet, np.ndarray]:
     """Edges in fragments with gaps between them; curves and axes stay whole. Short fragments are dropped."""
     start, end, row = [], [], []
     for k in range(len(features)):
@@ -126,8 +145,16 @@ def _broken(features: FeatureSet, index: np.ndarray, wear: Wear, rng: np.random.
         return features, index
     rows = np.concatenate(row)
     whole = features.select(rows)
-    out = FeatureSet(whole.kind, np.concatenate(start), np.concatenate(end), whole.radii, whole.err_par, whole.err_per,
-                     whole.major_axis, whole.arc)
+    out = FeatureSet(
+        whole.kind,
+        np.concatenate(start),
+        np.concatenate(end),
+        whole.radii,
+        whole.err_par,
+        whole.err_per,
+        whole.major_axis,
+        whole.arc,
+    )
     keep = (out.kind != FeatureKind.EDGE) | (out.lengths >= wear.shortest)
     return out.select(keep), index[rows][keep]
 
@@ -135,9 +162,16 @@ def _broken(features: FeatureSet, index: np.ndarray, wear: Wear, rng: np.random.
 def _turned(features: FeatureSet, rng: np.random.Generator) -> FeatureSet:
     """Half of the edges and axes the other way round: data has no direction of its own."""
     turn = ((rng.random(len(features)) < 0.5) & (features.kind != FeatureKind.CURVE))[:, None]
-    return FeatureSet(features.kind, np.where(turn, features.end, features.start),
-                      np.where(turn, features.start, features.end), features.radii, features.err_par, features.err_per,
-                      features.major_axis, features.arc)
+    return FeatureSet(
+        features.kind,
+        np.where(turn, features.end, features.start),
+        np.where(turn, features.start, features.end),
+        features.radii,
+        features.err_par,
+        features.err_per,
+        features.major_axis,
+        features.arc,
+    )
 
 
 def _displaced(features: FeatureSet, wear: Wear, rng: np.random.Generator) -> FeatureSet:
@@ -154,8 +188,16 @@ def _displaced(features: FeatureSet, wear: Wear, rng: np.random.Generator) -> Fe
     tilted = np.cos(tilt) * direction + np.sin(tilt) * axis
     major = features.major_axis - tilted * (features.major_axis * tilted).sum(axis=1, keepdims=True)
     major = major / np.linalg.norm(major, axis=1, keepdims=True)
-    return FeatureSet(features.kind, start, np.where(curve, start + tilted, end), features.radii,
-                      np.full(n, wear.err_par), np.full(n, wear.err_per), major, features.arc)
+    return FeatureSet(
+        features.kind,
+        start,
+        np.where(curve, start + tilted, end),
+        features.radii,
+        np.full(n, wear.err_par),
+        np.full(n, wear.err_per),
+        major,
+        features.arc,
+    )
 
 
 def _in_ellipsoid(direction: np.ndarray, wear: Wear, rng: np.random.Generator) -> np.ndarray:

@@ -32,7 +32,7 @@ class Chain:
         return np.diff(self.points, axis=0)
 
     def part(self, low: int, high: int) -> Chain:
-        return Chain(self.points[low:high + 1], self.segment[low:high])
+        return Chain(self.points[low : high + 1], self.segment[low:high])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def split(chain: Chain, breaks: np.ndarray) -> list[Chain]:
     """Cut a chain at the starts of the segments where breaks (n,) is set; a closed one also goes round its start."""
     if chain.closed and breaks.any():
         first = int(np.argmax(breaks))
-        points = np.concatenate([chain.points[first:], chain.points[1:first + 1]])
+        points = np.concatenate([chain.points[first:], chain.points[1 : first + 1]])
         chain, breaks = Chain(points, np.roll(chain.segment, -first)), np.roll(breaks, -first)
     cuts = [0, *(int(k) for k in np.nonzero(breaks)[0] if k > 0), len(chain.segment)]
     return [chain.part(a, b) for a, b in zip(cuts[:-1], cuts[1:])]

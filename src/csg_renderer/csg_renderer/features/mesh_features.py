@@ -27,8 +27,9 @@ PATCH = 0.02
 SAME_AXIS = 1e-3
 
 
-def features_from_mesh(path: str | os.PathLike[str], crease_angle: float = CREASE_ANGLE,
-                       scale: float = 1.0) -> FeatureSet:
+def features_from_mesh(
+    path: str | os.PathLike[str], crease_angle: float = CREASE_ANGLE, scale: float = 1.0
+) -> FeatureSet:
     """Edges, planar curves and axes of an STL, OBJ or PLY file; metres, uncertainty zero.
 
     crease_angle : radians, neighbouring triangles that turn by more meet in a crease; it must be larger than the angle
@@ -70,12 +71,14 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     corner = points[triangles]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.linalg.norm(normal, axis=1)
-    keep = area > (WELD * size)**2
+    keep = area > (WELD * size) ** 2
     triangles, normal = triangles[keep], normal[keep] / area[keep, None]
     edges, sides = _edges(triangles)
     facing = np.where(sides >= 0, sides, 0)
-    angle = np.arctan2(np.linalg.norm(np.cross(normal[facing[:, 0]], normal[facing[:, 1]]), axis=1),
-                       (normal[facing[:, 0]] * normal[facing[:, 1]]).sum(axis=1))
+    angle = np.arctan2(
+        np.linalg.norm(np.cross(normal[facing[:, 0]], normal[facing[:, 1]]), axis=1),
+        (normal[facing[:, 0]] * normal[facing[:, 1]]).sum(axis=1),
+    )
     crease = (sides < 0).any(axis=1) | (angle > crease_angle)
     facet = linked_groups(len(triangles), sides[~crease & (angle <= COLLINEAR)])
     patch = linked_groups(len(triangles), sides[~crease])
@@ -91,13 +94,22 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
             _sort_out(part, sides[rows], curved[facet], lines, rims)
     axes = _axes(rims, patch, normal, points[triangles], size)
     ends = _merged(lines, normal, size)
-    return FeatureSet.concatenate([FeatureSet.from_edges(ends[:, 0], ends[:, 1]), _curves(rims, normal),
-                                   FeatureSet.from_axes(axes[:, 0], axes[:, 1])])
+    return FeatureSet.concatenate(
+        [
+            FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
+            _curves(rims, normal),
+            FeatureSet.from_axes(axes[:, 0], axes[:, 1]),
+        ]
+    )
 
 
-def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray,
-              lines: list[tuple[np.ndarray, np.ndarray]],
-              rims: list[tuple[FittedConic, np.ndarray]]) -> None:
+def _sort_out(
+    chain: Chain,
+    sides: np.ndarray,
+    curved: np.ndarray,
+    lines: list[tuple[np.ndarray, np.ndarray]],
+    rims: list[tuple[FittedConic, np.ndarray]],
+) -> None:
     """A chain without corners into straight lines and fitted curves; what is neither is left out.
 
     sides : (creases, 2) triangles at each crease; curved : (triangles,) bool, part of a round surface.
@@ -117,8 +129,9 @@ def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray,
         if fits[0] is None:
             parts = even_runs(run)
             fits = [fit_conic(part) for part in parts]
-        straight = [len(part.segment) == 1 and length[part.segment[0]] > 3.0 * np.median(length[run.segment])
-                    for part in parts]
+        straight = [
+            len(part.segment) == 1 and length[part.segment[0]] > 3.0 * np.median(length[run.segment]) for part in parts
+        ]
         if not all(fit is not None or line for fit, line in zip(fits, straight)):
             continue  # a curve in no plane: its pieces would pass for arcs
         for part, fit in zip(parts, fits):
@@ -131,14 +144,16 @@ def _sort_out(chain: Chain, sides: np.ndarray, curved: np.ndarray,
 def _merged(lines: list[tuple[np.ndarray, np.ndarray]], normal: np.ndarray, size: float) -> np.ndarray:
     """(n, 2, 3): straight creases, those joined that go straight on through a vertex between the same two planes."""
     ends = np.array([points for points, _ in lines]).reshape(-1, 2, 3)
-    planes = [sorted(tuple(np.round(normal[side], 4) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
-              for _, sides in lines]
+    planes = [
+        sorted(tuple(np.round(normal[side], 4) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
+        for _, sides in lines
+    ]
     vertex = cluster(ends.reshape(-1, 3), WELD * size)[0].reshape(-1, 2)
     alive = np.ones(len(ends), bool)
     for where in np.unique(vertex):
         here = [int(k) for k in np.nonzero((vertex == where).any(axis=1) & alive)[0]]
         for i, k in enumerate(here):
-            for j in here[i + 1:]:
+            for j in here[i + 1 :]:
                 if not (alive[k] and alive[j]) or planes[k] != planes[j]:
                     continue
                 far_k, far_j = (int(vertex[m, 0] == where) for m in (k, j))
@@ -155,19 +170,28 @@ def _curves(rims: list[tuple[FittedConic, np.ndarray]], normal: np.ndarray) -> F
         return FeatureSet.empty()
     out, arcs = [], []
     for conic, sides in rims:
-        flat = [n for side in sides.T if (side >= 0).all() and (n := normal[side].mean(axis=0)) @ n > 0.99
-                and abs(n @ conic.normal) > 0.99]
+        flat = [
+            n
+            for side in sides.T
+            if (side >= 0).all() and (n := normal[side].mean(axis=0)) @ n > 0.99 and abs(n @ conic.normal) > 0.99
+        ]
         looks = (flat[0] if flat else normal[sides[sides >= 0]].sum(axis=0)) @ conic.normal
         out.append(conic.normal if looks >= 0.0 else -conic.normal)
         start, sweep = conic.arc
         whole = sweep > 2.0 * np.pi - 1e-6
         arcs.append(conic.arc if looks >= 0.0 or whole else [-(start + sweep) % (2.0 * np.pi), sweep])
-    return FeatureSet.from_curves([c.centre for c, _ in rims], out, np.array([c.radii for c, _ in rims]),
-                                  major_axis=np.array([c.major_axis for c, _ in rims]), arc=np.array(arcs))
+    return FeatureSet.from_curves(
+        [c.centre for c, _ in rims],
+        out,
+        np.array([c.radii for c, _ in rims]),
+        major_axis=np.array([c.major_axis for c, _ in rims]),
+        arc=np.array(arcs),
+    )
 
 
-def _axes(rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal: np.ndarray, corners: np.ndarray,
-          size: float) -> np.ndarray:
+def _axes(
+    rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal: np.ndarray, corners: np.ndarray, size: float
+) -> np.ndarray:
     """(a, 2, 3): axes between the planar ends of each round patch, or from a cone's apex to its base."""
     found: list[list[np.ndarray]] = []
     single: list[tuple[np.ndarray, np.ndarray]] = []
@@ -203,16 +227,19 @@ def _axes(rims: list[tuple[FittedConic, np.ndarray]], patch: np.ndarray, normal:
     for i, (one, direction) in enumerate(single):
         for other, _ in single[:i]:
             gap = other - one
-            if np.linalg.norm(np.cross(gap, direction)) < PATCH * np.linalg.norm(gap) and \
-                    np.linalg.norm(gap) > SAME_AXIS * size:
+            if (
+                np.linalg.norm(np.cross(gap, direction)) < PATCH * np.linalg.norm(gap)
+                and np.linalg.norm(gap) > SAME_AXIS * size
+            ):
                 found.append([one, other])
     pairs = np.array(found).reshape(-1, 2, 3)
     ordered = np.sort(pairs, axis=1).reshape(-1, 6)
     return pairs[cluster(ordered, SAME_AXIS * size)[1]]
 
 
-def _rulings(rims: list[tuple[FittedConic, np.ndarray]], mine: np.ndarray, normal: np.ndarray
-             ) -> list[tuple[np.ndarray, np.ndarray]]:
+def _rulings(
+    rims: list[tuple[FittedConic, np.ndarray]], mine: np.ndarray, normal: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Centre and axis direction of every rim of a patch beside which the patch is a cylinder."""
     out = []
     for conic, sides in rims:

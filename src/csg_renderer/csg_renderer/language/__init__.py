@@ -15,5 +15,18 @@ from .loader import (
 )
 from .printer import format_scene
 
-__all__ = ['SceneError', 'SceneFile', 'SceneWarning', 'find_scene', 'format_scene', 'load_models', 'load_scene',
-           'parse_scene', 'read_scene', 'read_text', 'same_geometry', 'scene_names', 'scene_path']
+__all__ = [
+    'SceneError',
+    'SceneFile',
+    'SceneWarning',
+    'find_scene',
+    'format_scene',
+    'load_models',
+    'load_scene',
+    'parse_scene',
+    'read_scene',
+    'read_text',
+    'same_geometry',
+    'scene_names',
+    'scene_path',
+]

@@ -15,8 +15,25 @@ from .errors import Place
 TRANSFORMS = ('XROT', 'YROT', 'ZROT', 'SCALE', 'AT', 'MATRIX')
 PROPERTIES = ('COLOUR', 'AMBIENT', 'DIFFUSE', 'SPECULAR', 'SHININESS', 'REFLECT', 'TRANSPARENT', 'PAINT')
 STATEMENTS = ('DRAW', 'LIGHT', 'AMBIENT', 'BACKGROUND', 'CAMERA', 'STEREO', 'DISPARITY', 'UNITS', 'INCLUDE')
-KEYWORDS = frozenset((*TRANSFORMS, *PROPERTIES, *STATEMENTS, 'UNION', 'INTERSECT', 'DIFFERENCE', 'BLOCK', 'CYLINDER',
-                      'SPHERE', 'CONE', 'PLANE', 'NULL', 'FACES', 'COLOR', 'AS'))
+KEYWORDS = frozenset(
+    (
+        *TRANSFORMS,
+        *PROPERTIES,
+        *STATEMENTS,
+        'UNION',
+        'INTERSECT',
+        'DIFFERENCE',
+        'BLOCK',
+        'CYLINDER',
+        'SPHERE',
+        'CONE',
+        'PLANE',
+        'NULL',
+        'FACES',
+        'COLOR',
+        'AS',
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -182,7 +199,7 @@ class Build(Transformer):
 
     def expression(self, c: list[Any]) -> Expression:
         steps = tuple(node for node in c if isinstance(node, Step))
-        last, *suffixes = c[len(steps):]
+        last, *suffixes = c[len(steps) :]
         if not steps and not suffixes:
             return last
         place = steps[0].operand.place if steps else last.place

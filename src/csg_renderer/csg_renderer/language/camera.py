@@ -61,8 +61,9 @@ def camera_of(clauses: dict[str, list[float]], per_metre: float) -> tuple[Pinhol
         if 'UP' in clauses:
             raise ValueError('UP goes with TO(x, y, z)')
         return camera, Pose(), None
-    eye, target = ([length(n, per_metre, 'position') for n in clauses.get(name, [0.0, 0.0, 0.0])]
-                   for name in ('FROM', 'TO'))
+    eye, target = (
+        [length(n, per_metre, 'position') for n in clauses.get(name, [0.0, 0.0, 0.0])] for name in ('FROM', 'TO')
+    )
     if 'TO' not in clauses:
         if 'UP' in clauses:
             raise ValueError('UP goes with TO(x, y, z)')

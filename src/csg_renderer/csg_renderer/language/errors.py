@@ -23,8 +23,18 @@ class SceneError(ValueError):
     same pass, this one first. ``str()`` shows them all.
     """
 
-    def __init__(self, line: int, column: int, message: str, hint: str = '', *, file: str = '', source: str = '',
-                 length: int = 1, errors: Sequence[SceneError] = ()) -> None:
+    def __init__(
+        self,
+        line: int,
+        column: int,
+        message: str,
+        hint: str = '',
+        *,
+        file: str = '',
+        source: str = '',
+        length: int = 1,
+        errors: Sequence[SceneError] = (),
+    ) -> None:
         super().__init__(message)
         self.line = line
         self.column = column
@@ -47,8 +57,16 @@ class SceneError(ValueError):
     def of(cls, errors: Sequence[SceneError]) -> SceneError:
         """The first of several errors, carrying all."""
         first = errors[0]
-        return cls(first.line, first.column, first.message, first.hint, file=first.file, source=first.source,
-                   length=first.length, errors=errors)
+        return cls(
+            first.line,
+            first.column,
+            first.message,
+            first.hint,
+            file=first.file,
+            source=first.source,
+            length=first.length,
+            errors=errors,
+        )
 
 
 class SceneWarning(UserWarning):
@@ -64,7 +82,7 @@ def describe(file: str, line: int, column: int, message: str, hint: str = '', so
     parts = [f'{file or "scene"}:{line}:{column}: {message}']
     if source.strip():
         start = max(0, column - 1 - SHOWN // 2)
-        shown = source.expandtabs(1)[start:start + SHOWN]
+        shown = source.expandtabs(1)[start : start + SHOWN]
         caret = ' ' * (column - 1 - start) + '^' + '~' * (min(length, len(shown) - (column - 1 - start)) - 1)
         parts += [f'    {shown}', f'    {caret}']
     if hint:

@@ -38,8 +38,14 @@ class Drawing:
 class Evaluator(Expressions):
     """Evaluates one file; included files have evaluators of their own that share errors, includes and the work done."""
 
-    def __init__(self, source: Source, includes: Includes, path: Path | None = None,
-                 errors: list[SceneError] | None = None, work: list[int] | None = None) -> None:
+    def __init__(
+        self,
+        source: Source,
+        includes: Includes,
+        path: Path | None = None,
+        errors: list[SceneError] | None = None,
+        work: list[int] | None = None,
+    ) -> None:
         super().__init__(source, work if work is not None else [0])
         self.path = path
         self.includes = includes
@@ -86,9 +92,16 @@ class Evaluator(Expressions):
     def scene(self) -> Scene:
         drawing = self.drawing
         definitions = {name: entry.value.solid for name, entry in self.names.items() if isinstance(entry.value, Shape)}
-        return Scene(drawing.placements, drawing.lights, drawing.ambient, drawing.background, definitions=definitions,
-                     camera=drawing.camera, camera_T_scene=drawing.camera_T_scene, baseline=drawing.baseline)
-
+        return Scene(
+            drawing.placements,
+            drawing.lights,
+            drawing.ambient,
+            drawing.background,
+            definitions=definitions,
+            camera=drawing.camera,
+            camera_T_scene=drawing.camera_T_scene,
+            baseline=drawing.baseline,
+        )
 
     # -- statements ---------------------------------------------------------------------------------------------------
 
@@ -117,8 +130,9 @@ class Evaluator(Expressions):
     def _units(self, node: ast.Units) -> None:
         self._only_once('UNITS', node.place)
         if node.unit not in UNITS:
-            raise self._fail(node.place, f'unknown unit {node.unit!r}, expected {", ".join(UNITS)}',
-                             did_you_mean(node.unit, UNITS))
+            raise self._fail(
+                node.place, f'unknown unit {node.unit!r}, expected {", ".join(UNITS)}', did_you_mean(node.unit, UNITS)
+            )
         if self.lengths_used:
             raise self._fail(node.place, 'UNITS must stand before the first length of the file')
         self.per_metre = UNITS[node.unit]
@@ -145,8 +159,11 @@ class Evaluator(Expressions):
             if known is None:
                 self.names[name] = Entry(entry.value, entry.where, imported=True)
             elif known.where != entry.where and known.where and entry.where:
-                raise self._fail(node.place, f'this file defines {name!r}, which is defined already',
-                                 f'defined at {known.where} and {entry.where}')
+                raise self._fail(
+                    node.place,
+                    f'this file defines {name!r}, which is defined already',
+                    f'defined at {known.where} and {entry.where}',
+                )
 
     def _draw(self, node: ast.Draw, main: bool) -> None:
         value = node.value
@@ -217,14 +234,20 @@ class Evaluator(Expressions):
         clauses: dict[str, list[float]] = {}
         for clause in node.clauses:
             if clause.word not in CLAUSES:
-                raise self._fail(clause.place, f'CAMERA has no {clause.word!r}, expected {", ".join(CLAUSES)}',
-                                 did_you_mean(clause.word, CLAUSES))
+                raise self._fail(
+                    clause.place,
+                    f'CAMERA has no {clause.word!r}, expected {", ".join(CLAUSES)}',
+                    did_you_mean(clause.word, CLAUSES),
+                )
             if clause.word in clauses:
                 raise self._fail(clause.place, f'{clause.word} stands twice in this CAMERA')
             counts, meaning = CLAUSES[clause.word]
             if len(clause.arguments) not in counts:
-                raise self._fail(clause.place, f'{clause.word} takes {" or ".join(map(str, counts))} number'
-                                 f'{"s" * (counts != (1,))} ({meaning}), got {len(clause.arguments)}')
+                raise self._fail(
+                    clause.place,
+                    f'{clause.word} takes {" or ".join(map(str, counts))} number'
+                    f'{"s" * (counts != (1,))} ({meaning}), got {len(clause.arguments)}',
+                )
             clauses[clause.word] = [self._number(argument) for argument in clause.arguments]
         self.lengths_used = True
         try:

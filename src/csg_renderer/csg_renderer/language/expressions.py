@@ -43,8 +43,15 @@ class Skip(SceneError):
     """A consequence of an error that is reported already."""
 
     def __init__(self, error: SceneError) -> None:
-        super().__init__(error.line, error.column, error.message, error.hint, file=error.file, source=error.source,
-                         length=error.length)
+        super().__init__(
+            error.line,
+            error.column,
+            error.message,
+            error.hint,
+            file=error.file,
+            source=error.source,
+            length=error.length,
+        )
 
 
 class Expressions:
@@ -103,10 +110,14 @@ class Expressions:
         entry = self.names.get(node.text)
         if entry is None:
             if node.text in self.later:
-                raise self._fail(node.place, f'{node.text!r} is used before it is defined',
-                                 'names are defined from top to bottom')
-            raise self._fail(node.place, f'{node.text!r} is not defined',
-                             did_you_mean(node.text, [*self.names, *self.later, *CONSTANTS]))
+                raise self._fail(
+                    node.place, f'{node.text!r} is used before it is defined', 'names are defined from top to bottom'
+                )
+            raise self._fail(
+                node.place,
+                f'{node.text!r} is not defined',
+                did_you_mean(node.text, [*self.names, *self.later, *CONSTANTS]),
+            )
         entry.used = True
         if entry.value is None:
             raise Skip(self._fail(node.place, f'{node.text!r} has an error in its definition'))
@@ -114,8 +125,11 @@ class Expressions:
 
     def _call(self, node: ast.Call) -> Value:
         if node.word not in PRIMITIVES and node.word not in FUNCTIONS:
-            raise self._fail(node.place, f'{node.word!r} is no primitive and no function',
-                             did_you_mean(node.word, [*PRIMITIVES, *FUNCTIONS]))
+            raise self._fail(
+                node.place,
+                f'{node.word!r} is no primitive and no function',
+                did_you_mean(node.word, [*PRIMITIVES, *FUNCTIONS]),
+            )
         numbers = [self._number(argument) for argument in node.arguments]
         try:
             if node.word in PRIMITIVES:
@@ -145,8 +159,11 @@ class Expressions:
             other = self._number(part.right, 'a sign')
             if part.sign == '/' and other == 0.0:
                 raise self._fail(part.right.place, 'division by zero')
-            total = {'+': total + other, '-': total - other, '*': total * other}[part.sign] if part.sign != '/' \
+            total = (
+                {'+': total + other, '-': total - other, '*': total * other}[part.sign]
+                if part.sign != '/'
                 else total / other
+            )
             self._finite(total, part.place)
         return total
 
@@ -178,14 +195,16 @@ class Expressions:
     def _combined(self, operator: str, left: Shape, right: Shape, node: ast.Combination) -> Shape:
         if left.leaves + right.leaves > MAX_PRIMITIVES:
             raise self._fail(node.place, f'this solid has more than {MAX_PRIMITIVES} primitives')
-        solid = {'UNION': left.solid.__or__, 'INTERSECT': left.solid.__and__,
-                 'DIFFERENCE': left.solid.__sub__}[operator](right.solid)
+        solid = {'UNION': left.solid.__or__, 'INTERSECT': left.solid.__and__, 'DIFFERENCE': left.solid.__sub__}[
+            operator
+        ](right.solid)
         empty = operator == 'INTERSECT' and not (left.leaves and right.leaves)
         kept_left_only = operator == 'DIFFERENCE' and not left.leaves
         return Shape(solid, 0 if empty or kept_left_only else left.leaves + right.leaves)
 
-    def _suffixed(self, shape: Shape, suffixes: Sequence[ast.Suffix],
-                  separate: bool = False) -> tuple[np.ndarray, Shape]:
+    def _suffixed(
+        self, shape: Shape, suffixes: Sequence[ast.Suffix], separate: bool = False
+    ) -> tuple[np.ndarray, Shape]:
         """The suffixes applied in order. separate : return the transforms as a matrix instead of applying them.
 
         Paint does not depend on place, so all transforms of a list can be applied as one.
@@ -231,5 +250,8 @@ class Expressions:
     def _spend(self, work: int, suffix: ast.Suffix) -> None:
         self.work[0] += work
         if self.work[0] > MAX_WORK:
-            raise self._fail(suffix.place, 'the file moves and paints too many primitives',
-                             f'at most {MAX_WORK}, a PAINT FACES counts for up to 2000; does a name double itself?')
+            raise self._fail(
+                suffix.place,
+                'the file moves and paints too many primitives',
+                f'at most {MAX_WORK}, a PAINT FACES counts for up to 2000; does a name double itself?',
+            )

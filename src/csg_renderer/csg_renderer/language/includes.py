@@ -45,7 +45,7 @@ class Includes:
         """The source of an included file. Raises ValueError with a message for the user."""
         path = self._find(written, includer)
         if path in self.open_files:
-            chain = ' -> '.join(p.name for p in [*self.open_files[self.open_files.index(path):], path])
+            chain = ' -> '.join(p.name for p in [*self.open_files[self.open_files.index(path) :], path])
             raise ValueError(f'these files include each other: {chain}')
         if len(self.open_files) > MAX_DEPTH or len(self.read) > MAX_FILES:
             raise ValueError(f'more than {MAX_DEPTH} files inside each other or {MAX_FILES} in all')

@@ -53,8 +53,13 @@ def paint_faces(solid: Solid) -> Solid:
         return solid
     table = compile_surfaces(solid)
     shade = _shades(table)
-    colours = iter([np.array([shade[int(group)] for group in table.slots[i][table.slot_real[i]]])[:, None]
-                    * np.asarray(leaf.surface.colour) for i, leaf in enumerate(table.leaves)])
+    colours = iter(
+        [
+            np.array([shade[int(group)] for group in table.slots[i][table.slot_real[i]]])[:, None]
+            * np.asarray(leaf.surface.colour)
+            for i, leaf in enumerate(table.leaves)
+        ]
+    )
     return solid.map_leaves(lambda leaf: replace(leaf, face_colours=next(colours)))
 
 

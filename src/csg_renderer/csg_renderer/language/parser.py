@@ -24,8 +24,20 @@ MAX_ERRORS = 20
 # What must be known to cut a text into statements: strings and comments may hold a semicolon.
 _PIECE = re.compile(r'"[^"\n]*"|//[^\n]*|#[^\n]*|/\*.*?\*/|/\*|[;()]', re.DOTALL)
 
-_WORDS = {'NAME': 'a name', 'NUMBER': 'a number', 'STRING': 'a "file name"', 'LPAR': "'('", 'RPAR': "')'",
-          'COMMA': "','", 'EQUAL': "'='", 'PLUS': "'+'", 'MINUS': "'-'", 'TIMES': "'*'", 'OVER': "'/'", '$END': "';'"}
+_WORDS = {
+    'NAME': 'a name',
+    'NUMBER': 'a number',
+    'STRING': 'a "file name"',
+    'LPAR': "'('",
+    'RPAR': "')'",
+    'COMMA': "','",
+    'EQUAL': "'='",
+    'PLUS': "'+'",
+    'MINUS': "'-'",
+    'TIMES': "'*'",
+    'OVER': "'/'",
+    '$END': "';'",
+}
 _SIGNS = ('PLUS', 'MINUS', 'TIMES', 'OVER')
 _PRIMITIVES = ('BLOCK', 'CYLINDER', 'SPHERE', 'CONE', 'PLANE')
 _OPERATORS = ('UNION', 'INTERSECT', 'DIFFERENCE')
@@ -44,8 +56,9 @@ class Source:
         return lines[number - 1].rstrip('\r') if 0 < number <= len(lines) else ''
 
     def error(self, place: Place, message: str, hint: str = '') -> SceneError:
-        return SceneError(place.line, place.column, message, hint, file=self.file, source=self.line(place.line),
-                          length=place.length)
+        return SceneError(
+            place.line, place.column, message, hint, file=self.file, source=self.line(place.line), length=place.length
+        )
 
 
 @dataclass(frozen=True)
@@ -71,8 +84,11 @@ def parse_statements(source: Source) -> tuple[list[Statement | Broken], list[Sce
     errors: list[SceneError] = []
     statements: list[Statement | Broken] = []
     if len(source.text) > MAX_CHARACTERS:
-        return [], [SceneError(1, 1, f'the text has {len(source.text)} characters, at most {MAX_CHARACTERS} are read',
-                               file=source.file)]
+        return [], [
+            SceneError(
+                1, 1, f'the text has {len(source.text)} characters, at most {MAX_CHARACTERS} are read', file=source.file
+            )
+        ]
     for text, start in _cut(source, errors):
         if len(statements) == MAX_STATEMENTS:
             errors.append(source.error(start, f'more than {MAX_STATEMENTS} statements'))
@@ -127,7 +143,7 @@ def _cut(source: Source, errors: list[SceneError]) -> Iterator[tuple[str, Place]
             errors.append(source.error(place(piece.start())._replace(length=2), "this comment is never closed by '*/'"))
             return
         elif not token.startswith('"'):
-            kept += [text[begin:piece.start()], re.sub(r'[^\n]', ' ', token)]
+            kept += [text[begin : piece.start()], re.sub(r'[^\n]', ' ', token)]
             begin = piece.end()
     statement = whole(len(text))
     if statement.strip() and not too_deep:
@@ -136,8 +152,13 @@ def _cut(source: Source, errors: list[SceneError]) -> Iterator[tuple[str, Place]
 
 def _checked(statement: str, start: Place, source: Source, errors: list[SceneError]) -> tuple[str, Place]:
     if len(statement) > MAX_STATEMENT:
-        errors.append(source.error(start, f'a statement of {len(statement)} characters, at most {MAX_STATEMENT} are '
-                                   'read', "end statements with ';'"))
+        errors.append(
+            source.error(
+                start,
+                f'a statement of {len(statement)} characters, at most {MAX_STATEMENT} are read',
+                "end statements with ';'",
+            )
+        )
         return 'UNITS M', start
     return statement, start
 
@@ -174,7 +195,7 @@ def _syntax_error(source: Source, text: str, start: Place, error: UnexpectedInpu
         return source.error(_shift(at, start), f'the statement ends too early, expected {_expected(expected)}')
     place = _shift(Place(token.line, token.column, len(token)), start)
     # Counted from line and column, because the attribute for the position has changed its name between lark versions.
-    before = '\n'.join([*text.split('\n')[:token.line - 1], text.split('\n')[token.line - 1][:token.column - 1]])
+    before = '\n'.join([*text.split('\n')[: token.line - 1], text.split('\n')[token.line - 1][: token.column - 1]])
     message = f'unexpected {str(token)!r}, expected {_expected(expected)}'
     return source.error(place, message, _hint(token, before, expected))
 
@@ -183,8 +204,13 @@ def _expected(expected: set[str]) -> str:
     """The expected terminals in words, whole families by their family name."""
     left = set(expected)
     words: list[str] = []
-    for family, name in ((_SIGNS, 'an arithmetic sign'), (_PRIMITIVES, 'a primitive'), (_OPERATORS, 'an operator'),
-                         (ast.TRANSFORMS, 'a transform'), (ast.PROPERTIES, 'a surface property')):
+    for family, name in (
+        (_SIGNS, 'an arithmetic sign'),
+        (_PRIMITIVES, 'a primitive'),
+        (_OPERATORS, 'an operator'),
+        (ast.TRANSFORMS, 'a transform'),
+        (ast.PROPERTIES, 'a surface property'),
+    ):
         if len(left.intersection(family)) > 2:
             left.difference_update(family)
             words.append(name)
@@ -200,7 +226,7 @@ def _expected(expected: set[str]) -> str:
 def _hint(token: lark.Token, before: str, expected: set[str]) -> str:
     """What may have been meant. before : the statement up to the token."""
     keywords = {name.lstrip('_') for name in expected}.intersection(ast.KEYWORDS)
-    new_line = '$END' in expected and '\n' in before[len(before.rstrip()):] and before.strip() != ''
+    new_line = '$END' in expected and '\n' in before[len(before.rstrip()) :] and before.strip() != ''
     if token.type == 'NAME' and token.upper() in keywords:
         return f"words of the language are written in upper case: '{token.upper()}'"
     if token.type == 'NAME' and did_you_mean(token, keywords):

@@ -22,10 +22,21 @@ DEEPEST = 12
 LONGEST = 2_000
 WIDTH = 110
 
-_PROPERTIES = (('ambient', 'AMBIENT'), ('diffuse', 'DIFFUSE'), ('specular', 'SPECULAR'), ('shininess', 'SHININESS'),
-               ('reflection', 'REFLECT'), ('transparency', 'TRANSPARENT'))
-_UNIT_CALLS = {'BLOCK': ('BLOCK', '{0}, {0}, {0}'), 'CYLINDER': ('CYLINDER', '{0}, 0, 0, {0}'),
-               'CONE': ('CONE', '{0}, 0, 0, {0}'), 'SPHERE': ('SPHERE', '{0}'), 'PLANE': ('PLANE', '0, 0, 1, 0')}
+_PROPERTIES = (
+    ('ambient', 'AMBIENT'),
+    ('diffuse', 'DIFFUSE'),
+    ('specular', 'SPECULAR'),
+    ('shininess', 'SHININESS'),
+    ('reflection', 'REFLECT'),
+    ('transparency', 'TRANSPARENT'),
+)
+_UNIT_CALLS = {
+    'BLOCK': ('BLOCK', '{0}, {0}, {0}'),
+    'CYLINDER': ('CYLINDER', '{0}, 0, 0, {0}'),
+    'CONE': ('CONE', '{0}, 0, 0, {0}'),
+    'SPHERE': ('SPHERE', '{0}'),
+    'PLANE': ('PLANE', '0, 0, 1, 0'),
+}
 
 
 def format_scene(scene: Scene) -> str:
@@ -96,8 +107,9 @@ class _Printer:
         self.lines.append(f'AMBIENT ({numbers(scene.ambient_light)});')
         self.lines.append(f'BACKGROUND ({numbers(scene.background)});')
         for light in scene.lights:
-            self.lines.append(f'LIGHT ({", ".join(self.length(x) for x in light.position)}) '
-                              f'COLOUR ({numbers(light.colour)});')
+            self.lines.append(
+                f'LIGHT ({", ".join(self.length(x) for x in light.position)}) COLOUR ({numbers(light.colour)});'
+            )
         self.lines.append('')
 
     def _draw(self, placement: Placement) -> None:
@@ -198,8 +210,7 @@ class _Printer:
         return self._matrix(matrix)
 
     def _matrix(self, matrix: np.ndarray) -> str:
-        return (f'MATRIX ({numbers(matrix[:3, :3].T.ravel())}, '
-                f'{", ".join(self.length(x) for x in matrix[:3, 3])})')
+        return f'MATRIX ({numbers(matrix[:3, :3].T.ravel())}, {", ".join(self.length(x) for x in matrix[:3, 3])})'
 
     def _surface(self, leaf: Primitive) -> str:
         plain, surface, text = Surface(), leaf.surface, ''

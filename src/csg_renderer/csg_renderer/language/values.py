@@ -150,7 +150,8 @@ def paint(solid: Solid, word: str, numbers: list[float]) -> Solid:
     if word == 'COLOUR':
         rgb = colour_of(word, numbers)
         return solid.map_leaves(
-            lambda leaf: replace(leaf, surface=replace(leaf.surface, colour=rgb), face_colours=None))
+            lambda leaf: replace(leaf, surface=replace(leaf.surface, colour=rgb), face_colours=None)
+        )
     (value,) = _count(word, numbers, (1,), 'one number')
     name = {'REFLECT': 'reflection', 'TRANSPARENT': 'transparency'}.get(word, word.lower())
     change_to: dict[str, Any] = {name: value}
@@ -176,12 +177,14 @@ def _paint_faces(solid: Solid, numbers: list[float]) -> Solid:
     faces = len(FACES[solid.kind])
     _count('PAINT FACES', numbers, (3 * faces,), f'red, green, blue for each of the {faces} faces of a {solid.kind}')
     for face in range(faces):
-        colour(numbers[3 * face:3 * face + 3], f'face {face + 1}')
+        colour(numbers[3 * face : 3 * face + 3], f'face {face + 1}')
     return replace(solid, face_colours=np.reshape(numbers, (faces, 3)))
 
 
 def _count(word: str, numbers: list[float], allowed: tuple[int, ...], meaning: str) -> list[float]:
     if len(numbers) not in allowed:
-        raise ValueError(f'{word} takes {" or ".join(map(str, allowed))} number{"s" * (allowed != (1,))} ({meaning}), '
-                         f'got {len(numbers)}')
+        raise ValueError(
+            f'{word} takes {" or ".join(map(str, allowed))} number{"s" * (allowed != (1,))} ({meaning}), '
+            f'got {len(numbers)}'
+        )
     return numbers

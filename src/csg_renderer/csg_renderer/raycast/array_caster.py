@@ -119,23 +119,33 @@ class Caster:
         inverse = 1.0 / d
         at_0, at_1 = (0.0 - o) * inverse, (1.0 - o) * inverse
         rising = d > 0.0
-        return (f.merge(at_0, at_1, rising), f.merge(at_1, at_0, rising),
-                self._faces(face, face + 1, rising), self._faces(face + 1, face, rising))
+        return (
+            f.merge(at_0, at_1, rising),
+            f.merge(at_1, at_0, rising),
+            self._faces(face, face + 1, rising),
+            self._faces(face + 1, face, rising),
+        )
 
     def _meet(self, first: Boundary, second: Boundary) -> Boundary:
         """The common part of two convex spans. Equal ends keep the first's face."""
         later, sooner = second[0] > first[0], second[1] < first[1]
-        return (f.merge(second[0], first[0], later), f.merge(second[1], first[1], sooner),
-                self._faces(second[2], first[2], later), self._faces(second[3], first[3], sooner))
+        return (
+            f.merge(second[0], first[0], later),
+            f.merge(second[1], first[1], sooner),
+            self._faces(second[2], first[2], later),
+            self._faces(second[3], first[3], sooner),
+        )
 
     def _quadratic(self, rays: Rays, signs: tuple[int, int, int], constant: float) -> tuple[Any, Any, Any]:
         """a, b, c of a t^2 + 2 b t + c for x^2 s0 + y^2 s1 + z^2 s2 - constant."""
+
         def total(pairs: list[tuple[int, Any]]) -> Any:
             result: Any = None
             for sign, product in pairs:
                 if sign:
                     result = product * sign if result is None else result + product if sign > 0 else result - product
             return result
+
         o, d = rays.origin, rays.direction
         a = total([(s, d[k] * d[k]) for k, s in enumerate(signs) if s])
         b = total([(s, o[k] * d[k]) for k, s in enumerate(signs) if s])
@@ -184,8 +194,12 @@ class Caster:
         enter.assign(at_apex, apex & rising)
         leave.assign(at_apex, apex & ~rising)
         missed = ~(real | steep)
-        slab = (f.merge(at_apex, at_base, rising), f.merge(at_base, at_apex, rising),
-                self._faces(1, 0, rising), self._faces(0, 1, rising))
+        slab = (
+            f.merge(at_apex, at_base, rising),
+            f.merge(at_base, at_apex, rising),
+            self._faces(1, 0, rising),
+            self._faces(0, 1, rising),
+        )
         enter, leave, face_in, face_out = self._meet((enter, leave, 1, 1), slab)
         enter.assign(INFINITE, missed)
         leave.assign(-INFINITE, missed)

@@ -33,8 +33,14 @@ SHORT_WORD_TOLERANCE = 2.0
 Vector = tuple[Any, Any, Any]
 
 
-def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, dap: Dap | None = None,
-           length: int = 8) -> Frame:
+def render(
+    scene: Scene,
+    camera: PinholeCamera,
+    camera_T_scene: Pose,
+    options: RenderOptions,
+    dap: Dap | None = None,
+    length: int = 8,
+) -> Frame:
     """See :func:`csg_renderer.render`. dap : a new DAP 510 by default; length : bytes of the REALs, 4 to 8."""
     dap = dap or Dap.model('510', tracing=False)
     before = dap.cycles
@@ -65,9 +71,17 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     seen = codes != MISS
     leaf = np.where(seen, codes // FACE_SLOTS, 0)
     object_id = np.where(seen, view.program.object_of[leaf] if len(view.program.kind) else 0, MISS)
-    return Frame(quantise(colours), depth.astype(np.float32), np.where(seen, leaf, MISS).astype(np.int32),
-                 np.where(seen, codes % FACE_SLOTS, MISS).astype(np.int32), object_id.astype(np.int32),
-                 normal.astype(np.float32), camera, camera_T_scene, tracer.stats)
+    return Frame(
+        quantise(colours),
+        depth.astype(np.float32),
+        np.where(seen, leaf, MISS).astype(np.int32),
+        np.where(seen, codes % FACE_SLOTS, MISS).astype(np.int32),
+        object_id.astype(np.int32),
+        normal.astype(np.float32),
+        camera,
+        camera_T_scene,
+        tracer.stats,
+    )
 
 
 def _smooth(tracer: _Tracer, tiles: list, colours: np.ndarray, edge: np.ndarray) -> None:
@@ -93,8 +107,12 @@ def _tiles(view: View, camera: PinholeCamera, options: RenderOptions, es: int):
             if not options.tiling:
                 yield area, list(view.program.children)
                 continue
-            present = ((boxes[:, 0] <= right - 0.5) & (boxes[:, 2] >= left - 0.5)
-                       & (boxes[:, 1] <= bottom - 0.5) & (boxes[:, 3] >= top - 0.5))
+            present = (
+                (boxes[:, 0] <= right - 0.5)
+                & (boxes[:, 2] >= left - 0.5)
+                & (boxes[:, 1] <= bottom - 0.5)
+                & (boxes[:, 3] >= top - 0.5)
+            )
             pruned = (prune(code, present) for code in view.program.children)
             yield area, [code for code in pruned if len(code)]
 
@@ -106,7 +124,7 @@ def _rectangles(view: View, camera: PinholeCamera) -> np.ndarray:
     camera_T_scene = np.linalg.inv(view.scene_T_camera)
     points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
     for leaf in range(len(boxes)):
-        corners = points[program.outline_start[leaf]:program.outline_start[leaf + 1]]
+        corners = points[program.outline_start[leaf] : program.outline_start[leaf + 1]]
         if len(corners) and corners[:, 2].min() > view.departure:
             pixels = camera.project(corners)
             # Room for the samples of anti-aliasing and for rounding.
@@ -121,7 +139,7 @@ class _Tracer:
         self.dap, self.view, self.camera, self.options = dap, view, camera, options
         self.kind = real(length)
         short = length < 8
-        epsilon = 2.0 ** -self.kind.mantissa
+        epsilon = 2.0**-self.kind.mantissa
         reach = view.departure / 1e-7
         self.tolerance = max(view.tolerance, SHORT_WORD_TOLERANCE * 8 * epsilon * reach) if short else view.tolerance
         self.departure = max(view.departure, 4.0 * self.tolerance)
@@ -129,8 +147,9 @@ class _Tracer:
         self.caster = Caster(dap, self.kind, self.tolerance)
         self.stats = RenderStats()
 
-    def trace(self, area: tuple[slice, slice], children: Sequence[np.ndarray], du: float, dv: float,
-              shaded: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def trace(
+        self, area: tuple[slice, slice], children: Sequence[np.ndarray], du: float, dv: float, shaded: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Colour (h, w, 3), code, depth (NaN on a miss) and outward normal of a tile's pixels."""
         rows, columns = area
         u, v = np.arange(columns.start, columns.stop) + du, np.arange(rows.start, rows.stop) + dv
@@ -153,8 +172,9 @@ class _Tracer:
 
     # Finding the surface.
 
-    def _cast(self, children: Sequence[np.ndarray], rays: Rays, transforms: np.ndarray, nearest: float,
-              entries_only: bool) -> tuple[DapArray, DapArray, DapArray]:
+    def _cast(
+        self, children: Sequence[np.ndarray], rays: Rays, transforms: np.ndarray, nearest: float, entries_only: bool
+    ) -> tuple[DapArray, DapArray, DapArray]:
         """t, code and "enters there" of the nearest boundary of some children."""
         best: tuple[DapArray, DapArray, DapArray] | None = None
         for code in children:
@@ -163,8 +183,11 @@ class _Tracer:
         if best is not None:
             return best
         dap, shape = self.dap, rays.shape
-        return (self.caster.filled(INFINITE, shape), f.filled(dap, MISS, shape, CODES),
-                f.filled(dap, True, shape, LOGICAL))
+        return (
+            self.caster.filled(INFINITE, shape),
+            f.filled(dap, MISS, shape, CODES),
+            f.filled(dap, True, shape, LOGICAL),
+        )
 
     def _spans(self, code: np.ndarray, rays: Rays, transforms: np.ndarray) -> Spans:
         """Walk a postfix tree with a stack of lists (appendix B)."""
@@ -244,8 +267,9 @@ class _Tracer:
         assert facing is not None
         return colour, facing
 
-    def _look(self, hit: DapArray, leaves: list[int], points: list, direction: Sequence[DapArray],
-              entering: DapArray) -> dict[str, Any]:
+    def _look(
+        self, hit: DapArray, leaves: list[int], points: list, direction: Sequence[DapArray], entering: DapArray
+    ) -> dict[str, Any]:
         """Outward normal, face colour and material at every hit: one masked assignment for each face that shows."""
         program, shape = self.view.program, hit.shape
         normal = [self.caster.filled(0.0, shape) for _ in range(3)]
@@ -271,8 +295,11 @@ class _Tracer:
         n, d = normal, direction
         along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
         turn = (along < 0.0) ^ entering
-        return {'normal': tuple(f.merge(-component, component, turn) for component in normal), 'colour': colours,
-                **materials}
+        return {
+            'normal': tuple(f.merge(-component, component, turn) for component in normal),
+            'colour': colours,
+            **materials,
+        }
 
     def _normal(self, leaf: int, kind: int, face: int, points: list, direction: Sequence[DapArray]) -> Sequence:
         """Unit normal of a face, its sign not yet settled: three numbers, or planes for a curved face."""
@@ -281,10 +308,17 @@ class _Tracer:
             row = inverse[face // 2 if KIND_NAMES[kind] == 'BLOCK' else 2, :3]
             return [float(value) for value in row / np.linalg.norm(row)]
         signs = (1.0, 1.0, 0.0 if kind == CYLINDER else 1.0 if kind == SPHERE else -1.0)
-        gradient = [(inverse[i, 0] * points[0] + inverse[i, 1] * points[1] + inverse[i, 2] * points[2]
-                     + float(inverse[i, 3])) * sign if sign != 1.0 else
-                    inverse[i, 0] * points[0] + inverse[i, 1] * points[1] + inverse[i, 2] * points[2]
-                    + float(inverse[i, 3]) for i, sign in enumerate(signs) if sign]
+        gradient = [
+            (inverse[i, 0] * points[0] + inverse[i, 1] * points[1] + inverse[i, 2] * points[2] + float(inverse[i, 3]))
+            * sign
+            if sign != 1.0
+            else inverse[i, 0] * points[0]
+            + inverse[i, 1] * points[1]
+            + inverse[i, 2] * points[2]
+            + float(inverse[i, 3])
+            for i, sign in enumerate(signs)
+            if sign
+        ]
         rows = [i for i, sign in enumerate(signs) if sign]
         normal = [self._sum([float(inverse[i, j]) * g for i, g in zip(rows, gradient)]) for j in range(3)]
         square = self._sum([component * component for component in normal])
@@ -306,14 +340,16 @@ class _Tracer:
         length.assign(1.0, length.compare('eq', 0.0))
         return (vectors[0] / length, vectors[1] / length, vectors[2] / length)
 
-    def _illuminate(self, look: dict[str, Any], points: list, normal: Vector, view: Vector,
-                    leaves: list[int]) -> tuple[list, Vector]:
+    def _illuminate(
+        self, look: dict[str, Any], points: list, normal: Vector, view: Vector, leaves: list[int]
+    ) -> tuple[list, Vector]:
         """Linear colours and the mirrored viewing ray (thesis 4.5, shading.py)."""
         program = self.view.program
         slope = self._dot(view, normal) * 2.0
         mirrored = (view[0] - slope * normal[0], view[1] - slope * normal[1], view[2] - slope * normal[2])
-        result = [look['ambient'] * channel * float(light)
-                  for channel, light in zip(look['colour'], program.ambient_light)]
+        result = [
+            look['ambient'] * channel * float(light) for channel, light in zip(look['colour'], program.ambient_light)
+        ]
         glossy = any(program.material[leaf, 2] > 0.0 for leaf in leaves)
         for position, light in zip(program.lights, program.light_colours):
             towards = [float(p) - q for p, q in zip(position, points)]
@@ -330,8 +366,9 @@ class _Tracer:
             glint = None
             if glossy:
                 along = self._dot(mirrored, to_light)
-                shining = f.merge(self._power(f.merge(along, 1.0, along > 0.0), look['shininess'], leaves), 0.0,
-                                  (along > 0.0) & lit)
+                shining = f.merge(
+                    self._power(f.merge(along, 1.0, along > 0.0), look['shininess'], leaves), 0.0, (along > 0.0) & lit
+                )
                 if self.options.shadows and f.any_(lit):
                     shining = shining * through
                 glint = look['specular'] * shining

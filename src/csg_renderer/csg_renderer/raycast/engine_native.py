@@ -81,8 +81,9 @@ def render_views(scene: Scene, views: Sequence[tuple[PinholeCamera, Pose]], opti
             _each_thread(threads, partial(job.smooth, threads))
     for job in jobs:
         counts = np.sum([work.counts for work in job.works], axis=0)
-        job.frame.stats = RenderStats(int(counts[0]), int(counts[1]), int(counts[2]),
-                                      sum(job.active) if options.tiling else 1)
+        job.frame.stats = RenderStats(
+            int(counts[0]), int(counts[1]), int(counts[2]), sum(job.active) if options.tiling else 1
+        )
     return [job.frame for job in jobs]
 
 
@@ -94,8 +95,9 @@ class _Job:
     eye: Eye
     plan: Plan
 
-    def __init__(self, ready: Prepared, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions,
-                 threads: int) -> None:
+    def __init__(
+        self, ready: Prepared, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, threads: int
+    ) -> None:
         self.ready, self.camera, self.camera_T_scene, self.options = ready, camera, camera_T_scene, options
         self.view = view_of(ready.program, camera_T_scene)
         self.sight = look_through(ready, self.view, camera_T_scene)
@@ -111,15 +113,37 @@ class _Job:
     def tiles(self, thread: int, part: int, parts: int) -> None:
         """This thread does one of several equal parts of the tiles, and counts those that were not empty."""
         ready = self.ready
-        self.active[thread] += render_tiles(part, parts, ready.trees, self.eye, ready.look, self.plan, self.target,
-                                            self.works[thread], self.deeps[thread], ready.ground,
-                                            ready.program.object_of)
+        self.active[thread] += render_tiles(
+            part,
+            parts,
+            ready.trees,
+            self.eye,
+            ready.look,
+            self.plan,
+            self.target,
+            self.works[thread],
+            self.deeps[thread],
+            ready.ground,
+            ready.program.object_of,
+        )
 
     def smooth(self, threads: int, thread: int) -> None:
         """This thread's rows, anti-aliased where faces meet; all tiles must be done."""
         ready = self.ready
-        smooth_rows(thread, threads, ready.trees, self.eye, ready.look, self.plan, self.target, self.works[thread],
-                    self.deeps[thread], ready.ground, CROW_WEIGHTS, np.array(CROW_OFFSETS))
+        smooth_rows(
+            thread,
+            threads,
+            ready.trees,
+            self.eye,
+            ready.look,
+            self.plan,
+            self.target,
+            self.works[thread],
+            self.deeps[thread],
+            ready.ground,
+            CROW_WEIGHTS,
+            np.array(CROW_OFFSETS),
+        )
 
 
 # Into how many parts for each thread a view among several is divided: who is done early takes one more.
@@ -201,14 +225,42 @@ def prepare(program: Program) -> Prepared:
         if len(code) == 1:
             simple[child] = code[0]
         box[:, child] = _child_box(code, bounds)
-    trees = Trees(_whole(starts), _whole(positive), np.array(doubt), _whole(factors), _whole(code_starts),
-                  _whole(codes), _whole(jumps), simple, child_of, box, program.kind,
-                  np.ascontiguousarray(program.inverse[:, :3]), _spheres(program), HALFSPACES[program.kind])
-    look = Look(program.colours, program.material, _flat_normals(program), program.lights, program.light_colours,
-                program.ambient_light, program.background)
+    trees = Trees(
+        _whole(starts),
+        _whole(positive),
+        np.array(doubt),
+        _whole(factors),
+        _whole(code_starts),
+        _whole(codes),
+        _whole(jumps),
+        simple,
+        child_of,
+        box,
+        program.kind,
+        np.ascontiguousarray(program.inverse[:, :3]),
+        _spheres(program),
+        HALFSPACES[program.kind],
+    )
+    look = Look(
+        program.colours,
+        program.material,
+        _flat_normals(program),
+        program.lights,
+        program.light_colours,
+        program.ambient_light,
+        program.background,
+    )
     listed = np.flatnonzero(child_products[:, 0] == child_products[:, 1])
-    return Prepared(program, trees, look, _ground(program), child_products, listed,
-                    np.arange(len(positive), dtype=np.int64), max(cutters))
+    return Prepared(
+        program,
+        trees,
+        look,
+        _ground(program),
+        child_products,
+        listed,
+        np.arange(len(positive), dtype=np.int64),
+        max(cutters),
+    )
 
 
 def _ground(program: Program) -> Ground | None:
@@ -216,10 +268,16 @@ def _ground(program: Program) -> Ground | None:
         return None
     grids = [cast(Terrain, program.leaves[leaf]) for leaf in program.terrains]
     sizes = [grid.heights.size for grid in grids]
-    return Ground(np.array(program.terrains), np.concatenate([grid.heights.ravel() for grid in grids]),
-                  np.cumsum([0, *sizes[:-1]]), np.array([grid.heights.shape[0] for grid in grids]),
-                  np.array([grid.heights.shape[1] for grid in grids]), np.array([grid.bilinear for grid in grids]),
-                  np.array([grid.heights.min() for grid in grids]), np.array([grid.heights.max() for grid in grids]))
+    return Ground(
+        np.array(program.terrains),
+        np.concatenate([grid.heights.ravel() for grid in grids]),
+        np.cumsum([0, *sizes[:-1]]),
+        np.array([grid.heights.shape[0] for grid in grids]),
+        np.array([grid.heights.shape[1] for grid in grids]),
+        np.array([grid.bilinear for grid in grids]),
+        np.array([grid.heights.min() for grid in grids]),
+        np.array([grid.heights.max() for grid in grids]),
+    )
 
 
 def _whole(numbers: list[int]) -> np.ndarray:
@@ -254,16 +312,18 @@ def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> Sight:
         # From inside a solid its far wall is seen, which lists know about and products do not.
         spans = ready.child_products.tolist()
         listed = _whole([child for child, (first, last) in enumerate(spans) if first == last or inside[child]])
-        chosen = _whole([q for child, (first, last) in enumerate(spans) if not inside[child]
-                         for q in range(first, last)])
+        chosen = _whole(
+            [q for child, (first, last) in enumerate(spans) if not inside[child] for q in range(first, last)]
+        )
     sphere = np.empty_like(trees.sphere)
     sphere[:, :3] = camera_T_scene.apply(trees.sphere[:, :3])
-    sphere[:, 3] = trees.sphere[:, 3] * camera_T_scene.scale ** 2
+    sphere[:, 3] = trees.sphere[:, 3] * camera_T_scene.scale**2
     return Sight(np.ascontiguousarray(origin), limit, camera_T_scene.apply(program.outline), sphere, listed, chosen)
 
 
-def plan_of(ready: Prepared, view: View, sight: Sight, camera: PinholeCamera, options: RenderOptions,
-            ) -> tuple[Eye, Plan]:
+def plan_of(
+    ready: Prepared, view: View, sight: Sight, camera: PinholeCamera, options: RenderOptions
+) -> tuple[Eye, Plan]:
     """Spans of rows, and the order front to back."""
     program, trees = ready.program, ready.trees
     h, w = camera.height, camera.width
@@ -277,17 +337,38 @@ def plan_of(ready: Prepared, view: View, sight: Sight, camera: PinholeCamera, op
     else:
         leaf_span = np.empty((len(program.kind), h, 2), dtype=np.int32)
         leaf_depth = np.empty(len(program.kind))
-        leaf_spans(sight.points, program.outline_start, view.departure or 1e-9, camera.fx, camera.fy, camera.cx,
-                   camera.cy, w, leaf_span, leaf_depth)
+        leaf_spans(
+            sight.points,
+            program.outline_start,
+            view.departure or 1e-9,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+            w,
+            leaf_span,
+            leaf_depth,
+        )
         span = np.empty((products, h, 2), dtype=np.int32)
         band = np.empty((products, bands, 2), dtype=np.int32)
-        product_spans(chosen, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size,
-                      span, band, near)
+        product_spans(
+            chosen, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size, span, band, near
+        )
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
     eye = Eye(view.local, sight.origin, sight.limit, sight.sphere, leaf_span, near, sight.listed, chosen)
-    plan = Plan((np.arange(w) - camera.cx) / camera.fx, (np.arange(h) - camera.cy) / camera.fy, 1.0 / camera.fx,
-                1.0 / camera.fy, np.ascontiguousarray(view.scene_T_camera[:3]), view.tolerance, span, band, size, whole,
-                options.box)
+    plan = Plan(
+        (np.arange(w) - camera.cx) / camera.fx,
+        (np.arange(h) - camera.cy) / camera.fy,
+        1.0 / camera.fx,
+        1.0 / camera.fy,
+        np.ascontiguousarray(view.scene_T_camera[:3]),
+        view.tolerance,
+        span,
+        band,
+        size,
+        whole,
+        options.box,
+    )
     return eye, plan
 
 
@@ -363,8 +444,16 @@ def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
     x, y, z = origin.T if len(origin) else np.zeros((3, 0))
     slab = (z >= 0.0) & (z <= 1.0)
     round_ = x * x + y * y
-    per_kind = np.stack([(x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & slab, (round_ <= 1.0) & slab,
-                         (round_ <= z * z) & slab, round_ + z * z <= 1.0, z <= 0.0, z < z])
+    per_kind = np.stack(
+        [
+            (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & slab,
+            (round_ <= 1.0) & slab,
+            (round_ <= z * z) & slab,
+            round_ + z * z <= 1.0,
+            z <= 0.0,
+            z < z,
+        ]
+    )
     inside = per_kind[program.kind, np.arange(len(program.kind))]
     if not inside.any():
         return [False] * len(program.children)
@@ -385,9 +474,15 @@ def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
 def _workspace(ready: Prepared) -> Workspace:
     longest = max((len(code) for code in ready.program.children), default=1)
     room = np.empty(4 * longest + 4)
-    return Workspace(np.empty(int(CUTTERS) + max(1, ready.cutters_most) * int(CUTTER_PARTS)), room, np.empty_like(room),
-                     np.empty(longest + 2, dtype=np.int64), np.empty(len(ready.trees.positive) + 1, dtype=np.int64),
-                     np.zeros((3, STRIDE)), np.zeros(3, dtype=np.int64))
+    return Workspace(
+        np.empty(int(CUTTERS) + max(1, ready.cutters_most) * int(CUTTER_PARTS)),
+        room,
+        np.empty_like(room),
+        np.empty(longest + 2, dtype=np.int64),
+        np.empty(len(ready.trees.positive) + 1, dtype=np.int64),
+        np.zeros((3, STRIDE)),
+        np.zeros(3, dtype=np.int64),
+    )
 
 
 def _deep(view: View, options: RenderOptions) -> Deep | None:
@@ -405,12 +500,12 @@ def _new_frame(camera: PinholeCamera, camera_T_scene: Pose, background: np.ndarr
     n = h * w
     memory = _memory(31 * n + 3)
     # All bits set are -1 as an integer and NaN as a float: one fill at the speed of memory for ids, depth and normals.
-    memory[:28 * n].fill(0xFF)
-    words = memory[:28 * n].view(np.int32)
-    ids = [words[k * n:(k + 1) * n].reshape(h, w) for k in range(3)]
-    depth = words[3 * n:4 * n].view(np.float32).reshape(h, w)
-    normal = words[4 * n:7 * n].view(np.float32).reshape(h, w, 3)
-    image = memory[28 * n:31 * n].reshape(h, w, 3)
+    memory[: 28 * n].fill(0xFF)
+    words = memory[: 28 * n].view(np.int32)
+    ids = [words[k * n : (k + 1) * n].reshape(h, w) for k in range(3)]
+    depth = words[3 * n : 4 * n].view(np.float32).reshape(h, w)
+    normal = words[4 * n : 7 * n].view(np.float32).reshape(h, w, 3)
+    image = memory[28 * n : 31 * n].reshape(h, w, 3)
     image[0] = (np.clip(background, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
     image[1:] = image[0]
     frame = Frame(image, depth, ids[0], ids[1], ids[2], normal, camera, camera_T_scene)

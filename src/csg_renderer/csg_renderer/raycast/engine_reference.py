@@ -46,8 +46,14 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
         normal[v[seen], u[seen]] = facing[seen]
         if options.box:
             n = options.box
-            colours[v, u] = sum(np.clip(tracer.trace(u + (i + 0.5) / n - 0.5, v + (j + 0.5) / n - 0.5, children)[1],
-                                        0.0, 1.0) for j in range(n) for i in range(n)) / n**2
+            colours[v, u] = (
+                sum(
+                    np.clip(tracer.trace(u + (i + 0.5) / n - 0.5, v + (j + 0.5) / n - 0.5, children)[1], 0.0, 1.0)
+                    for j in range(n)
+                    for i in range(n)
+                )
+                / n**2
+            )
     if options.adaptive:
         v, u = np.nonzero(boundary(codes))
         smooth = np.zeros((len(u), 3))
@@ -58,9 +64,17 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     seen = codes != MISS
     leaf = np.where(seen, codes // FACE_SLOTS, 0)
     object_id = np.where(seen, program.object_of[leaf] if len(program.kind) else 0, MISS)
-    return Frame(quantise(colours), depth.astype(np.float32), np.where(seen, leaf, MISS).astype(np.int32),
-                 np.where(seen, codes % FACE_SLOTS, MISS).astype(np.int32), object_id.astype(np.int32),
-                 normal.astype(np.float32), camera, camera_T_scene, tracer.stats)
+    return Frame(
+        quantise(colours),
+        depth.astype(np.float32),
+        np.where(seen, leaf, MISS).astype(np.int32),
+        np.where(seen, codes % FACE_SLOTS, MISS).astype(np.int32),
+        object_id.astype(np.int32),
+        normal.astype(np.float32),
+        camera,
+        camera_T_scene,
+        tracer.stats,
+    )
 
 
 def boundary(codes: np.ndarray) -> np.ndarray:
@@ -70,7 +84,7 @@ def boundary(codes: np.ndarray) -> np.ndarray:
     different = np.zeros((h, w), bool)
     for dv in range(3):
         for du in range(3):
-            different |= padded[dv:dv + h, du:du + w] != codes
+            different |= padded[dv : dv + h, du : du + w] != codes
     return different
 
 
@@ -95,8 +109,16 @@ class _Tracer:
         while pending:
             rays_of, origins, directions, weight, level, hits = pending.pop()
             if hits is None:
-                hits = cast(view, view.program.children, origins, directions, view.program.inverse[:, :3],
-                            view.departure, True, self.stats)
+                hits = cast(
+                    view,
+                    view.program.children,
+                    origins,
+                    directions,
+                    view.program.inverse[:, :3],
+                    view.departure,
+                    True,
+                    self.stats,
+                )
             missed = hits.hit == MISS
             np.add.at(colour, rays_of[missed], weight[missed, None] * view.program.background)
             seen = ~missed
@@ -114,8 +136,10 @@ class _Tracer:
             if level == self.options.levels:
                 mirror, clear = np.zeros_like(mirror), np.zeros_like(clear)
             np.add.at(colour, rays_of, (weight * (1.0 - clear))[:, None] * local)
-            for share, onward in ((weight * (1.0 - clear) * mirror, reflect(directions, towards)),
-                                  (weight * clear, unit(directions))):
+            for share, onward in (
+                (weight * (1.0 - clear) * mirror, reflect(directions, towards)),
+                (weight * clear, unit(directions)),
+            ):
                 some = share > 0.0
                 if some.any():
                     pending.append((rays_of[some], points[some], onward[some], share[some], level + 1, None))
@@ -140,8 +164,12 @@ def _tiles(view: View, camera: PinholeCamera, size: int):
     for top in range(0, camera.height, size):
         for left in range(0, camera.width, size):
             right, bottom = min(left + size, camera.width), min(top + size, camera.height)
-            present = ((boxes[:, 0] <= right - 0.5) & (boxes[:, 2] >= left - 0.5)
-                       & (boxes[:, 1] <= bottom - 0.5) & (boxes[:, 3] >= top - 0.5))
+            present = (
+                (boxes[:, 0] <= right - 0.5)
+                & (boxes[:, 2] >= left - 0.5)
+                & (boxes[:, 1] <= bottom - 0.5)
+                & (boxes[:, 3] >= top - 0.5)
+            )
             pruned = (prune(code, present) for code in view.program.children)
             yield left, top, right, bottom, [code for code in pruned if len(code)]
 
@@ -153,7 +181,7 @@ def _rectangles(view: View, camera: PinholeCamera) -> np.ndarray:
     camera_T_scene = np.linalg.inv(view.scene_T_camera)
     points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
     for leaf in range(len(boxes)):
-        corners = points[program.outline_start[leaf]:program.outline_start[leaf + 1]]
+        corners = points[program.outline_start[leaf] : program.outline_start[leaf + 1]]
         if len(corners) and corners[:, 2].min() > view.departure:
             pixels = camera.project(corners)
             # Room for the samples of anti-aliasing and for rounding.

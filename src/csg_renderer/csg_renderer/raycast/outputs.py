@@ -55,9 +55,17 @@ def id_picture(ids: np.ndarray) -> np.ndarray:
 def save_arrays(path: Path, frame: Frame) -> Path:
     """Write everything a frame knows as a compressed .npz: image, depth (metres), ids, normals, K and [R|t]."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, image=frame.image, depth=frame.depth, primitive_id=frame.primitive_id,
-                        face_id=frame.face_id, object_id=frame.object_id, normal=frame.normal, K=frame.camera.matrix,
-                        camera_T_scene=frame.camera_T_scene.matrix)
+    np.savez_compressed(
+        path,
+        image=frame.image,
+        depth=frame.depth,
+        primitive_id=frame.primitive_id,
+        face_id=frame.face_id,
+        object_id=frame.object_id,
+        normal=frame.normal,
+        K=frame.camera.matrix,
+        camera_T_scene=frame.camera_T_scene.matrix,
+    )
     return path
 
 
@@ -65,7 +73,9 @@ def camera_record(frame: Frame, baseline: float | None = None) -> dict[str, obje
     """The view as plain numbers: K and camera_T_scene as [R|t] (metres, optical frame: x right, y down, z forward)."""
     camera = frame.camera
     record: dict[str, object] = {
-        'width': camera.width, 'height': camera.height, 'K': camera.matrix.tolist(),
+        'width': camera.width,
+        'height': camera.height,
+        'K': camera.matrix.tolist(),
         'camera_T_scene': frame.camera_T_scene.matrix[:3].tolist(),
         'convention': 'p_camera = R p_scene + t, metres; x right, y down, z forward; integer pixel = pixel centre',
     }

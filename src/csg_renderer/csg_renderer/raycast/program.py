@@ -21,8 +21,7 @@ UNION, INTERSECT, DIFFERENCE = -1, -2, -3
 OPERATOR_CODES = {'UNION': UNION, 'INTERSECT': INTERSECT, 'DIFFERENCE': DIFFERENCE}
 
 BLOCK, CYLINDER, CONE, SPHERE, PLANE, TERRAIN = range(6)
-KIND_CODES = {'BLOCK': BLOCK, 'CYLINDER': CYLINDER, 'CONE': CONE, 'SPHERE': SPHERE, 'PLANE': PLANE,
-              'TERRAIN': TERRAIN}
+KIND_CODES = {'BLOCK': BLOCK, 'CYLINDER': CYLINDER, 'CONE': CONE, 'SPHERE': SPHERE, 'PLANE': PLANE, 'TERRAIN': TERRAIN}
 HALFSPACES = np.array([6, 3, 2, 1, 1, 1])
 
 # Surfaces closer together along a ray than this fraction of the scene's extent are one surface. Rounding leaves
@@ -47,11 +46,28 @@ def _outlines() -> dict[int, np.ndarray]:
     base = np.hstack([ring, high])
     # A cube's corners cut off: |x|, |y|, |z| <= 1 and |x| + |y| + |z| <= sqrt(3) touches the unit sphere everywhere.
     cut = np.sqrt(3.0) - 1.0
-    sphere = np.array([p for x in (-1.0, 1.0) for y in (-1.0, 1.0) for p in
-                       ([x, y * cut, 0.0], [x * cut, y, 0.0], [x, 0.0, y * cut],
-                        [x * cut, 0.0, y], [0.0, x, y * cut], [0.0, x * cut, y])])
-    return {BLOCK: _BOX, CYLINDER: np.vstack([np.hstack([ring, low]), base]),
-            CONE: np.vstack([np.zeros((1, 3)), base]), SPHERE: sphere, PLANE: np.zeros((0, 3))}
+    sphere = np.array(
+        [
+            p
+            for x in (-1.0, 1.0)
+            for y in (-1.0, 1.0)
+            for p in (
+                [x, y * cut, 0.0],
+                [x * cut, y, 0.0],
+                [x, 0.0, y * cut],
+                [x * cut, 0.0, y],
+                [0.0, x, y * cut],
+                [0.0, x * cut, y],
+            )
+        ]
+    )
+    return {
+        BLOCK: _BOX,
+        CYLINDER: np.vstack([np.hstack([ring, low]), base]),
+        CONE: np.vstack([np.zeros((1, 3)), base]),
+        SPHERE: sphere,
+        PLANE: np.zeros((0, 3)),
+    }
 
 
 OUTLINES = _outlines()
@@ -178,20 +194,36 @@ def _compile(scene: Scene) -> Program:
         surface = leaf.surface
         colours[index] = surface.colour
         if leaf.face_colours is not None:
-            colours[index, :len(leaf.face_colours)] = leaf.face_colours
-        material[index] = (surface.ambient, surface.diffuse, surface.specular, surface.shininess,
-                           surface.reflection, surface.transparency)
+            colours[index, : len(leaf.face_colours)] = leaf.face_colours
+        material[index] = (
+            surface.ambient,
+            surface.diffuse,
+            surface.specular,
+            surface.shininess,
+            surface.reflection,
+            surface.transparency,
+        )
         points = leaf.outline if isinstance(leaf, Terrain) else OUTLINES[KIND_CODES[leaf.kind]]
         outlines.append(points @ leaf.matrix[:3, :3].T + leaf.matrix[:3, 3])
     outline = np.concatenate(outlines) if outlines else np.zeros((0, 3))
     anchors = np.array([leaf.matrix[:3, 3] for leaf in leaves]).reshape(-1, 3)
-    extent = max([float(np.linalg.norm(points, axis=1).max()) for points in (outline, anchors) if len(points)],
-                 default=0.0)
+    extent = max(
+        [float(np.linalg.norm(points, axis=1).max()) for points in (outline, anchors) if len(points)], default=0.0
+    )
     return Program(
-        leaves, np.array([KIND_CODES[leaf.kind] for leaf in leaves], dtype=np.int64),
+        leaves,
+        np.array([KIND_CODES[leaf.kind] for leaf in leaves], dtype=np.int64),
         np.linalg.inv(np.array([leaf.matrix for leaf in leaves])) if n else np.zeros((0, 4, 4)),
-        object_of.astype(np.int64), colours, material, tuple(children), tuple(terrains), outline,
-        np.concatenate([[0], np.cumsum([len(points) for points in outlines])]).astype(np.int64), extent,
+        object_of.astype(np.int64),
+        colours,
+        material,
+        tuple(children),
+        tuple(terrains),
+        outline,
+        np.concatenate([[0], np.cumsum([len(points) for points in outlines])]).astype(np.int64),
+        extent,
         np.array([light.position for light in scene.lights]).reshape(-1, 3),
         np.array([light.colour for light in scene.lights]).reshape(-1, 3),
-        np.array(scene.ambient_light), np.array(scene.background))
+        np.array(scene.ambient_light),
+        np.array(scene.background),
+    )

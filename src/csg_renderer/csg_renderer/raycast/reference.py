@@ -59,8 +59,9 @@ def leaf_span(kind: int, leaf: int, origin: np.ndarray, direction: np.ndarray, t
     if kind == BLOCK:
         enter, leave, face_in, face_out = _slab(origin, direction, 0, 0)
         for axis in (1, 2):
-            enter, leave, face_in, face_out = _meet((enter, leave, face_in, face_out),
-                                                    _slab(origin, direction, axis, 2 * axis))
+            enter, leave, face_in, face_out = _meet(
+                (enter, leave, face_in, face_out), _slab(origin, direction, axis, 2 * axis)
+            )
     elif kind == CYLINDER:
         a, b, c = _quadratic(origin, direction, (1.0, 1.0, 0.0), 1.0)
         curved = _between(a, b, c, 2)
@@ -83,10 +84,12 @@ def leaf_span(kind: int, leaf: int, origin: np.ndarray, direction: np.ndarray, t
 def localise(origin: np.ndarray, direction: np.ndarray, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays in a unit frame, with what is zero but for rounding made exactly zero (origin) or TINY (direction)."""
     m = transform
-    local = np.stack([m[i, 0] * direction[:, 0] + (m[i, 1] * direction[:, 1] + m[i, 2] * direction[:, 2])
-                      for i in range(3)], axis=1)
-    at = np.stack([m[i, 0] * origin[:, 0] + m[i, 1] * origin[:, 1] + m[i, 2] * origin[:, 2] + m[i, 3]
-                   for i in range(3)], axis=1)
+    local = np.stack(
+        [m[i, 0] * direction[:, 0] + (m[i, 1] * direction[:, 1] + m[i, 2] * direction[:, 2]) for i in range(3)], axis=1
+    )
+    at = np.stack(
+        [m[i, 0] * origin[:, 0] + m[i, 1] * origin[:, 1] + m[i, 2] * origin[:, 2] + m[i, 3] for i in range(3)], axis=1
+    )
     local = np.where(np.abs(local) < PARALLEL * np.abs(m[:, :3]).sum(axis=1), TINY, local)
     nearest = np.round(at)
     reach = PARALLEL * (1.0 + np.abs(m[:, 3]))
@@ -99,8 +102,12 @@ def _slab(origin, direction, axis: int, face: int):
     inverse = 1.0 / d
     at_0, at_1 = (0.0 - o) * inverse, (1.0 - o) * inverse
     rising = d > 0.0
-    return (np.where(rising, at_0, at_1), np.where(rising, at_1, at_0),
-            np.where(rising, face, face + 1), np.where(rising, face + 1, face))
+    return (
+        np.where(rising, at_0, at_1),
+        np.where(rising, at_1, at_0),
+        np.where(rising, face, face + 1),
+        np.where(rising, face + 1, face),
+    )
 
 
 def _meet(first, second):
@@ -108,16 +115,23 @@ def _meet(first, second):
     enter_1, leave_1, in_1, out_1 = first
     enter_2, leave_2, in_2, out_2 = second
     later, sooner = enter_2 > enter_1, leave_2 < leave_1
-    return (np.where(later, enter_2, enter_1), np.where(sooner, leave_2, leave_1),
-            np.where(later, in_2, in_1), np.where(sooner, out_2, out_1))
+    return (
+        np.where(later, enter_2, enter_1),
+        np.where(sooner, leave_2, leave_1),
+        np.where(later, in_2, in_1),
+        np.where(sooner, out_2, out_1),
+    )
 
 
 def _quadratic(origin, direction, signs, constant):
     """Coefficients of a t^2 + 2 b t + c for x^2 s0 + y^2 s1 + z^2 s2 - constant."""
     (ox, oy, oz), (dx, dy, dz) = origin.T, direction.T
     s0, s1, s2 = signs
-    return (s0 * dx * dx + s1 * dy * dy + s2 * dz * dz, s0 * ox * dx + s1 * oy * dy + s2 * oz * dz,
-            s0 * ox * ox + s1 * oy * oy + s2 * oz * oz - constant)
+    return (
+        s0 * dx * dx + s1 * dy * dy + s2 * dz * dz,
+        s0 * ox * dx + s1 * oy * dy + s2 * oz * dz,
+        s0 * ox * ox + s1 * oy * oy + s2 * oz * oz - constant,
+    )
 
 
 def _roots(a, b, c):
@@ -162,8 +176,12 @@ def _cone(origin, direction):
     curved = np.ones(len(a), dtype=np.int64)
     base = np.zeros(len(a), dtype=np.int64)
     # The plane through the apex only chooses the nappe: no ray enters there, but rounding may say so.
-    slab = (np.where(rising, at_apex, at_base), np.where(rising, at_base, at_apex),
-            np.where(rising, curved, base), np.where(rising, base, curved))
+    slab = (
+        np.where(rising, at_apex, at_base),
+        np.where(rising, at_base, at_apex),
+        np.where(rising, curved, base),
+        np.where(rising, base, curved),
+    )
     enter, leave, face_in, face_out = _meet((enter, leave, curved, curved), slab)
     return np.where(missed, np.inf, enter), np.where(missed, -np.inf, leave), face_in, face_out
 
@@ -209,8 +227,15 @@ def combine(operator: int, left: Spans, right: Spans, tolerance: float) -> Spans
     return Spans(out.t[:, :used], out.hit[:, :used])
 
 
-def child_spans(program: Program, code: np.ndarray, origin: np.ndarray, direction: np.ndarray,
-                transforms: np.ndarray, tolerance: float, stats: RenderStats) -> Spans:
+def child_spans(
+    program: Program,
+    code: np.ndarray,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    transforms: np.ndarray,
+    tolerance: float,
+    stats: RenderStats,
+) -> Spans:
     """Boundaries of one child along rays. origin, direction : (n, 3); transforms : (leaves, 3, 4) to unit frames."""
     stack: list[Spans] = []
     for op in code:
@@ -250,14 +275,26 @@ def nearest_of(best: Hits, other: Hits, tolerance: float) -> Hits:
     with np.errstate(invalid='ignore'):
         difference = other.t - best.t
     lower = other.hit // FACE_SLOTS < best.hit // FACE_SLOTS
-    better = np.isfinite(other.t) & (~np.isfinite(best.t) | (difference < -tolerance)
-                                     | ((np.abs(difference) <= tolerance) & lower))
-    return Hits(np.where(better, other.t, best.t), np.where(better, other.hit, best.hit),
-                np.where(better, other.entering, best.entering))
+    better = np.isfinite(other.t) & (
+        ~np.isfinite(best.t) | (difference < -tolerance) | ((np.abs(difference) <= tolerance) & lower)
+    )
+    return Hits(
+        np.where(better, other.t, best.t),
+        np.where(better, other.hit, best.hit),
+        np.where(better, other.entering, best.entering),
+    )
 
 
-def cast(view: View, children, origin: np.ndarray, direction: np.ndarray, transforms: np.ndarray, nearest: float,
-         entries_only: bool, stats: RenderStats) -> Hits:
+def cast(
+    view: View,
+    children,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    transforms: np.ndarray,
+    nearest: float,
+    entries_only: bool,
+    stats: RenderStats,
+) -> Hits:
     """The nearest boundary of some children along rays (n, 3)."""
     n = len(direction)
     best = Hits(np.full(n, np.inf), np.full(n, MISS, dtype=np.int64), np.ones(n, bool))
@@ -278,8 +315,9 @@ def _ground(view: View, leaf: int, origin, direction, transform, nearest, farthe
     return first_crossing(terrain, at, direction @ transform[:, :3].T, nearest, farthest)
 
 
-def transmission(view: View, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray,
-                 stats: RenderStats) -> np.ndarray:
+def transmission(
+    view: View, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, stats: RenderStats
+) -> np.ndarray:
     """(n,) float64: how much light comes along rays of unit direction and some length: the product of the
     transparencies of what stands in the way."""
     light = np.ones(len(direction))
@@ -291,14 +329,16 @@ def transmission(view: View, origin: np.ndarray, direction: np.ndarray, distance
             blocked = (spans.t[:, column] < distance - view.departure) & (spans.t[:, column + 1] > view.departure)
             light = np.where(blocked, light * transparency[spans.hit[:, column] // FACE_SLOTS], light)
     for leaf in view.program.terrains:
-        t = _ground(view, leaf, origin, direction, view.program.inverse[leaf, :3], view.departure,
-                    distance - view.departure)
+        t = _ground(
+            view, leaf, origin, direction, view.program.inverse[leaf, :3], view.departure, distance - view.departure
+        )
         light = np.where(np.isfinite(t), light * transparency[leaf], light)
     return light
 
 
-def normals(program: Program, hit: np.ndarray, points: np.ndarray, direction: np.ndarray,
-            entering: np.ndarray) -> np.ndarray:
+def normals(
+    program: Program, hit: np.ndarray, points: np.ndarray, direction: np.ndarray, entering: np.ndarray
+) -> np.ndarray:
     """(n, 3) float64, unit, scene frame: outward normals of the solid at boundaries.
 
     points, direction : (n, 3) scene frame. Where a ray enters, the outward normal faces it, whichever side of the leaf

@@ -58,8 +58,14 @@ def scene_rig(scene: Scene, width: int = 0, height: int = 0, focal: float = 0.0,
         rows = height or round(camera.height * columns / camera.width)
         across, down = columns / camera.width, rows / camera.height
         fx = focal or camera.fx * across
-        camera = PinholeCamera(columns, rows, fx, fx * camera.fy / camera.fx,
-                               (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5)
+        camera = PinholeCamera(
+            columns,
+            rows,
+            fx,
+            fx * camera.fy / camera.fx,
+            (camera.cx + 0.5) * across - 0.5,
+            (camera.cy + 0.5) * down - 0.5,
+        )
     return default_rig(scene, camera, baseline or None)
 
 
@@ -88,9 +94,17 @@ def viewing_hints(scene: Scene) -> list[str]:
     return hints
 
 
-def render(scene: Scene, camera: PinholeCamera | None = None, world_to_camera: Pose | None = None,
-           engine: str = 'native', tiling: bool = True, levels: int = 1, antialias: bool | int = False,
-           shadows: bool = False, **options: int) -> Frame:
+def render(
+    scene: Scene,
+    camera: PinholeCamera | None = None,
+    world_to_camera: Pose | None = None,
+    engine: str = 'native',
+    tiling: bool = True,
+    levels: int = 1,
+    antialias: bool | int = False,
+    shadows: bool = False,
+    **options: int,
+) -> Frame:
     """Ray cast (levels=1) or ray trace a scene.
 
     camera : the scene's own by default, else :func:`default_camera`
@@ -105,8 +119,9 @@ def render(scene: Scene, camera: PinholeCamera | None = None, world_to_camera: P
     return _render_views(scene, [(camera, pose)], engine, chosen)[0]
 
 
-def render_stereo(scene: Scene, rig: StereoRig | None = None, world_to_camera: Pose | None = None,
-                  engine: str = 'native', **options) -> tuple[Frame, Frame]:
+def render_stereo(
+    scene: Scene, rig: StereoRig | None = None, world_to_camera: Pose | None = None, engine: str = 'native', **options
+) -> tuple[Frame, Frame]:
     """A rectified pair, (left, right). world_to_camera places the left camera; options as for :func:`render`.
 
     rig : :func:`default_rig` of the scene by default
@@ -125,8 +140,9 @@ def _checked(scene: Scene) -> Scene:
     return scene
 
 
-def _render_views(scene: Scene, views: list[tuple[PinholeCamera, Pose]], engine: str,
-                  options: RenderOptions) -> list[Frame]:
+def _render_views(
+    scene: Scene, views: list[tuple[PinholeCamera, Pose]], engine: str, options: RenderOptions
+) -> list[Frame]:
     """Frames of several views; an engine that can share work between them has render_views."""
     module = _engine(engine)
     start = time.perf_counter()

@@ -12,8 +12,14 @@ from .frame import FACE_SLOTS
 from .program import Program
 
 
-def illuminate(program: Program, hit: np.ndarray, points: np.ndarray, normal: np.ndarray, direction: np.ndarray,
-               transmitted: np.ndarray | None = None) -> np.ndarray:
+def illuminate(
+    program: Program,
+    hit: np.ndarray,
+    points: np.ndarray,
+    normal: np.ndarray,
+    direction: np.ndarray,
+    transmitted: np.ndarray | None = None,
+) -> np.ndarray:
     """(n, 3) float64, linear RGB, not clipped.
 
     hit : (n,) leaf * FACE_SLOTS + face; points, normal, direction : (n, 3) scene frame; direction is the viewing ray's

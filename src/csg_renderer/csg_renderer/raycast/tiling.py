@@ -74,8 +74,10 @@ def convex_hull(points):
         floor = size + (1 if step == 0 else 0)
         for i in range(count):
             p = points[i] if step == 0 else points[count - 1 - i]
-            while size > floor and ((hull[size - 1, 0] - hull[size - 2, 0]) * (p[1] - hull[size - 2, 1])
-                                    <= (hull[size - 1, 1] - hull[size - 2, 1]) * (p[0] - hull[size - 2, 0])):
+            while size > floor and (
+                (hull[size - 1, 0] - hull[size - 2, 0]) * (p[1] - hull[size - 2, 1])
+                <= (hull[size - 1, 1] - hull[size - 2, 1]) * (p[0] - hull[size - 2, 0])
+            ):
                 size -= 1
             hull[size, 0], hull[size, 1] = p[0], p[1]
             size += 1

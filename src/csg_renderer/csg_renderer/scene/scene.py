@@ -62,15 +62,24 @@ class Scene:
     camera, camera_T_scene, baseline : what the file says of the camera (CAMERA, STEREO), or None
     """
 
-    def __init__(self, solids: Iterable[Solid | Placement] | Solid | Placement, lights: Iterable[Light] = (),
-                 ambient_light: ArrayLike = (0.2, 0.2, 0.2), background: ArrayLike = (0.0, 0.0, 0.0), *,
-                 definitions: dict[str, Solid] | None = None, camera: PinholeCamera | None = None,
-                 camera_T_scene: Pose | None = None, baseline: float | None = None) -> None:
+    def __init__(
+        self,
+        solids: Iterable[Solid | Placement] | Solid | Placement,
+        lights: Iterable[Light] = (),
+        ambient_light: ArrayLike = (0.2, 0.2, 0.2),
+        background: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        definitions: dict[str, Solid] | None = None,
+        camera: PinholeCamera | None = None,
+        camera_T_scene: Pose | None = None,
+        baseline: float | None = None,
+    ) -> None:
         if isinstance(solids, Solid | Placement):
             solids = [solids]
         self.placements: tuple[Placement, ...] = tuple(
             item if isinstance(item, Placement) else Placement(f'object{index}', item)
-            for index, item in enumerate(solids))
+            for index, item in enumerate(solids)
+        )
         self.solids: tuple[Solid, ...] = tuple(placement.solid for placement in self.placements)
         self.lights: tuple[Light, ...] = tuple(lights)
         self.ambient_light = colour(ambient_light, 'ambient_light')

@@ -60,8 +60,9 @@ class Terrain(Solid):
         object.__setattr__(self, 'placement', placement)
 
     @classmethod
-    def load(cls, path: str | Path, spacing: tuple[float, float], low: float = 0.0, high: float = 1.0,
-             **options: Any) -> Terrain:
+    def load(
+        cls, path: str | Path, spacing: tuple[float, float], low: float = 0.0, high: float = 1.0, **options: Any
+    ) -> Terrain:
         """From a file: .npy holds heights in metres; a grey 16-bit PNG maps 0..65535 to low..high metres.
 
         Raises FileNotFoundError, and ValueError that names the file.
@@ -93,8 +94,14 @@ class Terrain(Solid):
     def outline(self) -> np.ndarray:
         """(8, 3): corners of the box about the ground, grid frame."""
         rows, columns = self.heights.shape
-        return np.array([[x, y, z] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0)
-                         for z in (self.heights.min(), self.heights.max())])
+        return np.array(
+            [
+                [x, y, z]
+                for x in (0.0, columns - 1.0)
+                for y in (0.0, rows - 1.0)
+                for z in (self.heights.min(), self.heights.max())
+            ]
+        )
 
     @property
     def bilinear(self) -> bool:
@@ -140,8 +147,13 @@ def corners(terrain: Terrain, i: np.ndarray, j: np.ndarray):
     return h[j, i], h[j, i + 1], h[j + 1, i], h[j + 1, i + 1]
 
 
-def first_crossing(terrain: Terrain, origin: np.ndarray, direction: np.ndarray, nearest: np.ndarray | float,
-                   farthest: np.ndarray | float = np.inf) -> np.ndarray:
+def first_crossing(
+    terrain: Terrain,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    nearest: np.ndarray | float,
+    farthest: np.ndarray | float = np.inf,
+) -> np.ndarray:
     """(n,) where rays (n, 3) of the grid frame first meet the ground between nearest and farthest, inf if nowhere.
 
     For tests and the reference engine: every cell is tried on every ray.

@@ -30,16 +30,19 @@ def contours(table: SurfaceTable, eye: np.ndarray) -> Wires:
     return Wires.concatenate(parts).moved(matrix)
 
 
-def _on_boundary(table: SurfaceTable, group: int, conics: list[np.ndarray],
-                 lines: list[tuple[np.ndarray, np.ndarray]]) -> Wires:
+def _on_boundary(
+    table: SurfaceTable, group: int, conics: list[np.ndarray], lines: list[tuple[np.ndarray, np.ndarray]]
+) -> Wires:
     """The pieces of a quadric's contour where the quadric is the solid's boundary; normalised frame."""
     point = np.array([line[0] for line in lines]).reshape(-1, 3)
     direction = np.array([line[1] for line in lines]).reshape(-1, 3)
     straight = line_pieces(table, point, direction, faces=1)
     rows = _owned(straight, group)
     k = straight.curve[rows]
-    segment = np.stack([point[k] + straight.low[rows, None] * direction[k],
-                        point[k] + straight.high[rows, None] * direction[k]], axis=1)
+    segment = np.stack(
+        [point[k] + straight.low[rows, None] * direction[k], point[k] + straight.high[rows, None] * direction[k]],
+        axis=1,
+    )
     conic = np.array(conics).reshape(-1, 4, 3)
     curved = conic_pieces(table, conic, np.zeros((0, 4)), faces=1)
     rows = _owned(curved, group)

@@ -93,8 +93,9 @@ def visible_features(solid: Solid, pose: Pose, camera: PinholeCamera, others: Se
     return visible_fragments(solid, pose, camera, others).features
 
 
-def visible_fragments(solid: Solid, pose: Pose, camera: PinholeCamera,
-                      others: Sequence[Placed] = ()) -> VisibleFeatures:
+def visible_fragments(
+    solid: Solid, pose: Pose, camera: PinholeCamera, others: Sequence[Placed] = ()
+) -> VisibleFeatures:
     """As :func:`visible_features`, with the model feature of each fragment, and the occluding contours."""
     scene = Scenery([(solid, pose), *others])
     features, index = fragments(solid, pose, scene.seen(0, camera))
@@ -108,8 +109,10 @@ def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[Fea
     """
     right = [(solid, Pose(pose.rotation, pose.translation + rig.right_T_left, pose.scale)) for solid, pose in placed]
     eyes = [(Scenery(placed), rig.left), (Scenery(right), rig.right)]
-    return [fragments(solid, pose, eyes[0][0].seen(k, eyes[0][1]) & eyes[1][0].seen(k, eyes[1][1]))
-            for k, (solid, pose) in enumerate(placed)]
+    return [
+        fragments(solid, pose, eyes[0][0].seen(k, eyes[0][1]) & eyes[1][0].seen(k, eyes[1][1]))
+        for k, (solid, pose) in enumerate(placed)
+    ]
 
 
 def fragments(solid: Solid, pose: Pose, seen: Seen) -> tuple[FeatureSet, np.ndarray]:
@@ -126,10 +129,13 @@ def fragments(solid: Solid, pose: Pose, seen: Seen) -> tuple[FeatureSet, np.ndar
     first_axis = first_curve + int(found.ellipse.sum())
     rank = np.cumsum(found.ellipse) - 1
     index = np.concatenate([seen.edges.row, first_curve + rank[curve.row], first_axis + np.nonzero(seen.axes)[0]])
-    return FeatureSet.concatenate([
-        FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
-        arcs(wires.conic[curve.row], curve.low, curve.high, pose.rotate(found.curve_normal)[curve.row]),
-        model.select(seen.axes)]), index.astype(np.int32)
+    return FeatureSet.concatenate(
+        [
+            FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
+            arcs(wires.conic[curve.row], curve.low, curve.high, pose.rotate(found.curve_normal)[curve.row]),
+            model.select(seen.axes),
+        ]
+    ), index.astype(np.int32)
 
 
 class Scenery:
@@ -138,8 +144,10 @@ class Scenery:
     def __init__(self, placed: Sequence[Placed]) -> None:
         self.placed = tuple(placed)
         self.creases = [wires_of(boundary(solid)).moved(pose.matrix) for solid, pose in self.placed]
-        self.contours = [contours(boundary(solid).table, pose.inverse().translation).moved(pose.matrix)
-                         for solid, pose in self.placed]
+        self.contours = [
+            contours(boundary(solid).table, pose.inverse().translation).moved(pose.matrix)
+            for solid, pose in self.placed
+        ]
         self.skew = [[pose.apply(points) for points in boundary(solid).skew] for solid, pose in self.placed]
         chords = [Wires.of_segments(_chords(points)) for item in self.skew for points in item]
         self.all = Wires.concatenate([*self.creases, *self.contours, *chords])
@@ -155,10 +163,14 @@ class Scenery:
         row, low, high = cut_segments(wires.segment, self.all, planes)
         start, along = wires.segment[row, 0], wires.segment[row, 1] - wires.segment[row, 0]
         curve, first, last = cut_conics(wires, self.all, planes)
-        middle = np.concatenate([start + (low + INSIDE * (high - low))[:, None] * along,
-                                 evaluate(wires.conic[curve], first + INSIDE * (last - first))])
+        middle = np.concatenate(
+            [
+                start + (low + INSIDE * (high - low))[:, None] * along,
+                evaluate(wires.conic[curve], first + INSIDE * (last - first)),
+            ]
+        )
         seen = ~self.hides(middle)
-        return _joined(row, low, high, seen[:len(row)]), _joined(curve, first, last, seen[len(row):])
+        return _joined(row, low, high, seen[: len(row)]), _joined(curve, first, last, seen[len(row) :])
 
     def hides(self, points: np.ndarray, thin: float = THIN) -> np.ndarray:
         """(n,) bool: some solid stands between the eye and points (n, 3)."""
@@ -177,17 +189,23 @@ class Scenery:
         ends, conic = ends_of(wires.segment, straight), wires.conic[curved.row]
         normal = np.cross(conic[:, :3, 0], conic[:, :3, 1])
         away = np.einsum('ni,ni->n', normal, conic[:, :3, 2]) > 0.0
-        return FeatureSet.concatenate([FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
-                                       arcs(conic, curved.low, curved.high,
-                                            np.where(away[:, None], -normal, normal))])
+        return FeatureSet.concatenate(
+            [
+                FeatureSet.from_edges(ends[:, 0], ends[:, 1]),
+                arcs(conic, curved.low, curved.high, np.where(away[:, None], -normal, normal)),
+            ]
+        )
 
     def visible_others(self, index: int, camera: PinholeCamera) -> tuple[np.ndarray, ...]:
         """Visible creases of one solid that are no matching features, as points (k, 3) along each piece."""
         solid, _ = self.placed[index]
         wires, ellipse = self.creases[index], boundary(solid).ellipse
         _, curved = self.spans(Wires(wires.segment[:0], wires.conic, wires.low, wires.high), camera)
-        out = [evaluate(np.repeat(wires.conic[k:k + 1], 65, axis=0), np.linspace(low, high, 65))
-               for k, low, high in zip(curved.row, curved.low, curved.high) if not ellipse[k]]
+        out = [
+            evaluate(np.repeat(wires.conic[k : k + 1], 65, axis=0), np.linspace(low, high, 65))
+            for k, low, high in zip(curved.row, curved.low, curved.high)
+            if not ellipse[k]
+        ]
         for points in self.skew[index]:
             out += self._visible_chords(points, camera)
         return tuple(out)
@@ -204,7 +222,7 @@ class Scenery:
         ends = _chords(points)
         step = ends[:, 1] - ends[:, 0]
         start, end = ends[row, 0] + low[:, None] * step[row], ends[row, 0] + high[:, None] * step[row]
-        return [np.concatenate([start[a:b + 1], end[b:b + 1]]) for a, b in zip(begin, stop)]
+        return [np.concatenate([start[a : b + 1], end[b : b + 1]]) for a, b in zip(begin, stop)]
 
     def _axes(self, index: int, camera: PinholeCamera, seen_curves: np.ndarray) -> np.ndarray:
         """(a,) bool: axes of which both ends can be told from what is seen (thesis Table 6.2)."""
@@ -221,8 +239,12 @@ class Scenery:
 
 def wires_of(found: Boundary) -> Wires:
     """The creases of a boundary, model frame: a segment an edge, a conic a curve, in their order."""
-    return Wires(np.stack([found.edge_start, found.edge_end], axis=1), found.conic[found.curve], found.curve_low,
-                 found.curve_high)
+    return Wires(
+        np.stack([found.edge_start, found.edge_end], axis=1),
+        found.conic[found.curve],
+        found.curve_low,
+        found.curve_high,
+    )
 
 
 def ends_of(segment: np.ndarray, spans: Spans) -> np.ndarray:
@@ -237,8 +259,12 @@ def round_circles(wires: Wires, spans: Spans) -> Spans:
     keep, high = np.ones(len(spans.row), bool), spans.high.copy()
     for k in np.unique(spans.row):
         a, b = np.nonzero(spans.row == k)[0][[0, -1]]
-        if a != b and wires.high[k] - wires.low[k] > 2.0 * np.pi - 1e-6 and \
-                spans.low[a] - wires.low[k] <= SHORTEST and wires.high[k] - high[b] <= SHORTEST:
+        if (
+            a != b
+            and wires.high[k] - wires.low[k] > 2.0 * np.pi - 1e-6
+            and spans.low[a] - wires.low[k] <= SHORTEST
+            and wires.high[k] - high[b] <= SHORTEST
+        ):
             high[b], keep[a] = high[a] + 2.0 * np.pi, False
     return Spans(spans.row[keep], spans.low[keep], high[keep])
 
@@ -268,6 +294,9 @@ def _rims(found: Boundary, ends: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(offset, axis=2)
     about = found.ellipse & (distance < slack)
     # An oblique section of a cone is not centred on the axis, but its plane meets the axis in the end.
-    oblique = (found.ellipse & (np.abs((offset * normal).sum(axis=2)) < slack)
-               & (distance < np.linalg.norm(found.conic[found.curve, :3, 0], axis=1)))
+    oblique = (
+        found.ellipse
+        & (np.abs((offset * normal).sum(axis=2)) < slack)
+        & (distance < np.linalg.norm(found.conic[found.curve, :3, 0], axis=1))
+    )
     return np.where(about.any(axis=1)[:, None], about, oblique)

@@ -39,8 +39,9 @@ class Wires:
     @classmethod
     def concatenate(cls, parts: Iterable[Wires]) -> Wires:
         parts = [*parts, cls.of_segments(np.zeros((0, 2, 3)))]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts])
-                     for name in ('segment', 'conic', 'low', 'high')))
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ('segment', 'conic', 'low', 'high'))
+        )
 
     def moved(self, matrix: np.ndarray) -> Wires:
         """Under an affine (4, 4) column-form matrix."""
@@ -58,8 +59,10 @@ def cut_segments(segment: np.ndarray, others: Wires, planes: np.ndarray) -> tupl
         t = value_a / (value_a - value_b)
         enter = np.where(value_a < 0.0, np.where(value_b > 0.0, t, 2.0), 0.0).max(axis=1, initial=0.0)
         leave = np.where(value_b < 0.0, np.where(value_a > 0.0, t, -1.0), 1.0).min(axis=1, initial=1.0)
-        crossing = np.concatenate([_segment_by_segment(a, b, others.segment[:, 0], others.segment[:, 1]),
-                                   _segment_by_conic(a, b, others)], axis=1)
+        crossing = np.concatenate(
+            [_segment_by_segment(a, b, others.segment[:, 0], others.segment[:, 1]), _segment_by_conic(a, b, others)],
+            axis=1,
+        )
     crossing = np.where((crossing > enter[:, None]) & (crossing < leave[:, None]), crossing, np.nan)
     cuts = np.sort(np.concatenate([enter[:, None], leave[:, None], crossing], axis=1), axis=1)
     cuts[enter >= leave] = np.nan
@@ -74,8 +77,11 @@ def cut_conics(subject: Wires, others: Wires, planes: np.ndarray) -> tuple[np.nd
         return np.zeros(0, int), np.zeros(0), np.zeros(0)
     with np.errstate(divide='ignore', invalid='ignore'):
         borders = _plane_angles(subject.conic, planes)
-        crossing = [borders.reshape(n, -1), _conic_by_segment(subject.conic, others.segment),
-                    _conic_by_conic(subject.conic, others)]
+        crossing = [
+            borders.reshape(n, -1),
+            _conic_by_segment(subject.conic, others.segment),
+            _conic_by_conic(subject.conic, others),
+        ]
         along = np.concatenate(crossing, axis=1) - subject.low[:, None]
     along %= 2.0 * np.pi
     span = (subject.high - subject.low)[:, None]
@@ -151,7 +157,7 @@ def _conic_by_conic(conic: np.ndarray, others: Wires) -> np.ndarray:
         return np.zeros((c, 0))
     base = others.conic[:, :3]
     # A conic seen edge-on spans no cone; the ends of its image are cut by the creases that meet there.
-    regular = np.abs(np.linalg.det(base)) > 1e-12 * np.linalg.norm(base, axis=(1, 2))**3
+    regular = np.abs(np.linalg.det(base)) > 1e-12 * np.linalg.norm(base, axis=(1, 2)) ** 3
     inverse = np.linalg.inv(np.where(regular[:, None, None], base, np.eye(3)))
     cone = np.swapaxes(inverse, 1, 2) @ np.diag([1.0, 1.0, -1.0]) @ inverse
     form = np.einsum('nia,mij,njb->nmab', conic[:, :3], cone, conic[:, :3])

@@ -20,7 +20,7 @@ def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray, thin: floa
     origin = np.broadcast_to(table.normalised(eye), (n, 3))
     ray = table.normalised(targets) - origin
     step = max(1, CHUNK // (2 * m * m + 64))
-    return np.concatenate([_hidden(table, origin[i:i + step], ray[i:i + step], thin) for i in range(0, n, step)])
+    return np.concatenate([_hidden(table, origin[i : i + step], ray[i : i + step], thin) for i in range(0, n, step)])
 
 
 def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: float) -> np.ndarray:
@@ -57,8 +57,15 @@ def leaf_intervals(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> 
     return enter, leave
 
 
-def _narrow(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, slot_slope: np.ndarray, enter: np.ndarray,
-            leave: np.ndarray, miss: np.ndarray) -> None:
+def _narrow(
+    table: SurfaceTable,
+    origin: np.ndarray,
+    ray: np.ndarray,
+    slot_slope: np.ndarray,
+    enter: np.ndarray,
+    leave: np.ndarray,
+    miss: np.ndarray,
+) -> None:
     """Cut the intervals of curved leaves down to the inside of their quadrics, in place."""
     g = len(table.planes)
     for leaf, kind in enumerate(item.kind for item in table.leaves):
@@ -83,8 +90,10 @@ def _narrow(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, slot_slope
             # A ray steeper than the cone's side is inside before the first and after the last crossing; the apex plane
             # (slot 1) says which of the two is the real nappe.
             steep, up = a < 0.0, slot_slope[:, leaf, 1] < 0.0
-            low, high = (np.where(steep, np.where(up, high, -np.inf), low),
-                         np.where(steep, np.where(up, np.inf, low), high))
+            low, high = (
+                np.where(steep, np.where(up, high, -np.inf), low),
+                np.where(steep, np.where(up, np.inf, low), high),
+            )
             miss[:, leaf] |= ~flat & ~steep & (root <= 0.0)
         else:
             miss[:, leaf] |= ~flat & (root <= 0.0)

@@ -209,8 +209,9 @@ class _Body:
     def _reference(self, node: Reference) -> Type:
         name = node.name
         is_own_result = self.item.unit.is_function and name == self.item.unit.name
-        if name in self.item.symbols and not (is_own_result and node.items is not None
-                                              and not self.item.symbols[name].dimensions):
+        if name in self.item.symbols and not (
+            is_own_result and node.items is not None and not self.item.symbols[name].dimensions
+        ):
             symbol = self.item.symbols[name]
             node.meaning = 'variable'
             return self._indexed(node, symbol, target=False)

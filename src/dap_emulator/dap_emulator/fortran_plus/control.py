@@ -130,8 +130,11 @@ class _Flattener:
         self.stack.append(_Open(node, exits=[leave], start=start))
 
     def _end_do(self, node: Node) -> None:
-        if not self.stack or self.stack[-1].node.what not in ('do', 'do_while') or \
-                self.stack[-1].node.parts.get('end_label'):
+        if (
+            not self.stack
+            or self.stack[-1].node.what not in ('do', 'do_while')
+            or self.stack[-1].node.parts.get('end_label')
+        ):
             raise located(node.source, node.at, 'END DO without a DO that it could close')
         self._close_do(self.stack.pop(), node)
 

@@ -134,9 +134,14 @@ class Declarations:
         dimensions = self.dimensions.get(name, [])
         rank = sum(dimension.parallel for dimension in dimensions)
         arguments = self.item.unit.arguments
-        symbol = Symbol(name, Type(self.kinds[name], rank, len(dimensions) - rank), dimensions,
-                        argument=arguments.index(name) if name in arguments else None, common=self.commons.get(name),
-                        initial=self.initials.get(name))
+        symbol = Symbol(
+            name,
+            Type(self.kinds[name], rank, len(dimensions) - rank),
+            dimensions,
+            argument=arguments.index(name) if name in arguments else None,
+            common=self.commons.get(name),
+            initial=self.initials.get(name),
+        )
         if symbol.common and symbol.argument is not None:
             raise self.fail(0, f'{name} is both an argument and in COMMON')
         symbol.slot = 1 + sum(other.slot > 0 for other in self.item.symbols.values())
@@ -186,11 +191,13 @@ class Declarations:
             declared = self.kinds.get(name, kind)
             if name in self.declared:
                 self.declared.remove(name)
-            if (declared.name == 'LOGICAL') != isinstance(value, bool) or \
-                    (declared.name == 'CHARACTER') != isinstance(value, str):
+            if (declared.name == 'LOGICAL') != isinstance(value, bool) or (declared.name == 'CHARACTER') != isinstance(
+                value, str
+            ):
                 raise self.fail(at, f'{name} is {declared}, its value is not')
-            self.item.symbols[name] = Symbol(name, Type(declared), [], constant=value if isinstance(value, str)
-                                             else declared.scalar(value))
+            self.item.symbols[name] = Symbol(
+                name, Type(declared), [], constant=value if isinstance(value, str) else declared.scalar(value)
+            )
 
     def _fold(self, node: Any) -> tuple[Any, Kind]:
         """A constant expression's value. Raises FortranError."""

@@ -27,8 +27,14 @@ from .syntax import Step as NeighbourStep
 if TYPE_CHECKING:
     from .interpreter import CompiledUnit
 
-_RELATE = {'.EQ.': operator.eq, '.NE.': operator.ne, '.LT.': operator.lt, '.LE.': operator.le, '.GT.': operator.gt,
-           '.GE.': operator.ge}
+_RELATE = {
+    '.EQ.': operator.eq,
+    '.NE.': operator.ne,
+    '.LT.': operator.lt,
+    '.LE.': operator.le,
+    '.GT.': operator.gt,
+    '.GE.': operator.ge,
+}
 _COMPARE = {'.EQ.': 'eq', '.NE.': 'ne', '.LT.': 'lt', '.LE.': 'le', '.GT.': 'gt', '.GE.': 'ge'}
 _MIRRORED = {'.EQ.': 'eq', '.NE.': 'ne', '.LT.': 'gt', '.LE.': 'ge', '.GT.': 'lt', '.GE.': 'le'}
 _LOGIC = {'.AND.': 'and', '.OR.': 'or', '.EQV.': 'eqv', '.NEQV.': 'neqv'}
@@ -161,6 +167,7 @@ class Expressions:
         def parallel(frame: Frame) -> DapArray:
             value = call(frame)[slot].read(())
             return value.like(value.kind, value.values)
+
         return parallel
 
     def _variable(self, node: Reference) -> Evaluate:
@@ -176,24 +183,31 @@ class Expressions:
         leading = len(node.items) - serial
         place = self._place(load, node.items[leading:])
         if not rank:
+
             def element(frame: Frame) -> Any:
                 variable = load(frame)
                 found = variable.data[place(frame, variable)]
                 return found.item() if isinstance(found, np.generic) else found
+
             return element
         items = node.items[:leading]
         if all(isinstance(item, Whole) for item in items):
+
             def whole(frame: Frame) -> DapArray:
                 variable = load(frame)
                 return variable.read(place(frame, variable))
+
             return whole
         if all(isinstance(item, (Whole, NeighbourStep)) for item in items):
             return self._neighbour(load, place, items)
         return self._selected(load, place, items)
 
     def _neighbour(self, load: Evaluate, place: Any, items: list[Any]) -> Evaluate:
-        moves = [(item.step, axis, self.item.geometry[axis]) for axis, item in enumerate(items)
-                 if isinstance(item, NeighbourStep)]
+        moves = [
+            (item.step, axis, self.item.geometry[axis])
+            for axis, item in enumerate(items)
+            if isinstance(item, NeighbourStep)
+        ]
 
         def neighbour(frame: Frame) -> DapArray:
             variable = load(frame)
@@ -201,6 +215,7 @@ class Expressions:
             for step, axis, cyclic in moves:
                 array = array.neighbour(step, axis, cyclic)
             return array
+
         return neighbour
 
     def _selected(self, load: Evaluate, place: Any, items: list[Any]) -> Evaluate:
@@ -220,6 +235,7 @@ class Expressions:
             if element:
                 return array.values[where].item()
             return DapArray(array.dap, array.kind, np.ascontiguousarray(array.values[where]))
+
         return select
 
 

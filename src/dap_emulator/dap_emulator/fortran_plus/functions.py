@@ -127,8 +127,9 @@ def _places(types: Sequence[Type]) -> Type:
 
 
 def _logical_to(kind: Kind, rank: int | None = None, keep: bool = False) -> Rule:
-    return lambda types: Type(kind, _parallel(types[0], rank, True).rank if keep else
-                              0 * _parallel(types[0], rank, True).rank)
+    return lambda types: Type(
+        kind, _parallel(types[0], rank, True).rank if keep else 0 * _parallel(types[0], rank, True).rank
+    )
 
 
 def _integers(types: Sequence[Type], first: int = 0) -> None:
@@ -141,6 +142,7 @@ def _pattern(rank: int, kind: Kind = LOGICAL) -> Rule:
     def rule(types: Sequence[Type]) -> Type:
         _integers(types)
         return Type(kind, rank)
+
     return rule
 
 
@@ -148,16 +150,19 @@ def _reshape(source_rank: int, result_rank: int) -> Rule:
     def rule(types: Sequence[Type]) -> Type:
         _integers(types, 1)
         return Type(_parallel(types[0], source_rank).kind, result_rank)
+
     return rule
 
 
 def _spread(result_rank: int) -> Rule:
     """MAT and VEC: of a scalar, or of the other shape."""
+
     def rule(types: Sequence[Type]) -> Type:
         _integers(types, 1)
         if types[0].rank == result_rank or types[0].kind.name == 'CHARACTER':
             raise ValueError(f'cannot spread {types[0]}')
         return Type(types[0].kind, result_rank)
+
     return rule
 
 

@@ -34,8 +34,7 @@ class CompiledUnit:
         self.lines = [step.node.source.line for step in self.steps]
         self.symbols = [symbol for symbol in item.symbols.values() if symbol.slot]
         compiler = _Compiler(self, units)
-        self.prepare = [compiler.preparation(symbol) for symbol in self.symbols
-                        if symbol.argument is None]
+        self.prepare = [compiler.preparation(symbol) for symbol in self.symbols if symbol.argument is None]
         self.code = [compiler.step(step) for step in self.steps]
 
     def call(self, run: Run, arguments: list[Any]) -> Frame:
@@ -101,6 +100,7 @@ class _Compiler(Expressions):
                     frame[slot] = start
                 else:
                     frame[0].commons.setdefault(common, start)
+
             return prepare_scalar
         shape = self.extents(symbol)
 
@@ -129,12 +129,15 @@ class _Compiler(Expressions):
                 if isinstance(error, FortranError):
                     raise
                 raise self.unit._failure(self.item.unit.header, error) from error
+
         return prepare
 
     def extents(self, symbol: Symbol) -> Callable[[Frame], tuple[tuple[int, ...], tuple[int, ...]]]:
         """Parallel and serial extents of an array; an omitted parallel extent is ES."""
-        parts = [(dimension.parallel, None if dimension.extent is None else self.expression(dimension.extent))
-                 for dimension in symbol.dimensions]
+        parts = [
+            (dimension.parallel, None if dimension.extent is None else self.expression(dimension.extent))
+            for dimension in symbol.dimensions
+        ]
 
         def shape(frame: Frame) -> tuple[tuple[int, ...], tuple[int, ...]]:
             found: tuple[list[int], list[int]] = ([], [])
@@ -144,6 +147,7 @@ class _Compiler(Expressions):
                     raise ValueError(f'{symbol.name}: an extent is {value}, expected at least 1')
                 found[0 if parallel else 1].append(value)
             return tuple(found[0]), tuple(found[1])
+
         return shape
 
     def store_scalar(self, symbol: Symbol) -> Callable[[Frame, Any], None]:
@@ -155,6 +159,7 @@ class _Compiler(Expressions):
                 frame[slot] = convert(value)
             else:
                 frame[0].commons[common] = convert(value)
+
         return store
 
     # Statements.
@@ -176,6 +181,7 @@ class _Compiler(Expressions):
             cycles = integers * costs.mcu() + reals * costs.mcu(real=True) + functions * costs.mcu(function=True)
             dap.charge_mcu('scalar', cycles + (round(costs['mcu_branch']) if branches else 0))
             return run(frame)
+
         return charged
 
     def _step_plain(self, step: Step) -> Callable[[Frame], int | None]:
@@ -204,6 +210,7 @@ class _Compiler(Expressions):
             trips = (last(frame) - start + stride) // stride
             frame[slot] = [trips, stride]
             return target if trips <= 0 else None
+
         return run
 
     def _step_do_next(self, step: Step) -> Callable[[Frame], int | None]:
@@ -216,6 +223,7 @@ class _Compiler(Expressions):
             counter[0] -= 1
             store(frame, load(frame) + counter[1])
             return target if counter[0] > 0 else None
+
         return run
 
     def _return(self, node: Node) -> Callable[[Frame], int | None]:
@@ -225,6 +233,7 @@ class _Compiler(Expressions):
     def _stop(self, node: Node) -> Callable[[Frame], int | None]:
         def run(frame: Frame) -> int | None:
             raise StopProgram
+
         return run
 
     def _call(self, node: Node) -> Callable[[Frame], int | None]:
@@ -234,6 +243,7 @@ class _Compiler(Expressions):
 
         def run(frame: Frame) -> None:
             bind(frame)
+
         return run
 
     def _display(self, node: Node) -> Callable[[Frame], int | None]:
@@ -247,6 +257,7 @@ class _Compiler(Expressions):
                 shown = value(frame)
                 values = shown.values.copy() if isinstance(shown, DapArray) else np.asarray(shown)
                 frame[0].displays.append((name, values, str(title(frame)) if title else ''))
+
         return run
 
     def arguments(self, name: str, actuals: list[Any]) -> Callable[[Frame], Frame]:
@@ -256,8 +267,13 @@ class _Compiler(Expressions):
         makers = [self._actual(actual, dummy) for actual, dummy in zip(actuals, dummies)]
         backs: list[tuple[int, Callable[[Frame, Any], None]]] = []
         for dummy, actual in zip(dummies, actuals):
-            if not dummy.dimensions and dummy.name in changed and isinstance(actual, Reference) \
-                    and actual.meaning == 'variable' and self.item.symbols[actual.name].slot:
+            if (
+                not dummy.dimensions
+                and dummy.name in changed
+                and isinstance(actual, Reference)
+                and actual.meaning == 'variable'
+                and self.item.symbols[actual.name].slot
+            ):
                 backs.append((dummy.slot, self.target(actual)))
 
         def call(frame: Frame) -> Frame:
@@ -267,6 +283,7 @@ class _Compiler(Expressions):
             for slot, store in backs:
                 store(frame, inner[slot])
             return inner
+
         return call
 
     def _actual(self, actual: Any, dummy: Symbol) -> Evaluate:
@@ -285,6 +302,7 @@ class _Compiler(Expressions):
                 def part(frame: Frame) -> Any:
                     variable = load(frame)
                     return variable.part(variable.place(tuple(index(frame) for index in indices)))
+
                 return self._same_shape(part, dummy)
         value = self.expression(actual)
 
@@ -293,12 +311,16 @@ class _Compiler(Expressions):
             variable = ArrayVariable(array.dap, dummy.type.kind, array.shape, ())
             variable.write((), array)
             return variable
+
         return self._same_shape(temporary, dummy)
 
     def _same_shape(self, make: Evaluate, dummy: Symbol) -> Evaluate:
         """Checks the extents a dummy array states as constants."""
-        stated = [(axis, dimension.extent.value) for axis, dimension in enumerate(dummy.dimensions)
-                  if isinstance(dimension.extent, Constant)]
+        stated = [
+            (axis, dimension.extent.value)
+            for axis, dimension in enumerate(dummy.dimensions)
+            if isinstance(dimension.extent, Constant)
+        ]
         if not stated:
             return make
 
@@ -307,9 +329,12 @@ class _Compiler(Expressions):
             shape = variable.parallel + variable.serial
             for axis, extent in stated:
                 if shape[axis] != extent:
-                    raise ValueError(f'argument {dummy.name} has shape {shape}, its declaration says {extent} '
-                                     f'in dimension {axis + 1}')
+                    raise ValueError(
+                        f'argument {dummy.name} has shape {shape}, its declaration says {extent} '
+                        f'in dimension {axis + 1}'
+                    )
             return variable
+
         return checked
 
     def _assign(self, node: Node) -> Callable[[Frame], int | None]:
@@ -319,6 +344,7 @@ class _Compiler(Expressions):
 
         def run(frame: Frame) -> None:
             store(frame, value(frame))
+
         return run
 
     def target(self, node: Reference) -> Callable[[Frame, Any], None]:
@@ -333,10 +359,13 @@ class _Compiler(Expressions):
         leading = len(node.items) - serial
         place = self._place(load, node.items[leading:])
         if not rank:
+
             def element(frame: Frame, value: Any) -> None:
                 variable = load(frame)
-                variable.data[place(frame, variable)] = value if variable.kind.name == 'CHARACTER' else \
-                    variable.scalar(value)
+                variable.data[place(frame, variable)] = (
+                    value if variable.kind.name == 'CHARACTER' else variable.scalar(value)
+                )
+
             return element
         items = node.items[:leading]
         if all(isinstance(item, Whole) for item in items):
@@ -355,6 +384,7 @@ class _Compiler(Expressions):
                     variable.write(place, value)
             else:
                 variable.data[...] = value if variable.kind.name == 'CHARACTER' else variable.scalar(value)
+
         return every
 
     def _store_masked(self, load: Evaluate, place: Any, items: list[Any]) -> Callable[[Frame, Any], None]:
@@ -382,10 +412,14 @@ class _Compiler(Expressions):
             mask = masks[0]
             for other in masks[1:]:
                 mask = mask & other
-            if isinstance(value, DapArray) and value.shape != variable.parallel and not (
-                    value.rank == 1 and mask.ndim == 2 and value.shape[0] == variable.parallel[mask.shape[0] != 1]):
+            if (
+                isinstance(value, DapArray)
+                and value.shape != variable.parallel
+                and not (value.rank == 1 and mask.ndim == 2 and value.shape[0] == variable.parallel[mask.shape[0] != 1])
+            ):
                 raise ValueError(f'cannot assign shape {value.shape} to shape {variable.parallel}')
             variable.write_where(place(frame, variable), value, mask)
+
         return store
 
     def _store_part(self, load: Evaluate, place: Any, items: list[Any], rank: int) -> Callable[[Frame, Any], None]:
@@ -396,10 +430,13 @@ class _Compiler(Expressions):
             variable = load(frame)
             where = select_part(variable.parallel, [part and part(frame) for part in parts])
             if isinstance(value, DapArray) and value.shape != tuple(
-                    extent for extent, index in zip(variable.parallel, where) if isinstance(index, slice)):
+                extent for extent, index in zip(variable.parallel, where) if isinstance(index, slice)
+            ):
                 raise ValueError(f'cannot assign shape {value.shape} to a part of shape {variable.parallel}')
             variable.write_part(place(frame, variable), where, value)
+
         return store
+
 
 def compile_units(items: dict[str, CheckedUnit]) -> dict[str, CompiledUnit]:
     """Closures for all units."""

@@ -14,7 +14,7 @@ SUFFIX = '.fpp'
 def program_names() -> list[str]:
     """Names of the library's programs."""
     folder = resources.files('dap_emulator').joinpath('programs')
-    return sorted(item.name[:-len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX))
+    return sorted(item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX))
 
 
 def program_source(name: str) -> str:
@@ -36,8 +36,9 @@ def load_program(name_or_path: str) -> Program:
         return compiled(program_source(name_or_path))
     path = Path(name_or_path)
     if not path.is_file():
-        raise ValueError(f'program: {name_or_path!r} is neither a file nor a library program '
-                         f'({", ".join(program_names())})')
+        raise ValueError(
+            f'program: {name_or_path!r} is neither a file nor a library program ({", ".join(program_names())})'
+        )
     text = path.read_text(encoding='utf-8')
     return compile(text, 'fixed') if path.suffix.lower() in ('.f', '.for') else compiled(text)
 

@@ -16,10 +16,28 @@ from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Step, 
 
 # How a terminal is called in an error message.
 _READABLE = {
-    'NAME': 'a name', 'INT': 'a whole number', 'REAL': 'a number', 'TEXT': 'a text', 'LPAR': "'('", 'RPAR': "')'",
-    'COMMA': "','", 'EQUAL': "'='", 'STAR': "'*'", 'SLASH': "'/'", '$END': 'the end of the statement', 'PLUS': "'+'",
-    'MINUS': "'-'", 'POWER': "'**'", 'RELATION': 'a relation such as .EQ.', 'NOT': '.NOT.',
-    'AND': '.AND.', 'OR': '.OR.', 'EQUIV': '.EQV.', 'TRUE': '.TRUE.', 'FALSE': '.FALSE.'}
+    'NAME': 'a name',
+    'INT': 'a whole number',
+    'REAL': 'a number',
+    'TEXT': 'a text',
+    'LPAR': "'('",
+    'RPAR': "')'",
+    'COMMA': "','",
+    'EQUAL': "'='",
+    'STAR': "'*'",
+    'SLASH': "'/'",
+    '$END': 'the end of the statement',
+    'PLUS': "'+'",
+    'MINUS': "'-'",
+    'POWER': "'**'",
+    'RELATION': 'a relation such as .EQ.',
+    'NOT': '.NOT.',
+    'AND': '.AND.',
+    'OR': '.OR.',
+    'EQUIV': '.EQV.',
+    'TRUE': '.TRUE.',
+    'FALSE': '.FALSE.',
+}
 
 
 def _at(token: Token) -> int:
@@ -75,8 +93,9 @@ class _Builder(Transformer):
 
     def _do(self, word: Token, label: int | None, name: Token, first: Any, last: Any, step: Any) -> Node:
         variable = Reference(name.upper(), None, _at(name))
-        return Node('do', {'end_label': label, 'variable': variable, 'first': first, 'last': last, 'step': step},
-                    _at(word))
+        return Node(
+            'do', {'end_label': label, 'variable': variable, 'first': first, 'last': last, 'step': step}, _at(word)
+        )
 
     def do_while(self, word: Token, condition: Any) -> Node:
         return Node('do_while', {'condition': condition}, _at(word))
@@ -85,13 +104,24 @@ class _Builder(Transformer):
         return Node('end_do', {}, _at(word))
 
     def subroutine(self, word: Token, name: Token, names: list[str] | None) -> Node:
-        return Node('subroutine', {'name': name.upper(), 'arguments': names or [],
-                                   'entry': word.upper().startswith('ENTRY')}, _at(name))
+        return Node(
+            'subroutine',
+            {'name': name.upper(), 'arguments': names or [], 'entry': word.upper().startswith('ENTRY')},
+            _at(name),
+        )
 
     def function(self, type_: Token | None, word: Token, name: Token, names: list[str] | None) -> Node:
         rank = {'M': 2, 'V': 1}.get(word[0].upper(), 0)
-        return Node('function', {'name': name.upper(), 'arguments': names or [], 'rank': rank,
-                                 'type': None if type_ is None else _squeezed(type_)}, _at(name))
+        return Node(
+            'function',
+            {
+                'name': name.upper(),
+                'arguments': names or [],
+                'rank': rank,
+                'type': None if type_ is None else _squeezed(type_),
+            },
+            _at(name),
+        )
 
     def names(self, *names: Token) -> list[str]:
         return [name.upper() for name in names]
@@ -221,7 +251,7 @@ def parse_statement(statement: Statement) -> Node:
     except UnexpectedToken as error:
         raise _unexpected(statement, error, str(getattr(error, 'token', '')), error.expected) from None
     except UnexpectedCharacters as error:
-        found = statement.text[error.column - 1:error.column]
+        found = statement.text[error.column - 1 : error.column]
         raise _unexpected(statement, error, found, error.allowed or set()) from None
     except (FortranError, VisitError) as error:
         inner = error if isinstance(error, FortranError) else error.orig_exc
@@ -241,7 +271,7 @@ def located(statement: Statement, offset: int, reason: str) -> FortranError:
     line, column = statement.place(offset)
     piece = [piece for piece in statement.pieces if piece[1] == line][-1]
     following = [other[0] for other in statement.pieces if other[0] > piece[0]]
-    text = statement.text[piece[0]:following[0] if following else None]
+    text = statement.text[piece[0] : following[0] if following else None]
     return FortranError(reason, line, column, ' ' * (piece[2] - 1) + text)
 
 
@@ -268,8 +298,15 @@ def parse(source: str, form: str = 'auto') -> list[Unit]:
             if current is not None:
                 raise located(statement, node.at, f'{current.name} has no END before this')
             is_function = node.what == 'function'
-            current = Unit(node.name, node.arguments, not is_function and node.entry, is_function,
-                           node.type if is_function else None, node.rank if is_function else 0, node)
+            current = Unit(
+                node.name,
+                node.arguments,
+                not is_function and node.entry,
+                is_function,
+                node.type if is_function else None,
+                node.rank if is_function else 0,
+                node,
+            )
         elif node.what == 'end':
             if current is None and not loose:
                 raise located(statement, node.at, 'END without a subroutine or function')

@@ -26,8 +26,9 @@ class Result(Mapping[str, Any]):
     cycles, seconds, stats : of this run, computed (not simulated); displays : (name, values, title) of CALL DISPLAY
     """
 
-    def __init__(self, values: dict[str, Any], stats: Stats, displays: list[tuple[str, np.ndarray, str]],
-                 source: str) -> None:
+    def __init__(
+        self, values: dict[str, Any], stats: Stats, displays: list[tuple[str, np.ndarray, str]], source: str
+    ) -> None:
         self._values, self.stats, self.displays, self._source = values, stats, displays, source
 
     @property
@@ -62,8 +63,10 @@ class Result(Mapping[str, Any]):
         return '\n'.join(rows)
 
     def __repr__(self) -> str:
-        names = ', '.join(f'{name}{value.shape}' if isinstance(value, np.ndarray) else f'{name}={value}'
-                          for name, value in self._values.items())
+        names = ', '.join(
+            f'{name}{value.shape}' if isinstance(value, np.ndarray) else f'{name}={value}'
+            for name, value in self._values.items()
+        )
         return f'Result({names}; {self.cycles} cycles, {self.seconds:.6g} s, computed)'
 
     def _repr_html_(self) -> str:
@@ -86,12 +89,16 @@ class Program:
         """The entry of this name, or the only one. Raises ValueError."""
         if name is None:
             if len(self.entries) != 1:
-                raise ValueError(f'entry: the program has {len(self.entries)} entries '
-                                 f'({", ".join(self.entries) or "none"}); name one')
+                raise ValueError(
+                    f'entry: the program has {len(self.entries)} entries '
+                    f'({", ".join(self.entries) or "none"}); name one'
+                )
             name = self.entries[0]
         if name.upper() not in self.entries:
-            raise ValueError(f'entry: {name!r} is not an ENTRY SUBROUTINE, expected one of '
-                             f'{", ".join(self.entries) or "(the program has none)"}')
+            raise ValueError(
+                f'entry: {name!r} is not an ENTRY SUBROUTINE, expected one of '
+                f'{", ".join(self.entries) or "(the program has none)"}'
+            )
         return self.units[name.upper()]
 
     def run(self, dap: Dap, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
@@ -134,8 +141,9 @@ class Program:
         return Result(results, stats, run.displays, self.source)
 
     def __repr__(self) -> str:
-        signatures = [f'{name}({", ".join(symbol.name for symbol in self.units[name].arguments)})'
-                      for name in self.entries]
+        signatures = [
+            f'{name}({", ".join(symbol.name for symbol in self.units[name].arguments)})' for name in self.entries
+        ]
         return f'Program({"; ".join(signatures) or "no entries"})'
 
 
@@ -154,8 +162,11 @@ def _bind(dap: Dap, unit: CheckedUnit, given: dict[str, Any]) -> dict[str, Any]:
     for symbol in unit.arguments:
         if not symbol.dimensions:
             values[symbol.name] = _scalar(symbol, given.get(symbol.name))
-    shapes = {name: np.shape(value.values if isinstance(value, DapArray) else value)
-              for name, value in given.items() if name not in values and not isinstance(value, str)}
+    shapes = {
+        name: np.shape(value.values if isinstance(value, DapArray) else value)
+        for name, value in given.items()
+        if name not in values and not isinstance(value, str)
+    }
     for symbol in unit.arguments:
         if symbol.name in values:
             continue
@@ -176,9 +187,12 @@ def _scalar(symbol: Symbol, value: Any) -> Any:
         return {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
     if isinstance(value, (np.ndarray, np.generic)) and np.ndim(value) == 0:
         value = value.item()
-    fits = {'LOGICAL': isinstance(value, bool), 'CHARACTER': isinstance(value, str),
-            'INTEGER': isinstance(value, int) and not isinstance(value, bool),
-            'REAL': isinstance(value, (int, float)) and not isinstance(value, bool)}[kind.name]
+    fits = {
+        'LOGICAL': isinstance(value, bool),
+        'CHARACTER': isinstance(value, str),
+        'INTEGER': isinstance(value, int) and not isinstance(value, bool),
+        'REAL': isinstance(value, (int, float)) and not isinstance(value, bool),
+    }[kind.name]
     if not fits:
         raise ValueError(f'{symbol.name}: expected {symbol.type}, got {type(value).__name__}')
     if kind.name == 'INTEGER' and not kind.range[0] <= value <= kind.range[1]:
@@ -198,8 +212,14 @@ def _extent(extent: Any, values: dict[str, Any], symbol: Symbol) -> int | None:
     return None
 
 
-def _shape(dap: Dap, symbol: Symbol, extents: list[int | None], given: dict[str, Any], shapes: dict[str, tuple],
-           unit: CheckedUnit) -> tuple[int, ...]:
+def _shape(
+    dap: Dap,
+    symbol: Symbol,
+    extents: list[int | None],
+    given: dict[str, Any],
+    shapes: dict[str, tuple],
+    unit: CheckedUnit,
+) -> tuple[int, ...]:
     if symbol.name in given:
         if isinstance(given[symbol.name], str):
             return (len(given[symbol.name]),)
@@ -210,11 +230,14 @@ def _shape(dap: Dap, symbol: Symbol, extents: list[int | None], given: dict[str,
             wanted = ', '.join('any' if extent is None else str(extent) for extent in extents)
             raise ValueError(f'{symbol.name}: expected shape ({wanted}), got {shape}')
         return tuple(shape)
-    alike = {shape[:symbol.type.rank] for name, shape in shapes.items()
-             if unit.symbols[name].type.rank == symbol.type.rank}
+    alike = {
+        shape[: symbol.type.rank] for name, shape in shapes.items() if unit.symbols[name].type.rank == symbol.type.rank
+    }
     default = alike.pop() if len(alike) == 1 else (dap.es,) * symbol.type.rank
-    filled = [extent if extent is not None else default[axis] if axis < symbol.type.rank else 1
-              for axis, extent in enumerate(extents)]
+    filled = [
+        extent if extent is not None else default[axis] if axis < symbol.type.rank else 1
+        for axis, extent in enumerate(extents)
+    ]
     if min(filled) < 1:
         raise ValueError(f'{symbol.name}: an extent is {min(filled)}, expected at least 1')
     return tuple(filled)

@@ -26,7 +26,7 @@ def _real_divide(a: float, b: float) -> float:
 def _integer_power(a: int, b: int) -> int:
     """Modulo the longest word: the true power may have more digits than there is memory."""
     if b < 0:
-        return _integer_divide(1, a if abs(a) != 1 else a**(b % 2))
+        return _integer_divide(1, a if abs(a) != 1 else a ** (b % 2))
     return pow(a, b, 1 << 64)
 
 
@@ -42,8 +42,12 @@ def scalar_operation(symbol: str, kind: Kind) -> Callable[[Any, Any], Any]:
     """+ - * / ** of two scalars in a word of this kind."""
     whole = kind.name == 'INTEGER'
     raw: Callable[[Any, Any], Any] = {
-        '+': operator.add, '-': operator.sub, '*': operator.mul, '/': _integer_divide if whole else _real_divide,
-        '**': _integer_power if whole else _real_power}[symbol]
+        '+': operator.add,
+        '-': operator.sub,
+        '*': operator.mul,
+        '/': _integer_divide if whole else _real_divide,
+        '**': _integer_power if whole else _real_power,
+    }[symbol]
     if not whole:
         fit = kind.scalar
         return lambda a, b: fit(raw(float(a), b))
@@ -53,4 +57,5 @@ def scalar_operation(symbol: str, kind: Kind) -> Callable[[Any, Any], Any]:
     def run(a: int, b: int) -> int:
         result = raw(a, b)
         return result if low <= result <= high else (result - low) % size + low
+
     return run

@@ -105,7 +105,7 @@ def _free(lines: list[str]) -> list[Statement]:
         if more:
             body = body[:-1] + ' '
         start = len(body) - len(body.lstrip())
-        if continued and body[start:start + 1] == '&':
+        if continued and body[start : start + 1] == '&':
             start += 1
         if continued:
             _extend(found, body[start:] + ' ', number, start + 1)

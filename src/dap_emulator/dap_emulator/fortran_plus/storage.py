@@ -24,8 +24,15 @@ class ArrayVariable:
 
     __slots__ = ('dap', 'kind', 'parallel', 'serial', 'data', 'packed', '_taken')
 
-    def __init__(self, dap: Dap, kind: Kind, parallel: Place, serial: Place, data: np.ndarray | None = None,
-                 name: str = 'an array') -> None:
+    def __init__(
+        self,
+        dap: Dap,
+        kind: Kind,
+        parallel: Place,
+        serial: Place,
+        data: np.ndarray | None = None,
+        name: str = 'an array',
+    ) -> None:
         """data given: a part of another variable, which pays for it."""
         self.dap, self.kind, self.parallel, self.serial = dap, kind, tuple(parallel), tuple(serial)
         self.packed = kind == LOGICAL and bool(parallel)

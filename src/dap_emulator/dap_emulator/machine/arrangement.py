@@ -38,8 +38,12 @@ def column_order(values: np.ndarray) -> np.ndarray:
 def matr(v: Any, rows: int | None = None) -> DapArray:
     """MATR(v) or MATR(v, rows): the matrix whose every row is v; as many rows as v is long when not said."""
     source = checked_array(v, 'MATR', rank=1)
-    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(
-        source.values, (_extent('MATR', rows or source.shape[0]), source.shape[0]))))
+    out = source.like(
+        source.kind,
+        np.ascontiguousarray(
+            np.broadcast_to(source.values, (_extent('MATR', rows or source.shape[0]), source.shape[0]))
+        ),
+    )
     out._charge('broadcast', source.kind)
     return out
 
@@ -47,8 +51,12 @@ def matr(v: Any, rows: int | None = None) -> DapArray:
 def matc(v: Any, columns: int | None = None) -> DapArray:
     """MATC(v) or MATC(v, columns): the matrix whose every column is v."""
     source = checked_array(v, 'MATC', rank=1)
-    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(
-        source.values[:, None], (source.shape[0], _extent('MATC', columns or source.shape[0])))))
+    out = source.like(
+        source.kind,
+        np.ascontiguousarray(
+            np.broadcast_to(source.values[:, None], (source.shape[0], _extent('MATC', columns or source.shape[0])))
+        ),
+    )
     out._charge('broadcast', source.kind)
     return out
 
@@ -70,7 +78,7 @@ def mat(dap: Dap, x: Operand, rows: int | None = None, columns: int | None = Non
         full = np.zeros(shape[0] * shape[1], dtype=source.kind.dtype)
         if source.size > full.size:
             raise ValueError(f'MAT: {source.size} elements do not fit a matrix of {shape[0]} x {shape[1]}')
-        full[:source.size] = source.values
+        full[: source.size] = source.values
         out = source.like(source.kind, np.ascontiguousarray(full.reshape(shape[::-1]).T))
     else:
         out = filled(dap, x, shape)
@@ -123,6 +131,7 @@ def revc(x: Any) -> DapArray:
 
 
 # Logical patterns. n rows (columns, elements); ES when not said.
+
 
 def _pattern(dap: Dap, values: np.ndarray) -> DapArray:
     out = DapArray(dap, LOGICAL, values)
@@ -216,6 +225,7 @@ def index_vector(dap: Dap, n: int | None = None) -> DapArray:
 
 # Shifts: SH, the way the data moves (north: to lower rows, west and left: to lower columns), Planar or Cyclic.
 
+
 def _shift(name: str, rank: int, axis: int, step: int, cyclic: bool) -> Callable[..., DapArray]:
     def apply(x: Any, distance: int = 1) -> DapArray:
         source = checked_array(x, name, rank=rank)
@@ -225,14 +235,23 @@ def _shift(name: str, rank: int, axis: int, step: int, cyclic: bool) -> Callable
         return source.like(source.kind, moved(source.values, step * distance, axis, cyclic))
 
     apply.__name__ = name.lower()
-    apply.__doc__ = (f'{name}(x, d = 1): every element moves d places '
-                     f'{_WAYS[name[2]]}; '
-                     f'{"what leaves comes in at the other end" if cyclic else "zeros (false) come in"}.')
+    apply.__doc__ = (
+        f'{name}(x, d = 1): every element moves d places '
+        f'{_WAYS[name[2]]}; '
+        f'{"what leaves comes in at the other end" if cyclic else "zeros (false) come in"}.'
+    )
     return apply
 
 
 SHIFTS: dict[str, Callable[..., DapArray]] = {
     f'SH{way}{geometry}': _shift(f'SH{way}{geometry}', rank, axis, step, geometry == 'C')
-    for way, rank, axis, step in (('N', 2, 0, 1), ('S', 2, 0, -1), ('W', 2, 1, 1), ('E', 2, 1, -1),
-                                  ('L', 1, 0, 1), ('R', 1, 0, -1))
-    for geometry in 'PC'}
+    for way, rank, axis, step in (
+        ('N', 2, 0, 1),
+        ('S', 2, 0, -1),
+        ('W', 2, 1, 1),
+        ('E', 2, 1, -1),
+        ('L', 1, 0, 1),
+        ('R', 1, 0, -1),
+    )
+    for geometry in 'PC'
+}

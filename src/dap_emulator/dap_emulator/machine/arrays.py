@@ -18,8 +18,14 @@ from .operands import checked_scalar, moved, scalar_kind
 Scalar = Union[bool, int, float]  # noqa: UP007  (evaluated at run time)
 Operand = Union['DapArray', Scalar]
 
-_COMPARE = {'lt': np.less, 'le': np.less_equal, 'gt': np.greater, 'ge': np.greater_equal, 'eq': np.equal,
-            'ne': np.not_equal}
+_COMPARE = {
+    'lt': np.less,
+    'le': np.less_equal,
+    'gt': np.greater,
+    'ge': np.greater_equal,
+    'eq': np.equal,
+    'ne': np.not_equal,
+}
 _ARITHMETIC = {'add': np.add, 'subtract': np.subtract, 'multiply': np.multiply}
 _LOGIC = {'and': np.bitwise_and, 'or': np.bitwise_or, 'neqv': np.bitwise_xor}
 
@@ -36,8 +42,17 @@ class DapArray:
     __slots__ = ('dap', 'kind', 'shape', 'mapping', '_values', '_words', '_planes', 'fresh', '__weakref__')
     __array_priority__ = 100
 
-    def __init__(self, dap: Dap, kind: Kind, values: np.ndarray | None, *, shape: tuple[int, ...] | None = None,
-                 words: np.ndarray | None = None, mapping: str | None = None, owned: bool = True) -> None:
+    def __init__(
+        self,
+        dap: Dap,
+        kind: Kind,
+        values: np.ndarray | None,
+        *,
+        shape: tuple[int, ...] | None = None,
+        words: np.ndarray | None = None,
+        mapping: str | None = None,
+        owned: bool = True,
+    ) -> None:
         """values of kind.dtype, or for LOGICAL packed words with a shape. owned: takes store (a view does not)."""
         self._planes = 0
         self.dap, self.kind = dap, kind
@@ -141,10 +156,15 @@ class DapArray:
     def _numeric(self, other: Operand, what: str) -> tuple[np.ndarray, Any, Kind]:
         """Both operands' values in their common kind."""
         _, kind = self._other(other, what)
-        if not kind.is_numeric or self.kind.name == 'LOGICAL' or (
-                isinstance(other, DapArray) and other.kind.name == 'LOGICAL'):
-            raise ValueError(f'{what}: expected numbers, got {self.kind} and '
-                             f'{other.kind if isinstance(other, DapArray) else type(other).__name__}')
+        if (
+            not kind.is_numeric
+            or self.kind.name == 'LOGICAL'
+            or (isinstance(other, DapArray) and other.kind.name == 'LOGICAL')
+        ):
+            raise ValueError(
+                f'{what}: expected numbers, got {self.kind} and '
+                f'{other.kind if isinstance(other, DapArray) else type(other).__name__}'
+            )
         mine = self._widened(kind)
         if isinstance(other, DapArray):
             return mine, other._widened(kind), kind
@@ -212,8 +232,9 @@ class DapArray:
             self._charge('power', self.kind, detail=max(1, int(exponent)))
             with np.errstate(all='ignore'):
                 # Not np.power: the operator knows squares and cubes.
-                result = self.values ** (self.values.dtype.type(exponent) if self.kind.name == 'INTEGER'
-                                         else int(exponent))
+                result = self.values ** (
+                    self.values.dtype.type(exponent) if self.kind.name == 'INTEGER' else int(exponent)
+                )
             return self.like(self.kind, self.kind.fit(result.astype(self.kind.dtype, copy=False)))
         a, b, kind = self._numeric(exponent, 'power')
         if kind.name == 'INTEGER':
@@ -461,4 +482,5 @@ class DapArray:
 
     def _repr_html_(self) -> str:
         from .drawing import html_plane
+
         return html_plane(self)

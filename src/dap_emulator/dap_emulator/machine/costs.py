@@ -34,24 +34,49 @@ def _table(*rows: tuple[str, float, str, str, str]) -> dict[str, Constant]:
 # Sources: [S] read in a published source, [D] arithmetic from such figures, [R] recalled from the DAP literature and
 # not found again, [E] our estimate. n is the word length in bits, m the bits of a REAL's significand.
 CONSTANTS: dict[str, Constant] = _table(
-    ('plane_logic', 1, 'cycles', '[D] one bit-operation per PE and cycle: Gamma 1 bit/PE/cycle, rate of the family',
-     'high'),
+    (
+        'plane_logic',
+        1,
+        'cycles',
+        '[D] one bit-operation per PE and cycle: Gamma 1 bit/PE/cycle, rate of the family',
+        'high',
+    ),
     ('plane_access', 1, 'cycles', '[D] one store bit per PE and cycle (same source)', 'high'),
     ('overhead_fortran', 20, 'cycles/block', '[E] 20 fits the recalled REAL*4 copy (85 = 2*32 + 21)', 'low'),
-    ('overhead_apal', 10, 'cycles/block', '[E] 10 fits Reddaway\'s crinkled Sobel (thesis 3.5.1)', 'low'),
+    ('overhead_apal', 10, 'cycles/block', "[E] 10 fits Reddaway's crinkled Sobel (thesis 3.5.1)", 'low'),
     ('copy', 2, 'cycles * n', '[D] one load and one store a plane', 'medium'),
-    ('integer_add', 3, 'cycles * n', '[D] two loads and a store a plane; bit-serial literature: 64 reads + 32 writes',
-     'medium-high'),
+    (
+        'integer_add',
+        3,
+        'cycles * n',
+        '[D] two loads and a store a plane; bit-serial literature: 64 reads + 32 writes',
+        'medium-high',
+    ),
     ('compare', 2, 'cycles * n, plus 1', '[D] two loads a plane, one result plane', 'medium-high'),
     ('integer_multiply', 2, 'cycles * n^2', '[E] the inner step of the REAL*4 multiply', 'low-medium'),
     ('integer_divide', 3, 'cycles * n^2', '[E] restoring division: subtract, test and select at each bit', 'low'),
-    ('real_add_slope', 3, 'cycles * m', '[E] shape; with the next two 731 at m = 24, [D] 14 MFLOPS (thesis 3.2.1)',
-     'high for REAL*4, low else'),
-    ('real_add_align', 4.56, 'cycles * m * ceil(log2(m + 1))', '[E] aligning and normalising by powers of two',
-     'high for REAL*4, low else'),
+    (
+        'real_add_slope',
+        3,
+        'cycles * m',
+        '[E] shape; with the next two 731 at m = 24, [D] 14 MFLOPS (thesis 3.2.1)',
+        'high for REAL*4, low else',
+    ),
+    (
+        'real_add_align',
+        4.56,
+        'cycles * m * ceil(log2(m + 1))',
+        '[E] aligning and normalising by powers of two',
+        'high for REAL*4, low else',
+    ),
     ('real_add_fixed', 112, 'cycles', '[E] exponents and signs', 'high for REAL*4, low else'),
-    ('real_multiply', 2, 'cycles * m^2', '[D]/[R] 1280 for REAL*4 lies between 1250 [R] and 1317 [D, 20 MFLOPS mean]',
-     'medium, 10%'),
+    (
+        'real_multiply',
+        2,
+        'cycles * m^2',
+        '[D]/[R] 1280 for REAL*4 lies between 1250 [R] and 1317 [D, 20 MFLOPS mean]',
+        'medium, 10%',
+    ),
     ('real_multiply_fixed', 128, 'cycles', '[D]/[R] as above', 'medium, 10%'),
     ('real_divide', 2.7, 'cycles * m^2', '[R] 330 us on the ICL DAP', 'low, 25%'),
     ('real_sqrt', 1.3, 'cycles * m^2', '[R] 170 us on the ICL DAP', 'low, 25%'),
@@ -60,13 +85,23 @@ CONSTANTS: dict[str, Constant] = _table(
     ('convert', 1, 'cycles * m * ceil(log2(m + 1))', '[E] FLOAT and FIX shift by powers of two', 'low'),
     ('coprocessor_add', 1, 'cycles per byte', '[S] Gamma II: 8-bit rate equals 1-bit rate', 'medium'),
     ('coprocessor_multiply', 17, 'cycles per byte^2', '[D] 610C: 2.4e9 8-bit multiplies/s (thesis 3.2.1)', 'high'),
-    ('coprocessor_real', 10, 'times faster', '[D] 610C: 560 MFLOPS REAL*4 add; "times ten" (thesis 3.2.1, 4.13.1)',
-     'high for REAL*4 add, low else'),
+    (
+        'coprocessor_real',
+        10,
+        'times faster',
+        '[D] 610C: 560 MFLOPS REAL*4 add; "times ten" (thesis 3.2.1, 4.13.1)',
+        'high for REAL*4 add, low else',
+    ),
     ('merge', 3, 'cycles * n', '[E] as an addition: two loads and a store under the activity register', 'medium'),
     ('shift', 1, 'cycles * n * (d + 1)', '[E] one NEWS step a plane and place, and a store', 'low-medium'),
-    ('sheet_neighbour', 11.6, 'cycles * n * d', '[E] fitted to Reddaway\'s sheet Sobel, 8.0 ms: a fit, no measurement',
-     'low'),
-    ('crinkled_neighbour', 2, 'cycles * n * d / tile side', '[D] only a tile\'s rim crosses PEs', 'medium'),
+    (
+        'sheet_neighbour',
+        11.6,
+        'cycles * n * d',
+        "[E] fitted to Reddaway's sheet Sobel, 8.0 ms: a fit, no measurement",
+        'low',
+    ),
+    ('crinkled_neighbour', 2, 'cycles * n * d / tile side', "[D] only a tile's rim crosses PEs", 'medium'),
     ('broadcast', 3, 'cycles * n', '[D] highway of ES bits a cycle; MATR, MATC, rows and columns', 'low-medium'),
     ('any_all', 4, 'cycles', '[E]', 'low'),
     ('first_true', 30, 'cycles', '[E] ELN, FRST, ROWN, COLN: column test, then row test in the MCU', 'low'),
@@ -93,8 +128,9 @@ class CostTable:
     overrides : constant name to value; an unknown name raises ValueError
     """
 
-    def __init__(self, coprocessor: bool = False, level: str = 'fortran',
-                 overrides: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, coprocessor: bool = False, level: str = 'fortran', overrides: Mapping[str, float] | None = None
+    ) -> None:
         if level not in ('fortran', 'apal'):
             raise ValueError(f"level: expected 'fortran' or 'apal', got {level!r}")
         self.coprocessor, self.level = coprocessor, level
@@ -133,14 +169,26 @@ class CostTable:
             # An APAL operand is read from the neighbour inside the operation that uses it; a compiler stores it first.
             return self._neighbour(n, layout, detail, axis), self.level == 'apal'
         simple = {
-            'copy': self['copy'] * n, 'masked_copy': self['copy'] * n, 'negate': self['copy'] * n,
-            'absolute': self['integer_add'] * n, 'compare': self['compare'] * n + 1, 'minmax': self['compare'] * n + 1 +
-            self['merge'] * n, 'merge': self['merge'] * n, 'logic': 2 * self['plane_access'] + self['plane_logic'],
-            'not': self['plane_access'] + self['plane_logic'], 'broadcast': self['broadcast'] * n,
-            'any_all': self['any_all'], 'first_true': self['first_true'], 'extreme': self['extreme'] * n,
-            'extreme_value': self['extreme'] * n + self['fetch'] * n, 'fetch': self['fetch'] * n,
-            'store_element': self['copy'] * n, 'transpose': self['transpose'] * n * layout.es,
-            'pattern': self['pattern'], 'host': 0.0, 'remap': self['copy'] * n * layout.es,
+            'copy': self['copy'] * n,
+            'masked_copy': self['copy'] * n,
+            'negate': self['copy'] * n,
+            'absolute': self['integer_add'] * n,
+            'compare': self['compare'] * n + 1,
+            'minmax': self['compare'] * n + 1 + self['merge'] * n,
+            'merge': self['merge'] * n,
+            'logic': 2 * self['plane_access'] + self['plane_logic'],
+            'not': self['plane_access'] + self['plane_logic'],
+            'broadcast': self['broadcast'] * n,
+            'any_all': self['any_all'],
+            'first_true': self['first_true'],
+            'extreme': self['extreme'] * n,
+            'extreme_value': self['extreme'] * n + self['fetch'] * n,
+            'fetch': self['fetch'] * n,
+            'store_element': self['copy'] * n,
+            'transpose': self['transpose'] * n * layout.es,
+            'pattern': self['pattern'],
+            'host': 0.0,
+            'remap': self['copy'] * n * layout.es,
         }
         if operation in simple:
             return simple[operation], False

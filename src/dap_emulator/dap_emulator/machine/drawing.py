@@ -31,8 +31,8 @@ def grid_of(values: np.ndarray, es: int) -> np.ndarray:
     columns = -(-len(flat) // es)
     # Whole columns, so that a short vector is shown as one strip.
     padded = np.zeros(columns * es, dtype=flat.dtype)
-    padded[:len(flat)] = flat
-    return padded.reshape(columns, es).T[:min(es, len(flat))]
+    padded[: len(flat)] = flat
+    return padded.reshape(columns, es).T[: min(es, len(flat))]
 
 
 def draw(frames: Sequence[tuple[str, np.ndarray, str]], path: str | Path, es: int = 32) -> None:
@@ -48,6 +48,7 @@ def draw(frames: Sequence[tuple[str, np.ndarray, str]], path: str | Path, es: in
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+
     grids = [grid_of(values, es) for _, values, _ in frames]
     low, high = _range(grids)
     if path.suffix.lower() == '.png':
@@ -60,6 +61,7 @@ def draw(frames: Sequence[tuple[str, np.ndarray, str]], path: str | Path, es: in
         figure.savefig(path, dpi=110)
         return
     from matplotlib.animation import FuncAnimation, PillowWriter
+
     figure = Figure(figsize=(4.6, 4.6))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -68,9 +70,11 @@ def draw(frames: Sequence[tuple[str, np.ndarray, str]], path: str | Path, es: in
         axes.clear()
         _draw_one(axes, frames[index], grids[index], es, low, high, index, len(frames))
         return []
+
     with matplotlib.rc_context({'animation.embed_limit': 100}):
         FuncAnimation(figure, show, frames=len(frames), interval=1000 // FRAMES_PER_SECOND).save(
-            path, writer=PillowWriter(fps=FRAMES_PER_SECOND))
+            path, writer=PillowWriter(fps=FRAMES_PER_SECOND)
+        )
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -87,13 +91,19 @@ def _range(grids: Sequence[np.ndarray]) -> tuple[float, float]:
     return float(low), float(high if high > low else low + 1.0)
 
 
-def _draw_one(axes, frame: tuple[str, np.ndarray, str], grid: np.ndarray, es: int, low: float, high: float,
-              index: int, count: int) -> None:
+def _draw_one(
+    axes, frame: tuple[str, np.ndarray, str], grid: np.ndarray, es: int, low: float, high: float, index: int, count: int
+) -> None:
     """One grid: light is high; red lines are the borders of blocks, thin ones those of PEs."""
     name, values, title = frame
     logical = np.asarray(values).dtype == bool
-    axes.imshow(grid.astype(float), cmap='gray' if logical else 'viridis', vmin=0 if logical else low,
-                vmax=1 if logical else high, interpolation='nearest')
+    axes.imshow(
+        grid.astype(float),
+        cmap='gray' if logical else 'viridis',
+        vmin=0 if logical else low,
+        vmax=1 if logical else high,
+        interpolation='nearest',
+    )
     rows, columns = grid.shape
     if max(rows, columns) <= FINE_GRID:
         for limit, line in ((columns, axes.axvline), (rows, axes.axhline)):
@@ -111,6 +121,7 @@ def _draw_one(axes, frame: tuple[str, np.ndarray, str], grid: np.ndarray, es: in
 def html_plane(array: DapArray, size: int = 192) -> str:
     """A notebook's picture of a parallel array: kind, shape, blocks and the values as grey levels."""
     from matplotlib.image import imsave
+
     grid = grid_of(array.values, array.dap.es).astype(float)
     grid = np.nan_to_num(grid, nan=0.0, posinf=0.0, neginf=0.0)
     scale = max(1, size // max(grid.shape))
@@ -118,5 +129,7 @@ def html_plane(array: DapArray, size: int = 192) -> str:
     imsave(buffer, np.kron(grid, np.ones((scale, scale))), cmap='gray', format='png')
     picture = base64.b64encode(buffer.getvalue()).decode()
     extents = ' x '.join(str(extent) for extent in array.shape)
-    return (f'<p>{html.escape(str(array.kind))} {"matrix" if array.rank == 2 else "vector"} {extents}, '
-            f'{array.blocks} block(s)</p><img src="data:image/png;base64,{picture}">')
+    return (
+        f'<p>{html.escape(str(array.kind))} {"matrix" if array.rank == 2 else "vector"} {extents}, '
+        f'{array.blocks} block(s)</p><img src="data:image/png;base64,{picture}">'
+    )

@@ -46,6 +46,7 @@ from .operands import checked_scalar, scalar_kind
 
 # Element by element.
 
+
 def _elementwise(name: str, function: Callable, scalar: Callable, cost: str = 'function') -> Callable[[Operand], Any]:
     def apply(x: Operand) -> Any:
         if not isinstance(x, DapArray):
@@ -141,8 +142,9 @@ def _extreme_of_two(name: str, function: Callable, scalar: Callable) -> Callable
         return _extreme_value(called, x)
 
     apply.__name__ = name.lower()
-    apply.__doc__ = (f'{name}(a, b, ...): element by element. {name}(array) of one array is its {name.lower()}imum '
-                     'as a scalar.')
+    apply.__doc__ = (
+        f'{name}(a, b, ...): element by element. {name}(array) of one array is its {name.lower()}imum as a scalar.'
+    )
     return apply
 
 
@@ -209,8 +211,12 @@ def merge(a: Operand, b: Operand, mask: Any) -> Any:
     for x in arrays:
         if x.kind.name == 'INTEGER' and kind.name == 'REAL':
             x._charge('convert', kind)
-    sides = [kind.convert(x.values) if isinstance(x, DapArray) else kind.dtype.type(kind.scalar(checked_scalar(
-        kind, x, 'MERGE'))) for x in (a, b)]
+    sides = [
+        kind.convert(x.values)
+        if isinstance(x, DapArray)
+        else kind.dtype.type(kind.scalar(checked_scalar(kind, x, 'MERGE')))
+        for x in (a, b)
+    ]
     flags._charge('merge', kind)
     return flags.like(kind, np.where(flags.values, sides[0], sides[1]))
 
@@ -230,6 +236,7 @@ def _merged_kind(a: Operand, b: Operand) -> Kind:
 
 
 # Whole arrays to scalars.
+
 
 def all_(mask: Any) -> bool:
     """ALL(l): whether every element is true."""
@@ -332,6 +339,7 @@ def frst(mask: Any) -> DapArray:
 
 # Along one dimension.
 
+
 def _sum_axis(name: str, x: Any, axis: int) -> DapArray:
     source = checked_array(x, name, rank=2)
     source._charge('sum_axis', source.kind, axis=axis)
@@ -350,8 +358,59 @@ def sumc(x: Any) -> DapArray:
 
 
 __all__ = [
-    'SHIFTS', 'absolute', 'acos', 'all_', 'alt', 'altc', 'altr', 'any_', 'asin', 'atan', 'atan2', 'col', 'coln', 'cols',
-    'cos', 'el', 'eln', 'els', 'exp', 'filled', 'fix', 'float_', 'frst', 'index_vector', 'length', 'log',
-    'lower_triangle', 'mat', 'matc', 'matr', 'maximum', 'maxp', 'maxv', 'merge', 'minimum', 'minp', 'minv', 'mod',
-    'rev', 'revc', 'revr', 'row', 'rown', 'rows_', 'sign', 'sin', 'sqrt', 'sum_', 'sumc', 'sumr', 'tan', 'tran',
-    'unit_diagonal', 'upper_triangle', 'vec']
+    'SHIFTS',
+    'absolute',
+    'acos',
+    'all_',
+    'alt',
+    'altc',
+    'altr',
+    'any_',
+    'asin',
+    'atan',
+    'atan2',
+    'col',
+    'coln',
+    'cols',
+    'cos',
+    'el',
+    'eln',
+    'els',
+    'exp',
+    'filled',
+    'fix',
+    'float_',
+    'frst',
+    'index_vector',
+    'length',
+    'log',
+    'lower_triangle',
+    'mat',
+    'matc',
+    'matr',
+    'maximum',
+    'maxp',
+    'maxv',
+    'merge',
+    'minimum',
+    'minp',
+    'minv',
+    'mod',
+    'rev',
+    'revc',
+    'revr',
+    'row',
+    'rown',
+    'rows_',
+    'sign',
+    'sin',
+    'sqrt',
+    'sum_',
+    'sumc',
+    'sumr',
+    'tan',
+    'tran',
+    'unit_diagonal',
+    'upper_triangle',
+    'vec',
+]

@@ -77,10 +77,10 @@ class Kind:
             return self.fit(source)
         if self.name == 'INTEGER' and source.dtype.kind == 'f':
             low, high = (float(source.min()), float(source.max())) if source.size else (0.0, 0.0)
-            if low > -2.0**31 and high < 2.0**31:  # false for NaN
+            if low > -(2.0**31) and high < 2.0**31:  # false for NaN
                 return self.fit(source.astype(np.int32).astype(self.dtype, copy=False))
-            whole = np.nan_to_num(np.trunc(source), nan=0.0, posinf=2.0**62, neginf=-2.0**62)
-            return self.fit(np.clip(whole, -2.0**62, 2.0**62).astype(np.int64).astype(self.dtype))
+            whole = np.nan_to_num(np.trunc(source), nan=0.0, posinf=2.0**62, neginf=-(2.0**62))
+            return self.fit(np.clip(whole, -(2.0**62), 2.0**62).astype(np.int64).astype(self.dtype))
         with np.errstate(over='ignore', invalid='ignore'):
             return self.fit(source.astype(self.dtype))
 

@@ -66,8 +66,10 @@ class Store:
         """Raises OutOfStore."""
         with self._lock:
             if planes > self.planes - self.used:
-                raise OutOfStore(f'out of store: {what} asks for {planes} bit-planes, '
-                                 f'{self.planes - self.used} of {self.planes} are free')
+                raise OutOfStore(
+                    f'out of store: {what} asks for {planes} bit-planes, '
+                    f'{self.planes - self.used} of {self.planes} are free'
+                )
             self.used += planes
             self.peak = max(self.peak, self.used)
 
@@ -87,8 +89,9 @@ class TraceEntry(NamedTuple):
     line: int
 
     def __str__(self) -> str:
-        return (f'line {self.line}: {self.operation} {self.kind} {self.shape}, {self.blocks} block(s), '
-                f'{self.cycles} cycles')
+        return (
+            f'line {self.line}: {self.operation} {self.kind} {self.shape}, {self.blocks} block(s), {self.cycles} cycles'
+        )
 
 
 def _accumulate(table: dict, key: object, count: int, spent: int) -> None:
@@ -112,19 +115,27 @@ class Stats:
         self.lines = {line: entry for line, entry in sorted(self.lines.items()) if line or entry[1]}
 
     def __str__(self) -> str:
-        rows = [f'{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated); '
-                f'store: at most {self.peak_planes} of {self.planes} planes']
-        rows += [f'  {name:28} {count:>9} times {spent:>12} cycles {100 * spent / max(1, self.cycles):5.1f} %'
-                 for name, (count, spent) in self.operations.items()]
+        rows = [
+            f'{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated); '
+            f'store: at most {self.peak_planes} of {self.planes} planes'
+        ]
+        rows += [
+            f'  {name:28} {count:>9} times {spent:>12} cycles {100 * spent / max(1, self.cycles):5.1f} %'
+            for name, (count, spent) in self.operations.items()
+        ]
         return '\n'.join(rows)
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        rows = ''.join(f'<tr><td>{name}</td><td>{count}</td><td>{spent}</td></tr>'
-                       for name, (count, spent) in self.operations.items())
-        return (f'<p>{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated)</p>'
-                f'<table><tr><th>operation</th><th>times</th><th>cycles</th></tr>{rows}</table>')
+        rows = ''.join(
+            f'<tr><td>{name}</td><td>{count}</td><td>{spent}</td></tr>'
+            for name, (count, spent) in self.operations.items()
+        )
+        return (
+            f'<p>{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated)</p>'
+            f'<table><tr><th>operation</th><th>times</th><th>cycles</th></tr>{rows}</table>'
+        )
 
 
 class Dap:
@@ -136,9 +147,18 @@ class Dap:
     bit_serial : run INTEGER*1 and *2 arithmetic plane by plane, as the PEs do (slow; the same answers)
     """
 
-    def __init__(self, model: Model, memory_bits_per_pe: int | None = None, *, mapping: str = 'sheet',
-                 level: str = 'fortran', costs: Mapping[str, float] | None = None, clock_s: float | None = None,
-                 tracing: bool = True, bit_serial: bool = False) -> None:
+    def __init__(
+        self,
+        model: Model,
+        memory_bits_per_pe: int | None = None,
+        *,
+        mapping: str = 'sheet',
+        level: str = 'fortran',
+        costs: Mapping[str, float] | None = None,
+        clock_s: float | None = None,
+        tracing: bool = True,
+        bit_serial: bool = False,
+    ) -> None:
         if mapping not in MAPPINGS:
             raise ValueError(f'mapping: expected one of {", ".join(MAPPINGS)}, got {mapping!r}')
         memory = model.memory_bits_per_pe if memory_bits_per_pe is None else int(memory_bits_per_pe)
@@ -203,8 +223,16 @@ class Dap:
         """Predicted time of everything charged so far: computed, not simulated."""
         return self.cycles * self.clock_s
 
-    def charge(self, operation: str, kind: Kind, shape: tuple[int, ...], mapping: str | None = None, detail: int = 1,
-               axis: int = 0, times: int = 1) -> None:
+    def charge(
+        self,
+        operation: str,
+        kind: Kind,
+        shape: tuple[int, ...],
+        mapping: str | None = None,
+        detail: int = 1,
+        axis: int = 0,
+        times: int = 1,
+    ) -> None:
         """Charge a parallel operation to the counters."""
         where = layout(shape, self.es, mapping or self.mapping)
         cycles = times * self.costs.cycles(operation, kind, where, detail, axis)
@@ -261,22 +289,28 @@ class Dap:
 
     def _load(self, values: ArrayLike, rank: int, kind: Kind | str | None, mapping: str | None) -> DapArray:
         from .arrays import DapArray
+
         array = np.asarray(values)
         if array.ndim != rank or 0 in array.shape:
-            raise ValueError(f'values: expected a {"matrix" if rank == 2 else "vector"} with at least one element, '
-                             f'got shape {array.shape}')
+            raise ValueError(
+                f'values: expected a {"matrix" if rank == 2 else "vector"} with at least one element, '
+                f'got shape {array.shape}'
+            )
         plain = not isinstance(values, np.ndarray)
         target = kind_of(array, plain) if kind is None else parse_kind(kind)
         converted = target.convert(array)
-        loaded = DapArray(self, target, np.array(converted) if converted is array else converted,
-                          mapping=mapping or self.mapping)
+        loaded = DapArray(
+            self, target, np.array(converted) if converted is array else converted, mapping=mapping or self.mapping
+        )
         self.charge('host', target, loaded.shape, loaded.mapping)
         return loaded
 
     def __repr__(self) -> str:
-        return (f'Dap({self.spec.name}: {self.es} x {self.es} PEs, {self.memory_bytes / 2**20:g} MB, '
-                f'{self.store.used} of {self.store.planes} planes used; {self.cycles} cycles = {self.seconds:.6g} s, '
-                'computed)')
+        return (
+            f'Dap({self.spec.name}: {self.es} x {self.es} PEs, {self.memory_bytes / 2**20:g} MB, '
+            f'{self.store.used} of {self.store.planes} planes used; {self.cycles} cycles = {self.seconds:.6g} s, '
+            'computed)'
+        )
 
     def _repr_html_(self) -> str:
         return f'<p><b>{self!r}</b></p>{self.stats()._repr_html_()}'

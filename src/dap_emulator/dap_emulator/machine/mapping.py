@@ -65,8 +65,11 @@ class Layout:
             along.append((index % tile, index // tile) if self.is_crinkled(axis) else (index // es, index % es))
         (block_row, pe_row), (block_column, pe_column) = along
         block = block_row[:, None] * self.grid[1] + block_column[None, :]
-        return (block, np.broadcast_to(pe_row[:, None], self.shape).copy(),
-                np.broadcast_to(pe_column[None, :], self.shape).copy())
+        return (
+            block,
+            np.broadcast_to(pe_row[:, None], self.shape).copy(),
+            np.broadcast_to(pe_column[None, :], self.shape).copy(),
+        )
 
     def to_blocks(self, values: np.ndarray) -> np.ndarray:
         """(blocks, ES, ES): the values as the PEs hold them, zero where no element lies."""

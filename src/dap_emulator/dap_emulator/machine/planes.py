@@ -23,7 +23,7 @@ def pack(flags: np.ndarray) -> np.ndarray:
     size = 8 * words_for(count)
     if packed.shape[-1] != size:
         padded = np.zeros(packed.shape[:-1] + (size,), dtype=np.uint8)
-        padded[..., :packed.shape[-1]] = packed
+        padded[..., : packed.shape[-1]] = packed
         packed = padded
     return packed.view(np.uint64)
 
@@ -95,7 +95,7 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     out = np.zeros_like(a)
     none = np.zeros_like(a[0])
     for bit in range(len(b)):
-        out[bit:] = add(out[bit:], a[:len(a) - bit] & b[bit], none)
+        out[bit:] = add(out[bit:], a[: len(a) - bit] & b[bit], none)
     return out
 
 

@@ -87,15 +87,26 @@ class DapClient:
     Every call raises DapError when the emulator refuses or does not answer within timeout seconds.
     """
 
-    def __init__(self, emulator: str = 'emulator_node', client: str | None = None, *, node: Any = None,
-                 executor: Any = None, context: Any = None, namespace: str | None = None, timeout: float = 30.0,
-                 link: Link | None = None) -> None:
+    def __init__(
+        self,
+        emulator: str = 'emulator_node',
+        client: str | None = None,
+        *,
+        node: Any = None,
+        executor: Any = None,
+        context: Any = None,
+        namespace: str | None = None,
+        timeout: float = 30.0,
+        link: Link | None = None,
+    ) -> None:
         """link: what carries the requests, when it is not a ROS node (LocalLink needs none)."""
         self.client = client or 'c' + uuid.uuid4().hex[:12]
         if link is None:
             from ..node import ServiceLink  # the only part that needs ROS
-            link = ServiceLink(emulator, f'dap_client_{self.client.replace("-", "_")}', node, executor, context,
-                               namespace, timeout)
+
+            link = ServiceLink(
+                emulator, f'dap_client_{self.client.replace("-", "_")}', node, executor, context, namespace, timeout
+            )
         self._link: Link = link
         self._numbers = itertools.count(1)
 
@@ -135,13 +146,21 @@ class DapClient:
 
     # The three together.
 
-    def run(self, program: str | None = None, *, library: str | None = None, entry: str | None = None,
-            model: str | None = None, **arguments: Any) -> ClientResult:
+    def run(
+        self,
+        program: str | None = None,
+        *,
+        library: str | None = None,
+        entry: str | None = None,
+        model: str | None = None,
+        **arguments: Any,
+    ) -> ClientResult:
         """Store what is given, run, fetch the results. Arrays come back in their shapes."""
         number = next(self._numbers)
         settings = {'program': program, 'library': library, 'entry': entry, 'model': model}
-        self.store(**{name: value for name, value in settings.items() if value is not None}, **arguments,
-                   run_request=number)
+        self.store(
+            **{name: value for name, value in settings.items() if value is not None}, **arguments, run_request=number
+        )
         self.execute()
         return self.result(number)
 
@@ -149,15 +168,18 @@ class DapClient:
         """The result of one request. Raises DapError when it failed, was stopped, or is unknown."""
         base = f'result.{number}'
         state, message, cycles, seconds, names = self.fetch(
-            *(f'{base}.{what}' for what in ('state', 'message', 'cycles', 'seconds', 'names')))
+            *(f'{base}.{what}' for what in ('state', 'message', 'cycles', 'seconds', 'names'))
+        )
         if state is None:
             raise DapError(f'request {number}: unknown to the emulator (forgotten, or pushed out by later ones)')
         if state != 'done':
             raise DapError(message or f'request {number} is {state}')
         wanted = [f'{base}.{what}.{name}' for name in names for what in ('data', 'shape')]
         found = self.fetch(*wanted) if wanted else []
-        values = {name: data if shape is None else np.asarray(data).reshape(shape)
-                  for name, data, shape in zip(names, found[::2], found[1::2])}
+        values = {
+            name: data if shape is None else np.asarray(data).reshape(shape)
+            for name, data, shape in zip(names, found[::2], found[1::2])
+        }
         return ClientResult(values, cycles, seconds, number)
 
     def cancel(self, number: int) -> None:

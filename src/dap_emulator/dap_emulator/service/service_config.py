@@ -11,15 +11,20 @@ from ..machine.machine import MODELS
 
 @dataclass(frozen=True)
 class EmulatorConfig(Config):
-    max_program_bytes: int = parameter(200_000, 'Largest program text accepted', unit='bytes', minimum=100,
-                                       maximum=10_000_000)
-    max_store_bytes: int = parameter(64_000_000, 'Most data one client may store', unit='bytes', minimum=1000,
-                                     maximum=1_000_000_000)
+    max_program_bytes: int = parameter(
+        200_000, 'Largest program text accepted', unit='bytes', minimum=100, maximum=10_000_000
+    )
+    max_store_bytes: int = parameter(
+        64_000_000, 'Most data one client may store', unit='bytes', minimum=1000, maximum=1_000_000_000
+    )
     max_run_seconds: float = parameter(10.0, 'A run is stopped after this time', unit='s', minimum=0.05, maximum=3600.0)
     max_clients: int = parameter(64, 'Workspaces kept; the one idle for longest makes room', minimum=1, maximum=1000)
     image_program: str = parameter('', 'Library program or file that turns image_in into image_out; empty: none')
     program_folders: tuple[str, ...] = parameter(
-        (), 'Folders that image_program may be read from when it is changed at run time, besides that of the program '
-        'given at the start', read_only=True)
+        (),
+        'Folders that image_program may be read from when it is changed at run time, besides that of the program '
+        'given at the start',
+        read_only=True,
+    )
     image_entry: str = parameter('', 'Its entry; empty: the only one')
     image_model: str = parameter('510', 'Machine that images are processed on', choices=tuple(MODELS))

@@ -36,8 +36,10 @@ from ..fortran_plus import FortranError, Limits, Program, Result, Stopped
 from ..fortran_plus.library import compiled, program_source
 from ..machine.machine import MODELS, Dap, OutOfStore
 
-_NAME = re.compile(r'([A-Za-z0-9_-]{1,64})\.(program|library|entry|model|run_request|cancel|forget|(data|shape)\.'
-                   r'([A-Za-z][A-Za-z0-9_]{0,63}))')
+_NAME = re.compile(
+    r'([A-Za-z0-9_-]{1,64})\.(program|library|entry|model|run_request|cancel|forget|(data|shape)\.'
+    r'([A-Za-z][A-Za-z0-9_]{0,63}))'
+)
 _RESULT = re.compile(r'([A-Za-z0-9_-]{1,64})\.result\.(\d{1,18})\.(.+)')
 RESULTS_KEPT = 4
 TRACE_KEPT = 200
@@ -124,8 +126,10 @@ class Workspaces:
             for name, value in items:
                 found = _NAME.fullmatch(name)
                 if not found:
-                    raise Refused(f'{name}: expected <client>.program, library, entry, model, data.<NAME>, '
-                                  'shape.<NAME>, run_request, cancel or forget')
+                    raise Refused(
+                        f'{name}: expected <client>.program, library, entry, model, data.<NAME>, '
+                        'shape.<NAME>, run_request, cancel or forget'
+                    )
                 client, what, group, variable = found.groups()
                 draft = drafts.setdefault(client, self._draft(client))
                 try:
@@ -195,12 +199,14 @@ class Workspaces:
                 raise Refused(f'{client}.run_request: {number} was used before')
             if sum(request.state == 'waiting' for request in draft.requests.values()) >= MAX_WAITING:
                 raise Refused(f'{client}.run_request: {MAX_WAITING} requests are waiting already')
-            requests.append(Request(client, number, draft.program, draft.entry, draft.model, dict(draft.data),
-                                    dict(draft.shapes)))
+            requests.append(
+                Request(client, number, draft.program, draft.entry, draft.model, dict(draft.data), dict(draft.shapes))
+            )
         return requests
 
-    def _accept(self, drafts: dict[str, Workspace], actions: list[tuple[str, str, int]],
-                requests: list[Request]) -> None:
+    def _accept(
+        self, drafts: dict[str, Workspace], actions: list[tuple[str, str, int]], requests: list[Request]
+    ) -> None:
         new = [client for client in drafts if client not in self._clients]
         while new and len(self._clients) + len(new) > self.limits.clients:
             idle = next((name for name, space in self._clients.items() if not space.busy and name not in drafts), None)
@@ -293,8 +299,11 @@ class Workspaces:
             if found[3] == 'shape':
                 value = space.data.get(found[4].upper())
                 return _shape_of(value, space.shapes.get(found[4].upper()))
-            return {'program': space.program.source if space.program else None, 'entry': space.entry,
-                    'model': space.model}.get(found[2])
+            return {
+                'program': space.program.source if space.program else None,
+                'entry': space.entry,
+                'model': space.model,
+            }.get(found[2])
 
     def clear(self) -> str:
         """Forget everything; running requests are stopped."""

@@ -31,13 +31,16 @@ def roberts_through_service(node: Any, executor: Any, emulator: str, image: np.n
     from dap_emulator.service.client import DapClient, DapError
 
     top, left = (max(0, (size - 64) // 2) for size in image.shape)
-    part = image[top:top + 64, left:left + 64].astype(np.int64)
+    part = image[top : top + 64, left : left + 64].astype(np.int64)
     try:
         with DapClient(emulator, node=node, executor=executor) as client:
             result = client.run(ROBERTS, entry='ROBERTS', image=part, edge=np.zeros_like(part))
     except DapError as error:
         return {'program': 'Roberts operator', 'error': str(error)}
-    return {'program': f'Roberts operator on {part.shape[0]} x {part.shape[1]} pixels of the left image',
-            'machine': 'DAP 510 (computed, not simulated)', 'cycles': int(result.cycles),
-            'seconds on the machine': float(result.seconds),
-            'pixels that differ from the serial answer': int((result['edge'] != roberts_serial(part)).sum())}
+    return {
+        'program': f'Roberts operator on {part.shape[0]} x {part.shape[1]} pixels of the left image',
+        'machine': 'DAP 510 (computed, not simulated)',
+        'cycles': int(result.cycles),
+        'seconds on the machine': float(result.seconds),
+        'pixels that differ from the serial answer': int((result['edge'] != roberts_serial(part)).sum()),
+    }

@@ -19,24 +19,61 @@ import numpy as np
 from .case import Case, Limits, result_document
 from .report import STYLE, write_report
 
-COLUMNS = ('case', 'passed', 'rotation_error_deg', 'translation_error_mm', 'true_edges', 'recovered_edges',
-           'matched_edges', 'signs_right', 'render_ms', 'recover_ms', 'match_ms', 'verdict')
-TITLES = ('case', 'passed', 'rotation, deg', 'translation, mm', 'edges', 'recovered', 'matched', 'signs right',
-          'render, ms', 'recover, ms', 'match, ms', 'verdict')
+COLUMNS = (
+    'case',
+    'passed',
+    'rotation_error_deg',
+    'translation_error_mm',
+    'true_edges',
+    'recovered_edges',
+    'matched_edges',
+    'signs_right',
+    'render_ms',
+    'recover_ms',
+    'match_ms',
+    'verdict',
+)
+TITLES = (
+    'case',
+    'passed',
+    'rotation, deg',
+    'translation, mm',
+    'edges',
+    'recovered',
+    'matched',
+    'signs right',
+    'render, ms',
+    'recover, ms',
+    'match, ms',
+    'verdict',
+)
 FAILING = 'failing'
 # Number, case, limits, folder of the results, through the nodes, a page for every case.
 Job = tuple[int, Case, Limits, str, bool, bool]
 SUMMARY_TITLES = {
-    'cases': 'cases', 'passed': 'passed', 'recognised': 'recognised, within the limits or not',
-    'rotation_error_deg_p50': 'rotation error, median, deg', 'rotation_error_deg_p90': 'rotation error, 90 %, deg',
+    'cases': 'cases',
+    'passed': 'passed',
+    'recognised': 'recognised, within the limits or not',
+    'rotation_error_deg_p50': 'rotation error, median, deg',
+    'rotation_error_deg_p90': 'rotation error, 90 %, deg',
     'translation_error_mm_p50': 'translation error, median, mm',
     'translation_error_mm_p90': 'translation error, 90 %, mm',
-    'render_ms_p50': 'rendering, median, ms', 'recover_ms_p50': 'recovery, median, ms',
-    'match_ms_p50': 'matching, median, ms'}
+    'render_ms_p50': 'rendering, median, ms',
+    'recover_ms_p50': 'recovery, median, ms',
+    'match_ms_p50': 'matching, median, ms',
+}
 
 
-def run_batch(cases: Sequence[Case], limits: Limits, out: Path, workers: int = 1, dask: str | None = None,
-              nodes: bool = False, quiet: bool = False, reports: bool = False) -> list[dict[str, Any]]:
+def run_batch(
+    cases: Sequence[Case],
+    limits: Limits,
+    out: Path,
+    workers: int = 1,
+    dask: str | None = None,
+    nodes: bool = False,
+    quiet: bool = False,
+    reports: bool = False,
+) -> list[dict[str, Any]]:
     """Run the cases and write summary.csv, summary.json and index.html into out; failing ones into out/failing/.
 
     workers : processes on this machine; dask : address of a scheduler instead ('local' starts one here)
@@ -49,8 +86,9 @@ def run_batch(cases: Sequence[Case], limits: Limits, out: Path, workers: int = 1
     documents: list[dict[str, Any] | None] = [None] * len(cases)
     with tqdm(total=len(cases), desc='cases', unit='', disable=quiet, file=sys.stdout) as bar:
         with _runner(workers, dask) as run:
-            for index, document in run([(k, case, limits, str(out.resolve()), nodes, reports)
-                                        for k, case in enumerate(cases)]):
+            for index, document in run(
+                [(k, case, limits, str(out.resolve()), nodes, reports) for k, case in enumerate(cases)]
+            ):
                 documents[index] = document
                 bar.update()
                 bar.set_postfix_str(f'{sum(bool(d and d["passed"]) for d in documents)} passed')
@@ -114,8 +152,9 @@ def files_of(case: Case) -> dict[str, bytes]:
         return {}  # an unusable scene is the case's own result
 
 
-def brought_home(index: int, document: dict[str, Any], out: str, written: dict[str, bytes],
-                 ) -> tuple[int, dict[str, Any]]:
+def brought_home(
+    index: int, document: dict[str, Any], out: str, written: dict[str, bytes]
+) -> tuple[int, dict[str, Any]]:
     """What run_far returned, its files in the folder of the results."""
     shutil.rmtree(Path(out) / FAILING / document['case'], ignore_errors=True)
     for name, data in written.items():
@@ -138,8 +177,12 @@ def _runner(workers: int, dask: str | None) -> Iterator[Any]:
                     yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
             return
         with Client(dask) as client:
-            yield lambda jobs: (brought_home(*future.result()) for future in as_completed(
-                client.map(run_far, *zip(*((job, files_of(job[1])) for job in jobs)), pure=False)))
+            yield lambda jobs: (
+                brought_home(*future.result())
+                for future in as_completed(
+                    client.map(run_far, *zip(*((job, files_of(job[1])) for job in jobs)), pure=False)
+                )
+            )
     elif workers > 1:
         import multiprocessing
         from concurrent.futures import ProcessPoolExecutor
@@ -176,8 +219,9 @@ def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) ->
             cells[0] = f'<a href="{_text(page)}">{cells[0]}</a>'
         state = 'good' if document['passed'] else 'bad'
         body.append(f'<tr class="{state}">' + ''.join(f'<td>{cell}</td>' for cell in cells) + '</tr>')
-    lines = ''.join(f'<tr><td>{title}</td><td>{_text(_short(totals[name]))}</td></tr>'
-                    for name, title in SUMMARY_TITLES.items())
+    lines = ''.join(
+        f'<tr><td>{title}</td><td>{_text(_short(totals[name]))}</td></tr>' for name, title in SUMMARY_TITLES.items()
+    )
     (out / 'index.html').write_text(
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Closed-form sweep</title><style>{STYLE}'
         'body { max-width: 1500px } td { white-space: nowrap } td:last-child { white-space: normal }</style>'
@@ -185,15 +229,20 @@ def write_summary(out: Path, documents: list[dict[str, Any]], limits: Limits) ->
         f'<p>A pass is a pose within {limits.rotation_deg:g} deg and {1e3 * limits.translation_m:g} mm of the truth '
         f'with every pairing and sign right. Failing cases are kept under {FAILING}/ and run again with <code>--replay '
         f'{FAILING}/NAME</code>.</p>'
-        f'<table>{lines}</table><table><tr>{head}</tr>{"".join(body)}</table></html>\n', encoding='utf-8')
+        f'<table>{lines}</table><table><tr>{head}</tr>{"".join(body)}</table></html>\n',
+        encoding='utf-8',
+    )
 
 
 def summary(documents: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts and medians over the cases."""
     rotation = [d['rotation_error_deg'] for d in documents if d.get('rotation_error_deg') is not None]
     shift = [1e3 * d['translation_error_m'] for d in documents if d.get('translation_error_m') is not None]
-    out: dict[str, Any] = {'cases': len(documents), 'passed': sum(d['passed'] for d in documents),
-                           'recognised': len(rotation)}
+    out: dict[str, Any] = {
+        'cases': len(documents),
+        'passed': sum(d['passed'] for d in documents),
+        'recognised': len(rotation),
+    }
     for name, values in (('rotation_error_deg', rotation), ('translation_error_mm', shift)):
         for quantile in (50, 90):
             out[f'{name}_p{quantile}'] = float(np.percentile(values, quantile)) if values else None
@@ -206,8 +255,11 @@ def summary(documents: list[dict[str, Any]]) -> dict[str, Any]:
 def _row(document: dict[str, Any]) -> dict[str, Any]:
     shift = document.get('translation_error_m')
     times = document.get('milliseconds', {})
-    values = {**document, 'translation_error_mm': None if shift is None else 1e3 * shift,
-              **{f'{stage}_ms': times.get(stage) for stage in ('render', 'recover', 'match')}}
+    values = {
+        **document,
+        'translation_error_mm': None if shift is None else 1e3 * shift,
+        **{f'{stage}_ms': times.get(stage) for stage in ('render', 'recover', 'match')},
+    }
     return {name: _short(values.get(name)) for name in COLUMNS}
 
 

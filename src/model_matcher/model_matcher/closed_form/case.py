@@ -53,35 +53,54 @@ class Case:
 def result_document(result: CaseResult, limits: Limits) -> dict[str, Any]:
     """What result.json holds."""
     recognised = result.pose_error is not None
-    within = (result.pose_error is not None and result.pose_error.rotation_deg <= limits.rotation_deg
-              and result.pose_error.translation <= limits.translation_m)
+    within = (
+        result.pose_error is not None
+        and result.pose_error.rotation_deg <= limits.rotation_deg
+        and result.pose_error.translation <= limits.translation_m
+    )
     # A case through the libraries does not ask the array machine.
     array_machine = not result.emulator or result.emulator.get('pixels that differ from the serial answer') == 0
-    signs = recognised and result.assignment is not None and (
-        result.assignment.signs_right == result.assignment.right == result.assignment.matched)
+    signs = (
+        recognised
+        and result.assignment is not None
+        and (result.assignment.signs_right == result.assignment.right == result.assignment.matched)
+    )
     if result.pose_error is None:
         verdict = f'not recognised: {result.reason}'
     else:
         head = 'recognised' if within and signs else 'a pairing or sign is wrong' if within else 'outside the limits'
-        verdict = (f'{head}: {result.pose_error.rotation_deg:.3f} deg, {1e3 * result.pose_error.translation:.3f} mm, '
-                   f'{result.assignment.signs_right if result.assignment else 0} of '
-                   f'{result.assignment.matched if result.assignment else 0} pairings with their signs right')
+        verdict = (
+            f'{head}: {result.pose_error.rotation_deg:.3f} deg, {1e3 * result.pose_error.translation:.3f} mm, '
+            f'{result.assignment.signs_right if result.assignment else 0} of '
+            f'{result.assignment.matched if result.assignment else 0} pairings with their signs right'
+        )
     return {
-        'scene': result.case.name, 'passed': bool(within and signs and array_machine), 'verdict': verdict,
+        'scene': result.case.name,
+        'passed': bool(within and signs and array_machine),
+        'verdict': verdict,
         'model': result.model_name,
-        'true_edges': len(result.edges.covered), 'recovered_edges': len(result.edges.true_index),
+        'true_edges': len(result.edges.covered),
+        'recovered_edges': len(result.edges.true_index),
         'matched_edges': result.assignment.matched if result.assignment else 0,
         'rotation_error_deg': result.pose_error.rotation_deg if result.pose_error else None,
         'translation_error_m': result.pose_error.translation if result.pose_error else None,
         'signs_right': result.assignment.signs_right if result.assignment else 0,
         'limits': {'rotation_deg': limits.rotation_deg, 'translation_m': limits.translation_m},
         'recovery': result.edges.summary(),
-        'render': {'surface_residual_m_max': result.surface_residual_m,
-                   'node_image_differs_from_library_pixels': result.image_difference},
+        'render': {
+            'surface_residual_m_max': result.surface_residual_m,
+            'node_image_differs_from_library_pixels': result.image_difference,
+        },
         'emulator': result.emulator,
         'milliseconds': result.milliseconds,
-        'camera': {'width': result.rig.left.width, 'height': result.rig.left.height, 'fx': result.rig.left.fx,
-                   'cx': result.rig.left.cx, 'cy': result.rig.left.cy, 'baseline_m': result.rig.baseline},
+        'camera': {
+            'width': result.rig.left.width,
+            'height': result.rig.left.height,
+            'fx': result.rig.left.fx,
+            'cx': result.rig.left.cx,
+            'cy': result.rig.left.cy,
+            'baseline_m': result.rig.baseline,
+        },
         'true_pose': result.true_pose.matrix.tolist(),
         'found_pose': result.found.pose.matrix.tolist() if result.found else None,
     }

@@ -60,8 +60,20 @@ def _cases(scene: str, options: argparse.Namespace) -> list[Case]:
 
     width, height = options.size or (None, None)
     pose = None if options.pose is None else pose_from_angles(options.pose)
-    case = Case(scene, width, height, options.focal, None if options.baseline is None else options.baseline * 1e-3,
-                options.antialias, options.psf, options.noise, options.seed, pose, options.clutter, options.time_limit)
+    case = Case(
+        scene,
+        width,
+        height,
+        options.focal,
+        None if options.baseline is None else options.baseline * 1e-3,
+        options.antialias,
+        options.psf,
+        options.noise,
+        options.seed,
+        pose,
+        options.clutter,
+        options.time_limit,
+    )
     check_scene(case, changed=bool(options.sweep))
     if not options.sweep:
         return [case]
@@ -82,15 +94,18 @@ def _batch(cases: list[Case], limits: Limits, out: Path, options: argparse.Names
     from .batch import run_batch, summary
 
     try:
-        documents = run_batch(cases, limits, out, options.workers, options.dask, options.nodes, options.quiet,
-                              options.reports)
+        documents = run_batch(
+            cases, limits, out, options.workers, options.dask, options.nodes, options.quiet, options.reports
+        )
     except (OSError, ValueError) as error:
         print(f'closed_form: {error}', file=sys.stderr)
         return 2
     totals = summary(documents)
-    print(f'{totals["passed"]} of {totals["cases"]} cases passed, {totals["recognised"]} recognised; median errors '
-          f'{_figure(totals["rotation_error_deg_p50"])} deg, {_figure(totals["translation_error_mm_p50"])} mm; '
-          f'open {out}/index.html')
+    print(
+        f'{totals["passed"]} of {totals["cases"]} cases passed, {totals["recognised"]} recognised; median errors '
+        f'{_figure(totals["rotation_error_deg_p50"])} deg, {_figure(totals["translation_error_mm_p50"])} mm; '
+        f'open {out}/index.html'
+    )
     return 0 if totals['passed'] >= options.min_success * totals['cases'] else 1
 
 
@@ -116,8 +131,14 @@ def _run_one(case: Case, folder: Path, limits: Limits, quiet: bool, nodes: bool 
     from .run_graph import STAGES, run_case
     from .run_library import run_library_case
 
-    with tqdm(total=len(STAGES) + 1, desc=f'{case.name:<20}', bar_format='{desc} {bar:20} {n}/{total} {postfix}',
-              disable=quiet, file=sys.stdout) as bar:
+    with tqdm(
+        total=len(STAGES) + 1,
+        desc=f'{case.name:<20}',
+        bar_format='{desc} {bar:20} {n}/{total} {postfix}',
+        disable=quiet,
+        file=sys.stdout,
+    ) as bar:
+
         def progress(stage: str) -> None:
             bar.set_postfix_str(stage)
             bar.update()

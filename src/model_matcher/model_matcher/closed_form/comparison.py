@@ -60,16 +60,24 @@ class EdgeComparison:
         """The figures by name; None (JSON has no NaN) for those that nothing was found to compute from."""
         good = self.true_index >= 0
         figures: dict[str, float | int] = {
-            'true_edges': len(self.covered), 'found_edges': len(self.true_index), 'true_edges_found': self.edges_found,
-            'false_edges': int((~good).sum()), 'recall_of_length': self.recall, 'precision': self.precision,
+            'true_edges': len(self.covered),
+            'found_edges': len(self.true_index),
+            'true_edges_found': self.edges_found,
+            'false_edges': int((~good).sum()),
+            'recall_of_length': self.recall,
+            'precision': self.precision,
             'direction_error_deg_median': _median(self.direction_deg[good]),
             'distance_from_line_m_median': _median(self.across_m[good]),
         }
         return {name: figure if np.isfinite(figure) else None for name, figure in figures.items()}
 
 
-def compare_edges(true: FeatureSet, found: FeatureSet, same_direction_deg: float = SAME_DIRECTION_DEG,
-                  same_place_m: float = SAME_PLACE_M) -> EdgeComparison:
+def compare_edges(
+    true: FeatureSet,
+    found: FeatureSet,
+    same_direction_deg: float = SAME_DIRECTION_DEG,
+    same_place_m: float = SAME_PLACE_M,
+) -> EdgeComparison:
     """Straight edges found against the true visible ones; both in the same frame, other kinds left out."""
     true, found = true.of_kind(FeatureKind.EDGE), found.of_kind(FeatureKind.EDGE)
     n, m = len(true), len(found)
@@ -78,7 +86,7 @@ def compare_edges(true: FeatureSet, found: FeatureSet, same_direction_deg: float
     cosine = np.abs(found.directions @ true.directions.T)
     angle = np.degrees(np.arctan2(_sine(found.directions, true.directions), cosine))
     ends = np.stack([found.start, found.end], axis=1)
-    offset = ends[:, None] - true.start[None, :, None]                      # (m, n, 2, 3)
+    offset = ends[:, None] - true.start[None, :, None]  # (m, n, 2, 3)
     along = np.einsum('mnek,nk->mne', offset, true.directions)
     beyond = along - np.clip(along, 0.0, true.lengths[None, :, None])
     across = np.linalg.norm(offset - along[..., None] * true.directions[None, :, None], axis=-1)
@@ -89,8 +97,13 @@ def compare_edges(true: FeatureSet, found: FeatureSet, same_direction_deg: float
     index = np.where(distance[rows, nearest] <= same_place_m, nearest, -1)
     good = index >= 0
     covered = np.array([_coverage(along[(index == edge), edge], true.lengths[edge]) for edge in range(n)])
-    return EdgeComparison(index, covered, true.lengths, np.where(good, angle[rows, nearest], np.nan),
-                          np.where(good[:, None], across[rows, nearest], np.nan))
+    return EdgeComparison(
+        index,
+        covered,
+        true.lengths,
+        np.where(good, angle[rows, nearest], np.nan),
+        np.where(good[:, None], across[rows, nearest], np.nan),
+    )
 
 
 def best_pose_error(found: Interpretation, truth: Pose, others: Sequence[Pose] = ()) -> PoseError:
@@ -98,8 +111,9 @@ def best_pose_error(found: Interpretation, truth: Pose, others: Sequence[Pose] =
 
     others : further poses that are as true (the symmetries of the model applied to the truth).
     """
-    errors = [truth_pose.error_to(pose) for truth_pose in (truth, *others)
-              for pose in (found.pose, *found.symmetric_poses)]
+    errors = [
+        truth_pose.error_to(pose) for truth_pose in (truth, *others) for pose in (found.pose, *found.symmetric_poses)
+    ]
     return min(errors, key=lambda error: (round(error.rotation, 3), error.translation))
 
 
@@ -114,8 +128,9 @@ class AssignmentComparison:
     spurious: int
 
 
-def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSet,
-                       same_place_m: float = PAIRED_PLACE_M) -> AssignmentComparison:
+def compare_assignment(
+    found: Interpretation, model: FeatureSet, data: FeatureSet, same_place_m: float = PAIRED_PLACE_M
+) -> AssignmentComparison:
     """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge,
     to within same_place_m (metres) or the error that the data edge states, whichever is larger.
 
@@ -135,8 +150,12 @@ def compare_assignment(found: Interpretation, model: FeatureSet, data: FeatureSe
             close = np.linalg.norm(placed.start[target] - data.start[index]) <= allowed
         else:
             single = placed.select([target])
-            close = compare_edges(_as_edges(single), _as_edges(data.select([index])),
-                                  PAIRED_DIRECTION_DEG, allowed).true_index[0] == 0
+            close = (
+                compare_edges(
+                    _as_edges(single), _as_edges(data.select([index])), PAIRED_DIRECTION_DEG, allowed
+                ).true_index[0]
+                == 0
+            )
         if not close:
             spurious += 1
             continue

@@ -11,8 +11,10 @@ from .case import Case, Limits
 def closed_form_parser() -> argparse.ArgumentParser:
     """Options in user's units: millimetres, degrees, pixels."""
     parser = argparse.ArgumentParser(
-        prog='closed_form', description='Render, recover, match, and compare with the truth.',
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+        prog='closed_form',
+        description='Render, recover, match, and compare with the truth.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     add = parser.add_argument
     add('scenes', nargs='*', help='scene files, or names of scenes of csg_renderer (l_shape_v1, ...)')
     add('-o', '--out', default='closed_form_out', help='folder for the results')
@@ -29,8 +31,13 @@ def closed_form_parser() -> argparse.ArgumentParser:
     add('--seed', type=_whole(0), default=Case.seed, help='seed of noise, clutter and random poses')
 
     add = parser.add_argument_group('pose and surroundings').add_argument
-    add('--pose', type=float, nargs=6, metavar=('XROT', 'YROT', 'ZROT', 'X', 'Y', 'Z'),
-        help='of the object: degrees, applied in this order, and mm')
+    add(
+        '--pose',
+        type=float,
+        nargs=6,
+        metavar=('XROT', 'YROT', 'ZROT', 'X', 'Y', 'Z'),
+        help='of the object: degrees, applied in this order, and mm',
+    )
     add('--sweep', choices=('grid', 'random', 'turntable'), help='many poses of the object')
     add('--count', type=_whole(1), default=36, help='poses of a sweep')
     add('--distance', type=_number(0.0, above=True), metavar='MM', help='of the object in a sweep')
@@ -57,6 +64,7 @@ def _whole(least: int):
         if value < least:
             raise argparse.ArgumentTypeError(f'expected a whole number >= {least}, got {value}')
         return value
+
     return whole
 
 
@@ -69,4 +77,5 @@ def _number(least: float, most: float = math.inf, above: bool = False):
         if not least <= value <= most or value == math.inf or (above and value == least):
             raise argparse.ArgumentTypeError(f'expected a number {wanted}, got {text}')
         return value
+
     return number

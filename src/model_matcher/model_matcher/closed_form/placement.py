@@ -88,8 +88,9 @@ def case_lights(scene: Scene, pose: Pose) -> tuple[Light, ...]:
         return tuple(scene.lights)
     depth = _middle_depth(scene, pose)
     scene_T_camera = scene.camera_T_scene.inverse()
-    return tuple(Light(tuple(scene_T_camera.apply(depth * np.asarray(place))), (brightness,) * 3)
-                 for place, brightness in LIGHTS)
+    return tuple(
+        Light(tuple(scene_T_camera.apply(depth * np.asarray(place))), (brightness,) * 3) for place, brightness in LIGHTS
+    )
 
 
 def _middle_depth(scene: Scene, pose: Pose) -> float:

@@ -36,8 +36,10 @@ def sweep_cases(case: Case, sweep: str, count: int, distance: float | None = Non
     scene = load_case_scene(case)
     poses = sweep_poses(scene, case, sweep, count, distance)
     digits = len(str(count - 1))
-    return [replace(case, pose=_flat(pose), seed=case.seed + k, label=f'{case.name}_{sweep}_{k:0{digits}d}')
-            for k, pose in enumerate(poses)]
+    return [
+        replace(case, pose=_flat(pose), seed=case.seed + k, label=f'{case.name}_{sweep}_{k:0{digits}d}')
+        for k, pose in enumerate(poses)
+    ]
 
 
 def sweep_poses(scene: Scene, case: Case, sweep: str, count: int, distance: float | None = None) -> list[Pose]:

@@ -62,22 +62,34 @@ def run_chessboard(out: Path) -> str:
     picture = draw_features(canvas(left, dim=0.6), features.select(features.kind == 0), rig.left, colours, 2)
     cv2.imwrite(str(out / 'recovered.png'), picture)
     document: dict[str, Any] = {
-        'pair': PAIR, 'square_m': SQUARE_M, 'features': len(features), 'recovery': edges.summary(),
+        'pair': PAIR,
+        'square_m': SQUARE_M,
+        'features': len(features),
+        'recovery': edges.summary(),
         'accepted': bool(best and best.accepted),
-        'reason': None if best and best.accepted else _why(best, result.reason)}
+        'reason': None if best and best.accepted else _why(best, result.reason),
+    }
     if best is not None:
         error = best_pose_error(best, truth, board_symmetries(truth))
-        document |= {'rotation_error_deg': error.rotation_deg, 'translation_error_m': error.translation,
-                     'matched': best.matched}
-        cv2.imwrite(str(out / 'matched.png'), draw_features(
-            canvas(left, dim=0.6), model.transformed(best.pose), rig.left, thickness=1))
+        document |= {
+            'rotation_error_deg': error.rotation_deg,
+            'translation_error_m': error.translation,
+            'matched': best.matched,
+        }
+        cv2.imwrite(
+            str(out / 'matched.png'),
+            draw_features(canvas(left, dim=0.6), model.transformed(best.pose), rig.left, thickness=1),
+        )
     (out / 'result.json').write_text(json.dumps(document, indent=2) + '\n')
-    head = (f'real chessboard pair {PAIR}: {len(features)} features, '
-            f'{100 * edges.recall:.0f} % of the grid lines\' length')
+    head = (
+        f"real chessboard pair {PAIR}: {len(features)} features, {100 * edges.recall:.0f} % of the grid lines' length"
+    )
     if best is None or not best.accepted:
         return f'{head}; no pose: {document["reason"]}; pictures in {out}/'
-    return (f'{head}; pose {document["rotation_error_deg"]:.2f} deg and {1e3 * document["translation_error_m"]:.1f} mm '
-            f'(squares of {1e3 * SQUARE_M:g} mm) from the reference, up to the board\'s symmetry; pictures in {out}/')
+    return (
+        f'{head}; pose {document["rotation_error_deg"]:.2f} deg and {1e3 * document["translation_error_m"]:.1f} mm '
+        f"(squares of {1e3 * SQUARE_M:g} mm) from the reference, up to the board's symmetry; pictures in {out}/"
+    )
 
 
 def board_symmetries(pose: Pose) -> list[Pose]:

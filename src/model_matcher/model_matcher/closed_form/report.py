@@ -41,29 +41,38 @@ def write_report(folder: Path, result: CaseResult, document: dict[str, Any]) -> 
     sections = [
         f'<h1>Closed-form test: {_text(document["scene"])}</h1>',
         f'<p class="{state}"><strong>{_text(document["verdict"])}</strong></p>',
-        _table(['', 'true', 'found'], [
-            ['visible edges', document['true_edges'], document['recovered_edges']],
-            ['matched edges', '', document['matched_edges']],
-            ['rotation error', '0', _number(document['rotation_error_deg'], 'deg')],
-            ['translation error', '0', _number(document['translation_error_m'], 'mm', 1e3)]]),
+        _table(
+            ['', 'true', 'found'],
+            [
+                ['visible edges', document['true_edges'], document['recovered_edges']],
+                ['matched edges', '', document['matched_edges']],
+                ['rotation error', '0', _number(document['rotation_error_deg'], 'deg')],
+                ['translation error', '0', _number(document['translation_error_m'], 'mm', 1e3)],
+            ],
+        ),
         '<h2>The stereo pair</h2>',
         _figure('stereo.png', 'Left and right image' + (', as the renderer published them.' if through_nodes else '.')),
         '<h2>Recovered edges</h2>',
         _figure('recovered.png', 'Green: recovered edges that lie on a true one. Red: others. Grey: the truth.'),
         _recovery_table(document['recovery']),
         '<h2>The matched model</h2>',
-        _figure('matched.png', 'The model\'s features at the recovered pose, over the left image.'),
+        _figure('matched.png', "The model's features at the recovered pose, over the left image."),
         _assignment_table(result),
-        '<h2>Poses</h2>', _pose_table(document),
+        '<h2>Poses</h2>',
+        _pose_table(document),
         '<h2>Stages</h2>',
         _table(['stage', 'milliseconds'], [[name, f'{value:.1f}'] for name, value in document['milliseconds'].items()]),
         _render_table(document['render'], through_nodes),
     ]
     if through_nodes:
-        sections += ['<h2>Array machine</h2>',
-                     _table(['', ''], [[key, value] for key, value in document['emulator'].items()])]
-    page = (f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_text(document["scene"])}</title>'
-            f'<style>{STYLE}</style>' + '\n'.join(sections) + '</html>\n')
+        sections += [
+            '<h2>Array machine</h2>',
+            _table(['', ''], [[key, value] for key, value in document['emulator'].items()]),
+        ]
+    page = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_text(document["scene"])}</title>'
+        f'<style>{STYLE}</style>' + '\n'.join(sections) + '</html>\n'
+    )
     (folder / 'report.html').write_text(page, encoding='utf-8')
 
 
@@ -89,13 +98,18 @@ def _matched(result: CaseResult, camera: PinholeCamera) -> np.ndarray:
 
 
 def _recovery_table(summary: dict[str, Any]) -> str:
-    return _table(['', ''], [
-        ['visible edges of the object', summary['true_edges']],
-        ['of these recovered', summary['true_edges_found']],
-        ['recovered length', _number(summary['recall_of_length'], '%', 100.0)],
-        ['recovered edges', summary['found_edges']], ['of these on no edge of the object', summary['false_edges']],
-        ['direction error, median', _number(summary['direction_error_deg_median'], 'deg')],
-        ['distance from the true line, median', _number(summary['distance_from_line_m_median'], 'mm', 1e3)]])
+    return _table(
+        ['', ''],
+        [
+            ['visible edges of the object', summary['true_edges']],
+            ['of these recovered', summary['true_edges_found']],
+            ['recovered length', _number(summary['recall_of_length'], '%', 100.0)],
+            ['recovered edges', summary['found_edges']],
+            ['of these on no edge of the object', summary['false_edges']],
+            ['direction error, median', _number(summary['direction_error_deg_median'], 'deg')],
+            ['distance from the true line, median', _number(summary['distance_from_line_m_median'], 'mm', 1e3)],
+        ],
+    )
 
 
 def _assignment_table(result: CaseResult) -> str:
@@ -105,8 +119,14 @@ def _assignment_table(result: CaseResult) -> str:
     rows = []
     for index, (target, sign) in enumerate(zip(result.found.assignment, result.found.sign)):
         kind = FeatureKind(result.data.kind[index]).name.lower()
-        rows.append([f'{index} ({kind})', f'{lengths[index]:.1f}', 'bin' if target == BIN else int(target),
-                     {1: '+', -1: '-', 0: ''}[int(sign)]])
+        rows.append(
+            [
+                f'{index} ({kind})',
+                f'{lengths[index]:.1f}',
+                'bin' if target == BIN else int(target),
+                {1: '+', -1: '-', 0: ''}[int(sign)],
+            ]
+        )
     return _table(['data feature', 'length, mm', 'model feature', 'sign'], rows)
 
 
@@ -123,8 +143,9 @@ def _pose_table(document: dict[str, Any]) -> str:
 
 
 def _render_table(values: dict[str, Any], through_nodes: bool) -> str:
-    rows = [['largest distance of a rendered point from its surface',
-             _number(values['surface_residual_m_max'], 'mm', 1e3)]]
+    rows = [
+        ['largest distance of a rendered point from its surface', _number(values['surface_residual_m_max'], 'mm', 1e3)]
+    ]
     if through_nodes:
         rows.append(['pixels in which node and library differ', values['node_image_differs_from_library_pixels']])
     return _table(['rendering', ''], rows)

@@ -64,8 +64,9 @@ class CaseResult:
     milliseconds: dict[str, float] = field(default_factory=dict)
 
 
-def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None,
-             folder: Path | None = None) -> CaseResult:
+def run_case(
+    case: Case, progress: Callable[[str], None] = lambda stage: None, folder: Path | None = None
+) -> CaseResult:
     """Run one test. Raises ValueError or OSError for an unusable scene; not being recognised is a result.
 
     folder : for the scene file of a case that sets pose or clutter; a temporary one when not given
@@ -93,10 +94,21 @@ def run_case(case: Case, progress: Callable[[str], None] = lambda stage: None,
     frames = render_stereo(scene, rig, antialias=case.antialias)
     data = messages.features
     result = CaseResult(
-        case, placement.name, rig, true_pose, model, messages.true_features, data, messages.left, messages.right,
+        case,
+        placement.name,
+        rig,
+        true_pose,
+        model,
+        messages.true_features,
+        data,
+        messages.left,
+        messages.right,
         edges=compare_edges(messages.true_features, data),
         surface_residual_m=surface_residual(scene, frames[0]),
-        image_difference=run.image_difference(frames, messages), emulator=emulator, milliseconds=milliseconds)
+        image_difference=run.image_difference(frames, messages),
+        emulator=emulator,
+        milliseconds=milliseconds,
+    )
     mine = [item for item in messages.interpretations if item.model == safe_name(placement.name)]
     judge(result, mine, messages.reason)
     progress('comparison')
@@ -160,24 +172,40 @@ class GraphRun:
         # A scene written for the case names its camera itself.
         size = dict(width=case.width or 0, height=case.height or 0, focal=float(case.focal or 0.0))
         parameters: dict[type, dict[str, Any]] = {
-            RendererNode: dict(scene=self.scene, rate=0.0, baseline=self.rig.baseline, antialias=case.antialias,
-                               psf=case.psf, noise=case.noise, seed=case.seed,
-                               **(size if self.scene == self.own_scene else {})),
-            RecoveryNode: {}, MatcherNode: dict(models=[self.own_scene], time_limit=case.time_limit_s),
+            RendererNode: dict(
+                scene=self.scene,
+                rate=0.0,
+                baseline=self.rig.baseline,
+                antialias=case.antialias,
+                psf=case.psf,
+                noise=case.noise,
+                seed=case.seed,
+                **(size if self.scene == self.own_scene else {}),
+            ),
+            RecoveryNode: {},
+            MatcherNode: dict(models=[self.own_scene], time_limit=case.time_limit_s),
             EmulatorNode: {},
         }
         self.nodes: dict[str, Any] = {}
         for node_class, values in parameters.items():
-            node = node_class(context=self.context, namespace=namespace, parameter_overrides=[
-                Parameter(name, value=value) for name, value in values.items()])
+            node = node_class(
+                context=self.context,
+                namespace=namespace,
+                parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+            )
             self.nodes[node_class.__name__] = node
             self.executor.add_node(node)
         observer = self.observer = Node('observer', context=self.context, namespace=namespace)
         self.executor.add_node(observer)
         self.received: dict[str, list] = {}
-        for message_type, topic in ((Image, 'left/image_rect'), (Image, 'right/image_rect'), (PointCloud2, 'features'),
-                                    (PointCloud2, 'ground_truth/features'), (PoseArray, 'interpretations'),
-                                    (DiagnosticArray, 'interpretations/report')):
+        for message_type, topic in (
+            (Image, 'left/image_rect'),
+            (Image, 'right/image_rect'),
+            (PointCloud2, 'features'),
+            (PointCloud2, 'ground_truth/features'),
+            (PoseArray, 'interpretations'),
+            (DiagnosticArray, 'interpretations/report'),
+        ):
             self.received[topic] = []
             observer.create_subscription(message_type, topic, self.received[topic].append, 10)
         self.trigger = observer.create_client(Trigger, 'renderer_node/render')
@@ -209,10 +237,12 @@ class GraphRun:
             self._spin_until(partial(self.received.__getitem__, topic), stage)
             progress(stage)
         self._spin_until(lambda: all(self.received.values()), 'ground truth and report')
-        stamps = {messages[-1].header.stamp.sec * 10**9 + messages[-1].header.stamp.nanosec
-                  for messages in self.received.values()}
+        stamps = {
+            messages[-1].header.stamp.sec * 10**9 + messages[-1].header.stamp.nanosec
+            for messages in self.received.values()
+        }
         if len(stamps) != 1:
-            raise ValueError(f'{self.case.scene}: results carry {len(stamps)} different stamps, expected the pair\'s')
+            raise ValueError(f"{self.case.scene}: results carry {len(stamps)} different stamps, expected the pair's")
         report = self.received['interpretations/report'][-1]
         return PairMessages(
             codecs.gray_from_image(self.received['left/image_rect'][-1]),
@@ -220,7 +250,8 @@ class GraphRun:
             codecs.cloud_to_features(self.received['ground_truth/features'][-1]),
             codecs.cloud_to_features(self.received['features'][-1]),
             [item for item in codecs.interpretations_from_report(report)],
-            '; '.join(status.message for status in report.status if status.message != codecs.reports.ACCEPTED))
+            '; '.join(status.message for status in report.status if status.message != codecs.reports.ACCEPTED),
+        )
 
     def milliseconds(self) -> dict[str, float]:
         """What the last pair took in each node."""
@@ -249,16 +280,23 @@ class GraphRun:
         def heard(node: Any, topic: str, count: int) -> bool:
             return node.count_subscribers(f'{namespace}/{topic}') >= count
 
-        return (heard(renderer, 'left/image_rect', 2) and heard(renderer, 'right/image_rect', 2)
-                and heard(renderer, 'left/camera_info', 1) and heard(renderer, 'right/camera_info', 1)
-                and heard(recovery, 'features', 2) and heard(matcher, 'interpretations', 1)
-                and all(self.observer.count_publishers(f'{namespace}/{topic}') for topic in self.received))
+        return (
+            heard(renderer, 'left/image_rect', 2)
+            and heard(renderer, 'right/image_rect', 2)
+            and heard(renderer, 'left/camera_info', 1)
+            and heard(renderer, 'right/camera_info', 1)
+            and heard(recovery, 'features', 2)
+            and heard(matcher, 'interpretations', 1)
+            and all(self.observer.count_publishers(f'{namespace}/{topic}') for topic in self.received)
+        )
 
     def _spin_until(self, predicate: Callable[[], Any], what: str) -> None:
         deadline = time.monotonic() + TIMEOUT_S
         while not predicate():
             if time.monotonic() > deadline:
-                problems = [f'{name}: {node.health.last_error or node.silence() or "no complaint"}'
-                            for name, node in self.nodes.items()]
+                problems = [
+                    f'{name}: {node.health.last_error or node.silence() or "no complaint"}'
+                    for name, node in self.nodes.items()
+                ]
                 raise ValueError(f'{self.case.scene}: waited {TIMEOUT_S:g} s for {what}; {"; ".join(problems)}')
             self.executor.spin_once(timeout_sec=0.05)

@@ -55,8 +55,10 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
 
     milliseconds = {}
     frames = render_stereo(scene, rig, antialias=case.antialias)
-    left, right = (SensorModel(case.psf, case.noise, (case.seed, 0, eye)).apply(grey(frame.image))
-                   for eye, frame in enumerate(frames))
+    left, right = (
+        SensorModel(case.psf, case.noise, (case.seed, 0, eye)).apply(grey(frame.image))
+        for eye, frame in enumerate(frames)
+    )
     milliseconds['render'] = lap()
     progress('image')
     recovery = recover(left, right, rig)
@@ -69,9 +71,20 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
     ideal = ideal_data(scene, rig)
     truth = ideal.features.select(ideal.object_index == 0)
     result = CaseResult(
-        case, placement.name, rig, true_pose, model, truth, recovery.features, left, right,
-        edges=compare_edges(truth, recovery.features), surface_residual_m=surface_residual(scene, frames[0]),
-        image_difference=0, milliseconds=milliseconds)
+        case,
+        placement.name,
+        rig,
+        true_pose,
+        model,
+        truth,
+        recovery.features,
+        left,
+        right,
+        edges=compare_edges(truth, recovery.features),
+        surface_residual_m=surface_residual(scene, frames[0]),
+        image_difference=0,
+        milliseconds=milliseconds,
+    )
     judge(result, matched.interpretations, matched.reason or recovery.reason)
     progress('comparison')
     return result

@@ -49,7 +49,7 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
         if unknown:
             raise ValueError(f'{path}: {name}: unknown field {sorted(unknown)[0]!r}')
     if 'scene' not in values:
-        raise ValueError(f'{path}: case: no field \'scene\'')
+        raise ValueError(f"{path}: case: no field 'scene'")
     values['pose'] = tuple(values['pose']) if values.get('pose') else None
     case = Case(**values)
     if (Path(folder) / case.scene).exists():

@@ -92,16 +92,23 @@ def _text(case: Case, scene: Scene, name: str, pose: Pose, rig: StereoRig, inclu
     camera = rig.left
     lines = [
         f'// Closed-form case: {name} of {included}, pose and surroundings set by the harness. Metres, camera frame.',
-        f'INCLUDE "{included}";', 'UNITS M;',
+        f'INCLUDE "{included}";',
+        'UNITS M;',
         f'CAMERA SIZE ({camera.width}, {camera.height}) FOCAL ({_numbers([camera.fx, camera.fy])}) '
         f'CENTRE ({_numbers([camera.cx, camera.cy])});',
-        f'STEREO ({_numbers([rig.baseline])});', f'AMBIENT ({_numbers(scene.ambient_light)});',
-        f'BACKGROUND ({_numbers(scene.background)});']
-    lines += [f'LIGHT ({_numbers(scene.camera_T_scene.apply(np.asarray(light.position)))}) '
-              f'COLOUR ({_numbers(light.colour)});' for light in case_lights(scene, pose)]
+        f'STEREO ({_numbers([rig.baseline])});',
+        f'AMBIENT ({_numbers(scene.ambient_light)});',
+        f'BACKGROUND ({_numbers(scene.background)});',
+    ]
+    lines += [
+        f'LIGHT ({_numbers(scene.camera_T_scene.apply(np.asarray(light.position)))}) COLOUR ({_numbers(light.colour)});'
+        for light in case_lights(scene, pose)
+    ]
     lines.append(f'DRAW {name} {_matrix(pose)};')
-    lines += [f'DRAW {solid} COLOUR (1, 0.97, 0.9) PAINT FACES {_matrix(place)};'
-              for solid, place in clutter_of(case, scene, pose, rig)]
+    lines += [
+        f'DRAW {solid} COLOUR (1, 0.97, 0.9) PAINT FACES {_matrix(place)};'
+        for solid, place in clutter_of(case, scene, pose, rig)
+    ]
     return '\n'.join(lines) + '\n'
 
 

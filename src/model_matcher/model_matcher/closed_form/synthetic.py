@@ -85,15 +85,19 @@ def chair() -> FeatureSet:
 def computer() -> FeatureSet:
     """A screen with a recess on a base: 32 edges."""
     recess = box((0.08, 0.06, 0.015), (0.03, 0.05, 0.02))
-    return FeatureSet.concatenate([box((0.14, 0.03, 0.12)), box((0.11, 0.09, 0.08), (0.015, 0.035, 0.02)),
-                                   recess.select(np.r_[0:4, 8:12])])
+    return FeatureSet.concatenate(
+        [box((0.14, 0.03, 0.12)), box((0.11, 0.09, 0.08), (0.015, 0.035, 0.02)), recess.select(np.r_[0:4, 8:12])]
+    )
 
 
 def plug() -> FeatureSet:
     """A body with three thin pins: 54 edges, the shortest 4 mm."""
     body = prism(np.array([(0, 0), (50, 0), (50, 30), (38, 48), (12, 48), (0, 30)]) * 1e-3, 0.022)
-    pins = [box((0.004, 0.008, -0.023), (0.023, 0.034, 0.0)), box((0.0065, 0.004, -0.018), (0.011, 0.012, 0.0)),
-            box((0.0065, 0.004, -0.018), (0.0325, 0.012, 0.0))]
+    pins = [
+        box((0.004, 0.008, -0.023), (0.023, 0.034, 0.0)),
+        box((0.0065, 0.004, -0.018), (0.011, 0.012, 0.0)),
+        box((0.0065, 0.004, -0.018), (0.0325, 0.012, 0.0)),
+    ]
     return FeatureSet.concatenate([body, *pins])
 
 
@@ -144,12 +148,23 @@ def random_polyhedron(seed: int) -> FeatureSet:
         angle = np.sort(rng.uniform(0.0, 2 * np.pi, corners))
         radius = rng.uniform(0.025, 0.07, corners)
         return prism(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), rng.uniform(0.02, 0.1))
-    return FeatureSet.concatenate([box(rng.uniform(0.02, 0.1, 3)),
-                                   box(rng.uniform(0.02, 0.08, 3), rng.uniform(-0.03, 0.06, 3))])
+    return FeatureSet.concatenate(
+        [box(rng.uniform(0.02, 0.1, 3)), box(rng.uniform(0.02, 0.08, 3), rng.uniform(-0.03, 0.06, 3))]
+    )
 
 
-MODELS = {'chipped_block': chipped_block, 'l_shape': l_shape, 'wedge': wedge, 'chair': chair, 'computer': computer,
-          'plug': plug, 'lattice': lattice, 'cylinder_box': cylinder_box, 'lamp': lamp, 'tubes': tubes}
+MODELS = {
+    'chipped_block': chipped_block,
+    'l_shape': l_shape,
+    'wedge': wedge,
+    'chair': chair,
+    'computer': computer,
+    'plug': plug,
+    'lattice': lattice,
+    'cylinder_box': cylinder_box,
+    'lamp': lamp,
+    'tubes': tubes,
+}
 
 
 # -- scenes ----------------------------------------------------------------------------------------------------------
@@ -160,9 +175,15 @@ def random_pose(rng: np.random.Generator, spread: float = 0.1, depth: float = 0.
     return Pose(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-spread, spread, 3) + [0.0, 0.0, depth])
 
 
-def fragment(features: FeatureSet, rng: np.random.Generator, visible: float = 0.75, break_chance: float = 0.25,
-             sigma: float = 5e-4, stated: float | None = None, depth_factor: float = 1.0,
-             ) -> tuple[FeatureSet, np.ndarray, np.ndarray]:
+def fragment(
+    features: FeatureSet,
+    rng: np.random.Generator,
+    visible: float = 0.75,
+    break_chance: float = 0.25,
+    sigma: float = 5e-4,
+    stated: float | None = None,
+    depth_factor: float = 1.0,
+) -> tuple[FeatureSet, np.ndarray, np.ndarray]:
     """What is recovered of features already in the camera frame.
 
     visible : share of the features that appear at all; break_chance : share of the edges that fall into two pieces
@@ -206,9 +227,19 @@ def fragment(features: FeatureSet, rng: np.random.Generator, visible: float = 0.
     return found, index, np.where(flip, -1, 1).astype(np.int8)
 
 
-def make_scene(model: FeatureSet, seed: int, clutter: float = 0.0, visible: float = 0.75, instances: int = 1,
-               sigma: float = 5e-4, decoys: tuple[FeatureSet, ...] = (), others: tuple[FeatureSet, ...] | None = None,
-               stated: float | None = None, depth_factor: float = 1.0, volume: float = 0.15) -> SyntheticScene:
+def make_scene(
+    model: FeatureSet,
+    seed: int,
+    clutter: float = 0.0,
+    visible: float = 0.75,
+    instances: int = 1,
+    sigma: float = 5e-4,
+    decoys: tuple[FeatureSet, ...] = (),
+    others: tuple[FeatureSet, ...] | None = None,
+    stated: float | None = None,
+    depth_factor: float = 1.0,
+    volume: float = 0.15,
+) -> SyntheticScene:
     """A seeded scene.
 
     clutter : share of all data features that belong to no instance, in [0, 1); with instances = 0 there are as many
@@ -221,8 +252,9 @@ def make_scene(model: FeatureSet, seed: int, clutter: float = 0.0, visible: floa
     n_true = 0
     for instance in range(max(instances, 1)):
         pose = random_pose(rng, 0.02 if instances == 1 else 0.08)
-        found, index, signs = fragment(model.transformed(pose), rng, visible, sigma=sigma, stated=stated,
-                                       depth_factor=depth_factor)
+        found, index, signs = fragment(
+            model.transformed(pose), rng, visible, sigma=sigma, stated=stated, depth_factor=depth_factor
+        )
         n_true += len(found)
         if instance < instances:
             pieces.append(found)
@@ -241,8 +273,9 @@ def make_scene(model: FeatureSet, seed: int, clutter: float = 0.0, visible: floa
             others_now = [others[int(rng.integers(len(others)))]]
         for other in others_now:
             pose = random_pose(rng, volume)
-            found, _, _ = fragment(other.transformed(pose), rng, 0.75, sigma=sigma, stated=stated,
-                                   depth_factor=depth_factor)
+            found, _, _ = fragment(
+                other.transformed(pose), rng, 0.75, sigma=sigma, stated=stated, depth_factor=depth_factor
+            )
             if not decoys or other not in decoys:
                 found = found.select(np.arange(min(len(found), wanted - n_clutter)))
             n_clutter += len(found)
@@ -253,8 +286,9 @@ def make_scene(model: FeatureSet, seed: int, clutter: float = 0.0, visible: floa
     data = FeatureSet.concatenate(pieces)
     order = rng.permutation(len(data))
     stack = [np.concatenate(part)[order] if part else np.zeros(0) for part in (origin, sign, member)]
-    return SyntheticScene(data.select(order), stack[0].astype(np.int32), stack[1].astype(np.int8),
-                          stack[2].astype(np.int32), tuple(poses))
+    return SyntheticScene(
+        data.select(order), stack[0].astype(np.int32), stack[1].astype(np.int8), stack[2].astype(np.int32), tuple(poses)
+    )
 
 
 def mirrored(model: FeatureSet) -> FeatureSet:

@@ -297,15 +297,27 @@ def fit_one(k, data, kind_d, tols, j, model, kind_m, px, py, pz, vx, vy, vz, wid
 
 
 @njit
-def count_matches(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol,
-                  stamp, mark, needed):
+def count_matches(
+    motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol, stamp, mark, needed
+):
     """Distinct model features with data on them under a pose, plus the mean quality of fit as the fraction.
 
     Gives up, returning 0, as soon as ``needed`` distinct features are out of reach.
     """
-    r0, r1, r2, r3, r4, r5, r6, r7, r8, tx, ty, tz = (motion[0], motion[1], motion[2], motion[3], motion[4], motion[5],
-                                                      motion[6], motion[7], motion[8], motion[9], motion[10],
-                                                      motion[11])
+    r0, r1, r2, r3, r4, r5, r6, r7, r8, tx, ty, tz = (
+        motion[0],
+        motion[1],
+        motion[2],
+        motion[3],
+        motion[4],
+        motion[5],
+        motion[6],
+        motion[7],
+        motion[8],
+        motion[9],
+        motion[10],
+        motion[11],
+    )
     nx, ny, nz = shape
     n = data.shape[0]
     distinct = 0
@@ -355,8 +367,9 @@ def count_matches(motion, model, kind_m, low, cell, shape, starts, items, data, 
 
 
 @njit
-def assign(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol, assignment,
-           sign):
+def assign(
+    motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widen, radius_tol, assignment, sign
+):
     """Best model feature of every data feature under a pose, written to assignment and sign. Returns how many."""
     nx, ny, nz = shape
     count = 0

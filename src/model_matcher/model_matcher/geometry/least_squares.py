@@ -93,8 +93,9 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
                 else:
                     ax, ay, az = ux, uy, uz
                 residual = ax * rx + ay * ry + az * rz
-                _add_row(normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual,
-                         weight)
+                _add_row(
+                    normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual, weight
+                )
                 cost += weight * residual * residual
                 equations += 1
                 squares += residual * residual
@@ -108,8 +109,18 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
                 else:
                     ax, ay, az = fx, fy, fz
                 residual = s * (ax * d[3] + ay * d[4] + az * d[5])
-                _add_row(normal, right, uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax, 0.0, 0.0, 0.0,
-                         residual, turn)
+                _add_row(
+                    normal,
+                    right,
+                    uy * az - uz * ay,
+                    uz * ax - ux * az,
+                    ux * ay - uy * ax,
+                    0.0,
+                    0.0,
+                    0.0,
+                    residual,
+                    turn,
+                )
                 cost += turn * residual * residual
                 equations += 1
     for i in range(6):
@@ -121,12 +132,14 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
 @njit
 def placed_line(motion, m):
     """Direction and middle (ux, uy, uz, mx, my, mz) of a model feature, a row m, where a pose puts it."""
-    return (motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5],
-            motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5],
-            motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5],
-            motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9],
-            motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10],
-            motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11])
+    return (
+        motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5],
+        motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5],
+        motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5],
+        motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9],
+        motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10],
+        motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11],
+    )
 
 
 @njit
@@ -186,8 +199,24 @@ def orthonormalise(motion):
 
 
 @njit
-def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widths, radius_tol, assignment,
-           sign, normal):
+def refine(
+    motion,
+    model,
+    kind_m,
+    low,
+    cell,
+    shape,
+    starts,
+    items,
+    data,
+    kind_d,
+    tols,
+    widths,
+    radius_tol,
+    assignment,
+    sign,
+    normal,
+):
     """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and re-fit.
 
     The last fit's normal matrix, about the returned centre, stays in ``normal``.
@@ -200,8 +229,23 @@ def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d,
     rms = 0.0
     chi = 0.0
     for turn in range(len(widths)):
-        matched = assign(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d, tols, widths[turn],
-                         radius_tol, assignment, sign)
+        matched = assign(
+            motion,
+            model,
+            kind_m,
+            low,
+            cell,
+            shape,
+            starts,
+            items,
+            data,
+            kind_d,
+            tols,
+            widths[turn],
+            radius_tol,
+            assignment,
+            sign,
+        )
         if matched == 0:
             return matched, 0.0, 0.0, 0.0, 0.0, 0.0
         centre[:] = 0.0
@@ -209,8 +253,9 @@ def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d,
             if assignment[k] >= 0:
                 for i in range(3):
                     centre[i] += data[k, i] / matched
-        cost, equations, squares, points = normal_equations(motion, model, data, kind_d, tols, assignment, sign,
-                                                            centre, normal, right)
+        cost, equations, squares, points = normal_equations(
+            motion, model, data, kind_d, tols, assignment, sign, centre, normal, right
+        )
         trace = 0.0
         for i in range(6):
             trace += normal[i, i]
@@ -218,8 +263,9 @@ def refine(motion, model, kind_m, low, cell, shape, starts, items, data, kind_d,
             normal[i, i] += 1e-9 * trace  # a free direction stays where it is
         if solve6(normal, right, step):
             apply_step(motion, centre, step)
-        cost, equations, squares, points = normal_equations(motion, model, data, kind_d, tols, assignment, sign,
-                                                            centre, normal, right)
+        cost, equations, squares, points = normal_equations(
+            motion, model, data, kind_d, tols, assignment, sign, centre, normal, right
+        )
         rms = np.sqrt(squares / max(points, 1))
         chi = cost / max(equations - 6, 1)
     return matched, rms, chi, centre[0], centre[1], centre[2]

@@ -64,8 +64,10 @@ def possible(data, kind_d, tols, model, kind_m, radius_tol):
                 continue
             if data[a, 6] * np.cos(min(tols[a, 2], 1.2)) > model[i, 6] + tols[a, 1] + ROUNDING:
                 continue
-            if kind_d[a] == CURVE and (abs(data[a, 7] - model[i, 7]) > radius_tol + tols[a, 0] + ROUNDING
-                                       or abs(data[a, 8] - model[i, 8]) > radius_tol + tols[a, 0] + ROUNDING):
+            if kind_d[a] == CURVE and (
+                abs(data[a, 7] - model[i, 7]) > radius_tol + tols[a, 0] + ROUNDING
+                or abs(data[a, 8] - model[i, 8]) > radius_tol + tols[a, 0] + ROUNDING
+            ):
                 continue
             out[a, i] = True
     return out
@@ -102,9 +104,15 @@ def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
     cone = margins[a, 4] + margins[b, 4]
     angle = rels[k, ANGLE]
     if i == j:
-        return angle <= cone + ROUNDING and mids - apart <= room and \
-            min(rels[k, FROM_A] - _strays(margins, a, rels[k, SHIFT]) - margins[b, 2],
-                rels[k, FROM_B] - _strays(margins, b, mids) - margins[a, 2]) <= ROUNDING
+        return (
+            angle <= cone + ROUNDING
+            and mids - apart <= room
+            and min(
+                rels[k, FROM_A] - _strays(margins, a, rels[k, SHIFT]) - margins[b, 2],
+                rels[k, FROM_B] - _strays(margins, b, mids) - margins[a, 2],
+            )
+            <= ROUNDING
+        )
     if abs(mids - model_rel[i, j, MIDS]) > room + apart:
         return False
     straight = abs(angle - model_rel[i, j, ANGLE]) <= cone
@@ -134,10 +142,20 @@ def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
     room_a = halves[i] - margins[a, 1] + margins[a, 3] + slides
     room_b = halves[j] - margins[b, 1] + margins[b, 3] + slides
     model_a, model_b = model_rel[i, j, FOOT_A], model_rel[i, j, FOOT_B]
-    if straight and abs(offset - model_offset) <= strays and (
+    if (
+        straight
+        and abs(offset - model_offset) <= strays
+        and (
             (abs(model_a - foot_a) <= room_a and abs(model_b - foot_b) <= room_b)
-            or (abs(model_a + foot_a) <= room_a and abs(model_b + foot_b) <= room_b)):
+            or (abs(model_a + foot_a) <= room_a and abs(model_b + foot_b) <= room_b)
+        )
+    ):
         return True
-    return crossed and abs(offset + model_offset) <= strays and (
-        (abs(model_a - foot_a) <= room_a and abs(model_b + foot_b) <= room_b)
-        or (abs(model_a + foot_a) <= room_a and abs(model_b - foot_b) <= room_b))
+    return (
+        crossed
+        and abs(offset + model_offset) <= strays
+        and (
+            (abs(model_a - foot_a) <= room_a and abs(model_b + foot_b) <= room_b)
+            or (abs(model_a + foot_a) <= room_a and abs(model_b - foot_b) <= room_b)
+        )
+    )

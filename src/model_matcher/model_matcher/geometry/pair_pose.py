@@ -60,11 +60,14 @@ def pair_pose(data_pair, model_pair, turn, motion):
     which is half a turn about the common normal."""
     for p in range(3):
         for q in range(3):
-            motion[3 * p + q] = (turn * (data_pair[p] * model_pair[q] + data_pair[3 + p] * model_pair[3 + q])
-                                 + data_pair[6 + p] * model_pair[6 + q])
+            motion[3 * p + q] = (
+                turn * (data_pair[p] * model_pair[q] + data_pair[3 + p] * model_pair[3 + q])
+                + data_pair[6 + p] * model_pair[6 + q]
+            )
     for p in range(3):
-        motion[9 + p] = data_pair[9 + p] - (motion[3 * p] * model_pair[9] + motion[3 * p + 1] * model_pair[10]
-                                            + motion[3 * p + 2] * model_pair[11])
+        motion[9 + p] = data_pair[9 + p] - (
+            motion[3 * p] * model_pair[9] + motion[3 * p + 1] * model_pair[10] + motion[3 * p + 2] * model_pair[11]
+        )
 
 
 @njit
@@ -97,8 +100,27 @@ def into_frame(a, b, pair, data, tols, near, widen, places, limits):
 
 
 @njit
-def third(pair, turn, i, j, count, places, limits, near, model, kind_m, low, inverse, shape, vox_starts,
-           vox_items, data, kind_d, tols, radius_tol):
+def third(
+    pair,
+    turn,
+    i,
+    j,
+    count,
+    places,
+    limits,
+    near,
+    model,
+    kind_m,
+    low,
+    inverse,
+    shape,
+    vox_starts,
+    vox_items,
+    data,
+    kind_d,
+    tols,
+    radius_tol,
+):
     """Whether a neighbour lies on a model feature other than i and j, whose frame and place is ``pair`` (12,)."""
     nx, ny, nz = shape
     # A reversed pair is turned half about the common normal.
@@ -143,8 +165,7 @@ def third(pair, turn, i, j, count, places, limits, near, model, kind_m, low, inv
                 continue
             dx, dy, dz = dx - along * ux, dy - along * uy, dz - along * uz
             sx, sy, sz = h * (vx - c * ux), h * (vy - c * uy), h * (vz - c * uz)
-            worst = (dx * dx + dy * dy + dz * dz + sx * sx + sy * sy + sz * sz
-                     + 2.0 * abs(dx * sx + dy * sy + dz * sz))
+            worst = dx * dx + dy * dy + dz * dz + sx * sx + sy * sy + sz * sz + 2.0 * abs(dx * sx + dy * sy + dz * sz)
             if worst > across:
                 continue
             if kind_d[k] == CURVE:

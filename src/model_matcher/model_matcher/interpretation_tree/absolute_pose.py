@@ -64,10 +64,14 @@ def best_rotations(model: np.ndarray, data: np.ndarray, weights: np.ndarray) -> 
     values, vectors = np.linalg.eigh(form, UPLO='U')
     q = vectors[:, :, 3]
     w, x, y, z = q.T
-    rotation = np.stack([
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=-1),
-        np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=-1),
-        np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=-1)], axis=1)
+    rotation = np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], axis=-1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], axis=-1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=-1),
+        ],
+        axis=1,
+    )
     total = np.maximum(weights.sum(axis=1), 1e-300)
     spread = np.einsum('mk,mki,mkj->mij', weights, data, data) / total[:, None, None]
     sizes, axes = np.linalg.eigh(spread)
@@ -76,10 +80,14 @@ def best_rotations(model: np.ndarray, data: np.ndarray, weights: np.ndarray) -> 
     for k in np.flatnonzero(sizes[:, 1] < FREE):
         used = weights[k] > 0.0
         if used.any():
-            rotation[k] = _smallest_turn((weights[k, used, None] * model[k, used]
-                                          * np.sign(model[k, used] @ model[k, used][0])[:, None]).sum(axis=0),
-                                         (weights[k, used, None] * data[k, used]
-                                          * np.sign(model[k, used] @ model[k, used][0])[:, None]).sum(axis=0))
+            rotation[k] = _smallest_turn(
+                (weights[k, used, None] * model[k, used] * np.sign(model[k, used] @ model[k, used][0])[:, None]).sum(
+                    axis=0
+                ),
+                (weights[k, used, None] * data[k, used] * np.sign(model[k, used] @ model[k, used][0])[:, None]).sum(
+                    axis=0
+                ),
+            )
     return rotation, free
 
 
@@ -98,9 +106,15 @@ def _smallest_turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.eye(3) + skew + skew @ skew / (1.0 + c)
 
 
-def best_translations(rotation: np.ndarray, model_points: np.ndarray, model_directions: np.ndarray,
-                      data_points: np.ndarray, data_weights: np.ndarray, is_point: np.ndarray,
-                      scale_free: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def best_translations(
+    rotation: np.ndarray,
+    model_points: np.ndarray,
+    model_directions: np.ndarray,
+    data_points: np.ndarray,
+    data_weights: np.ndarray,
+    is_point: np.ndarray,
+    scale_free: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Translations (and scales) that bring data points nearest to their model lines.
 
     rotation : (m, 3, 3); model_points, model_directions : (m, k, 3); data_points : (m, k, 3); data_weights : (m, k)
@@ -124,8 +138,9 @@ def best_translations(rotation: np.ndarray, model_points: np.ndarray, model_dire
         weight = np.maximum(data_weights.sum(axis=1), 1e-300)[:, None]
         middle = (data_weights[..., None] * (data_points - placed)).sum(axis=1) / weight
         open_part = np.einsum('mij,mj->mi', vectors * ~usable[:, None, :], np.einsum('mji,mj->mi', vectors, middle))
-        translation = np.einsum('mij,mj->mi', vectors * inverse[:, None, :],
-                                np.einsum('mji,mj->mi', vectors, right)) + open_part
+        translation = (
+            np.einsum('mij,mj->mi', vectors * inverse[:, None, :], np.einsum('mji,mj->mi', vectors, right)) + open_part
+        )
         free = np.where(usable[:, 0][:, None], np.nan, vectors[:, :, 0])
         return translation, np.ones(m), free
     left4 = np.zeros((m, 4, 4))
@@ -143,8 +158,16 @@ def best_translations(rotation: np.ndarray, model_points: np.ndarray, model_dire
     return solution[:, :3], scale, free
 
 
-def validate(model: FeatureSet, data: FeatureSet, assignments: np.ndarray, signs: np.ndarray, fracdev: float,
-             curvedev: float = 0.1, size: float | None = None, scale_free: bool = False) -> Validation:
+def validate(
+    model: FeatureSet,
+    data: FeatureSet,
+    assignments: np.ndarray,
+    signs: np.ndarray,
+    fracdev: float,
+    curvedev: float = 0.1,
+    size: float | None = None,
+    scale_free: bool = False,
+) -> Validation:
     """Fit a pose to each interpretation and test every matched feature (thesis 5.6, 6.7).
 
     assignments : (m, n) int, model feature or BIN; signs : (m, n) int8, 0 unknown
@@ -154,6 +177,7 @@ def validate(model: FeatureSet, data: FeatureSet, assignments: np.ndarray, signs
     Unsigned features do not take part in the first rotation; their signs are read off it, and the fit is repeated.
     """
     from ..model.index import feature_rows, model_size
+
     assignments = np.atleast_2d(np.asarray(assignments)).astype(np.int64)
     signs = np.array(np.atleast_2d(signs), dtype=np.int8)
     size = model_size(model) if size is None else size
@@ -173,8 +197,9 @@ def validate(model: FeatureSet, data: FeatureSet, assignments: np.ndarray, signs
                 first = int(np.argmax(np.where(matched[k], length, -1.0)))
                 signs[k, first] = 1
                 signed[k, first] = True
-        rotation, free_turn = best_rotations(chosen[..., 3:6], directions * signs[..., None],
-                                             np.where(signed, length, 0.0))
+        rotation, free_turn = best_rotations(
+            chosen[..., 3:6], directions * signs[..., None], np.where(signed, length, 0.0)
+        )
         for k in np.flatnonzero(np.isfinite(free_turn[:, 0]) & (matched.sum(axis=1) > 1)):
             # Parallel directions leave the turn about them to the places of the lines.
             used = matched[k]
@@ -193,8 +218,9 @@ def validate(model: FeatureSet, data: FeatureSet, assignments: np.ndarray, signs
     points = np.concatenate([np.broadcast_to(ends[0], (m, n, 3)), np.broadcast_to(ends[1], (m, n, 3))], axis=1)
     twice = np.concatenate([chosen, chosen], axis=1)
     weights = np.concatenate([matched, matched], axis=1).astype(float)
-    translation, scale, free_shift = best_translations(rotation, twice[..., :3], twice[..., 3:6], points, weights,
-                                                       np.concatenate([curve, curve], axis=1), scale_free)
+    translation, scale, free_shift = best_translations(
+        rotation, twice[..., :3], twice[..., 3:6], points, weights, np.concatenate([curve, curve], axis=1), scale_free
+    )
     back = np.einsum('mji,mkj->mki', rotation, points - translation[:, None]) / scale[:, None, None]
     gap = back - twice[..., :3]
     along = np.einsum('mki,mki->mk', gap, twice[..., 3:6])

@@ -35,8 +35,9 @@ SMALL = integer(2)
 TAKEN = 2**30
 
 
-def tree_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256,
-                dap: Dap | None = None) -> TreeResult:
+def tree_search(
+    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256, dap: Dap | None = None
+) -> TreeResult:
     """Search the tree of usable data on the machine; as tree.tree_search, whose results it gives.
 
     dap : a new DAP 510 by default. Raises ValueError when the tables do not fit its store.
@@ -48,14 +49,25 @@ def tree_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limit:
         tables = DapTables(dap, index, data, params)
         making = dap.cycles - before
         deadline = started + params.time_limit_s
-        result = search_with_bin(tables.tables, params, limit, None, True,
-                                 lambda _, alive, params, in_bin, most, levels: _traverse_left(
-                                     tables, alive, params, in_bin, most, levels, deadline))
+        result = search_with_bin(
+            tables.tables,
+            params,
+            limit,
+            None,
+            True,
+            lambda _, alive, params, in_bin, most, levels: _traverse_left(
+                tables, alive, params, in_bin, most, levels, deadline
+            ),
+        )
     except OutOfStore as error:
         raise ValueError(f'engine: dap: {error}') from None
     spent = dap.cycles - before
-    result.stats.update(dap_cycles=spent, dap_seconds=spent * dap.clock_s, dap_table_seconds=making * dap.clock_s,
-                        dap_planes=dap.store.peak)
+    result.stats.update(
+        dap_cycles=spent,
+        dap_seconds=spent * dap.clock_s,
+        dap_table_seconds=making * dap.clock_s,
+        dap_planes=dap.store.peak,
+    )
     return result
 
 
@@ -124,8 +136,10 @@ class DapTables:
             if data[0] > 2.0 * slack and low < pi and high > 0.0:
                 # Two pieces of one edge, clear of each other, would have to lie on one line.
                 match = match & ~self.one_edge
-            ends[k] = [self._inside(low, high, 4 + 2 * k) | self.one_edge,
-                       self._inside(pi - high, pi - low, 4 + 2 * k) | self.one_edge]
+            ends[k] = [
+                self._inside(low, high, 4 + 2 * k) | self.one_edge,
+                self._inside(pi - high, pi - low, 4 + 2 * k) | self.one_edge,
+            ]
         if self.use[c.DIRECTION3] and data[10] > 0.0:
             free = ~self.crossed | self.one_edge
             same = same & (self._inside(data[8], data[9], 8) | free)
@@ -133,8 +147,10 @@ class DapTables:
         (a_plus, a_minus), (b_plus, b_minus) = ends
         match = match & (same | different) & (a_plus | a_minus) & (b_plus | b_minus)
         if self.sign_test:
-            match = match & ((same & ((a_plus & b_plus) | (a_minus & b_minus)))
-                             | (different & ((a_plus & b_minus) | (a_minus & b_plus))))
+            match = match & (
+                (same & ((a_plus & b_plus) | (a_minus & b_minus)))
+                | (different & ((a_plus & b_minus) | (a_minus & b_plus)))
+            )
         return match, (same, different, a_plus, a_minus, b_plus, b_minus)
 
 
@@ -170,8 +186,9 @@ def sort_pairs(dap: Dap, pairs: np.ndarray, sums: np.ndarray, ordering: str) -> 
     return np.array(order, dtype=np.int64)
 
 
-def _traverse_left(store: DapTables, alive: np.ndarray, params: MatchParams, in_bin: int, limit: int, levels: int,
-                   deadline: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _traverse_left(
+    store: DapTables, alive: np.ndarray, params: MatchParams, in_bin: int, limit: int, levels: int, deadline: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As tree.traverse_left: the pairs of the features that are left, the others in the bin at once."""
     n = len(alive)
     left = np.flatnonzero(alive.any(axis=1))
@@ -181,25 +198,35 @@ def _traverse_left(store: DapTables, alive: np.ndarray, params: MatchParams, in_
         return assignments[:0], signs[:0], counters
     if len(left) == 1:
         options = np.flatnonzero(alive[left[0]])[:limit]
-        assignments[:len(options), left[0]] = options
-        return assignments[:len(options)], signs[:len(options)], counters
+        assignments[: len(options), left[0]] = options
+        return assignments[: len(options)], signs[: len(options)], counters
     pairs, rows = sub_pairs(left, n)
     sums = np.array([store.sums[row] for row in rows])
     order = sort_pairs(store.dap, pairs, sums, params.ordering)
-    search = _Traversal(store, alive, left[pairs[order]], rows[order], in_bin - (n - len(left)), limit,
-                        params.signs, deadline)
+    search = _Traversal(
+        store, alive, left[pairs[order]], rows[order], in_bin - (n - len(left)), limit, params.signs, deadline
+    )
     search.run(levels)
     for row, (assignment, sign) in enumerate(search.found):
         assignments[row] = np.where(assignment == UNASSIGNED, BIN, assignment)
         signs[row] = sign
-    return assignments[:len(search.found)], signs[:len(search.found)], search.counters
+    return assignments[: len(search.found)], signs[: len(search.found)], search.counters
 
 
 class _Traversal:
     """Depth-first over the ordered data pairs; model feature e stands for the bin."""
 
-    def __init__(self, store: DapTables, alive: np.ndarray, pairs: np.ndarray, rows: np.ndarray, bin_limit: int,
-                 limit: int, use_signs: bool, deadline: float) -> None:
+    def __init__(
+        self,
+        store: DapTables,
+        alive: np.ndarray,
+        pairs: np.ndarray,
+        rows: np.ndarray,
+        bin_limit: int,
+        limit: int,
+        use_signs: bool,
+        deadline: float,
+    ) -> None:
         self.store, self.dap, self.pairs, self.rows = store, store.dap, pairs, rows
         self.n, self.e = alive.shape
         self.bin_limit, self.limit, self.use_signs, self.deadline = bin_limit, limit, use_signs, deadline
@@ -211,7 +238,7 @@ class _Traversal:
         self.found: list[tuple[np.ndarray, np.ndarray]] = []
         self.group = _Signs(self.dap, self.n)
         possible = np.ones((self.n, self.side), bool)
-        possible[:, :self.e] = alive
+        possible[:, : self.e] = alive
         self.possible = [self.dap.vector(row) for row in possible]
         self.open: list[DapArray] = [self.dap.vector(row) for row in alive]
         self.once = [bool(row.any()) for row in alive]
@@ -324,8 +351,9 @@ class _Traversal:
         for k, choice, fixed in ((a, i, fixed_a), (b, j, fixed_b)):
             if fixed == UNASSIGNED and choice < self.e:
                 self._narrow(k, choice)
-        stranded = sum(1 for k in range(self.n) if self.assignment[k] == UNASSIGNED and self.once[k]
-                       and not f.any_(self.open[k]))
+        stranded = sum(
+            1 for k in range(self.n) if self.assignment[k] == UNASSIGNED and self.once[k] and not f.any_(self.open[k])
+        )
         return self.in_bin + stranded > self.bin_limit
 
     def _narrow(self, a: int, i: int) -> None:

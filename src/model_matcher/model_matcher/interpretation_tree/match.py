@@ -29,16 +29,32 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         result = feasible(problem, params, started)
     except ValueError as error:
         return no_match(problem.data, str(error))
-    stats = {'search': params.search, 'engine': params.engine, 'data_features': problem.n_data,
-             'feasible': len(result.assignments), 'complete': result.complete, **result.stats}
+    stats = {
+        'search': params.search,
+        'engine': params.engine,
+        'data_features': problem.n_data,
+        'feasible': len(result.assignments),
+        'complete': result.complete,
+        **result.stats,
+    }
     stats['stopped_by'] = 'exhausted' if result.complete else 'time limit'
     if not len(result.assignments):
-        why = ('no feasible interpretation' if result.complete else
-               f'no feasible interpretation within {params.time_limit_s:g} s')
+        why = (
+            'no feasible interpretation'
+            if result.complete
+            else f'no feasible interpretation within {params.time_limit_s:g} s'
+        )
         return no_match(problem.data, why, **stats)
     index = problem.index
-    checked = validate(index.features, problem.data, result.assignments, result.signs,
-                       FIRST_FRACDEV * params.fracdev, params.curvedev, index.size)
+    checked = validate(
+        index.features,
+        problem.data,
+        result.assignments,
+        result.signs,
+        FIRST_FRACDEV * params.fracdev,
+        params.curvedev,
+        index.size,
+    )
     matched = (result.assignments >= 0).sum(axis=1)
     stats['valid'] = int(checked.valid.sum())
     deviation = np.sqrt(np.nanmean(np.where(result.assignments >= 0, checked.deviations, np.nan) ** 2, axis=1))
@@ -46,14 +62,17 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     for name, free in (('free_shift', checked.free_shift), ('free_turn', checked.free_turn)):
         if np.isfinite(free[order[0]]).all():
             stats[name] = [float(value) for value in free[order[0]]]  # of the best, camera frame
-    motions = np.array([np.concatenate([checked.poses[k].rotation.ravel(), checked.poses[k].translation])
-                        for k in order])
+    motions = np.array(
+        [np.concatenate([checked.poses[k].rotation.ravel(), checked.poses[k].translation]) for k in order]
+    )
     refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)
     accepted, rejected = conclude(problem, refined, params)
     if 'free_shift' in stats:
         free = np.array(stats['free_shift'])
-        accepted, rejected = (tuple(_with_free_shift(one, problem.data, problem.keep, free) for one in ones)
-                              for ones in (accepted, rejected))
+        accepted, rejected = (
+            tuple(_with_free_shift(one, problem.data, problem.keep, free) for one in ones)
+            for ones in (accepted, rejected)
+        )
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no feasible interpretation is a rigid motion'
@@ -78,11 +97,15 @@ def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResul
         return engine_dap.tree_search(problem.index, problem.data, params, INTERPRETATIONS)
     if params.search == 'serial':
         from .serial import serial_search
+
         return serial_search(problem.index, problem.data, params, INTERPRETATIONS, seconds)
     from .tables import build_tables
+
     tables = build_tables(problem.index, problem.data, params)
     if params.search == 'subgraph':
         from .subgraph import subgraph_search
+
         return subgraph_search(tables, params, INTERPRETATIONS, seconds)
     from .tree import tree_search
+
     return tree_search(tables, params, INTERPRETATIONS, seconds)

@@ -23,8 +23,9 @@ LARGEST_PAIRS = 2_000_000  # of data features: 11 numbers each
 TESTS_PER_SECOND = 10_000_000  # only to turn a time limit into a limit of pair tests
 
 
-def serial_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256,
-                  seconds: float | None = None) -> TreeResult:
+def serial_search(
+    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256, seconds: float | None = None
+) -> TreeResult:
     """All feasible interpretations with the fewest features in the bin, at most ``limit``.
 
     data : usable features (none without length). The statistics count the nodes visited as levels.
@@ -50,8 +51,19 @@ def serial_search(index: ModelIndex, data: FeatureSet, params: MatchParams, limi
     found = 0
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
     for in_bin in range(impossible, most + 1):
-        found, inner, inner_signs = _descend(ranges, model_ranges(index), 2.0 * index.rows[:, 6], error[order],
-                                             unary[order], use, params.signs, in_bin, limit, budget, counters)
+        found, inner, inner_signs = _descend(
+            ranges,
+            model_ranges(index),
+            2.0 * index.rows[:, 6],
+            error[order],
+            unary[order],
+            use,
+            params.signs,
+            in_bin,
+            limit,
+            budget,
+            counters,
+        )
         if found or counters[4]:
             assignments = np.full((found, n), BIN, np.int32)
             signs = np.zeros((found, n), np.int8)

@@ -12,7 +12,8 @@ from .tables import Tables
 from .tree import TreeResult, search_with_bin, traverse_left
 
 
-def subgraph_search(tables: Tables, params: MatchParams, limit: int = 256, seconds: float | None = None,
-                    eliminate: bool = True) -> TreeResult:
+def subgraph_search(
+    tables: Tables, params: MatchParams, limit: int = 256, seconds: float | None = None, eliminate: bool = True
+) -> TreeResult:
     """As tree.tree_search, by quadrants of params.quadrant x params.quadrant model features."""
     return search_with_bin(tables, params.replace(search='subgraph'), limit, seconds, eliminate, traverse_left)

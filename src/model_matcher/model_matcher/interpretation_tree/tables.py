@@ -65,8 +65,7 @@ def model_ranges(index: ModelIndex) -> np.ndarray:
     return _model_ranges(index.rows)
 
 
-def data_ranges(data: FeatureSet, size: float, params: MatchParams,
-                tolerances: np.ndarray | None = None) -> np.ndarray:
+def data_ranges(data: FeatureSet, size: float, params: MatchParams, tolerances: np.ndarray | None = None) -> np.ndarray:
     """(P, 11) float64: the ranges of all data pairs, drawn inwards by their errors.
 
     size : metres, the model's; tolerances : (n, 3) as model_index.data_tolerances gives them (the default)
@@ -96,9 +95,11 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     n, e = len(data), len(index)
     count = n * (n - 1) // 2
     if count * e * e > min(LARGEST_TABLES, params.time_limit_s * ENTRIES_PER_SECOND):
-        raise ValueError(f'{count} data pairs x {e} x {e} model features are too many for look-up tables within '
-                         f'{params.time_limit_s:g} s; '
-                         "use search='hypotheses'")
+        raise ValueError(
+            f'{count} data pairs x {e} x {e} model features are too many for look-up tables within '
+            f'{params.time_limit_s:g} s; '
+            "use search='hypotheses'"
+        )
     pairs = all_pairs(n)
     rows = feature_rows(data)
     tolerances = data_tolerances(data, rows, index.size, params)

@@ -43,8 +43,9 @@ class TreeResult:
     stats: dict[str, Any] = field(default_factory=dict)
 
 
-def tree_search(tables: Tables, params: MatchParams, limit: int = 256, seconds: float | None = None,
-                eliminate: bool = True) -> TreeResult:
+def tree_search(
+    tables: Tables, params: MatchParams, limit: int = 256, seconds: float | None = None, eliminate: bool = True
+) -> TreeResult:
     """Search the tree for at most ``limit`` interpretations (the thesis' NOI).
 
     params : ordering, signs, max_bin (None: all but min_matched features may go into the bin), time_limit_s
@@ -53,8 +54,9 @@ def tree_search(tables: Tables, params: MatchParams, limit: int = 256, seconds: 
     return search_with_bin(tables, params, limit, seconds, eliminate, traverse_left)
 
 
-def search_with_bin(tables: Tables, params: MatchParams, limit: int, seconds: float | None, eliminate: bool,
-                    traverse: Any) -> TreeResult:
+def search_with_bin(
+    tables: Tables, params: MatchParams, limit: int, seconds: float | None, eliminate: bool, traverse: Any
+) -> TreeResult:
     """Run a traversal with a rising number of features in the bin until something is found."""
     n = tables.unary.shape[0]
     # Levels instead of a clock: the result does not depend on the machine's mood, nor on compile time.
@@ -80,8 +82,9 @@ def search_with_bin(tables: Tables, params: MatchParams, limit: int, seconds: fl
     return TreeResult(np.zeros((0, n), np.int32), np.zeros((0, n), np.int8), not stats['truncated'], stats)
 
 
-def traverse_left(tables: Tables, alive: np.ndarray, params: MatchParams, in_bin: int, limit: int,
-                  levels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def traverse_left(
+    tables: Tables, alive: np.ndarray, params: MatchParams, in_bin: int, limit: int, levels: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every level in turn, over the pairs of the features that are left; the others go into the bin at once."""
     n, e = tables.unary.shape
     side = params.quadrant if params.search == 'subgraph' else e + 1
@@ -93,14 +96,24 @@ def traverse_left(tables: Tables, alive: np.ndarray, params: MatchParams, in_bin
         return assignments[:0], signs[:0], counters
     if len(left) == 1:
         options = np.flatnonzero(alive[left[0]])[:limit]
-        assignments[:len(options), left[0]] = options
-        return assignments[:len(options)], signs[:len(options)], counters
+        assignments[: len(options), left[0]] = options
+        return assignments[: len(options)], signs[: len(options)], counters
     pairs, rows = sub_pairs(left, n)
     sums = tables.sums[rows]
     order = order_pairs(pairs, sums, params.ordering)
-    found, inner, inner_signs = traverse_pairs(left[pairs[order]].astype(np.int32), rows[order], tables.code, alive,
-                                               quadrants(tables, rows[order], side, in_bin > n - len(left)), side,
-                                               in_bin - (n - len(left)), limit, levels, params.signs, counters)
+    found, inner, inner_signs = traverse_pairs(
+        left[pairs[order]].astype(np.int32),
+        rows[order],
+        tables.code,
+        alive,
+        quadrants(tables, rows[order], side, in_bin > n - len(left)),
+        side,
+        in_bin - (n - len(left)),
+        limit,
+        levels,
+        params.signs,
+        counters,
+    )
     assignments[:found] = np.where(inner[:found] == UNASSIGNED, BIN, inner[:found])
     signs[:found] = inner_signs[:found]
     return assignments[:found], signs[:found], counters
@@ -118,7 +131,7 @@ def quadrants(tables: Tables, rows: np.ndarray, side: int, with_bin: bool) -> np
     padded = np.zeros((len(rows), across * side, across * side), bool)
     padded[:, :e, :e] = tables.code[rows] != 0
     if with_bin:
-        padded[:, e, :e + 1] = padded[:, :e + 1, e] = True
+        padded[:, e, : e + 1] = padded[:, : e + 1, e] = True
     counts = padded.reshape(len(rows), across, side, across, side).sum(axis=(2, 4)).reshape(len(rows), -1)
     order = np.argsort(counts, axis=1, kind='stable').astype(np.int32)
     order = np.where(np.take_along_axis(counts, order, axis=1) == 0, -1, order)

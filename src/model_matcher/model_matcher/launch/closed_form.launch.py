@@ -1,6 +1,6 @@
 """The whole graph on rendered images: renderer, recovery, matcher, and the emulator beside them.
 
-    ros2 launch model_matcher closed_form.launch.py scene:=l_shape_v1 models:="['l_shape']" rviz:=true
+ros2 launch model_matcher closed_form.launch.py scene:=l_shape_v1 models:="['l_shape']" rviz:=true
 """
 
 from typing import List  # noqa: UP035  (launch knows this List, not the built-in one)
@@ -34,19 +34,43 @@ def generate_launch_description():
 
     def node(package, executable, config, parameters=None):
         file = PathJoinSubstitution([FindPackageShare(package), 'config', config])
-        return Node(package=package, executable=executable, namespace=value['namespace'], respawn=value['respawn'],
-                    parameters=[file, parameters or {}], **PROCESS)
+        return Node(
+            package=package,
+            executable=executable,
+            namespace=value['namespace'],
+            respawn=value['respawn'],
+            parameters=[file, parameters or {}],
+            **PROCESS,
+        )
 
-    return LaunchDescription([
-        *[DeclareLaunchArgument(name, default_value=default, description=text)
-          for name, (default, text) in ARGUMENTS.items()],
-        node('csg_renderer', 'renderer_node', 'renderer.yaml', {
-            'scene': ParameterValue(value['scene'], value_type=str),
-            **{name: ParameterValue(value[name], value_type=float) for name in ('rate', 'noise', 'turntable')}}),
-        node('stereo_recovery', 'recovery_node', 'recovery.yaml'),
-        node('model_matcher', 'matcher_node', 'matcher.yaml',
-             {'models': ParameterValue(value['models'], value_type=List[str])}),  # noqa: UP006
-        node('dap_emulator', 'emulator_node', 'emulator.yaml'),
-        Node(package='rviz2', executable='rviz2', condition=IfCondition(value['rviz']),
-             arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz'])]),
-    ])
+    return LaunchDescription(
+        [
+            *[
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, (default, text) in ARGUMENTS.items()
+            ],
+            node(
+                'csg_renderer',
+                'renderer_node',
+                'renderer.yaml',
+                {
+                    'scene': ParameterValue(value['scene'], value_type=str),
+                    **{name: ParameterValue(value[name], value_type=float) for name in ('rate', 'noise', 'turntable')},
+                },
+            ),
+            node('stereo_recovery', 'recovery_node', 'recovery.yaml'),
+            node(
+                'model_matcher',
+                'matcher_node',
+                'matcher.yaml',
+                {'models': ParameterValue(value['models'], value_type=List[str])},  # noqa: UP006
+            ),
+            node('dap_emulator', 'emulator_node', 'emulator.yaml'),
+            Node(
+                package='rviz2',
+                executable='rviz2',
+                condition=IfCondition(value['rviz']),
+                arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz'])],
+            ),
+        ]
+    )

@@ -38,23 +38,51 @@ def generate_launch_description():
     share = FindPackageShare('model_matcher')
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
     sim_time = {'use_sim_time': ParameterValue(value['use_sim_time'], value_type=bool)}
-    return LaunchDescription([
-        *[DeclareLaunchArgument(name, default_value=default, description=text)
-          for name, (default, text) in ARGUMENTS.items()],
-        Node(package='stereo_recovery', executable='recovery_node', namespace=value['namespace'],
-             respawn=value['respawn'],
-             parameters=[PathJoinSubstitution([FindPackageShare('stereo_recovery'), 'config', 'recovery.yaml']),
-                         {'rectify': ParameterValue(value['rectify'], value_type=bool)}, sim_time],
-             remappings=[('left/image_rect', value['left_image']), ('left/camera_info', value['left_info']),
-                         ('right/image_rect', value['right_image']), ('right/camera_info', value['right_info'])],
-             **PROCESS),
-        Node(package='model_matcher', executable='matcher_node', namespace=value['namespace'],
-             respawn=value['respawn'],
-             parameters=[PathJoinSubstitution([share, 'config', 'matcher.yaml']),
-                         {'models': ParameterValue(value['models'], value_type=List[str]),  # noqa: UP006
-                          'tf': ParameterValue(value['tf'], value_type=bool)}, sim_time],
-             **PROCESS),
-        Node(package='rviz2', executable='rviz2', condition=IfCondition(value['rviz']),
-             remappings=[('/left/image_rect', value['left_image'])],
-             arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz']), '-f', value['frame']]),
-    ])
+    return LaunchDescription(
+        [
+            *[
+                DeclareLaunchArgument(name, default_value=default, description=text)
+                for name, (default, text) in ARGUMENTS.items()
+            ],
+            Node(
+                package='stereo_recovery',
+                executable='recovery_node',
+                namespace=value['namespace'],
+                respawn=value['respawn'],
+                parameters=[
+                    PathJoinSubstitution([FindPackageShare('stereo_recovery'), 'config', 'recovery.yaml']),
+                    {'rectify': ParameterValue(value['rectify'], value_type=bool)},
+                    sim_time,
+                ],
+                remappings=[
+                    ('left/image_rect', value['left_image']),
+                    ('left/camera_info', value['left_info']),
+                    ('right/image_rect', value['right_image']),
+                    ('right/camera_info', value['right_info']),
+                ],
+                **PROCESS,
+            ),
+            Node(
+                package='model_matcher',
+                executable='matcher_node',
+                namespace=value['namespace'],
+                respawn=value['respawn'],
+                parameters=[
+                    PathJoinSubstitution([share, 'config', 'matcher.yaml']),
+                    {
+                        'models': ParameterValue(value['models'], value_type=List[str]),  # noqa: UP006
+                        'tf': ParameterValue(value['tf'], value_type=bool),
+                    },
+                    sim_time,
+                ],
+                **PROCESS,
+            ),
+            Node(
+                package='rviz2',
+                executable='rviz2',
+                condition=IfCondition(value['rviz']),
+                remappings=[('/left/image_rect', value['left_image'])],
+                arguments=['-d', PathJoinSubstitution([share, 'config', 'recognise.rviz']), '-f', value['frame']],
+            ),
+        ]
+    )

@@ -79,6 +79,7 @@ class ModelIndex:
     def voxels(self, tolerance: float) -> VoxelTable:
         """The table whose reach covers a tolerance (metres); the widest one when none does."""
         from ..geometry.kernels import build_voxels
+
         wanted = tolerance / max(self.size, SMALLEST_FEATURE)
         reach = next((r for r in VOXEL_REACHES if r >= wanted), VOXEL_REACHES[-1])
         if reach not in self._voxels:
@@ -120,10 +121,14 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
     Raises ValueError when no feature is left.
     """
     from ..geometry.kernels import build_pair_table
+
     keep = np.flatnonzero(features.lengths > SMALLEST_FEATURE)
     if len(keep) == 0:
-        raise ValueError(f'model: {name} has no features' if len(features) == 0 else
-                         f'model: every feature of {name} has length zero')
+        raise ValueError(
+            f'model: {name} has no features'
+            if len(features) == 0
+            else f'model: every feature of {name} has length zero'
+        )
     used = features if len(keep) == len(features) else features.select(keep)
     rows = feature_rows(used)
     size = max(model_size(used), SMALLEST_FEATURE)
@@ -132,8 +137,9 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
     curve = used.kind == FeatureKind.CURVE
     max_radius = float(used.radii[curve].max()) if curve.any() else 0.0
     starts, members, values = build_pair_table(rows, size)
-    return ModelIndex(name, used, rows, np.ascontiguousarray(used.kind), keep, size, middle, max_radius, size, starts,
-                      members, values)
+    return ModelIndex(
+        name, used, rows, np.ascontiguousarray(used.kind), keep, size, middle, max_radius, size, starts, members, values
+    )
 
 
 _cache: dict[int, tuple[weakref.ref[FeatureSet], ModelIndex]] = {}

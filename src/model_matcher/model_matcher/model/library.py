@@ -95,6 +95,7 @@ def load_features(path: str | os.PathLike[str]) -> dict[str, FeatureSet]:
         return {path.stem: csg_renderer.features_from_mesh(path)}
     from csg_renderer.brep.model_features import model_features
     from csg_renderer.language import load_models
+
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # what a scene draws in vain is no concern of the matcher
         return {name: model_features(solid) for name, solid in load_models(path).items()}
@@ -118,6 +119,7 @@ def _files(given: str) -> list[Path]:
             raise ValueError(f'not a model file, expected one of {", ".join(SUFFIXES)}')
         return [path]
     from csg_renderer.language import find_scene
+
     return [find_scene(given)]
 
 

@@ -50,8 +50,18 @@ class Regularity:
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """As evidence.py takes them."""
-        return (self.order, self.direction, self.normals, self.offsets, self.sorted, self.usual, self.spanned,
-                self.upright, self.faces, self.lies)
+        return (
+            self.order,
+            self.direction,
+            self.normals,
+            self.offsets,
+            self.sorted,
+            self.usual,
+            self.spanned,
+            self.upright,
+            self.faces,
+            self.lies,
+        )
 
 
 _known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()
@@ -101,5 +111,14 @@ def _find(index: ModelIndex) -> Regularity:
     towards = np.abs(frequent @ frequent.T)
     both = (towards[:, None, :] < UPRIGHT) & (towards[None, :, :] < UPRIGHT) & (towards < PARALLEL)[:, :, None]
     upright = np.where(both.any(axis=2), both.argmax(axis=2), -1).astype(np.int32)
-    return Regularity(order, number, stack, offsets, np.argsort(offsets, axis=1, kind='stable').astype(np.int32),
-                      usual.astype(np.int32), spanned, upright, *hull_faces(index))
+    return Regularity(
+        order,
+        number,
+        stack,
+        offsets,
+        np.argsort(offsets, axis=1, kind='stable').astype(np.int32),
+        usual.astype(np.int32),
+        spanned,
+        upright,
+        *hull_faces(index),
+    )

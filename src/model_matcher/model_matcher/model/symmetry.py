@@ -42,8 +42,10 @@ def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ())
 
 def _alike(index: ModelIndex, a: Pose, b: Pose) -> bool:
     """Within 1 degree and 1 % of the model's size."""
-    return (a.error_to(b).rotation_deg < 1.0
-            and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < 0.01 * index.size)
+    return (
+        a.error_to(b).rotation_deg < 1.0
+        and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < 0.01 * index.size
+    )
 
 
 def _find(index: ModelIndex) -> tuple[Pose, ...]:
@@ -71,8 +73,11 @@ def _find(index: ModelIndex) -> tuple[Pose, ...]:
                     rotation = _frame(u, v).T @ source
                     shift = 0.5 * (mids[k] + mids[m] - rotation @ (mids[i] + mids[j]))
                     motion = Pose(rotation, shift)
-                    if not _alike(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance) \
-                            and not any(_alike(index, motion, one) for one in found):
+                    if (
+                        not _alike(index, motion, Pose.identity())
+                        and _maps(motion, rows, alike, tolerance)
+                        and not any(_alike(index, motion, one) for one in found)
+                    ):
                         found.append(motion)
     return tuple(found)
 

@@ -65,8 +65,9 @@ class Proof:
 def compile_kernels() -> None:
     """Compile, or load from numba's cache, what a proof needs: no time limit is to pay for that."""
     corner = np.eye(3) * [0.2, 0.3, 0.4]
-    edges = FeatureSet.from_edges(np.concatenate([corner, corner]), np.concatenate([np.roll(corner, 1, axis=0),
-                                                                                   np.zeros((3, 3))]))
+    edges = FeatureSet.from_edges(
+        np.concatenate([corner, corner]), np.concatenate([np.roll(corner, 1, axis=0), np.zeros((3, 3))])
+    )
     problem = make_problem(index_model(edges), edges, MatchParams())
     tree = _Tree(problem, 3, np.inf)
     tree.prune()
@@ -107,8 +108,10 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
         if distinct >= known:
             best = larger
         else:
-            reason = (f'another interpretation matches {larger.matched} data features, but only {distinct} distinct '
-                      f'model features; the best matches {best.matched} and {known}')
+            reason = (
+                f'another interpretation matches {larger.matched} data features, but only {distinct} distinct '
+                f'model features; the best matches {best.matched} and {known}'
+            )
     if reason is None:
         best = replace(best, proven=True)
     else:
@@ -119,12 +122,18 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
 def _as_interpretation(problem: Problem, assignment: np.ndarray, motion: np.ndarray) -> Interpretation:
     """A set of pairings as an interpretation, with its least-squares pose."""
     from . import feasibility
+
     fit: Any = feasibility.fit
     pose, sign = motion.copy(), np.zeros(len(assignment), np.int8)
     normal, figures = np.zeros((6, 6)), np.zeros(5)
     fit(pose, assignment, sign, *problem.sample, problem.index.rows, normal, figures)
-    refined = Refined(pose[None], assignment[None], sign[None], normal[None],
-                      np.array([[0.0, figures[0], figures[1], *figures[2:], 0.0, 0.0]]))
+    refined = Refined(
+        pose[None],
+        assignment[None],
+        sign[None],
+        normal[None],
+        np.array([[0.0, figures[0], figures[1], *figures[2:], 0.0, 0.0]]),
+    )
     covariance = pose_covariances(problem.index, refined, [0])[0]
     found = as_pose(pose)
     return _interpretation(problem, refined, 0, found, covariance, symmetric_poses(problem.index, found), None)
@@ -138,8 +147,9 @@ class _Larger(Exception):
     """A larger interpretation has been found."""
 
 
-def prove(index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams,
-          seconds: float | None = None) -> Proof:
+def prove(
+    index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams, seconds: float | None = None
+) -> Proof:
     """Whether no interpretation of the data matches more than ``matched`` features (see above).
 
     data : camera frame; features without length take no part, but are counted in the answer's assignment
@@ -154,8 +164,9 @@ def prove(index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams
     return replace(found, assignment=assignment)
 
 
-def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: float | None = None,
-                  motion: np.ndarray | None = None) -> Proof:
+def prove_problem(
+    problem: Problem, matched: int, params: MatchParams, seconds: float | None = None, motion: np.ndarray | None = None
+) -> Proof:
     """As :func:`prove`; the assignment is of the problem's usable features. motion : (12,) the pose of what matched."""
     if params.scale != 'known':
         return Proof(False, reason="only data of known scale can be proven, not scale='free'")
@@ -177,8 +188,15 @@ def prove_problem(problem: Problem, matched: int, params: MatchParams, seconds: 
         reason = str(why)
     except RecursionError:
         reason = 'the tree is too deep'
-    return Proof(reason is None, tree.assignment, tree.motion, tree.branches, len(tree.nodes_a), reason,
-                 time.perf_counter() - started)
+    return Proof(
+        reason is None,
+        tree.assignment,
+        tree.motion,
+        tree.branches,
+        len(tree.nodes_a),
+        reason,
+        time.perf_counter() - started,
+    )
 
 
 class _Tree:
@@ -187,6 +205,7 @@ class _Tree:
     def __init__(self, problem: Problem, most: int, deadline: float) -> None:
         from ..geometry import pair_bounds
         from . import feasibility, support_pruning
+
         self.most, self.deadline = most, deadline
         self.tested: Any = feasibility
         self.supports: Any = support_pruning
@@ -216,8 +235,9 @@ class _Tree:
         """Find the nodes that may be in an interpretation larger than ``most``."""
         if len(self.data) <= self.most:
             return
-        lists, counts = self.supports.listed(self.pairs.possible(self.data, self.kind_d, self.tols, self.model,
-                                                                 self.kind_m, self.radius_tol))
+        lists, counts = self.supports.listed(
+            self.pairs.possible(self.data, self.kind_d, self.tols, self.model, self.kind_m, self.radius_tol)
+        )
         relations = self.pairs.model_relations(self.model)
         margins = self.pairs.margins_of(self.data, self.tols)
         self.agreement = self.supports.agreement(self.data, self.tols, self.model, margins, relations)
@@ -232,14 +252,27 @@ class _Tree:
                     continue
                 self.check_time()
                 others = np.argsort(counts, kind='stable')
-                others = others[len(others) - np.count_nonzero(counts):]
+                others = others[len(others) - np.count_nonzero(counts) :]
                 if len(others) <= self.most:
                     return
-                self.supports.thin(a, others[others != a], self.data, margins, lists, counts, halves, relations, mids,
-                                   span, below, self.most, WIDE)
+                self.supports.thin(
+                    a,
+                    others[others != a],
+                    self.data,
+                    margins,
+                    lists,
+                    counts,
+                    halves,
+                    relations,
+                    mids,
+                    span,
+                    below,
+                    self.most,
+                    WIDE,
+                )
         order = np.argsort(counts, kind='stable')  # what has few nodes is the first to show that a pose is none
         self.nodes_a = np.repeat(order, counts[order])
-        self.nodes_i = np.concatenate([lists[a, :counts[a]] for a in order])
+        self.nodes_i = np.concatenate([lists[a, : counts[a]] for a in order])
 
     def enlarge(self, motion: np.ndarray, middle: np.ndarray, size: float) -> None:
         """What else fits when a pose gives way: each pairing that is nearly within its tolerances is tried in turn.
@@ -252,18 +285,25 @@ class _Tree:
             return
         e = len(self.model)
         gaps = self.tested.deviations(motion, np.repeat(near, e), np.tile(np.arange(e), len(near)), *self.sample)
-        gaps = np.where(self.pairs.possible(self.data[near], self.kind_d[near], self.tols[near], self.model,
-                                            self.kind_m, self.radius_tol), gaps.reshape(-1, e), np.inf)
+        gaps = np.where(
+            self.pairs.possible(
+                self.data[near], self.kind_d[near], self.tols[near], self.model, self.kind_m, self.radius_tol
+            ),
+            gaps.reshape(-1, e),
+            np.inf,
+        )
         nearest, least = np.zeros(len(self.data), np.int64), np.full(len(self.data), np.inf)
         nearest[near], least[near] = gaps.argmin(axis=1), gaps.min(axis=1)
         order = np.argsort(least, kind='stable')
-        chosen = order[:int((least <= 1.0).sum())]
+        chosen = order[: int((least <= 1.0).sum())]
         if len(chosen) < self.most:
             return
-        for a_more in order[len(chosen):int((least <= NEAR).sum())]:
+        for a_more in order[len(chosen) : int((least <= NEAR).sum())]:
             more, pose = np.append(chosen, a_more), motion.copy()
-            if self.tested.common_pose(pose, more, nearest[more], *self.sample,
-                                       np.empty(len(more))) == self.tested.FEASIBLE:
+            if (
+                self.tested.common_pose(pose, more, nearest[more], *self.sample, np.empty(len(more)))
+                == self.tested.FEASIBLE
+            ):
                 chosen, motion = more, pose
         self.keep_larger(chosen, nearest[chosen], motion)
 
@@ -287,7 +327,7 @@ class _Tree:
             return
         if not self.disjoint:
             self.disjoint = self.groups(features[np.lexsort((self.tols[features, 2], domains > WIDE))], spare + 1)
-        for number, group in enumerate(self.disjoint[:spare + 1]):
+        for number, group in enumerate(self.disjoint[: spare + 1]):
             if frozenset(group) not in self.refuted:
                 self.assign(group, np.zeros(0, np.int64), free, None)
                 self.refuted.append(frozenset(group))
@@ -320,16 +360,28 @@ class _Tree:
             for more, rest, pose in self.joined(node, forced, free[~mine], motion):
                 self.assign(others, more, rest, pose)
 
-    def joined(self, node: int, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None,
-               ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
+    def joined(
+        self, node: int, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
         """One more node beside the forced ones: with it, what is left of the free ones, and each pose they may have."""
         self.check_time()
         least = self.most - len(forced)
         a, n = int(self.nodes_a[node]), len(self.data)
         if a not in self.ranges:
             self.ranges[a] = np.empty((n, 11)), np.zeros(n, bool)
-        rest = self.supports.narrowed(a, self.nodes_i[node], free, self.nodes_a, self.nodes_i, least,
-                                      forced, self.group_of, self.group_sizes, *self.agreement, *self.ranges[a])
+        rest = self.supports.narrowed(
+            a,
+            self.nodes_i[node],
+            free,
+            self.nodes_a,
+            self.nodes_i,
+            least,
+            forced,
+            self.group_of,
+            self.group_sizes,
+            *self.agreement,
+            *self.ranges[a],
+        )
         if len(rest) == 0 and least > 0:
             return []
         more = np.append(forced, node)
@@ -344,8 +396,10 @@ class _Tree:
         allowed: list[np.ndarray | None] = []
         for start in starts:
             pose = None if start is None else start.copy()
-            if pose is None or self.tested.common_pose(pose, a, i, *self.sample,
-                                                       np.empty(len(a))) != self.tested.INFEASIBLE:
+            if (
+                pose is None
+                or self.tested.common_pose(pose, a, i, *self.sample, np.empty(len(a))) != self.tested.INFEASIBLE
+            ):
                 allowed.append(pose)
         return allowed
 
@@ -353,12 +407,13 @@ class _Tree:
         """Every pose that the two features which fix it best may have; none when all are nearly parallel."""
         from ..geometry import pair_pose
         from ..geometry.kernels import pair_geometry
+
         frame: Any = pair_pose.pair_frame
         pose_of: Any = pair_pose.pair_pose
         geometry: Any = pair_geometry
         data, model = self.data[a], self.model[i]
         cosines = np.maximum(np.abs(data[:, 3:6] @ data[:, 3:6].T), np.abs(model[:, 3:6] @ model[:, 3:6].T))
-        sines = np.sqrt(np.maximum(1.0 - cosines ** 2, 0.0))
+        sines = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
         cones = np.maximum(self.tols[a, 2], 1e-6)
         worth = np.where(sines >= STEEP, sines / np.maximum(cones[:, None], cones), 0.0)
         p, q = (int(v) for v in np.unravel_index(int(np.argmax(worth)), worth.shape))
@@ -380,8 +435,9 @@ class _Tree:
                 poses.append(motion)
         return poses
 
-    def explore(self, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None,
-                refuted: list[frozenset[int]]) -> None:
+    def explore(
+        self, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None, refuted: list[frozenset[int]]
+    ) -> None:
         """Refute every interpretation larger than ``most`` that has all ``forced`` nodes and otherwise ``free`` ones.
 
         motion : (12,) a pose of the forced nodes, None when they are too few to have one
@@ -390,8 +446,17 @@ class _Tree:
         self.branches += 1
         self.check_time()
         if motion is not None:
-            free = free[self.tested.can_join(motion, self.nodes_a[forced], self.nodes_i[forced], self.nodes_a[free],
-                                             self.nodes_i[free], self.most + 1 - len(forced), *self.sample)]
+            free = free[
+                self.tested.can_join(
+                    motion,
+                    self.nodes_a[forced],
+                    self.nodes_i[forced],
+                    self.nodes_a[free],
+                    self.nodes_i[free],
+                    self.most + 1 - len(forced),
+                    *self.sample,
+                )
+            ]
         features, domains = np.unique(self.nodes_a[free], return_counts=True)
         spare = len(forced) + len(features) - self.most - 1
         if spare < 0:
@@ -406,8 +471,11 @@ class _Tree:
             self.try_nearest(forced, free, motion)
             if not sets:
                 here = (known - set(self.nodes_a[forced].tolist()) for known in refuted)
-                sets = [singles[np.isin(self.nodes_a[singles], list(known))] for known in here
-                        if known <= set(self.nodes_a[singles].tolist())]
+                sets = [
+                    singles[np.isin(self.nodes_a[singles], list(known))]
+                    for known in here
+                    if known <= set(self.nodes_a[singles].tolist())
+                ]
         if sets:
             self.leave_one_out(min(sets, key=len), forced, free, motion, refuted)
         elif len(features) == 0 or (motion is not None and len(singles) == len(features)):
@@ -420,8 +488,15 @@ class _Tree:
                     self.explore(more, rest, pose, refuted)
             self.explore(forced, free[~chosen], motion, refuted)
 
-    def conflicts(self, forced: np.ndarray, free: np.ndarray, singles: np.ndarray, motion: np.ndarray,
-                  refuted: list[frozenset[int]], spare: int) -> tuple[int, list[np.ndarray]]:
+    def conflicts(
+        self,
+        forced: np.ndarray,
+        free: np.ndarray,
+        singles: np.ndarray,
+        motion: np.ndarray,
+        refuted: list[frozenset[int]],
+        spare: int,
+    ) -> tuple[int, list[np.ndarray]]:
         """How many disjoint sets of data features each leave one out, up to spare + 1, and new such sets of nodes.
 
         The new ones have no common pose with the forced nodes. spare + 1 when the forced nodes have none themselves.
@@ -454,11 +529,17 @@ class _Tree:
             packed += 1
         return packed, found
 
-    def leave_one_out(self, members: np.ndarray, forced: np.ndarray, free: np.ndarray, motion: np.ndarray | None,
-                      refuted: list[frozenset[int]]) -> None:
+    def leave_one_out(
+        self,
+        members: np.ndarray,
+        forced: np.ndarray,
+        free: np.ndarray,
+        motion: np.ndarray | None,
+        refuted: list[frozenset[int]],
+    ) -> None:
         """Explore what leaves out each member of a conflict in turn, and has those before it."""
         for k, node in enumerate(members):
-            rest = free[~np.isin(self.nodes_a[free], self.nodes_a[members[:k + 1]])]
+            rest = free[~np.isin(self.nodes_a[free], self.nodes_a[members[: k + 1]])]
             self.explore(forced, rest, motion, refuted)
             others = free[self.nodes_a[free] != self.nodes_a[node]]
             with_it = self.joined(node, forced, others, motion) if node in free else []
@@ -474,6 +555,7 @@ class _Tree:
         nodes = np.concatenate([forced, free[order[first]]])
         a, i = self.nodes_a[nodes], self.nodes_i[nodes]
         pose = motion.copy()
-        if self.tested.common_pose(pose, a, i, *self.sample, np.empty(len(nodes))) == self.tested.FEASIBLE and \
-                self.keep_larger(a, i, pose):
+        if self.tested.common_pose(
+            pose, a, i, *self.sample, np.empty(len(nodes))
+        ) == self.tested.FEASIBLE and self.keep_larger(a, i, pose):
             raise _Larger

@@ -166,16 +166,16 @@ def common_pose(motion, a, i, data, kind_d, tols, model, weights):
         if worst <= 1.0:
             return FEASIBLE
         for level in range(POWERS):
-            power = 2.0 ** level
+            power = 2.0**level
             for _ in range(NEWTON if level > 0 else 1):
                 bound = _newton(rows, values, squares, worst, power, step, shares, lowest, flattest)
                 if bound < 0.0:
                     return OPEN
                 turned = (step[0] + lowest[0]) ** 2 + (step[1] + lowest[1]) ** 2 + (step[2] + lowest[2]) ** 2
-                if bound > 1.0 and turned < SMALL_TURN ** 2 and bound > (1.0 + 0.5 * turned * lever) ** 2:
+                if bound > 1.0 and turned < SMALL_TURN**2 and bound > (1.0 + 0.5 * turned * lever) ** 2:
                     total = shares.sum()
                     for k in range(m):
-                        weights[k] = shares[BLOCKS * k:BLOCKS * k + BLOCKS].sum() / total
+                        weights[k] = shares[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
                     return INFEASIBLE
                 # As far as the power sum falls, at first the whole step.
                 before = 0.0
@@ -316,16 +316,20 @@ def conflict(motion, a, i, weights, data, kind_d, tols, model):
     unused = np.empty(m)
     size = min(3, m)
     while size < m:
-        if common_pose(motion.copy(), a[order[:size]], i[order[:size]], data, kind_d, tols, model,
-                       unused[:size]) == INFEASIBLE:
+        if (
+            common_pose(motion.copy(), a[order[:size]], i[order[:size]], data, kind_d, tols, model, unused[:size])
+            == INFEASIBLE
+        ):
             break
         size += 1 if size < 8 else 4 if size < 24 else m
-    chosen = order[:min(size, m)].copy()
+    chosen = order[: min(size, m)].copy()
     k = len(chosen) - 1
     while k >= 0 and len(chosen) > 2 and len(chosen) <= ENOUGH:
-        fewer = np.concatenate((chosen[:k], chosen[k + 1:]))
-        if common_pose(motion.copy(), a[fewer], i[fewer], data, kind_d, tols, model,
-                       unused[:len(fewer)]) == INFEASIBLE:
+        fewer = np.concatenate((chosen[:k], chosen[k + 1 :]))
+        if (
+            common_pose(motion.copy(), a[fewer], i[fewer], data, kind_d, tols, model, unused[: len(fewer)])
+            == INFEASIBLE
+        ):
             chosen = fewer
         k -= 1
     return chosen
@@ -343,8 +347,7 @@ def all_fit(motion, a, i, data, kind_d, tols, model, kind_m, radius_tol):
         vx = motion[0] * d[3] + motion[3] * d[4] + motion[6] * d[5]
         vy = motion[1] * d[3] + motion[4] * d[4] + motion[7] * d[5]
         vz = motion[2] * d[3] + motion[5] * d[4] + motion[8] * d[5]
-        if fit_one(a[k], data, kind_d, tols, i[k], model, kind_m, px, py, pz, vx, vy, vz, 1.0 + 1e-9,
-                   radius_tol) < 0.0:
+        if fit_one(a[k], data, kind_d, tols, i[k], model, kind_m, px, py, pz, vx, vy, vz, 1.0 + 1e-9, radius_tol) < 0.0:
             return False
     return True
 
@@ -374,8 +377,9 @@ def fit(motion, assignment, sign, data, kind_d, tols, model, normal, figures):
                     for q in range(3):
                         c += d[3 + p] * motion[3 * p + q] * m[3 + q]
                 sign[k] = 1 if c >= 0.0 else -1
-        cost, equations, squares, points = normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre,
-                                                            normal, right)
+        cost, equations, squares, points = normal_equations(
+            motion, model, data, kind_d, tols, assignment, sign, centre, normal, right
+        )
         figures[0], figures[1] = np.sqrt(squares / max(points, 1)), cost / max(equations - 6, 1)
         if turn == FITS:
             break

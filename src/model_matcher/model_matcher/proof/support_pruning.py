@@ -62,8 +62,9 @@ def thin(a, others, data, margins, lists, counts, halves, model_rel, mids, span,
     for b in others:
         relation(data[a], data[b], rels[m])
         room = margins[b, 2] + margins[b, 3] - margins[b, 1]
-        if _conceivable(rels[m], margins[a, 4] + margins[b, 4], room - margins[a, 1] + margins[a, 2] + margins[a, 3],
-                        span, below):
+        if _conceivable(
+            rels[m], margins[a, 4] + margins[b, 4], room - margins[a, 1] + margins[a, 2] + margins[a, 3], span, below
+        ):
             near[m], rooms[m] = b, room
             m += 1
     if m < supporters:
@@ -80,8 +81,9 @@ def thin(a, others, data, margins, lists, counts, halves, model_rel, mids, span,
             agrees = False
             for other in range(counts[b]):
                 j = lists[b, other]
-                if (i == j or abs(mid - mids[i, j]) <= room + halves[j]) and \
-                        pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
+                if (i == j or abs(mid - mids[i, j]) <= room + halves[j]) and pair_fits(
+                    rels, k, margins, a, b, halves, model_rel, i, j
+                ):
                     agrees = True
                     break
             if not agrees:
@@ -97,8 +99,29 @@ def thin(a, others, data, margins, lists, counts, halves, model_rel, mids, span,
 
 
 @njit
-def narrowed(a, i, free, nodes_a, nodes_i, least, forced, group_of, sizes, data, tols, model, margins, halves,
-             model_rel, mids, angles, model_ranges, model_known, ranges, known):
+def narrowed(
+    a,
+    i,
+    free,
+    nodes_a,
+    nodes_i,
+    least,
+    forced,
+    group_of,
+    sizes,
+    data,
+    tols,
+    model,
+    margins,
+    halves,
+    model_rel,
+    mids,
+    angles,
+    model_ranges,
+    model_known,
+    ranges,
+    known,
+):
     """Those of the nodes ``free`` that node (a, i) is consistent with: by the exact test and the five constraints.
 
     None at all when interpretations have fewer than ``least`` of their data features: of a refuted group, one at least
@@ -167,12 +190,23 @@ def narrowed(a, i, free, nodes_a, nodes_i, least, forced, group_of, sizes, data,
     return left[:count] if spare >= 0 else left[:0]
 
 
-def agreement(data: np.ndarray, tols: np.ndarray, model: np.ndarray, margins: np.ndarray,
-              model_rel: np.ndarray) -> tuple[np.ndarray, ...]:
+def agreement(
+    data: np.ndarray, tols: np.ndarray, model: np.ndarray, margins: np.ndarray, model_rel: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """What :func:`narrowed` takes of data and model, from data to model_known."""
     e = len(model)
-    return (data, tols, model, margins, model[:, 6].copy(), model_rel, np.ascontiguousarray(model_rel[:, :, MIDS]),
-            np.ascontiguousarray(model_rel[:, :, ANGLE]), np.empty((e, e, 11)), np.zeros((e, e), bool))
+    return (
+        data,
+        tols,
+        model,
+        margins,
+        model[:, 6].copy(),
+        model_rel,
+        np.ascontiguousarray(model_rel[:, :, MIDS]),
+        np.ascontiguousarray(model_rel[:, :, ANGLE]),
+        np.empty((e, e, 11)),
+        np.zeros((e, e), bool),
+    )
 
 
 def listed(possible: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -78,6 +78,7 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
 def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float) -> MatchResult:
     """A tree search without the constraints that need a scale; what it finds is validated with its own scale."""
     from ..interpretation_tree.match import feasible
+
     unit = next(likely_scales(index, data), 1.0)  # only to make the tolerances' floor comparable
     near = resized(data, 1.0 / unit)
     problem = make_problem(index, near, params)
@@ -91,8 +92,16 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
     stats.update(feasible=len(result.assignments), complete=result.complete, **result.stats)
     if not len(result.assignments):
         return no_match(data, 'no feasible interpretation' + ('' if result.complete else ' in time'), **stats)
-    checked = validate(index.features, problem.data, result.assignments, result.signs, ROUGH * params.fracdev,
-                       params.curvedev, index.size, scale_free=True)
+    checked = validate(
+        index.features,
+        problem.data,
+        result.assignments,
+        result.signs,
+        ROUGH * params.fracdev,
+        params.curvedev,
+        index.size,
+        scale_free=True,
+    )
     order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:TRIED]
     known = params.replace(scale='known', prove=False)
     settled: list[Interpretation] = []
@@ -107,7 +116,7 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
         if one is not None and not any((one.assignment == other.assignment).all() for other in settled):
             settled.append(one)
     settled.sort(key=lambda one: (-len(np.unique(one.assignment)), one.residual_rms))
-    accepted = tuple(_with_scale(one, unit) for one in settled[:params.max_interpretations])
+    accepted = tuple(_with_scale(one, unit) for one in settled[: params.max_interpretations])
     return MatchResult(accepted, (), stats, None if accepted else 'no feasible interpretation is a similarity')
 
 
@@ -151,7 +160,7 @@ def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
     taken = np.zeros(len(total), bool)
     for at in np.argsort(-merit, kind='stable'):
         if not taken[at]:
-            taken[max(at - 1, 0):at + 2] = True
+            taken[max(at - 1, 0) : at + 2] = True
             yield float(np.exp(shifts[at]))
 
 
@@ -191,8 +200,14 @@ def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarra
     return lengths[keep], group[keep], weights[keep]
 
 
-def settle(index: ModelIndex, data: FeatureSet, found: Interpretation, scale: float, params: MatchParams,
-           deadline: float = np.inf) -> Interpretation | None:
+def settle(
+    index: ModelIndex,
+    data: FeatureSet,
+    found: Interpretation,
+    scale: float,
+    params: MatchParams,
+    deadline: float = np.inf,
+) -> Interpretation | None:
     """An interpretation at about the right scale, with scale and pose estimated by turns; None when it dissolves.
 
     data : as observed; found : of the data divided by ``scale``; params : of known scale
@@ -220,8 +235,9 @@ def _better_scale(index: ModelIndex, data: FeatureSet, found: Interpretation) ->
     used = found.data_indices
     number = {int(source): k for k, source in enumerate(index.source)}
     chosen = np.array([number[int(j)] for j in found.assignment[used]])
-    checked = validate(index.features, data.select(used), chosen[None], found.sign[None, used], 1.0, 1e6, index.size,
-                       scale_free=True)
+    checked = validate(
+        index.features, data.select(used), chosen[None], found.sign[None, used], 1.0, 1e6, index.size, scale_free=True
+    )
     factor = checked.poses[0].scale
     return factor if 0.5 < factor < 2.0 and not _scale_is_open(index, chosen, found) else 1.0
 
@@ -236,7 +252,7 @@ def _scale_is_open(index: ModelIndex, chosen: np.ndarray, found: Interpretation)
     gaps = np.einsum('kij,kj->ki', across, rows[:, :3] - middle)
     shift, *_ = np.linalg.lstsq(across.reshape(-1, 3), gaps.ravel(), rcond=None)
     left = gaps - across @ shift
-    return bool((left ** 2).sum() < OPEN_SCALE * index.size ** 2)
+    return bool((left**2).sum() < OPEN_SCALE * index.size**2)
 
 
 def _with_scale(one: Interpretation, scale: float) -> Interpretation:
@@ -246,5 +262,10 @@ def _with_scale(one: Interpretation, scale: float) -> Interpretation:
     if one.covariance is not None:
         units = np.array([scale] * 3 + [1.0] * 3)
         covariance = one.covariance * units[:, None] * units
-    return replace(one, pose=poses[0], symmetric_poses=tuple(poses[1:]), covariance=covariance,
-                   residual_rms=one.residual_rms * scale)
+    return replace(
+        one,
+        pose=poses[0],
+        symmetric_poses=tuple(poses[1:]),
+        covariance=covariance,
+        residual_rms=one.residual_rms * scale,
+    )

@@ -79,9 +79,34 @@ def _gather(data, kind_d, tols, a, reach, widen, around, around_kind, around_tol
 
 
 @njit(nogil=True)
-def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
-                 vox_starts, vox_items, middle, size, data, kind_d, tols, widen, radius_tol, first, last, patience,
-                 motions, scores, state):
+def search_pairs(
+    pairs,
+    partners,
+    model,
+    kind_m,
+    pair_starts,
+    pair_members,
+    pair_values,
+    reach,
+    low,
+    cell,
+    shape,
+    vox_starts,
+    vox_items,
+    middle,
+    size,
+    data,
+    kind_d,
+    tols,
+    widen,
+    radius_tol,
+    first,
+    last,
+    patience,
+    motions,
+    scores,
+    state,
+):
     """Try the ranked data pairs first..last-1; best poses and scores are kept in ``motions`` and ``scores``.
 
     partners : (n, knn) int32, the features that each one pairs with best: a pose must explain one of them besides the
@@ -104,8 +129,9 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
     around, around_kind, around_tols = data.copy(), kind_d.copy(), tols.copy()
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
-        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low,
-         d_high) = pair_window(data, tols, a, b, reach)
+        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low, d_high) = pair_window(
+            data, tols, a, b, reach
+        )
         ha, hb = data[a, 6], data[b, 6]
         before = state[1]
         n_around = -1 if local else n
@@ -143,17 +169,51 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
                     if not placed:
                         pair_frame(model, i, foot_i, j, flip_j, foot_j, model_pair)
                         placed = True
-                    if local and not third(model_pair, turn, i, j, count, places, limits, near, model, kind_m, low,
-                                           inverse, shape, vox_starts, vox_items, data, kind_d, tols, radius_tol):
+                    if local and not third(
+                        model_pair,
+                        turn,
+                        i,
+                        j,
+                        count,
+                        places,
+                        limits,
+                        near,
+                        model,
+                        kind_m,
+                        low,
+                        inverse,
+                        shape,
+                        vox_starts,
+                        vox_items,
+                        data,
+                        kind_d,
+                        tols,
+                        radius_tol,
+                    ):
                         continue
                     pair_pose(data_pair, model_pair, turn, motion)
                     if n_around < 0:
                         reach_a = size + slide_a + across + cone * abs(fa)
                         n_around = _gather(data, kind_d, tols, a, reach_a, widen, around, around_kind, around_tols)
                     needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), 3.0)
-                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items,
-                                          around[:n_around], around_kind[:n_around], around_tols[:n_around], widen,
-                                          radius_tol, stamp, state[0], needed)
+                    score = count_matches(
+                        motion,
+                        model,
+                        kind_m,
+                        low,
+                        cell,
+                        shape,
+                        vox_starts,
+                        vox_items,
+                        around[:n_around],
+                        around_kind[:n_around],
+                        around_tols[:n_around],
+                        widen,
+                        radius_tol,
+                        stamp,
+                        state[0],
+                        needed,
+                    )
                     if score < needed:
                         continue
                     if np.floor(score) > np.floor(scores[0]):
@@ -171,9 +231,40 @@ def search_pairs(pairs, partners, model, kind_m, pair_starts, pair_members, pair
 
 
 @njit(nogil=True)
-def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell, shape, vox_starts, vox_items, data,
-                      kind_d, tols, widths, radius_tol, middle, size, order, direction, normals, offsets, by_offset,
-                      usual, spanned, upright, faces, lies, assignments, signs, matrices, figures):
+def refine_candidates(
+    motions,
+    scores,
+    keep,
+    doubtful,
+    model,
+    kind_m,
+    low,
+    cell,
+    shape,
+    vox_starts,
+    vox_items,
+    data,
+    kind_d,
+    tols,
+    widths,
+    radius_tol,
+    middle,
+    size,
+    order,
+    direction,
+    normals,
+    offsets,
+    by_offset,
+    usual,
+    spanned,
+    upright,
+    faces,
+    lies,
+    assignments,
+    signs,
+    matrices,
+    figures,
+):
     """Refine every candidate whose score is at least keep x best; all, when the best evidence of these is doubtful.
 
     doubtful : nats
@@ -192,14 +283,80 @@ def refine_candidates(motions, scores, keep, doubtful, model, kind_m, low, cell,
     for k in range(len(scores)):
         if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
-        matched, rms, chi, cx, cy, cz = refine(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data,
-                                               kind_d, tols, widths, radius_tol, assignments[k], signs[k], matrices[k])
-        matched = assign(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d, tols, final,
-                         radius_tol, assignments[k], signs[k])
-        figures[k, 0] = count_matches(motions[k], model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
-                                      tols, final, radius_tol, stamp, k, 0.0)
+        matched, rms, chi, cx, cy, cz = refine(
+            motions[k],
+            model,
+            kind_m,
+            low,
+            cell,
+            shape,
+            vox_starts,
+            vox_items,
+            data,
+            kind_d,
+            tols,
+            widths,
+            radius_tol,
+            assignments[k],
+            signs[k],
+            matrices[k],
+        )
+        matched = assign(
+            motions[k],
+            model,
+            kind_m,
+            low,
+            cell,
+            shape,
+            vox_starts,
+            vox_items,
+            data,
+            kind_d,
+            tols,
+            final,
+            radius_tol,
+            assignments[k],
+            signs[k],
+        )
+        figures[k, 0] = count_matches(
+            motions[k],
+            model,
+            kind_m,
+            low,
+            cell,
+            shape,
+            vox_starts,
+            vox_items,
+            data,
+            kind_d,
+            tols,
+            final,
+            radius_tol,
+            stamp,
+            k,
+            0.0,
+        )
         figures[k, 1], figures[k, 2] = rms, chi
         figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
-        figures[k, 7] = evidence(motions[k], model, kind_m, data, kind_d, tols, assignments[k], middle, size, order,
-                                 direction, normals, usual, spanned, upright, number, nats, faces, lies)
+        figures[k, 7] = evidence(
+            motions[k],
+            model,
+            kind_m,
+            data,
+            kind_d,
+            tols,
+            assignments[k],
+            middle,
+            size,
+            order,
+            direction,
+            normals,
+            usual,
+            spanned,
+            upright,
+            number,
+            nats,
+            faces,
+            lies,
+        )
         best = max(best, figures[k, 7])

@@ -56,12 +56,16 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
     surplus = np.array(spread(lambda k: _surplus(models[k], used, params, motions[k], scores[k]), order))
     ranked = np.argsort(-surplus, kind='stable')
     least = 1 if surplus.max(initial=-np.inf) > SURE else LEAST_CANDIDATES
-    return [int(order[k]) for place, k in enumerate(ranked)
-            if place < least or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)]
+    return [
+        int(order[k])
+        for place, k in enumerate(ranked)
+        if place < least or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)
+    ]
 
 
-def _surplus(model: ModelIndex, data: FeatureSet, params: MatchParams, motions: np.ndarray,
-             scores: np.ndarray) -> float:
+def _surplus(
+    model: ModelIndex, data: FeatureSet, params: MatchParams, motions: np.ndarray, scores: np.ndarray
+) -> float:
     """Nats by which the best of a model's poses, refined, exceeds what an accepted interpretation needs."""
     problem = make_problem(model, data, params)
     refined = refine_all(problem, motions.copy(), scores, params, keep=0.0)
@@ -69,8 +73,9 @@ def _surplus(model: ModelIndex, data: FeatureSet, params: MatchParams, motions: 
     return float(refined.figures[:, 7].max() - max(needed, 0.0))
 
 
-def library_scores(models: Sequence[ModelIndex], data: FeatureSet,
-                   params: MatchParams) -> tuple[np.ndarray, np.ndarray]:
+def library_scores(
+    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams
+) -> tuple[np.ndarray, np.ndarray]:
     """The distinct model features, plus fit quality, that the best poses of the shared pairs explain, best first:
     scores (models, POSES) float64, 0 where there is none, and poses (models, POSES, 12).
 
@@ -84,10 +89,32 @@ def library_scores(models: Sequence[ModelIndex], data: FeatureSet,
         model = models[number]
         tolerances = data_tolerances(data, rows, model.size, params)
         table = model.voxels(SEARCH_WIDTH * float(tolerances[:, 0].max()))
-        run(pairs, near, model.rows, model.kind, model.pair_starts, model.pair_members, model.pair_values,
-                   model.pair_reach, table.low, table.cell, table.shape, table.starts, table.items, rows, data.kind,
-                   tolerances, SEARCH_WIDTH, params.curvedev * model.max_radius, counts, count_only, model.middle,
-            model.size, motions[number], scores[number])
+        run(
+            pairs,
+            near,
+            model.rows,
+            model.kind,
+            model.pair_starts,
+            model.pair_members,
+            model.pair_values,
+            model.pair_reach,
+            table.low,
+            table.cell,
+            table.shape,
+            table.starts,
+            table.items,
+            rows,
+            data.kind,
+            tolerances,
+            SEARCH_WIDTH,
+            params.curvedev * model.max_radius,
+            counts,
+            count_only,
+            model.middle,
+            model.size,
+            motions[number],
+            scores[number],
+        )
 
     pairs, near = shared_pairs(rows, float(np.median([model.size for model in models])))
     # How often a pair fits a model by chance is the same for all of a library, more or less: a few models tell.
@@ -144,7 +171,8 @@ def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray
     pairs = np.array(sorted(chosen), np.int32).reshape(-1, 2)
     near = np.full((len(pairs), NEAR + 2), -1, np.int32)
     for row, (a, b) in zip(near, pairs.tolist()):
-        members = list(dict.fromkeys([a, b, *(k for pair in zip_longest(partners[a], partners[b]) for k in pair
-                                              if k is not None)]))[:NEAR + 2]
-        row[:len(members)] = members
+        members = list(
+            dict.fromkeys([a, b, *(k for pair in zip_longest(partners[a], partners[b]) for k in pair if k is not None)])
+        )[: NEAR + 2]
+        row[: len(members)] = members
     return pairs, near

@@ -17,9 +17,32 @@ NEEDED = 3.0  # distinct model features that a pose must explain
 
 
 @njit(nogil=True)
-def best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_values, reach, low, cell, shape,
-               vox_starts, vox_items, data, kind_d, tols, widen, radius_tol, counts, count_only, middle, size, motions,
-               scores):
+def best_poses(
+    pairs,
+    near,
+    model,
+    kind_m,
+    pair_starts,
+    pair_members,
+    pair_values,
+    reach,
+    low,
+    cell,
+    shape,
+    vox_starts,
+    vox_items,
+    data,
+    kind_d,
+    tols,
+    widen,
+    radius_tol,
+    counts,
+    count_only,
+    middle,
+    size,
+    motions,
+    scores,
+):
     """The best of the pairs' poses into motions and scores; how many each pair has is added to ``counts``.
 
     count_only: no more than the latter
@@ -32,8 +55,9 @@ def best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_value
     inverse = 1.0 / cell
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
-        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low,
-         d_high) = pair_window(data, tols, a, b, reach)
+        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low, d_high) = pair_window(
+            data, tols, a, b, reach
+        )
         ha, hb = data[a, 6], data[b, 6]
         ready = False
         count = 0
@@ -68,11 +92,46 @@ def best_poses(pairs, near, model, kind_m, pair_starts, pair_members, pair_value
                         pair_frame(model, i, fi, j, flip_j, fj, model_pair)
                         placed = True
                     tried += 1
-                    if not third(model_pair, turn, i, j, count, places, limits, members, model, kind_m, low, inverse,
-                                 shape, vox_starts, vox_items, data, kind_d, tols, radius_tol):
+                    if not third(
+                        model_pair,
+                        turn,
+                        i,
+                        j,
+                        count,
+                        places,
+                        limits,
+                        members,
+                        model,
+                        kind_m,
+                        low,
+                        inverse,
+                        shape,
+                        vox_starts,
+                        vox_items,
+                        data,
+                        kind_d,
+                        tols,
+                        radius_tol,
+                    ):
                         continue
                     pair_pose(data_pair, model_pair, turn, motion)
-                    score = count_matches(motion, model, kind_m, low, cell, shape, vox_starts, vox_items, data, kind_d,
-                                          tols, widen, radius_tol, stamp, tried, max(scores[len(scores) - 1], NEEDED))
+                    score = count_matches(
+                        motion,
+                        model,
+                        kind_m,
+                        low,
+                        cell,
+                        shape,
+                        vox_starts,
+                        vox_items,
+                        data,
+                        kind_d,
+                        tols,
+                        widen,
+                        radius_tol,
+                        stamp,
+                        tried,
+                        max(scores[len(scores) - 1], NEEDED),
+                    )
                     if score >= NEEDED:
                         _insert(motion, score, middle, size, motions, scores)

@@ -90,8 +90,9 @@ def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Pr
     rows = feature_rows(used)
     tolerances = data_tolerances(used, rows, index.size, params)
     widest = SEARCH_WIDTH * float(tolerances[:, 0].max(initial=0.0))
-    return Problem(index, used, keep, len(data), rows, tolerances, index.voxels(widest),
-                   params.curvedev * index.max_radius)
+    return Problem(
+        index, used, keep, len(data), rows, tolerances, index.voxels(widest), params.curvedev * index.max_radius
+    )
 
 
 @dataclass(eq=False)
@@ -106,23 +107,42 @@ class Refined:
     figures: np.ndarray
 
 
-def refine_all(problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams,
-               keep: float = KEEP) -> Refined:
+def refine_all(
+    problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams, keep: float = KEEP
+) -> Refined:
     """Refine candidate poses (c, 12) with search scores (c,), best first."""
     from ..search import pair_search
+
     refine: Any = pair_search.refine_candidates
     c, n = len(scores), len(problem.rows)
-    refined = Refined(motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)),
-                      np.zeros((c, 8)))
+    refined = Refined(
+        motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)), np.zeros((c, 8))
+    )
     index = problem.index
     doubtful = needed_evidence(problem, params) + DOUBTFUL
-    refine(motions, scores, keep, doubtful, *problem.grid, *problem.sample, WIDTHS, problem.radius_tol, index.middle,
-           index.size, *regularity(index).arrays, refined.assignments, refined.signs, refined.normals, refined.figures)
+    refine(
+        motions,
+        scores,
+        keep,
+        doubtful,
+        *problem.grid,
+        *problem.sample,
+        WIDTHS,
+        problem.radius_tol,
+        index.middle,
+        index.size,
+        *regularity(index).arrays,
+        refined.assignments,
+        refined.signs,
+        refined.normals,
+        refined.figures,
+    )
     return refined
 
 
-def conclude(problem: Problem, refined: Refined, params: MatchParams,
-             ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
+def conclude(
+    problem: Problem, refined: Refined, params: MatchParams
+) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
     """Accepted and rejected interpretations, each best first."""
     matched = (refined.assignments != BIN).astype(np.float32)
     shared_data = (matched @ matched.T).astype(int)
@@ -152,6 +172,7 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
             heads.append(k)
             twins[k] = []
     from . import line_of_sight
+
     settle: Any = line_of_sight.settle
     needed = needed_evidence(problem, params)
     accepted: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
@@ -166,19 +187,29 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         if distinct < min(params.min_matched, len(problem.index)):
             reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
         elif evidence[k] < needed:
-            reason = (f'chance explains as much: evidence {evidence[k]:.1f} of {needed:.1f} nats needed for '
-                      f'false_alarm_rate = {params.false_alarm_rate:g}')
+            reason = (
+                f'chance explains as much: evidence {evidence[k]:.1f} of {needed:.1f} nats needed for '
+                f'false_alarm_rate = {params.false_alarm_rate:g}'
+            )
         elif k in rivals:
             better = rivals[k]
-            reason = (f'competes for the same data with a better interpretation '
-                      f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)')
+            reason = (
+                f'competes for the same data with a better interpretation '
+                f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)'
+            )
         elif params.max_bin is not None and problem.n_data - common[k][k] > params.max_bin:
             unmatched = problem.n_data - common[k][k]
             reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
         if reason is None and params.scale == 'known':
             for t in (k, *twins.get(k, ())):
-                settle(refined.motions[t], problem.index.rows, *problem.sample, refined.assignments[t],
-                       refined.signs[t], problem.index.size)
+                settle(
+                    refined.motions[t],
+                    problem.index.rows,
+                    *problem.sample,
+                    refined.assignments[t],
+                    refined.signs[t],
+                    problem.index.size,
+                )
         target = accepted if reason is None else rejected
         if len(target) == params.max_interpretations:
             continue
@@ -188,9 +219,11 @@ def conclude(problem: Problem, refined: Refined, params: MatchParams,
         target.append((k, pose, others, reason))
     chosen = accepted + rejected
     covariances = pose_covariances(problem.index, refined, [k for k, _, _, _ in chosen]) if chosen else ()
-    made = tuple(_interpretation(problem, refined, k, pose, covariance, others, reason)
-                 for (k, pose, others, reason), covariance in zip(chosen, covariances))
-    return made[:len(accepted)], made[len(accepted):]
+    made = tuple(
+        _interpretation(problem, refined, k, pose, covariance, others, reason)
+        for (k, pose, others, reason), covariance in zip(chosen, covariances)
+    )
+    return made[: len(accepted)], made[len(accepted) :]
 
 
 def _presence(refined: Refined, common: np.ndarray) -> None:
@@ -202,8 +235,12 @@ def _presence(refined: Refined, common: np.ndarray) -> None:
     """
     distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
     further = np.minimum(distinct[:, None] - distinct, FURTHER)
-    more = ((further > 0.0) & (common >= SAME_DATA * common.diagonal())
-            & (evidence[:, None] < evidence) & (evidence[:, None] > evidence - OUTDONE * further))
+    more = (
+        (further > 0.0)
+        & (common >= SAME_DATA * common.diagonal())
+        & (evidence[:, None] < evidence)
+        & (evidence[:, None] > evidence - OUTDONE * further)
+    )
     if not more.any():
         return
     for k in np.argsort(distinct, kind='stable'):
@@ -220,14 +257,16 @@ def _ranked(problem: Problem, refined: Refined) -> list[int]:
     distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
     cover = np.zeros(len(distinct))
     from ..search.pair_search import CANDIDATES
+
     if len(distinct) > CANDIDATES:
         for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY * distinct.max(initial=0.0))):
             cover[k] = covered(problem, refined.motions[k], refined.assignments[k])
     step = max(SAME_COVER * cover.max(initial=0.0), 1e-12)
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
-    return sorted((k for k in range(len(distinct)) if distinct[k] > 0.0),
-                  key=lambda k: (-round(float(cover[k]) / step), -round(float(evidence[k]), 3),
-                                 refined.assignments[k].tolist()))
+    return sorted(
+        (k for k in range(len(distinct)) if distinct[k] > 0.0),
+        key=lambda k: (-round(float(cover[k]) / step), -round(float(evidence[k]), 3), refined.assignments[k].tolist()),
+    )
 
 
 def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> float:
@@ -280,16 +319,30 @@ def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool
     return False
 
 
-def _interpretation(problem: Problem, refined: Refined, k: int, pose: Pose, covariance: np.ndarray,
-                    others: tuple[Pose, ...], reason: str | None) -> Interpretation:
+def _interpretation(
+    problem: Problem,
+    refined: Refined,
+    k: int,
+    pose: Pose,
+    covariance: np.ndarray,
+    others: tuple[Pose, ...],
+    reason: str | None,
+) -> Interpretation:
     assignment = np.full(problem.n_data, BIN, np.int32)
     sign = np.zeros(problem.n_data, np.int8)
     chosen = np.flatnonzero(refined.assignments[k] != BIN)
     assignment[problem.keep[chosen]] = problem.index.source[refined.assignments[k][chosen]]
     sign[problem.keep[chosen]] = refined.signs[k][chosen]
-    return Interpretation(problem.index.name, assignment, sign, pose,
-                          residual_rms=refined.figures[k, 1], covariance=covariance, symmetric_poses=others,
-                          rejected_reason=reason)
+    return Interpretation(
+        problem.index.name,
+        assignment,
+        sign,
+        pose,
+        residual_rms=refined.figures[k, 1],
+        covariance=covariance,
+        symmetric_poses=others,
+        rejected_reason=reason,
+    )
 
 
 def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> np.ndarray:
@@ -298,8 +351,14 @@ def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> 
     A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
     """
     from ..geometry import least_squares
+
     covariances: Any = least_squares.covariances
     figures = refined.figures[chosen]
     # The fit turns about the data's centre; the pose's translation is that of the model's origin.
-    return covariances(refined.normals[chosen], figures[:, 2].copy(), refined.motions[chosen, 9:] - figures[:, 3:6],
-                       index.size, SMALLEST_FEATURE)
+    return covariances(
+        refined.normals[chosen],
+        figures[:, 2].copy(),
+        refined.motions[chosen, 9:] - figures[:, 3:6],
+        index.size,
+        SMALLEST_FEATURE,
+    )

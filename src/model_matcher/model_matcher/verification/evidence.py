@@ -203,8 +203,12 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
             # Of the unknown planes those first that only fix the position, then the likeliest coincidence.
             best, least = -1, np.inf
             for i in range(q):
-                if (not regular[i] or number[i, j] < 0 or known[i, number[i, j]]
-                        or _remainder(normals[i], fixed, n_fixed, rest) <= 0.4):
+                if (
+                    not regular[i]
+                    or number[i, j] < 0
+                    or known[i, number[i, j]]
+                    or _remainder(normals[i], fixed, n_fixed, rest) <= 0.4
+                ):
                     continue
                 value = nats[i]
                 if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > 0.3:
@@ -286,7 +290,7 @@ def meet(a, b, tolerance):
     if s < NEARLY_PARALLEL or abs(d) > tolerance:
         return False
     beyond = tolerance / s
-    return (abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond)
+    return abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond
 
 
 @njit
@@ -325,15 +329,34 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
                 met += 1.0
                 break
     # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
-    density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius ** 3)
+    density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius**3)
     expected = AT_ENDS * density + MISSED * count + 0.05
     alone = np.exp(NEIGHBOURS - met * np.log((expected + NEIGHBOURS) / expected))
     return np.log((1.0 - CROWDED) * alone + CROWDED)
 
 
 @njit
-def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size, order, direction, normals, usual,
-             spanned, upright, number, nats, faces, lies):
+def evidence(
+    motion,
+    model,
+    kind_m,
+    data,
+    kind_d,
+    tols,
+    assignment,
+    middle,
+    size,
+    order,
+    direction,
+    normals,
+    usual,
+    spanned,
+    upright,
+    number,
+    nats,
+    faces,
+    lies,
+):
     """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, faces and lies as in
     :class:`.regularity.Regularity`, the rest as above."""
     e, n = model.shape[0], data.shape[0]
@@ -352,8 +375,7 @@ def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size
         curve = kind_d[k] == CURVE
         for end in range(1 if curve else 2):
             step = 0.0 if curve else d[6] if end == 0 else -d[6]
-            x, y, z = (d[0] + step * d[3] - motion[9], d[1] + step * d[4] - motion[10],
-                       d[2] + step * d[5] - motion[11])
+            x, y, z = (d[0] + step * d[3] - motion[9], d[1] + step * d[4] - motion[10], d[2] + step * d[5] - motion[11])
             along = 0.0
             for axis in range(3):
                 point[axis] = motion[axis] * x + motion[3 + axis] * y + motion[6 + axis] * z - m[axis]
@@ -379,11 +401,12 @@ def evidence(motion, model, kind_m, data, kind_d, tols, assignment, middle, size
     for i in range(number.shape[0]):
         for p in range(e):
             if weights[i, p] > 0.0:
-                error = variance / weights[i, p] + BIAS ** 2
+                error = variance / weights[i, p] + BIAS**2
                 off = (sums[i, p] / weights[i, p]) ** 2 / error
                 accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
-    total = coincidences(model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats,
-                         accuracy)
+    total = coincidences(
+        model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats, accuracy
+    )
     total += max(coverage(model, kind_m, data, kind_d, low, high, direction), FRAGMENTS)
     total += nats_of_view(motion, used, faces, lies)
     return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)

@@ -72,8 +72,9 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
                 else:
                     ax, ay, az = ly * ez - lz * ey, lz * ex - lx * ez, lx * ey - ly * ex
                 residual = ax * rx + ay * ry + az * rz
-                _add_row(normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual,
-                         weight)
+                _add_row(
+                    normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual, weight
+                )
                 if axis == 1:
                     sums[1] += residual * residual
                     sums[3] += 1.0
@@ -89,8 +90,18 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
                     else:
                         ax, ay, az = ly * uz - lz * uy, lz * ux - lx * uz, lx * uy - ly * ux
                     residual = s * (ax * d[3] + ay * d[4] + az * d[5])
-                    _add_row(normal, right, uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax, 0.0, 0.0, 0.0,
-                             residual, turn)
+                    _add_row(
+                        normal,
+                        right,
+                        uy * az - uz * ay,
+                        uz * ax - ux * az,
+                        ux * ay - uy * ax,
+                        0.0,
+                        0.0,
+                        0.0,
+                        residual,
+                        turn,
+                    )
     for i in range(6):
         for j in range(i):
             normal[j, i] = normal[i, j]

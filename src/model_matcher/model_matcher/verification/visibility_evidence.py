@@ -63,6 +63,7 @@ def _planes(points: np.ndarray, size: float) -> np.ndarray:
     if spread[2] < ON_FACE * size:
         return np.array([[*(sign * axes[2]), -sign * float(axes[2] @ middle)] for sign in (-1.0, 1.0)])
     from scipy.spatial import ConvexHull, QhullError
+
     try:
         found = ConvexHull(points).equations
     except QhullError:
@@ -88,8 +89,9 @@ def nats_of_view(motion, used, planes, lies):
         # The eye in the model's frame is -R^T t.
         side = planes[h, 3]
         for axis in range(3):
-            side -= planes[h, axis] * (motion[axis] * motion[9] + motion[3 + axis] * motion[10]
-                                       + motion[6 + axis] * motion[11])
+            side -= planes[h, axis] * (
+                motion[axis] * motion[9] + motion[3 + axis] * motion[10] + motion[6 + axis] * motion[11]
+            )
         for j in range(e):
             hull[j] |= lies[h, j]
             in_view[j] |= lies[h, j] and side > 0.0

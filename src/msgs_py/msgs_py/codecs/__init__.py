@@ -13,8 +13,23 @@ from .reports import interpretations_from_report, report_from_interpretations
 from .transforms import poses_to_transforms, transform_message_type
 
 __all__ = [
-    'CodecError', 'DEFAULT_COLOURS', 'array_to_image', 'array_to_poses', 'camera_infos_from_rig', 'cloud_to_features',
-    'features_to_cloud', 'features_to_markers', 'gray_from_image', 'image_to_array', 'interpretations_from_report',
-    'pose_from_message', 'pose_to_message', 'pose_to_stamped', 'poses_to_array', 'poses_to_transforms',
-    'report_from_interpretations', 'rig_from_camera_infos', 'transform_message_type',
+    'CodecError',
+    'DEFAULT_COLOURS',
+    'array_to_image',
+    'array_to_poses',
+    'camera_infos_from_rig',
+    'cloud_to_features',
+    'features_to_cloud',
+    'features_to_markers',
+    'gray_from_image',
+    'image_to_array',
+    'interpretations_from_report',
+    'pose_from_message',
+    'pose_to_message',
+    'pose_to_stamped',
+    'poses_to_array',
+    'poses_to_transforms',
+    'report_from_interpretations',
+    'rig_from_camera_infos',
+    'transform_message_type',
 ]

@@ -17,15 +17,31 @@ from std_msgs.msg import Header
 from ..features import FeatureSet
 from .errors import CodecError
 
-VECTORS = {'start': ('start_x', 'start_y', 'start_z'), 'end': ('end_x', 'end_y', 'end_z'),
-           'radii': ('radius_major', 'radius_minor'), 'err_par': ('err_par',), 'err_per': ('err_per',),
-           'major_axis': ('major_x', 'major_y', 'major_z'), 'arc': ('arc_start', 'arc_sweep')}
+VECTORS = {
+    'start': ('start_x', 'start_y', 'start_z'),
+    'end': ('end_x', 'end_y', 'end_z'),
+    'radii': ('radius_major', 'radius_minor'),
+    'err_par': ('err_par',),
+    'err_per': ('err_per',),
+    'major_axis': ('major_x', 'major_y', 'major_z'),
+    'arc': ('arc_start', 'arc_sweep'),
+}
 OPTIONAL = ('major_axis', 'arc')
-ROW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('kind', 'u1'), ('pad', 'V3')]
-               + [(name, '<f8') for names in VECTORS.values() for name in names])
+ROW = np.dtype(
+    [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('kind', 'u1'), ('pad', 'V3')]
+    + [(name, '<f8') for names in VECTORS.values() for name in names]
+)
 
-_DATATYPES = {PointField.INT8: 'i1', PointField.UINT8: 'u1', PointField.INT16: 'i2', PointField.UINT16: 'u2',
-              PointField.INT32: 'i4', PointField.UINT32: 'u4', PointField.FLOAT32: 'f4', PointField.FLOAT64: 'f8'}
+_DATATYPES = {
+    PointField.INT8: 'i1',
+    PointField.UINT8: 'u1',
+    PointField.INT16: 'i2',
+    PointField.UINT16: 'u2',
+    PointField.INT32: 'i4',
+    PointField.UINT32: 'u4',
+    PointField.FLOAT32: 'f4',
+    PointField.FLOAT64: 'f8',
+}
 _CODES = {'f4': PointField.FLOAT32, 'u1': PointField.UINT8, 'f8': PointField.FLOAT64}
 
 
@@ -47,8 +63,11 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
     cloud.row_step = ROW.itemsize * len(features)
     cloud.is_dense = True
     assert ROW.names is not None and ROW.fields is not None
-    cloud.fields = [PointField(name=name, offset=ROW.fields[name][1], datatype=_CODES[ROW.fields[name][0].str[1:]],
-                               count=1) for name in ROW.names if name != 'pad']
+    cloud.fields = [
+        PointField(name=name, offset=ROW.fields[name][1], datatype=_CODES[ROW.fields[name][0].str[1:]], count=1)
+        for name in ROW.names
+        if name != 'pad'
+    ]
     cloud.data = array.array('B', rows.tobytes())
     return cloud
 
@@ -58,12 +77,18 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
     n = int(cloud.width) * int(cloud.height)
     point_step, row_step = int(cloud.point_step), int(cloud.row_step)
     offered = {field.name: field for field in cloud.fields}
-    wanted = ['kind'] + [name for attribute, names in VECTORS.items() for name in names
-                         if attribute not in OPTIONAL or all(name in offered for name in names)]
+    wanted = ['kind'] + [
+        name
+        for attribute, names in VECTORS.items()
+        for name in names
+        if attribute not in OPTIONAL or all(name in offered for name in names)
+    ]
     missing = [name for name in wanted if name not in offered]
     if missing:
-        raise CodecError(f'features.fields: no field {missing[0]!r}; is this a cloud of features? '
-                         f'It has {", ".join(offered) or "no fields"}')
+        raise CodecError(
+            f'features.fields: no field {missing[0]!r}; is this a cloud of features? '
+            f'It has {", ".join(offered) or "no fields"}'
+        )
     formats, offsets = [], []
     order: Literal['>', '<'] = '>' if cloud.is_bigendian else '<'
     for name in wanted:
@@ -72,8 +97,9 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
             raise CodecError(f'features.fields: {name} has the unknown datatype {field.datatype}')
         dtype = np.dtype(_DATATYPES[field.datatype]).newbyteorder(order)
         if field.offset + dtype.itemsize > point_step:
-            raise CodecError(f'features.fields: {name} ends at byte {field.offset + dtype.itemsize}, '
-                             f'beyond point_step {point_step}')
+            raise CodecError(
+                f'features.fields: {name} ends at byte {field.offset + dtype.itemsize}, beyond point_step {point_step}'
+            )
         formats.append(dtype)
         offsets.append(int(field.offset))
     if n and row_step < point_step * int(cloud.width):
@@ -85,15 +111,17 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
         return FeatureSet.empty()
     row = np.dtype({'names': wanted, 'formats': formats, 'offsets': offsets, 'itemsize': point_step})
     buffer = np.frombuffer(cloud.data, np.uint8)
-    rows = np.concatenate([
-        buffer[i * row_step:i * row_step + point_step * int(cloud.width)] for i in range(int(cloud.height))]).view(row)
-    values = {attribute: np.stack([rows[name].astype(np.float64) for name in names], axis=1)
-              for attribute, names in VECTORS.items() if names[0] in wanted}
+    rows = np.concatenate(
+        [buffer[i * row_step : i * row_step + point_step * int(cloud.width)] for i in range(int(cloud.height))]
+    ).view(row)
+    values = {
+        attribute: np.stack([rows[name].astype(np.float64) for name in names], axis=1)
+        for attribute, names in VECTORS.items()
+        if names[0] in wanted
+    }
     for attribute in ('err_par', 'err_per'):
         values[attribute] = values[attribute][:, 0]
     try:
         return FeatureSet(kind=rows['kind'].astype(np.int64), **values)
     except ValueError as error:
         raise CodecError(f'features.data: {error}') from None
-
-

@@ -13,7 +13,11 @@ from .errors import CodecError
 
 # encoding: (element type without byte order, channels)
 ENCODINGS: dict[str, tuple[str, int]] = {
-    'mono8': ('u1', 1), 'rgb8': ('u1', 3), 'bgr8': ('u1', 3), 'mono16': ('u2', 1), '32FC1': ('f4', 1),
+    'mono8': ('u1', 1),
+    'rgb8': ('u1', 3),
+    'bgr8': ('u1', 3),
+    'mono16': ('u2', 1),
+    '32FC1': ('f4', 1),
 }
 # The same memory layouts under the names OpenCV users publish.
 ALIASES = {'8UC1': 'mono8', '8UC3': 'bgr8', '16UC1': 'mono16'}
@@ -30,8 +34,9 @@ def image_to_array(message: Image) -> tuple[np.ndarray, str]:
     """
     encoding = ALIASES.get(message.encoding, message.encoding)
     if encoding not in ENCODINGS:
-        raise CodecError(f'image.encoding: {message.encoding!r} is unknown, expected one of '
-                         f'{", ".join([*ENCODINGS, *ALIASES])}')
+        raise CodecError(
+            f'image.encoding: {message.encoding!r} is unknown, expected one of {", ".join([*ENCODINGS, *ALIASES])}'
+        )
     element, channels = ENCODINGS[encoding]
     dtype = np.dtype(element).newbyteorder('>' if message.is_bigendian else '<')
     height, width, step = int(message.height), int(message.width), int(message.step)
@@ -43,12 +48,13 @@ def image_to_array(message: Image) -> tuple[np.ndarray, str]:
     needed = step * (height - 1) + row
     # np.frombuffer refuses an empty buffer, so the length is looked at first.
     if len(message.data) < needed:
-        raise CodecError(f'image.data: {len(message.data)} bytes, expected {step * height} '
-                         f'({height} rows of {step}); truncated?')
+        raise CodecError(
+            f'image.data: {len(message.data)} bytes, expected {step * height} ({height} rows of {step}); truncated?'
+        )
     buffer = np.frombuffer(message.data, dtype=np.uint8)
     if len(buffer) < step * height:  # the last row may come without its padding
         buffer = np.concatenate([buffer, np.zeros(step * height - len(buffer), np.uint8)])
-    rows = buffer[:step * height].reshape(height, step)[:, :row]
+    rows = buffer[: step * height].reshape(height, step)[:, :row]
     pixels = np.ascontiguousarray(rows) if step != row else rows
     pixels = pixels.view(dtype)
     if not dtype.isnative:

@@ -10,14 +10,22 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..features import FeatureKind, FeatureSet
 
 # One hue a kind: edges green, curves blue, axes orange.
-DEFAULT_COLOURS = {FeatureKind.EDGE: (0.1, 0.8, 0.2), FeatureKind.CURVE: (0.2, 0.5, 1.0),
-                   FeatureKind.AXIS: (1.0, 0.6, 0.1)}
+DEFAULT_COLOURS = {
+    FeatureKind.EDGE: (0.1, 0.8, 0.2),
+    FeatureKind.CURVE: (0.2, 0.5, 1.0),
+    FeatureKind.AXIS: (1.0, 0.6, 0.1),
+}
 CURVE_SAMPLES = 48
 
 
-def features_to_markers(features: FeatureSet, header: Header | None = None, namespace: str = 'features',
-                        colours: dict[FeatureKind, tuple[float, float, float]] | None = None,
-                        width: float = 0.001, clear: bool = True) -> MarkerArray:
+def features_to_markers(
+    features: FeatureSet,
+    header: Header | None = None,
+    namespace: str = 'features',
+    colours: dict[FeatureKind, tuple[float, float, float]] | None = None,
+    width: float = 0.001,
+    clear: bool = True,
+) -> MarkerArray:
     """One LINE_LIST a kind, namespace and id stable from frame to frame.
 
     colours : (r, g, b) in 0..1 a kind; width : line width, metres; clear : begin with a DELETEALL, so that features

@@ -19,8 +19,9 @@ from .errors import CodecError
 ACCEPTED = 'accepted'
 
 
-def report_from_interpretations(interpretations: Iterable[Interpretation],
-                                header: Header | None = None) -> DiagnosticArray:
+def report_from_interpretations(
+    interpretations: Iterable[Interpretation], header: Header | None = None
+) -> DiagnosticArray:
     """Level OK and message 'accepted', or level WARN and the reason of rejection; name is the model's."""
     report = DiagnosticArray()
     if header is not None:
@@ -38,10 +39,14 @@ def report_from_interpretations(interpretations: Iterable[Interpretation],
             'proven': item.proven,
             'free_shift': None if item.free_shift is None else item.free_shift.tolist(),
         }
-        report.status.append(DiagnosticStatus(
-            level=DiagnosticStatus.OK if item.accepted else DiagnosticStatus.WARN,
-            name=item.model, message=ACCEPTED if item.accepted else str(item.rejected_reason),
-            values=[KeyValue(key=key, value=json.dumps(value)) for key, value in values.items()]))
+        report.status.append(
+            DiagnosticStatus(
+                level=DiagnosticStatus.OK if item.accepted else DiagnosticStatus.WARN,
+                name=item.model,
+                message=ACCEPTED if item.accepted else str(item.rejected_reason),
+                values=[KeyValue(key=key, value=json.dumps(value)) for key, value in values.items()],
+            )
+        )
     return report
 
 
@@ -51,17 +56,34 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
     for index, status in enumerate(report.status):
         values = {item.key: item.value for item in status.values}
         try:
-            decoded = {key: json.loads(values[key]) for key in (
-                'residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven',
-                'free_shift')}
+            decoded = {
+                key: json.loads(values[key])
+                for key in (
+                    'residual_rms_m',
+                    'assignment',
+                    'sign',
+                    'pose',
+                    'covariance',
+                    'symmetric_poses',
+                    'proven',
+                    'free_shift',
+                )
+            }
             accepted = status.level == DiagnosticStatus.OK
-            result.append(Interpretation(
-                model=status.name, assignment=np.array(decoded['assignment'], np.int32),
-                sign=np.array(decoded['sign'], np.int8), pose=_pose(decoded['pose']),
-                residual_rms=decoded['residual_rms_m'], covariance=decoded['covariance'],
-                symmetric_poses=tuple(_pose(pose) for pose in decoded['symmetric_poses']),
-                proven=bool(decoded['proven']), rejected_reason=None if accepted else status.message,
-                free_shift=decoded['free_shift']))
+            result.append(
+                Interpretation(
+                    model=status.name,
+                    assignment=np.array(decoded['assignment'], np.int32),
+                    sign=np.array(decoded['sign'], np.int8),
+                    pose=_pose(decoded['pose']),
+                    residual_rms=decoded['residual_rms_m'],
+                    covariance=decoded['covariance'],
+                    symmetric_poses=tuple(_pose(pose) for pose in decoded['symmetric_poses']),
+                    proven=bool(decoded['proven']),
+                    rejected_reason=None if accepted else status.message,
+                    free_shift=decoded['free_shift'],
+                )
+            )
         except KeyError as error:
             raise CodecError(f'report.status[{index}]: no value {error.args[0]!r}') from None
         except (TypeError, ValueError) as error:

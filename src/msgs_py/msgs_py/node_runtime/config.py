@@ -75,14 +75,38 @@ class ParameterSpec:
 _TYPE_NAMES = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a string'}
 
 
-def parameter(default: Any, description: str, *, name: str | None = None, unit: str = '',
-              minimum: float | None = None, maximum: float | None = None, choices: tuple = (),
-              read_only: bool = False, element: type = str, formerly: tuple[str, ...] = ()) -> Any:
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    name: str | None = None,
+    unit: str = '',
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple = (),
+    read_only: bool = False,
+    element: type = str,
+    formerly: tuple[str, ...] = (),
+) -> Any:
     """A Config field. The default gives the type; ``element`` is the type of a tuple's items; ``formerly`` are old
     names of the parameter, which a node accepts with a warning."""
-    return field(default=default, metadata={'spec': dict(
-        name=name, default=default, description=description, unit=unit, minimum=minimum, maximum=maximum,
-        choices=choices, read_only=read_only, element=element, formerly=formerly)})
+    return field(
+        default=default,
+        metadata={
+            'spec': dict(
+                name=name,
+                default=default,
+                description=description,
+                unit=unit,
+                minimum=minimum,
+                maximum=maximum,
+                choices=choices,
+                read_only=read_only,
+                element=element,
+                formerly=formerly,
+            )
+        },
+    )
 
 
 @dataclass(frozen=True)

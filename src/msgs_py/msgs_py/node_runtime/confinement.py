@@ -39,8 +39,10 @@ class TrustedFolders:
         real = _real(given)
         if not any(real == folder or folder in real.parents for folder in self.folders):
             known = ', '.join(str(folder) for folder in self.folders) or 'none'
-            raise ValueError(f'{str(given)!r} is outside of the folders this node may read ({known}); '
-                             f'add its folder to {self.parameter} when the node is started')
+            raise ValueError(
+                f'{str(given)!r} is outside of the folders this node may read ({known}); '
+                f'add its folder to {self.parameter} when the node is started'
+            )
 
 
 def _is_file_name(given: PathLike) -> bool:

@@ -80,10 +80,15 @@ class Health:
         p50, p99 = np.percentile(latencies, [50, 99]) if len(latencies) else (np.nan, np.nan)
         age = '' if self.last_error_time is None else f'{now - self.last_error_time:.1f}'
         return {
-            'rate_hz': f'{self.rate_hz(now):.2f}', 'processed': self.processed, 'dropped': self.dropped,
+            'rate_hz': f'{self.rate_hz(now):.2f}',
+            'processed': self.processed,
+            'dropped': self.dropped,
             'lost_inputs': self.lost,
-            'latency_p50_ms': f'{p50:.1f}', 'latency_p99_ms': f'{p99:.1f}', 'problems': self.problems,
-            'last_error': self.last_error, 'last_error_age_s': age,
+            'latency_p50_ms': f'{p50:.1f}',
+            'latency_p99_ms': f'{p99:.1f}',
+            'problems': self.problems,
+            'last_error': self.last_error,
+            'last_error_age_s': age,
         }
 
 
@@ -91,7 +96,7 @@ def shortened(text: str) -> str:
     """The text with its middle left out when it is too long for a log."""
     if len(text) <= LONGEST_TEXT:
         return text
-    return f'{text[:LONGEST_TEXT // 2]} [...] {text[-LONGEST_TEXT // 4:]}'
+    return f'{text[: LONGEST_TEXT // 2]} [...] {text[-LONGEST_TEXT // 4 :]}'
 
 
 class SequenceGaps:

@@ -27,14 +27,17 @@ def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]
 
         __getattr__ = renamed_names(__name__, {'find': 'match'})
     """
+
     def module_getattr(name: str) -> Any:
         if name not in names:
             raise AttributeError(f'module {module!r} has no attribute {name!r}')
         new = names[name]
         where, _, attribute = new.rpartition('.')
-        warnings.warn(notice('name', f'{module}.{name}', new if where else f'{module}.{new}'), FutureWarning,
-                      stacklevel=2)
+        warnings.warn(
+            notice('name', f'{module}.{name}', new if where else f'{module}.{new}'), FutureWarning, stacklevel=2
+        )
         return getattr(importlib.import_module(where or module), attribute)
+
     return module_getattr
 
 
@@ -43,6 +46,7 @@ def renamed_arguments(**names: str) -> Callable[[_F], _F]:
 
     Raises TypeError when both are given.
     """
+
     def decorate(function: _F) -> _F:
         @functools.wraps(function)
         def accepting(*arguments: Any, **keywords: Any) -> Any:
@@ -53,5 +57,7 @@ def renamed_arguments(**names: str) -> Callable[[_F], _F]:
                 warnings.warn(notice(f'{function.__name__}: argument', old, new), FutureWarning, stacklevel=2)
                 keywords[new] = keywords.pop(old)
             return function(*arguments, **keywords)
+
         return accepting  # type: ignore[return-value]
+
     return decorate

@@ -44,8 +44,12 @@ SILENCE_S = 5.0
 SILENCE_LOG_S = 10.0
 STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
 
-_ARRAY_TYPES = {str: Parameter.Type.STRING_ARRAY, int: Parameter.Type.INTEGER_ARRAY,
-                float: Parameter.Type.DOUBLE_ARRAY, bool: Parameter.Type.BOOL_ARRAY}
+_ARRAY_TYPES = {
+    str: Parameter.Type.STRING_ARRAY,
+    int: Parameter.Type.INTEGER_ARRAY,
+    float: Parameter.Type.DOUBLE_ARRAY,
+    bool: Parameter.Type.BOOL_ARRAY,
+}
 
 _C = TypeVar('_C', bound=Config)
 
@@ -162,16 +166,26 @@ class GraphNode(Node, Generic[_C]):
     def _declare_one(self, spec: ParameterSpec, ignore_override: bool = False) -> None:
         descriptor = ParameterDescriptor(
             description=spec.description + (f' [{spec.unit}]' if spec.unit else ''),
-            additional_constraints=spec.range_text, read_only=spec.read_only,
+            additional_constraints=spec.range_text,
+            read_only=spec.read_only,
             # An integer is welcome where a number is expected; the type is checked with the range, by the Config.
-            dynamic_typing=spec.kind is float)
+            dynamic_typing=spec.kind is float,
+        )
         low, high = spec.minimum, spec.maximum
         if spec.kind is float and (low is not None or high is not None):
-            descriptor.floating_point_range = [FloatingPointRange(
-                from_value=float(-1e308 if low is None else low), to_value=float(1e308 if high is None else high))]
+            descriptor.floating_point_range = [
+                FloatingPointRange(
+                    from_value=float(-1e308 if low is None else low), to_value=float(1e308 if high is None else high)
+                )
+            ]
         elif spec.kind is int and (low is not None or high is not None):
-            descriptor.integer_range = [IntegerRange(
-                from_value=int(-2**62 if low is None else low), to_value=int(2**62 if high is None else high), step=1)]
+            descriptor.integer_range = [
+                IntegerRange(
+                    from_value=int(-(2**62) if low is None else low),
+                    to_value=int(2**62 if high is None else high),
+                    step=1,
+                )
+            ]
         if spec.kind is not tuple:
             self.declare_parameter(spec.name, spec.default, descriptor, ignore_override=ignore_override)
             return
@@ -205,8 +219,9 @@ class GraphNode(Node, Generic[_C]):
         former = type(self._config).former_names()
         for old in [p.name for p in parameter_list if p.name in former]:
             self._old_name_used('parameter', old, former[old])
-        parameter_list = [Parameter(former[p.name], p.type_, p.value) if p.name in former else p
-                          for p in parameter_list]
+        parameter_list = [
+            Parameter(former[p.name], p.type_, p.value) if p.name in former else p for p in parameter_list
+        ]
         unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if unknown:
             reason = f'parameter {unknown[0]}: unknown to {self.get_name()}'
@@ -235,30 +250,40 @@ class GraphNode(Node, Generic[_C]):
 
         formerly : old names of the topic; who still listens there is served, and named in a warning.
         """
+
         def publisher(name: str) -> Publisher:
-            return self.create_publisher(message_type, name, OUTPUT_QOS,
-                                         qos_overriding_options=QoSOverridingOptions.with_default_policies())
+            return self.create_publisher(
+                message_type, name, OUTPUT_QOS, qos_overriding_options=QoSOverridingOptions.with_default_policies()
+            )
 
         if not formerly:
             return publisher(topic)
-        return cast(Publisher, _AlsoUnderOldNames(
-            publisher(topic), {old: publisher(old) for old in formerly},
-            lambda old: self._old_name_used('topic', old, topic)))
+        return cast(
+            Publisher,
+            _AlsoUnderOldNames(
+                publisher(topic),
+                {old: publisher(old) for old in formerly},
+                lambda old: self._old_name_used('topic', old, topic),
+            ),
+        )
 
     def wanted(self, publisher: Publisher) -> bool:
         """Whether anybody listens; heavy outputs are made only then."""
         return publisher.get_subscription_count() > 0
 
-    def listen(self, message_type: type, topic: str, callback: Callable[[Any], None],
-               formerly: tuple[str, ...] = ()) -> Subscription:
+    def listen(
+        self, message_type: type, topic: str, callback: Callable[[Any], None], formerly: tuple[str, ...] = ()
+    ) -> Subscription:
         """A subscription whose callback may raise: that is reported, and the node lives on.
 
         formerly : old names of the topic; what comes there is taken too, with a warning.
         """
         for old in formerly:
+
             def on_old(message: Any, old: str = old) -> None:
                 self._old_name_used('topic', old, topic)
                 guarded(message)
+
             self.create_subscription(message_type, old, on_old, INPUT_QOS)
         self._received.setdefault(topic, 0)
         guarded = self._guard(topic, callback)
@@ -274,16 +299,23 @@ class GraphNode(Node, Generic[_C]):
                 self.get_logger().warning(
                     f'{topic}: messages are lost (counted as lost_inputs): this node or the network is too slow for '
                     f'them. If its publisher is reliable, set qos_overrides.{subscription.topic_name}'
-                    '.subscription.reliability to reliable')
+                    '.subscription.reliability to reliable'
+                )
             self.health.lost += missed
             guarded(message)
 
-        subscription = self.create_subscription(message_type, topic, on_message, INPUT_QOS,  # type: ignore[arg-type]
-                                                qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        subscription = self.create_subscription(
+            message_type,
+            topic,
+            on_message,
+            INPUT_QOS,  # type: ignore[arg-type]
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
         return subscription
 
-    def listen_stereo(self, callback: Callable[[StereoMessages], None], queue_size: int = 5,
-                      tolerance_s: float = 0.0) -> None:
+    def listen_stereo(
+        self, callback: Callable[[StereoMessages], None], queue_size: int = 5, tolerance_s: float = 0.0
+    ) -> None:
         """Subscribe to the four stereo topics; callback gets sets of equal stamps (or within the tolerance)."""
         self._sync = sync = StampSync(STEREO_TOPICS, queue_size, round(tolerance_s * NANOSECONDS))
 
@@ -293,6 +325,7 @@ class GraphNode(Node, Generic[_C]):
                 complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
                 if complete is not None:
                     callback(StereoMessages(*(complete[name] for name in STEREO_TOPICS)))
+
             return on_message
 
         for topic in STEREO_TOPICS:
@@ -311,6 +344,7 @@ class GraphNode(Node, Generic[_C]):
                 where = traceback.extract_tb(error.__traceback__)[-1]
                 self.problem(f'{source}: {type(error).__name__}: {error} ({where.name}, line {where.lineno})')
                 self.get_logger().debug(traceback.format_exc())
+
         return guarded
 
     # -- health ------------------------------------------------------------------------------------------------
@@ -361,10 +395,16 @@ class GraphNode(Node, Generic[_C]):
         values = self.health.values(now)
         if self._sync is not None:
             counters = self._sync.counters
-            values |= {'stereo_pairs': counters.sets, 'unmatched_stamps': counters.unmatched,
-                       'late_stamps': counters.late, 'clock_jumps': counters.clock_jumps}
-        values |= {'old_names_in_use': '; '.join(self._old_names),
-                   'ignored_parameters': ', '.join(self._ignored_overrides())}
+            values |= {
+                'stereo_pairs': counters.sets,
+                'unmatched_stamps': counters.unmatched,
+                'late_stamps': counters.late,
+                'clock_jumps': counters.clock_jumps,
+            }
+        values |= {
+            'old_names_in_use': '; '.join(self._old_names),
+            'ignored_parameters': ', '.join(self._ignored_overrides()),
+        }
         values |= self.report_values()
         status.values = [KeyValue(key=str(key), value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])

@@ -32,8 +32,9 @@ class StampSync:
     means that the clock jumped back, and everything pending is forgotten.
     """
 
-    def __init__(self, topics: Sequence[str], queue_size: int = 5, tolerance_ns: int = 0,
-                 jump_ns: int = NANOSECONDS) -> None:
+    def __init__(
+        self, topics: Sequence[str], queue_size: int = 5, tolerance_ns: int = 0, jump_ns: int = NANOSECONDS
+    ) -> None:
         if len(set(topics)) != len(topics) or not topics:
             raise ValueError(f'topics: expected distinct names, got {list(topics)}')
         if queue_size < 1:
@@ -88,8 +89,10 @@ class StampSync:
         if silent:
             return f'nothing received on {", ".join(silent)} (other topics are alive)'
         if self.counters.unmatched and not self.counters.sets:
-            return (f'stamps of {", ".join(self.topics)} do not match: {self.counters.unmatched} messages unmatched; '
-                    f'equal stamps are needed, or a tolerance (now {self.tolerance_ns / 1e6:g} ms)')
+            return (
+                f'stamps of {", ".join(self.topics)} do not match: {self.counters.unmatched} messages unmatched; '
+                f'equal stamps are needed, or a tolerance (now {self.tolerance_ns / 1e6:g} ms)'
+            )
         return None
 
     def _clock_jumped(self, topic: str, stamp_ns: int) -> bool:
@@ -108,8 +111,11 @@ class StampSync:
             for stamp, pending in self._pending:
                 if stamp == stamp_ns:
                     return pending
-        candidates = [(abs(stamp - stamp_ns), index) for index, (stamp, messages) in enumerate(self._pending)
-                      if abs(stamp - stamp_ns) <= self.tolerance_ns and topic not in messages]
+        candidates = [
+            (abs(stamp - stamp_ns), index)
+            for index, (stamp, messages) in enumerate(self._pending)
+            if abs(stamp - stamp_ns) <= self.tolerance_ns and topic not in messages
+        ]
         if candidates:
             return self._pending[min(candidates)[1]][1]
         messages: dict[str, Any] = {}
@@ -129,6 +135,6 @@ class StampSync:
         place, stamp = next((k, stamp) for k, (stamp, other) in enumerate(self._pending) if other is messages)
         older = [other for k, (when, other) in enumerate(self._pending) if k < place or (k > place and when <= stamp)]
         self.counters.unmatched += sum(len(other) for other in older)
-        self._pending = [entry for entry in self._pending[place + 1:] if entry[0] > stamp]
+        self._pending = [entry for entry in self._pending[place + 1 :] if entry[0] > stamp]
         self._newest_emitted = stamp
         self.counters.sets += 1

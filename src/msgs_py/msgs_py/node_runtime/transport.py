@@ -18,8 +18,12 @@ from importlib import resources
 from pathlib import Path
 
 # Any of these means that the user has arranged the transport, and knows better.
-USER_SETTINGS = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS',
-                 'SKIP_DEFAULT_XML')
+USER_SETTINGS = (
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_BUILTIN_TRANSPORTS',
+    'SKIP_DEFAULT_XML',
+)
 USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 

@@ -1,7 +1,7 @@
 """Compiled functions that are never stale and rarely compiled: the one way numba is used here.
 
 numba's own cache is keyed by the path and the time of the file in which a function stands. A function's machine code
-also contains that of the functions it calls, whichever file they stand in, so a change there leaves old code in use; and
+also contains that of the functions it calls, wherever they stand, so a change there leaves old code in use; and
 every clone, installation and checkout compiles everything again. Here an entry is found by its content: a digest of the
 byte code of the function and of all functions it reaches, of the global constants they use, of the argument types, the
 options, the versions of Python and numba, and the processor. Equal content has one entry wherever the source lies, so
@@ -96,9 +96,16 @@ class ContentCache(_Cache):
 
     def _path(self, sig: Any, codegen: Any) -> Path:
         key = hashlib.sha256()
-        for part in (sys.version_info[:2], numba.__version__, codegen.magic_tuple(),
-                     sorted(self._options.items()), self._function.__module__, self._function.__qualname__,
-                     *map(_described_type, sig.args if hasattr(sig, 'args') else sig), content(self._function)):
+        for part in (
+            sys.version_info[:2],
+            numba.__version__,
+            codegen.magic_tuple(),
+            sorted(self._options.items()),
+            self._function.__module__,
+            self._function.__qualname__,
+            *map(_described_type, sig.args if hasattr(sig, 'args') else sig),
+            content(self._function),
+        ):
             key.update(repr(part).encode())
             key.update(b'\0')
         return cache_folder() / f'{self._function.__name__[:40]}-{key.hexdigest()}{SUFFIX}'
@@ -137,11 +144,21 @@ def _described(function: FunctionType) -> tuple[str, tuple[FunctionType, ...]]:
         callees: list[FunctionType] = []
         names = sorted(_names(function.__code__))
         closure = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
-        values = [(name, _described_value(function.__globals__[name], names, callees))
-                  for name in names if name in function.__globals__]
+        values = [
+            (name, _described_value(function.__globals__[name], names, callees))
+            for name in names
+            if name in function.__globals__
+        ]
         values += [(name, _described_value(cell.cell_contents, names, callees)) for name, cell in closure.items()]
-        text = repr((function.__module__, function.__qualname__, _described_code(function.__code__, function.__doc__),
-                     _described_value(function.__defaults__, names, callees), values))
+        text = repr(
+            (
+                function.__module__,
+                function.__qualname__,
+                _described_code(function.__code__, function.__doc__),
+                _described_value(function.__defaults__, names, callees),
+                values,
+            )
+        )
         _own[function] = hashlib.sha256(text.encode()).hexdigest(), tuple(callees)
     return _own[function]
 
@@ -160,11 +177,29 @@ def _names(code: CodeType) -> set[str]:
 
 def _described_code(code: CodeType, documentation: str | None) -> str:
     """What a function does; line numbers, paths and its docstring are left out."""
-    constants = [_described_code(c, None) if isinstance(c, CodeType)
-                 else sorted(map(repr, c)) if isinstance(c, frozenset)
-                 else None if isinstance(c, str) and c == documentation else c for c in code.co_consts]
-    return repr((code.co_code.hex(), constants, code.co_names, code.co_varnames, code.co_cellvars, code.co_freevars,
-                 code.co_argcount, code.co_kwonlyargcount, code.co_posonlyargcount))
+    constants = [
+        _described_code(c, None)
+        if isinstance(c, CodeType)
+        else sorted(map(repr, c))
+        if isinstance(c, frozenset)
+        else None
+        if isinstance(c, str) and c == documentation
+        else c
+        for c in code.co_consts
+    ]
+    return repr(
+        (
+            code.co_code.hex(),
+            constants,
+            code.co_names,
+            code.co_varnames,
+            code.co_cellvars,
+            code.co_freevars,
+            code.co_argcount,
+            code.co_kwonlyargcount,
+            code.co_posonlyargcount,
+        )
+    )
 
 
 def _described_value(value: Any, names: list[str], callees: list[FunctionType]) -> str:
@@ -177,8 +212,12 @@ def _described_value(value: Any, names: list[str], callees: list[FunctionType]) 
         if value.__name__.partition('.')[0] in FOREIGN:
             return f'module {value.__name__}'
         # ``module.name`` in a function's code: both are among its names.
-        return repr((value.__name__, [(name, _described_value(vars(value)[name], [], callees))
-                                      for name in names if name in vars(value)]))
+        return repr(
+            (
+                value.__name__,
+                [(name, _described_value(vars(value)[name], [], callees)) for name in names if name in vars(value)],
+            )
+        )
     if isinstance(value, np.ndarray):
         return f'{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value)).hexdigest()}'
     if isinstance(value, (tuple, list)):
@@ -205,6 +244,7 @@ def _described_type(kind: Any) -> str:
 
 
 # -- files -----------------------------------------------------------------------------------------------------
+
 
 def _read(path: Path) -> bytes | None:
     """An entry's content; None where there is none, or what lies there is not whole."""
@@ -241,8 +281,9 @@ def _forget_the_oldest(folder: Path) -> None:
     if time.monotonic() - _last_look.get(folder, -np.inf) < 3600.0:
         return
     _last_look[folder] = time.monotonic()
-    entries = sorted((status.st_mtime, status.st_size, path) for path in folder.glob(f'*{SUFFIX}')
-                     if (status := path.stat()))
+    entries = sorted(
+        (status.st_mtime, status.st_size, path) for path in folder.glob(f'*{SUFFIX}') if (status := path.stat())
+    )
     total = sum(size for _, size, _ in entries)
     for _, size, path in entries:
         if total <= MOST_BYTES:

@@ -14,8 +14,12 @@ import yaml
 from msgs_py import StereoRig
 
 # Names under which OpenCV programs write the same matrices; {} is 1 or 2.
-OPENCV_NAMES = {'k': ('K{}', 'M{}', 'cameraMatrix{}', 'camera_matrix_{}'), 'd': ('D{}', 'distCoeffs{}'),
-                'r': ('R{}',), 'p': ('P{}',)}
+OPENCV_NAMES = {
+    'k': ('K{}', 'M{}', 'cameraMatrix{}', 'camera_matrix_{}'),
+    'd': ('D{}', 'distCoeffs{}'),
+    'r': ('R{}',),
+    'p': ('P{}',),
+}
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,10 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
     if len(documents) == 1:
         other = path.with_name(path.name.replace('left', 'right'))
         if other == path or not other.exists():
-            raise ValueError(f'{path}: describes one camera; expected both (two YAML documents, or keys left and '
-                             f'right), or a file named ...left... with ...right... beside it')
+            raise ValueError(
+                f'{path}: describes one camera; expected both (two YAML documents, or keys left and '
+                f'right), or a file named ...left... with ...right... beside it'
+            )
         documents += _documents(other, other.read_text(encoding='utf-8', errors='replace'))
     return _ros(path, 'left', documents[0], size), _ros(path, 'right', documents[1], size)
 
@@ -79,8 +85,9 @@ def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
         p = np.reshape(found['p'], (3, 4)) if len(found['p']) == 12 else np.zeros((3, 4))
         found.setdefault('k', p[:, :3].ravel().tolist())
         found.setdefault('r', np.eye(3).ravel().tolist())
-        cameras.append(CameraFile(size[0], size[1], 'plumb_bob', found.get('d', []), found['k'], found['r'],
-                                  found['p']))
+        cameras.append(
+            CameraFile(size[0], size[1], 'plumb_bob', found.get('d', []), found['k'], found['r'], found['p'])
+        )
     return cameras[0], cameras[1]
 
 
@@ -119,8 +126,17 @@ def _ideal(path: Path, document: dict[str, Any], size: tuple[int, int]) -> tuple
         raise ValueError(f'{path}: expected K, nine numbers, and baseline, a number of metres') from None
     flat = k.ravel().tolist()
     projections = [np.column_stack([k, [shift, 0.0, 0.0]]).ravel().tolist() for shift in (0.0, -k[0, 0] * baseline)]
-    left, right = (CameraFile(int(document.get('width', size[0])), int(document.get('height', size[1])), 'plumb_bob',
-                              k=flat, r=np.eye(3).ravel().tolist(), p=projection) for projection in projections)
+    left, right = (
+        CameraFile(
+            int(document.get('width', size[0])),
+            int(document.get('height', size[1])),
+            'plumb_bob',
+            k=flat,
+            r=np.eye(3).ravel().tolist(),
+            p=projection,
+        )
+        for projection in projections
+    )
     return left, right
 
 
@@ -138,7 +154,12 @@ def _ros(path: Path, side: str, document: Any, size: tuple[int, int]) -> CameraF
             raise ValueError(f'{path}: {side} camera: {name} is missing or holds no numbers') from None
 
     projection = numbers('projection_matrix')
-    return CameraFile(int(document.get('image_width', size[0])), int(document.get('image_height', size[1])),
-                      str(document.get('distortion_model', 'plumb_bob')), numbers('distortion_coefficients', []),
-                      numbers('camera_matrix'), numbers('rectification_matrix', np.eye(3).ravel().tolist()),
-                      projection)
+    return CameraFile(
+        int(document.get('image_width', size[0])),
+        int(document.get('image_height', size[1])),
+        str(document.get('distortion_model', 'plumb_bob')),
+        numbers('distortion_coefficients', []),
+        numbers('camera_matrix'),
+        numbers('rectification_matrix', np.eye(3).ravel().tolist()),
+        projection,
+    )

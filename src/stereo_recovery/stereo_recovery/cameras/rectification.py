@@ -37,18 +37,24 @@ class Calibration:
         for name, shape in (('k', (3, 3)), ('r', (3, 3)), ('p', (3, 4))):
             value = np.asarray(getattr(info, name), dtype=np.float64)
             if value.size != shape[0] * shape[1] or not np.isfinite(value).all():
-                raise ValueError(f'{side} camera_info: {name.upper()} has to be {shape[0]} x {shape[1]} finite '
-                                 f'numbers, got {value.ravel().tolist()}')
+                raise ValueError(
+                    f'{side} camera_info: {name.upper()} has to be {shape[0]} x {shape[1]} finite '
+                    f'numbers, got {value.ravel().tolist()}'
+                )
             arrays[name] = value.reshape(shape)
         if arrays['k'][0, 0] <= 0.0 or arrays['k'][1, 1] <= 0.0:
-            raise ValueError(f'{side} camera_info: K has focal lengths {arrays["k"][0, 0]:g} and '
-                             f'{arrays["k"][1, 1]:g}, expected > 0 (is the camera calibrated?)')
+            raise ValueError(
+                f'{side} camera_info: K has focal lengths {arrays["k"][0, 0]:g} and '
+                f'{arrays["k"][1, 1]:g}, expected > 0 (is the camera calibrated?)'
+            )
         if abs(np.linalg.det(arrays['r'])) < 0.5:
             raise ValueError(f'{side} camera_info: R is no rotation: {arrays["r"].ravel().tolist()}')
         model = str(getattr(info, 'distortion_model', ''))
         if model not in MODELS:
-            raise ValueError(f'{side} camera_info: distortion_model {model!r} is unknown, expected one of '
-                             + ', '.join(repr(m) for m in MODELS if m))
+            raise ValueError(
+                f'{side} camera_info: distortion_model {model!r} is unknown, expected one of '
+                + ', '.join(repr(m) for m in MODELS if m)
+            )
         distortion = np.asarray(info.d, dtype=np.float64).ravel()
         if not np.isfinite(distortion).all():
             raise ValueError(f'{side} camera_info: D contains NaN or infinity')
@@ -74,12 +80,14 @@ class Rectifier:
             new = np.ascontiguousarray(calibration.projection[:, :3])
             if calibration.model == 'equidistant':
                 distortion = np.resize(calibration.distortion, 4) if len(calibration.distortion) else np.zeros(4)
-                maps = cv2.fisheye.initUndistortRectifyMap(calibration.matrix, distortion.reshape(4, 1),
-                                                           calibration.rotation, new, size, cv2.CV_32FC1)
+                maps = cv2.fisheye.initUndistortRectifyMap(
+                    calibration.matrix, distortion.reshape(4, 1), calibration.rotation, new, size, cv2.CV_32FC1
+                )
             else:
                 distortion = calibration.distortion if len(calibration.distortion) else np.zeros(5)
-                maps = cv2.initUndistortRectifyMap(calibration.matrix, distortion, calibration.rotation, new, size,
-                                                   cv2.CV_32FC1)
+                maps = cv2.initUndistortRectifyMap(
+                    calibration.matrix, distortion, calibration.rotation, new, size, cv2.CV_32FC1
+                )
             self._maps.append(maps)
             self._sizes.append(size)
 
@@ -88,8 +96,10 @@ class Rectifier:
         result = []
         for side, image, maps, size in zip(('left', 'right'), (left, right), self._maps, self._sizes):
             if image.shape[1::-1] != size:
-                raise ValueError(f'{side} image: {image.shape[1]} x {image.shape[0]} pixels, its camera_info says '
-                                 f'{size[0]} x {size[1]}')
+                raise ValueError(
+                    f'{side} image: {image.shape[1]} x {image.shape[0]} pixels, its camera_info says '
+                    f'{size[0]} x {size[1]}'
+                )
             # Lanczos keeps edges where they are; linear interpolation would blur them by place.
             result.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
         return result[0], result[1]

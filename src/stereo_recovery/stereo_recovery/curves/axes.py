@@ -59,15 +59,18 @@ def find_axes(curves: list[Curve], pieces: tuple[Pieces, Pieces], rig: StereoRig
     for members in _coaxial(curves):
         ends = _ends(curves, members)
         for low, high in zip(ends, ends[1:]):
-            a, b = (min((curves[k] for k in end), key=lambda c: float(np.trace(c.covariance[:3, :3])))
-                    for end in (low, high))
+            a, b = (
+                min((curves[k] for k in end), key=lambda c: float(np.trace(c.covariance[:3, :3])))
+                for end in (low, high)
+            )
             direction = (b.centre - a.centre) / np.linalg.norm(b.centre - a.centre)
             spread = [_along_and_across(c.covariance[:3, :3], direction) for c in (a, b)]
             found.append(Axis(a.centre, b.centre, max(s[0] for s in spread), max(s[1] for s in spread)))
             used |= {*low, *high}
             # The two rims that are most alike bound the surface between the ends.
-            i, j = min(((i, j) for i in low for j in high),
-                       key=lambda p: abs(curves[p[0]].radii[0] - curves[p[1]].radii[0]))
+            i, j = min(
+                ((i, j) for i in low for j in high), key=lambda p: abs(curves[p[0]].radii[0] - curves[p[1]].radii[0])
+            )
             surfaces += _between(curves[i], curves[j])
     for i, curve in enumerate(curves):
         if i in used:
@@ -131,8 +134,10 @@ def _between(a: Curve, b: Curve) -> list[Surface]:
 def _along_and_across(covariance: np.ndarray, direction: np.ndarray) -> tuple[float, float]:
     """Three sigma along a direction and across it, metres, with room for what moves a rim as a whole."""
     rest = np.eye(3) - np.outer(direction, direction)
-    return (BOUND * float(np.sqrt(direction @ covariance @ direction)),
-            BOUND * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])))
+    return (
+        BOUND * float(np.sqrt(direction @ covariance @ direction)),
+        BOUND * float(np.sqrt(np.linalg.eigvalsh(rest @ covariance @ rest)[-1])),
+    )
 
 
 def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Axis | None:
@@ -145,7 +150,7 @@ def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Ax
     information = np.linalg.inv(curve.covariance[3:5, 3:5] + 1e-12 * np.eye(2))
     slopes = seen.normals @ frame.T
     told = information + slopes.T @ (slopes / seen.sigma[:, None] ** 2)
-    step = -np.linalg.solve(told, slopes.T @ ((seen.normals @ curve.normal) / seen.sigma ** 2))
+    step = -np.linalg.solve(told, slopes.T @ ((seen.normals @ curve.normal) / seen.sigma**2))
     direction = curve.normal + step @ frame
     direction /= np.linalg.norm(direction)
     tilt = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(told))[-1]))
@@ -158,20 +163,34 @@ def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Ax
     reached = [np.abs(farthest[seen.sides == name]).max() for name in np.unique(seen.sides)]
     doubt = max(reached) - min(reached) if len(reached) > 1 else 0.5 * abs(other)
     along, beside = _along_and_across(curve.covariance[:3, :3], direction)
-    return Axis(curve.centre, curve.centre + other * direction, along + doubt + 0.03 * abs(other),
-                beside + 3.0 * tilt * abs(other))
+    return Axis(
+        curve.centre,
+        curve.centre + other * direction,
+        along + doubt + 0.03 * abs(other),
+        beside + 3.0 * tilt * abs(other),
+    )
 
 
 def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[Axis | None, np.ndarray | None]:
     """A cone's axis from its base and its outlines, which meet in the apex; and the apex."""
-    seen = longest((_touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
-                    _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
+    seen = longest(
+        (
+            _touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
+            _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline),
+        ),
+        pieces,
+        rig,
+    )
     # Three planes tell the apex; two do because it lies on the rim's axis, as well as that is known.
     if len(seen.normals) < (2 if curve.radii[0] == curve.radii[1] else 3):
         return None, None
     frame = np.stack([curve.first, curve.second])
-    far = float(np.median(np.abs(((seen.eyes - curve.centre) * seen.normals).sum(axis=1))
-                          / np.maximum(np.abs(seen.normals @ curve.normal), 1e-3)))
+    far = float(
+        np.median(
+            np.abs(((seen.eyes - curve.centre) * seen.normals).sum(axis=1))
+            / np.maximum(np.abs(seen.normals @ curve.normal), 1e-3)
+        )
+    )
     weight = 1.0 / (np.median(seen.sigma) * np.linalg.norm(curve.centre))
     hold = 0.0 if len(seen.normals) > 2 else 1.0 / (TRUE_AXIS * curve.radii[0] + curve.tilt * far)
     rows = np.concatenate([weight * seen.normals, hold * frame])
@@ -188,7 +207,7 @@ def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[
         return None, None
     # How well planes that cross at these angles place their common point.
     distance = np.linalg.norm(apex - seen.eyes, axis=1)
-    told = seen.normals.T @ (seen.normals / (seen.sigma * distance)[:, None] ** 2) + hold ** 2 * frame.T @ frame
+    told = seen.normals.T @ (seen.normals / (seen.sigma * distance)[:, None] ** 2) + hold**2 * frame.T @ frame
     spread = np.linalg.inv(told) + (miss / 3.0) ** 2 * np.eye(3)
     errors = [_along_and_across(c, run / np.linalg.norm(run)) for c in (spread, curve.covariance[:3, :3])]
     return Axis(apex, curve.centre, max(e[0] for e in errors), max(e[1] for e in errors)), apex
@@ -243,5 +262,6 @@ def axis_features(axes: list[Axis]) -> FeatureSet:
     """As features."""
     if not axes:
         return FeatureSet.empty()
-    return FeatureSet.from_axes([a.start for a in axes], [a.end for a in axes], [a.err_par for a in axes],
-                                [a.err_per for a in axes])
+    return FeatureSet.from_axes(
+        [a.start for a in axes], [a.end for a in axes], [a.err_par for a in axes], [a.err_per for a in axes]
+    )

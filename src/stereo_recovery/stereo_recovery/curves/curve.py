@@ -60,8 +60,15 @@ def _conic(centre: np.ndarray, major: np.ndarray, minor: np.ndarray, matrix: np.
     return -conic if np.trace(conic[:2, :2]) < 0.0 else conic
 
 
-def angles(centre: np.ndarray, normal: np.ndarray, first: np.ndarray, radii: np.ndarray, points: np.ndarray,
-            camera: PinholeCamera, eye: float) -> np.ndarray:
+def angles(
+    centre: np.ndarray,
+    normal: np.ndarray,
+    first: np.ndarray,
+    radii: np.ndarray,
+    points: np.ndarray,
+    camera: PinholeCamera,
+    eye: float,
+) -> np.ndarray:
     """(n,) radians: where on a curve pixels (n, 2) of an image lie (0 at first, about the normal)."""
     rays = camera.rays(points)
     origin = np.array([eye, 0.0, 0.0])

@@ -62,7 +62,7 @@ class Axle:
     def covariance(self, centre: np.ndarray) -> np.ndarray:
         """(4, 4) float64 of the residual, as far as the axle is its cause."""
         result = np.zeros((4, 4))
-        result[:2, :2] = self.tilt ** 2 * np.eye(2)
+        result[:2, :2] = self.tilt**2 * np.eye(2)
         reach = (centre - self.point) @ self.direction
         result[2:, 2:] = self._across @ self.spread @ self._across.T + (self.tilt * reach) ** 2 * np.eye(2)
         return result
@@ -74,8 +74,17 @@ class Axle:
         return np.stack([first, cross(self.direction, first)])
 
 
-def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: float, circle: bool,
-           rounds: int = 12, axle: Axle | None = None, rough: bool = False) -> Curve | None:
+def refine(
+    curve: Curve,
+    left: Edgels,
+    right: Edgels,
+    rig: StereoRig,
+    blur: float,
+    circle: bool,
+    rounds: int = 12,
+    axle: Axle | None = None,
+    rough: bool = False,
+) -> Curve | None:
     """Move the curve until both pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
     left, right : edgels of the curve; blur : variance, px^2, of the smoothing that edgels have gone through: it pulls
@@ -99,40 +108,57 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
     hold = np.zeros((0, 0)) if axle is None else np.linalg.inv(axle.covariance(curve.centre))
     told = points, len(left), cameras[0], cameras[1], float(rig.baseline), float(blur), sigma
     try:
-        good, *state = fit_kernels.settle(curve.centre.copy(), curve.normal.copy(), curve.first.copy(),
-                                            curve.radii.astype(float), circle, *told, rounds,
-                                            np.zeros((4, 3)) if axle is None else axle.table, hold * freedom)
+        good, *state = fit_kernels.settle(
+            curve.centre.copy(),
+            curve.normal.copy(),
+            curve.first.copy(),
+            curve.radii.astype(float),
+            circle,
+            *told,
+            rounds,
+            np.zeros((4, 3)) if axle is None else axle.table,
+            hold * freedom,
+        )
         if not good:
             return None
         matrix, _, cost, weights, rows = fit_kernels.equations(*state, circle, *told, r, bend)
         if not np.isfinite(cost):
             return None
         if rough and circle:
-            return replace(curve, centre=state[0], normal=state[1], first=state[2], radii=state[3],
-                           rms=float(np.sqrt(np.mean(np.minimum(r * r, 4.0)))))
+            return replace(
+                curve,
+                centre=state[0],
+                normal=state[1],
+                first=state[2],
+                radii=state[3],
+                rms=float(np.sqrt(np.mean(np.minimum(r * r, 4.0)))),
+            )
         if axle is not None:
             slope = axle.jacobian(state[1], state[2])
             matrix[:5, :5] += slope.T @ hold @ slope * freedom
         inverse = np.linalg.inv(matrix)
         # Edgels side by side are moved together by the light: such a displacement does not average out.
         sector = _sectors(state, points, len(left), rig)
-        shared = fit_kernels.common(rows, weights, np.hypot(shift, COMMON_SHIFT + COMMON_SHARE * sigma), sector,
-                                      2 * SECTORS)
-        shared += fit_kernels.common(rows, weights, EVERYWHERE_SHIFT + EVERYWHERE_SHARE * sigma,
-                                       np.zeros(len(r), np.int64), 1)
+        shared = fit_kernels.common(
+            rows, weights, np.hypot(shift, COMMON_SHIFT + COMMON_SHARE * sigma), sector, 2 * SECTORS
+        )
+        shared += fit_kernels.common(
+            rows, weights, EVERYWHERE_SHIFT + EVERYWHERE_SHARE * sigma, np.zeros(len(r), np.int64), 1
+        )
         together = CORRELATION_LENGTH * max(1.0, float(weights @ (r * r)) / max(len(r) - size, 1))
         spread = matrix * together + shared
         if axle is not None:
             # What the axle says weighs as it does in the matrix, and is as uncertain as it says.
             slope = axle.jacobian(state[1], state[2])
             says = slope.T @ hold @ slope
-            spread -= _widened(says * freedom * together, size) - _widened(says * freedom ** 2, size)
+            spread -= _widened(says * freedom * together, size) - _widened(says * freedom**2, size)
         covariance = inverse @ spread @ inverse
     except np.linalg.LinAlgError:
         return None
     centre, normal, first, radii = state
     if not circle and abs(np.log(radii[0] / radii[1])) < OBLONG * np.sqrt(
-            max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)):
+        max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
+    ):
         return None
     covariance = covariance[:6, :6]
     covariance[5, :] *= RADIUS_WIDER * radii[0]
@@ -147,20 +173,25 @@ def refine(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig, blur: floa
         turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
         covariance = turn @ covariance @ turn.T
     misfit = float(np.median(np.abs(r) / sigma)) / 0.6745
-    return replace(curve, centre=centre, normal=normal, first=first, radii=radii, covariance=covariance, rms=rms,
-                   misfit=misfit)
+    return replace(
+        curve, centre=centre, normal=normal, first=first, radii=radii, covariance=covariance, rms=rms, misfit=misfit
+    )
 
 
 def _widened(matrix: np.ndarray, size: int) -> np.ndarray:
     result = np.zeros((size, size))
-    result[:len(matrix), :len(matrix)] = matrix
+    result[: len(matrix), : len(matrix)] = matrix
     return result
 
 
 def _sectors(state: tuple, points: np.ndarray, count: int, rig: StereoRig) -> np.ndarray:
     """(n,) int64: which image and which sector of the curve edgels are of; the first ``count`` are the left image's."""
-    around = np.concatenate([angles(state[0], state[1], state[2], state[3], p, camera, eye) for p, camera, eye in (
-        (points[:count], rig.left, 0.0), (points[count:], rig.right, rig.baseline))])
+    around = np.concatenate(
+        [
+            angles(state[0], state[1], state[2], state[3], p, camera, eye)
+            for p, camera, eye in ((points[:count], rig.left, 0.0), (points[count:], rig.right, rig.baseline))
+        ]
+    )
     sector = np.floor(around / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
     sector[count:] += SECTORS
     return sector

@@ -49,8 +49,13 @@ def residuals(centre, normal, first, radii, points, count, camera_left, camera_r
     """Distances of edgels from the curve's pictures, pixels, positive outside, into out (n,); bend (n,): what
     smoothing of variance ``blur`` and the edgels' fit move an edgel towards the centre of curvature (already taken off
     ``out``); nothing for points that come from no picture, blur 0."""
-    second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
-                       normal[0] * first[1] - normal[1] * first[0]])
+    second = np.array(
+        [
+            normal[1] * first[2] - normal[2] * first[1],
+            normal[2] * first[0] - normal[0] * first[2],
+            normal[0] * first[1] - normal[1] * first[0],
+        ]
+    )
     major, minor = radii[0] * first, radii[1] * second
     for side in range(2):
         q = _conic(centre, major, minor, camera_left if side == 0 else camera_right, 0.0 if side == 0 else baseline)
@@ -71,8 +76,13 @@ def residuals(centre, normal, first, radii, points, count, camera_left, camera_r
 @njit
 def moved(centre, normal, first, radii, step, circle):
     """A curve changed by a step: centre (3), tilts (2), log radii (1 or 2), turn in the plane (0 or 1)."""
-    second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
-                       normal[0] * first[1] - normal[1] * first[0]])
+    second = np.array(
+        [
+            normal[1] * first[2] - normal[2] * first[1],
+            normal[2] * first[0] - normal[0] * first[2],
+            normal[0] * first[1] - normal[1] * first[0],
+        ]
+    )
     n = normal + step[3] * second - step[4] * first
     n = n / np.sqrt((n * n).sum())
     f = first.copy()
@@ -106,12 +116,14 @@ def jacobian(centre, normal, first, radii, circle, points, count, camera_left, c
 
 
 @njit
-def equations(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
-              out, bend):
+def equations(
+    centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma, out, bend
+):
     """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,), jacobian (n, p); residuals go to
     out."""
-    rows = jacobian(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out,
-                    bend)
+    rows = jacobian(
+        centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out, bend
+    )
     n, size = rows.shape
     weights = np.empty(n)
     ratio = np.abs(out) / sigma
@@ -180,8 +192,13 @@ def _hold_to(axle, hold, centre, normal, first, matrix, gradient):
     off = np.empty(4)
     sign = axle_residual(axle, centre, normal, off)
     slope = np.zeros((4, 5))
-    second = np.array([normal[1] * first[2] - normal[2] * first[1], normal[2] * first[0] - normal[0] * first[2],
-                       normal[0] * first[1] - normal[1] * first[0]])
+    second = np.array(
+        [
+            normal[1] * first[2] - normal[2] * first[1],
+            normal[2] * first[0] - normal[0] * first[2],
+            normal[0] * first[1] - normal[1] * first[0],
+        ]
+    )
     for k in range(2):
         slope[k, 3] = sign * (axle[2 + k] * second).sum()
         slope[k, 4] = -sign * (axle[2 + k] * first).sum()
@@ -198,8 +215,23 @@ def _hold_to(axle, hold, centre, normal, first, matrix, gradient):
 
 
 @njit
-def settle(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma,
-           rounds, axle, hold):
+def settle(
+    centre,
+    normal,
+    first,
+    radii,
+    circle,
+    points,
+    count,
+    camera_left,
+    camera_right,
+    baseline,
+    blur,
+    sigma,
+    rounds,
+    axle,
+    hold,
+):
     """Moves a curve until its pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
     axle, hold : see :func:`_hold_to`; hold is (0, 0) when nothing holds the curve. Returns whether that went well, and
@@ -211,8 +243,22 @@ def settle(centre, normal, first, radii, circle, points, count, camera_left, cam
     off = np.empty(4)
     damping = 1e-3
     for _ in range(rounds):
-        matrix, gradient, cost, weights, _rows = equations(centre, normal, first, radii, circle, points, count,
-                                                           camera_left, camera_right, baseline, blur, sigma, out, bend)
+        matrix, gradient, cost, weights, _rows = equations(
+            centre,
+            normal,
+            first,
+            radii,
+            circle,
+            points,
+            count,
+            camera_left,
+            camera_right,
+            baseline,
+            blur,
+            sigma,
+            out,
+            bend,
+        )
         if held:
             cost += _hold_to(axle, hold, centre, normal, first, matrix, gradient)
         if not (np.isfinite(cost) and np.isfinite(matrix).all()):

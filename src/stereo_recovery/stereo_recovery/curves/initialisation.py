@@ -42,8 +42,9 @@ def pairs(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[int, int,
     return result
 
 
-def followed(matches: Matches, left: Pieces, right: Pieces, arc: int, is_right: bool,
-             counts: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def followed(
+    matches: Matches, left: Pieces, right: Pieces, arc: int, is_right: bool, counts: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """What an arc of one image matches in the other, arc or not.
 
     counts : edgels of the images. Returns the edgels of the arc and its matches, left and right (bool over all),
@@ -87,8 +88,9 @@ def shears(left: Ellipse, right: Ellipse, samples: np.ndarray) -> list[np.ndarra
         for _ in range(5):
             mean = np.average(samples[:, :2], axis=0, weights=weights)
             centred = design - np.array([*mean, 0.0])
-            plane = np.linalg.solve(centred.T @ (weights[:, None] * centred) + prior,
-                                    centred.T @ (weights * samples[:, 2]))
+            plane = np.linalg.solve(
+                centred.T @ (weights[:, None] * centred) + prior, centred.T @ (weights * samples[:, 2])
+            )
             weights = 1.0 / (1.0 + ((samples[:, 2] - centred @ plane) / 0.5) ** 2)
         found.append(np.array([plane[0], plane[1], plane[2] - plane[:2] @ mean]))
     return found
@@ -191,8 +193,18 @@ def circles_of(ellipse: Ellipse, samples: np.ndarray, rig: StereoRig, right: boo
             continue
         size = float(np.median(radius))
         first = cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-        found.append(Curve(size * centre + [eye, 0.0, 0.0], normal, first / np.linalg.norm(first), np.full(2, size),
-                           np.zeros((6, 6)), np.inf, none, none))
+        found.append(
+            Curve(
+                size * centre + [eye, 0.0, 0.0],
+                normal,
+                first / np.linalg.norm(first),
+                np.full(2, size),
+                np.zeros((6, 6)),
+                np.inf,
+                none,
+                none,
+            )
+        )
     return found
 
 
@@ -208,5 +220,5 @@ def inner(mask: np.ndarray, share: float) -> np.ndarray:
     index = np.flatnonzero(mask)
     cut = int(share * len(index))
     result = np.zeros(len(mask), bool)
-    result[index[cut:len(index) - cut]] = True
+    result[index[cut : len(index) - cut]] = True
     return result

@@ -77,8 +77,12 @@ class _Beside:
     def sides(self, touch: float, reach: float) -> np.ndarray:
         """(n,) int8, see :func:`touching`."""
         # It ends at the rim, or far from it; it does not pass it.
-        near = self.straight & (self.off < touch) & (-self.inside < reach * self.radius) & (
-            self.inside < 0.25 * self.length)
+        near = (
+            self.straight
+            & (self.off < touch)
+            & (-self.inside < reach * self.radius)
+            & (self.inside < 0.25 * self.length)
+        )
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
     def within(self, touch: float) -> np.ndarray:
@@ -104,8 +108,7 @@ def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, 
     contact = contact[:, :2] / contact[:, 2:]
     order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
     lines, contact = lines[order], contact[order]
-    radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2]))
-                     / np.linalg.eigvalsh(conic[:2, :2])[0])
+    radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2])) / np.linalg.eigvalsh(conic[:2, :2])[0])
     ends = (pieces.start, pieces.end)
     off = np.maximum(*(np.abs(lines[:, :2] @ end.T + lines[:, 2:]) for end in ends))
     place = contact @ pieces.direction.T - (pieces.centre * pieces.direction).sum(axis=1)
@@ -113,7 +116,8 @@ def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, 
     # An axis that is not quite known turns its outlines.
     far = np.maximum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
     slack = np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0) + np.minimum(
-        3.0 * curve.tilt * far, MOST_TURN)
+        3.0 * curve.tilt * far, MOST_TURN
+    )
     before = np.zeros(off.shape, bool)
     if apex[3] != 0.0 and seen[2] > 0.0:
         reach = seen[:2] / seen[2] - contact
@@ -123,8 +127,15 @@ def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, 
     return _Beside(off - slack, inside, float(radius), straight, pieces.length, before)
 
 
-def touching(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float, touch: float = TOUCH,
-             reach: float = REACH) -> np.ndarray:
+def touching(
+    curve: Curve,
+    apex: np.ndarray,
+    pieces: Pieces,
+    matrix: np.ndarray,
+    eye: float,
+    touch: float = TOUCH,
+    reach: float = REACH,
+) -> np.ndarray:
     """(n,) int8: 1 or 2 for straight pieces that run along one or the other outline, else 0.
 
     apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder;
@@ -166,27 +177,43 @@ def longest(touches: tuple[np.ndarray, np.ndarray], pieces: tuple[Pieces, Pieces
             eyes.append([eye, 0.0, 0.0])
             rays.append(sight)
             sides.append(name)
-    return Outlines(np.array(normals).reshape(-1, 3), np.array(sigma), np.array(eyes).reshape(-1, 3),
-                     np.array(rays).reshape(-1, 2, 3), np.array(sides))
+    return Outlines(
+        np.array(normals).reshape(-1, 3),
+        np.array(sigma),
+        np.array(eyes).reshape(-1, 3),
+        np.array(rays).reshape(-1, 2, 3),
+        np.array(sides),
+    )
 
 
 def of_cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Outlines:
     """The outlines that a rim has if it bounds a cylinder."""
     apex = np.append(curve.normal, 0.0)
-    return longest((touching(curve, apex, pieces[0], rig.left.matrix, 0.0),
-                    touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline)), pieces, rig)
+    return longest(
+        (
+            touching(curve, apex, pieces[0], rig.left.matrix, 0.0),
+            touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline),
+        ),
+        pieces,
+        rig,
+    )
 
 
-def contours(lines: Lines3D | Matches, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]],
-             rig: StereoRig) -> np.ndarray:
+def contours(
+    lines: Lines3D | Matches, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]], rig: StereoRig
+) -> np.ndarray:
     """(n,) bool: matched pieces that are the outline of one of the surfaces (rim and apex) in both images, or beyond
     doubt in one."""
     result = np.zeros(len(lines), bool)
     for curve, apex in surfaces:
-        beside = [_beside(curve, apex, side, camera.matrix, eye) for side, camera, eye in (
-            (pieces[0], rig.left, 0.0), (pieces[1], rig.right, rig.baseline))]
-        usual, sure, loose = ([b.sides(touch, reach)[index] for b, index in zip(beside, (lines.left, lines.right))]
-                              for touch, reach in ((TOUCH, FAR_REACH), (SURE_TOUCH, SURE_REACH), (LOOSE_TOUCH, REACH)))
+        beside = [
+            _beside(curve, apex, side, camera.matrix, eye)
+            for side, camera, eye in ((pieces[0], rig.left, 0.0), (pieces[1], rig.right, rig.baseline))
+        ]
+        usual, sure, loose = (
+            [b.sides(touch, reach)[index] for b, index in zip(beside, (lines.left, lines.right))]
+            for touch, reach in ((TOUCH, FAR_REACH), (SURE_TOUCH, SURE_REACH), (LOOSE_TOUCH, REACH))
+        )
         result |= (usual[0] != 0) & (usual[0] == usual[1])
         if apex[3] != 0.0:
             one, other = (b.within(SURE_TOUCH)[index] != 0 for b, index in zip(beside, (lines.left, lines.right)))

@@ -36,8 +36,9 @@ SAME_RIM = 0.04
 SAME_PLANE = 0.995
 
 
-def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[Edgels, Edgels], rig: StereoRig,
-              blur: float) -> list[Curve]:
+def completed(
+    curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> list[Curve]:
     """The curves, and rims found at the far ends of the outlines of those that bound a cylinder."""
     result = list(curves)
     for curve in curves:
@@ -52,8 +53,11 @@ def completed(curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[
         ends = ends[np.argsort(-np.abs(ends))]
         tried: list[float] = []
         for place in ends:
-            known = [float((c.centre - curve.centre) @ curve.normal) for c in result
-                     if np.linalg.norm(np.cross(c.centre - curve.centre, curve.normal)) < APART * curve.radii[0]]
+            known = [
+                float((c.centre - curve.centre) @ curve.normal)
+                for c in result
+                if np.linalg.norm(np.cross(c.centre - curve.centre, curve.normal)) < APART * curve.radii[0]
+            ]
             if min(abs(place - other) for other in [*known, *tried, 0.0]) < APART * curve.radii[0]:
                 continue
             tried.append(float(place))
@@ -74,9 +78,12 @@ def counterparts(curves: Sequence[Curve], edgels: tuple[Edgels, Edgels], rig: St
             run = other.centre - curve.centre
             height = float(run @ curve.normal)
             radius = curve.radii[0]
-            if (abs(curve.normal @ other.normal) < SAME_PLANE or abs(height) < APART * radius
-                    or abs(other.radii[0] / radius - 1.0) > SAME_RADIUS
-                    or np.linalg.norm(run - height * curve.normal) > WIDEST_BLOCK * radius):
+            if (
+                abs(curve.normal @ other.normal) < SAME_PLANE
+                or abs(height) < APART * radius
+                or abs(other.radii[0] / radius - 1.0) > SAME_RADIUS
+                or np.linalg.norm(run - height * curve.normal) > WIDEST_BLOCK * radius
+            ):
                 continue
             centre = curve.centre + height * curve.normal
             if any(np.linalg.norm(c.centre - centre) < APART * radius for c in [*curves, *result]):
@@ -85,8 +92,13 @@ def counterparts(curves: Sequence[Curve], edgels: tuple[Edgels, Edgels], rig: St
             spread[:3, :3] += other.covariance[:3, :3] + (curve.tilt * height) ** 2 * np.eye(3)
             moved = replace(curve, centre=centre, covariance=spread)
             if centre[2] > 0.0:
-                result.append(replace(moved, left=claimed(moved, edgels[0], rig, 0.0, blur)[0],
-                                      right=claimed(moved, edgels[1], rig, rig.baseline, blur)[0]))
+                result.append(
+                    replace(
+                        moved,
+                        left=claimed(moved, edgels[0], rig, 0.0, blur)[0],
+                        right=claimed(moved, edgels[1], rig, rig.baseline, blur)[0],
+                    )
+                )
     return result
 
 
@@ -94,8 +106,11 @@ def _closes(curve: Curve, other: Curve) -> bool:
     """Whether another rim is the other end of a curve's cylinder."""
     run = other.centre - curve.centre
     along = float(run @ curve.normal)
-    return bool(abs(along) > APART * curve.radii[0] and abs(other.radii[0] / curve.radii[0] - 1.0) < SAME_RADIUS
-                and np.linalg.norm(run - along * curve.normal) < APART * curve.radii[0])
+    return bool(
+        abs(along) > APART * curve.radii[0]
+        and abs(other.radii[0] / curve.radii[0] - 1.0) < SAME_RADIUS
+        and np.linalg.norm(run - along * curve.normal) < APART * curve.radii[0]
+    )
 
 
 def distinct(curves: list[Curve]) -> list[Curve]:
@@ -105,8 +120,11 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
         for k, other in enumerate(kept):
             near = SAME_RIM * other.radii[0]
-            if (np.linalg.norm(curve.centre - other.centre) < near and np.abs(curve.radii - other.radii).max() < near
-                    and abs(curve.normal @ other.normal) > SAME_PLANE):
+            if (
+                np.linalg.norm(curve.centre - other.centre) < near
+                and np.abs(curve.radii - other.radii).max() < near
+                and abs(curve.normal @ other.normal) > SAME_PLANE
+            ):
                 kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
                 break
         else:
@@ -114,13 +132,16 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     return kept
 
 
-def _rim_at(curve: Curve, place: float, others: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig,
-            blur: float) -> Curve | None:
+def _rim_at(
+    curve: Curve, place: float, others: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> Curve | None:
     expected = replace(curve, centre=curve.centre + place * curve.normal)
     if expected.centre[2] <= 0.0:
         return None
-    masks = (_near(expected, edgels[0], rig.left.matrix, 0.0, [c.left for c in others]),
-             _near(expected, edgels[1], rig.right.matrix, rig.baseline, [c.right for c in others]))
+    masks = (
+        _near(expected, edgels[0], rig.left.matrix, 0.0, [c.left for c in others]),
+        _near(expected, edgels[1], rig.right.matrix, rig.baseline, [c.right for c in others]),
+    )
     if min(int(mask.sum()) for mask in masks) < LEAST_EDGELS:
         return None
     found = recover_curve(expected, *edgels, masks, rig, blur, axle_of(curve))

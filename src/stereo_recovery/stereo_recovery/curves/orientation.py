@@ -45,8 +45,11 @@ def on_faces(curves: Sequence[Curve], ends: np.ndarray, sigma: np.ndarray) -> li
     """
     result = []
     for curve in curves:
-        if near_side_only(curve) and curve.normal @ curve.centre > 0.0 and (
-                _edges_beyond(curve, ends, sigma) or any(_ring_beyond(curve, c) for c in curves if c is not curve)):
+        if (
+            near_side_only(curve)
+            and curve.normal @ curve.centre > 0.0
+            and (_edges_beyond(curve, ends, sigma) or any(_ring_beyond(curve, c) for c in curves if c is not curve))
+        ):
             curve = turned(curve)
         result.append(curve)
     return result
@@ -83,7 +86,8 @@ def _ring_beyond(curve: Curve, other: Curve) -> bool:
     run = other.centre - curve.centre
     distance = np.linalg.norm(run) + other.radii[0]
     if abs(run @ curve.normal) + other.radii[0] * np.linalg.norm(np.cross(curve.normal, other.normal)) > _slack(
-            curve, distance):
+        curve, distance
+    ):
         return False
     far = -(run @ _towards(curve)) + other.radii[0]
     return bool(other.arc[1] >= PART and far > 1.05 * curve.radii[0])

@@ -82,8 +82,9 @@ ON_AXLE = 20.0
 WORST_MISFIT = 3.0
 
 
-def claimed(curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float,
-            wide: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def claimed(
+    curve: Curve, edgels: Edgels, rig: StereoRig, eye: float, blur: float, wide: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     """Edgels of the image seen from (eye, 0, 0) that are the curve's, (n,) bool, and those of them that measure it.
 
     The former lie on its picture and point across it. How near the latter have to be depends on how well the curve fits
@@ -117,9 +118,20 @@ def foreseen(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float, blur:
     camera = rig.left if eye == 0.0 else rig.right
     matrix = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     spare = np.empty(len(points)), np.empty(len(points))
-    rows = fit_kernels.jacobian(curve.centre, curve.normal, curve.first, np.asarray(curve.radii, dtype=np.float64),
-                                  True, np.ascontiguousarray(points), len(points) if eye == 0.0 else 0, matrix, matrix,
-                                  float(eye), float(blur), *spare)
+    rows = fit_kernels.jacobian(
+        curve.centre,
+        curve.normal,
+        curve.first,
+        np.asarray(curve.radii, dtype=np.float64),
+        True,
+        np.ascontiguousarray(points),
+        len(points) if eye == 0.0 else 0,
+        matrix,
+        matrix,
+        float(eye),
+        float(blur),
+        *spare,
+    )
     rows[:, 5] /= curve.radii[0]
     return np.einsum('ni,ij,nj->n', rows, curve.covariance, rows)
 
@@ -130,9 +142,20 @@ def distances(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float, blur
     camera = rig.left if eye == 0.0 else rig.right
     matrix = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
     distance, bend = np.empty(len(points)), np.empty(len(points))
-    fit_kernels.residuals(curve.centre, curve.normal, curve.first, np.asarray(curve.radii, dtype=np.float64),
-                            np.ascontiguousarray(points), len(points) if eye == 0.0 else 0, matrix, matrix, float(eye),
-                            float(blur), distance, bend)
+    fit_kernels.residuals(
+        curve.centre,
+        curve.normal,
+        curve.first,
+        np.asarray(curve.radii, dtype=np.float64),
+        np.ascontiguousarray(points),
+        len(points) if eye == 0.0 else 0,
+        matrix,
+        matrix,
+        float(eye),
+        float(blur),
+        distance,
+        bend,
+    )
     return distance
 
 
@@ -150,7 +173,7 @@ def _without_ends(near: np.ndarray, position: np.ndarray) -> np.ndarray:
         # A closed string begins somewhere; there is no corner there.
         closed = b - a > 8 and np.hypot(*(position[index[a]] - position[index[b - 1]])) < 3.0
         cut = 0 if closed else CORNER_EDGELS
-        kept[index[a + cut:b - cut]] = True
+        kept[index[a + cut : b - cut]] = True
     return kept
 
 
@@ -178,8 +201,15 @@ def _seen(curve: Curve, left: Edgels, right: Edgels, rig: StereoRig) -> tuple[tu
     return (2.0 * np.pi * start / bins, 2.0 * np.pi * (bins - length) / bins), float(hit.mean())
 
 
-def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.ndarray, np.ndarray],
-                  rig: StereoRig, blur: float, axle: Axle | None = None) -> Curve | None:
+def recover_curve(
+    start: Curve,
+    left: Edgels,
+    right: Edgels,
+    chosen: tuple[np.ndarray, np.ndarray],
+    rig: StereoRig,
+    blur: float,
+    axle: Axle | None = None,
+) -> Curve | None:
     """From a rough curve to the final one.
 
     left, right : all edgels of the images; chosen : bool over them, those that certainly belong to it; axle : holds it.
@@ -197,8 +227,9 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
     # An ellipse, which has more to learn, picks up its edgels step by step.
     for turn in range(2 if curve.radii[0] == curve.radii[1] else ELLIPSE_TURNS):
         wide = turn == 0 or bool(curve.radii[0] != curve.radii[1])
-        (on_left, fit_left), (on_right, fit_right) = (claimed(curve, edgels, rig, eye, blur, wide) for edgels, eye in (
-            (left, 0.0), (right, rig.baseline)))
+        (on_left, fit_left), (on_right, fit_right) = (
+            claimed(curve, edgels, rig, eye, blur, wide) for edgels, eye in ((left, 0.0), (right, rig.baseline))
+        )
         if min(fit_left.sum(), fit_right.sum()) < 8:
             return None
         changed = sum(int((a != b).sum()) for a, b in zip(fitted, (fit_left, fit_right))) if turn else len(left)
@@ -206,16 +237,18 @@ def recover_curve(start: Curve, left: Edgels, right: Edgels, chosen: tuple[np.nd
             break
         fitted = (fit_left, fit_right)
         mine = (left.select(fit_left), right.select(fit_right))
-        again = refine(curve, *mine, rig, blur, circle=bool(curve.radii[0] == curve.radii[1]), rounds=6,
-                       axle=axle)
+        again = refine(curve, *mine, rig, blur, circle=bool(curve.radii[0] == curve.radii[1]), rounds=6, axle=axle)
         if again is None:
             return None
         curve = replace(again, left=on_left, right=on_right)
         doubtful = curve.rms > ROUND_RMS or curve.misfit > ROUND_MISFIT
         if axle is None and curve.radii[0] == curve.radii[1] and doubtful:
             ellipse = refine(curve, *mine, rig, blur, circle=False, rounds=6)
-            if (ellipse is not None and ellipse.rms ** 2 * ELLIPSE_GAIN < curve.rms ** 2
-                    and ellipse.radii[1] < ELLIPSE_RATIO * ellipse.radii[0]):
+            if (
+                ellipse is not None
+                and ellipse.rms**2 * ELLIPSE_GAIN < curve.rms**2
+                and ellipse.radii[1] < ELLIPSE_RATIO * ellipse.radii[0]
+            ):
                 curve = ellipse
     if curve.rms > WORST_RMS:
         return None
@@ -239,17 +272,35 @@ class _Arcs:
         return bool(curve.left[self.left].mean() > 0.5 and curve.right[self.right].mean() > 0.5)
 
 
-def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tuple[list[Ellipse], list[Ellipse]],
-                   edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
+def recover_curves(
+    matches: Matches,
+    left: Pieces,
+    right: Pieces,
+    ellipses: tuple[list[Ellipse], list[Ellipse]],
+    edgels: tuple[Edgels, Edgels],
+    rig: StereoRig,
+    blur: float,
+) -> list[Curve]:
     """All planar curves of a pair; none shares half of its edgels with a better one.
 
     Those that their own edgels determine come first, on most edgels first. What is left is tried on their axes, and
     what is known less well than another curve on its axis is held to that.
     """
-    masks = [[edgels_of(pieces, k, len(e)) for k in range(len(conics))]
-             for pieces, conics, e in zip((left, right), ellipses, edgels)]
-    arcs = [_Arcs(masks[0][a], masks[1][b], ellipses[0][a], ellipses[1][b], samples,
-                  shears(ellipses[0][a], ellipses[1][b], samples)) for a, b, samples in pairs(matches, left, right)]
+    masks = [
+        [edgels_of(pieces, k, len(e)) for k in range(len(conics))]
+        for pieces, conics, e in zip((left, right), ellipses, edgels)
+    ]
+    arcs = [
+        _Arcs(
+            masks[0][a],
+            masks[1][b],
+            ellipses[0][a],
+            ellipses[1][b],
+            samples,
+            shears(ellipses[0][a], ellipses[1][b], samples),
+        )
+        for a, b, samples in pairs(matches, left, right)
+    ]
     found: list[Curve] = []
     rest: list[_Arcs] = []
     for item in sorted(arcs, key=lambda arc: -int(arc.left.sum())):
@@ -258,8 +309,11 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
         curve = _fitted(_starts(item, edgels, rig, blur), item, edgels, rig, blur)
         if curve is None or not _convincing(curve, item):
             # Arcs seen nearly edge-on, or in small parts, tell their plane better to one eye than by their disparities.
-            one_eyed = [start for ellipse, is_right in ((item.ellipse, False), (item.right_ellipse, True))
-                        for start in circles_of(ellipse, item.samples, rig, is_right)]
+            one_eyed = [
+                start
+                for ellipse, is_right in ((item.ellipse, False), (item.right_ellipse, True))
+                for start in circles_of(ellipse, item.samples, rig, is_right)
+            ]
             other = _fitted(_rivals(one_eyed, item, edgels, rig, blur), item, edgels, rig, blur)
             curve = _best([curve, other], item, edgels, rig, blur)
         if curve and determined(curve):
@@ -280,8 +334,14 @@ def recover_curves(matches: Matches, left: Pieces, right: Pieces, ellipses: tupl
     for item in rest:
         if ways and not any(item.shared_with(c) for c in found):
             held = [_held(item, axle, edgels, rig, blur) for _, axle in ways]
-            good = [c for c in held if c is not None and c.misfit < ROUND_MISFIT and c.rms < FOLLOWED_RMS
-                    and min(c.left[item.left].mean(), c.right[item.right].mean()) > MOST_OF_ARC]
+            good = [
+                c
+                for c in held
+                if c is not None
+                and c.misfit < ROUND_MISFIT
+                and c.rms < FOLLOWED_RMS
+                and min(c.left[item.left].mean(), c.right[item.right].mean()) > MOST_OF_ARC
+            ]
             found += [min(good, key=lambda c: c.rms)] if good else []
     steady = [_steadied(c, axles, edgels, rig, blur) for c in found]
     return [_parallel(c, ways) if c.tilt > VAGUE_TILT else c for c in steady]
@@ -303,8 +363,9 @@ def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: fl
     contour or an edge, its ends may not be its own.
     """
     best, index = None, 0
-    mine = [(edgels[0].select(inner(item.left, share)), edgels[1].select(inner(item.right, share)))
-            for share in (0.0, TRIM)]
+    mine = [
+        (edgels[0].select(inner(item.left, share)), edgels[1].select(inner(item.right, share))) for share in (0.0, TRIM)
+    ]
     for k, some in enumerate(mine):
         for shear in item.planes:
             start = lift(item.ellipse, shear, rig)
@@ -323,72 +384,123 @@ def _starts(item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: fl
     return [best, other]
 
 
-def _rivals(starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
-            blur: float) -> list[Curve]:
+def _rivals(
+    starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> list[Curve]:
     """The best circle from given starts, and the next in another plane when that fits nearly as well."""
     mine = edgels[0].select(item.left), edgels[1].select(item.right)
     tried = [refine(start, *mine, rig, blur, circle=True, rounds=8, rough=True) for start in starts]
     good = sorted((c for c in tried if c is not None), key=lambda c: c.rms)
-    others = [c for c in good[1:] if abs(c.normal @ good[0].normal) < SAME_PLANE
-              and c.rms < RIVAL * (good[0].rms + 0.02)]
+    others = [
+        c for c in good[1:] if abs(c.normal @ good[0].normal) < SAME_PLANE and c.rms < RIVAL * (good[0].rms + 0.02)
+    ]
     return good[:1] + others[:1]
 
 
-def _fitted(starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
-            blur: float) -> Curve | None:
-    return _best([recover_curve(start, *edgels, (item.left, item.right), rig, blur) for start in starts], item, edgels,
-                 rig, blur)
+def _fitted(
+    starts: list[Curve], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> Curve | None:
+    return _best(
+        [recover_curve(start, *edgels, (item.left, item.right), rig, blur) for start in starts], item, edgels, rig, blur
+    )
 
 
 def _convincing(curve: Curve, item: _Arcs) -> bool:
     """Whether a curve is determined, fits as its edgels say, and is where nearly all of the arcs' edgels are."""
-    return bool(determined(curve) and curve.misfit < ROUND_MISFIT and curve.tilt < SURE_TILT
-                and min(curve.left[item.left].mean(), curve.right[item.right].mean()) > MOST_OF_ARC)
+    return bool(
+        determined(curve)
+        and curve.misfit < ROUND_MISFIT
+        and curve.tilt < SURE_TILT
+        and min(curve.left[item.left].mean(), curve.right[item.right].mean()) > MOST_OF_ARC
+    )
 
 
-def _best(curves: list[Curve | None], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig,
-          blur: float) -> Curve | None:
+def _best(
+    curves: list[Curve | None], item: _Arcs, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> Curve | None:
     """The one that fits best to the edgels that any of them, or the arcs, claim."""
     good = [c for c in curves if c is not None]
     if len(good) < 2:
         return good[0] if good else None
     masks = (item.left | np.any([c.left for c in good], axis=0), item.right | np.any([c.right for c in good], axis=0))
-    off = [np.concatenate([np.abs(distances(c, edgels[0].position[masks[0]], rig, 0.0, blur)),
-                           np.abs(distances(c, edgels[1].position[masks[1]], rig, rig.baseline, blur))]) for c in good]
+    off = [
+        np.concatenate(
+            [
+                np.abs(distances(c, edgels[0].position[masks[0]], rig, 0.0, blur)),
+                np.abs(distances(c, edgels[1].position[masks[1]], rig, rig.baseline, blur)),
+            ]
+        )
+        for c in good
+    ]
     sigma = np.concatenate([np.hypot(e.sigma_position, e.shift)[mask] for e, mask in zip(edgels, masks)])
     return min(zip(good, off), key=lambda pair: np.minimum(pair[1] / (RIVAL_SIGMA * sigma + RIVAL_OFF), 1.0).sum())[0]
 
 
-def _followed(arc: int, is_right: bool, ellipse: Ellipse, matches: Matches, left: Pieces, right: Pieces,
-              found: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> Curve | None:
+def _followed(
+    arc: int,
+    is_right: bool,
+    ellipse: Ellipse,
+    matches: Matches,
+    left: Pieces,
+    right: Pieces,
+    found: list[Curve],
+    edgels: tuple[Edgels, Edgels],
+    rig: StereoRig,
+    blur: float,
+) -> Curve | None:
     """A circle that is an arc to one eye and something straight, or in pieces, to the other; None if nothing is."""
     *masks, samples, share = followed(matches, left, right, arc, is_right, (len(edgels[0]), len(edgels[1])))
-    known = [np.any([getattr(c, name) for c in found], axis=0) if found else np.zeros(len(e), bool)
-             for name, e in zip(('left', 'right'), edgels)]
-    if share < MATCHED or min(int(m.sum()) for m in masks) < LEAST_FOLLOWED or any(
-            k[m].mean() > 0.5 for k, m in zip(known, masks)):
+    known = [
+        np.any([getattr(c, name) for c in found], axis=0) if found else np.zeros(len(e), bool)
+        for name, e in zip(('left', 'right'), edgels)
+    ]
+    if (
+        share < MATCHED
+        or min(int(m.sum()) for m in masks) < LEAST_FOLLOWED
+        or any(k[m].mean() > 0.5 for k, m in zip(known, masks))
+    ):
         return None
     mine = edgels[0].select(masks[0]), edgels[1].select(masks[1])
-    starts = [refine(start, *mine, rig, blur, circle=True, rounds=8, rough=True) for start in circles_of(
-        ellipse, samples, rig, is_right)]
-    curves = [recover_curve(start, *edgels, (masks[0], masks[1]), rig, blur) for start in starts
-              if start is not None and start.rms < WORST_RMS]
-    good = [c for c in curves if c is not None and determined(c) and c.misfit < ROUND_MISFIT
-            and c.coverage > FOLLOWED_COVERAGE and c.rms < FOLLOWED_RMS
-            and np.sqrt(c.covariance[5, 5]) < FOLLOWED_GROWTH * c.radii[0] and c.left[masks[0]].mean() > FOLLOWED
-            and c.right[masks[1]].mean() > FOLLOWED]
+    starts = [
+        refine(start, *mine, rig, blur, circle=True, rounds=8, rough=True)
+        for start in circles_of(ellipse, samples, rig, is_right)
+    ]
+    curves = [
+        recover_curve(start, *edgels, (masks[0], masks[1]), rig, blur)
+        for start in starts
+        if start is not None and start.rms < WORST_RMS
+    ]
+    good = [
+        c
+        for c in curves
+        if c is not None
+        and determined(c)
+        and c.misfit < ROUND_MISFIT
+        and c.coverage > FOLLOWED_COVERAGE
+        and c.rms < FOLLOWED_RMS
+        and np.sqrt(c.covariance[5, 5]) < FOLLOWED_GROWTH * c.radii[0]
+        and c.left[masks[0]].mean() > FOLLOWED
+        and c.right[masks[1]].mean() > FOLLOWED
+    ]
     return min(good, key=lambda c: c.rms) if good else None
 
 
 def determined(curve: Curve) -> bool:
     """Whether the curve's own edgels say where it is."""
-    return bool(curve.coverage > LEAST_COVERAGE and curve.tilt < MOST_TILT
-                and np.sqrt(curve.covariance[5, 5]) < MOST_GROWTH * curve.radii[0])
+    return bool(
+        curve.coverage > LEAST_COVERAGE
+        and curve.tilt < MOST_TILT
+        and np.sqrt(curve.covariance[5, 5]) < MOST_GROWTH * curve.radii[0]
+    )
 
 
 def axle_of(curve: Curve) -> Axle:
-    return Axle(curve.centre, curve.normal, curve.covariance[:3, :3] + (TRUE_AXLE * curve.radii[0]) ** 2 * np.eye(3),
-                float(np.hypot(curve.tilt, TRUE_AXLE)))
+    return Axle(
+        curve.centre,
+        curve.normal,
+        curve.covariance[:3, :3] + (TRUE_AXLE * curve.radii[0]) ** 2 * np.eye(3),
+        float(np.hypot(curve.tilt, TRUE_AXLE)),
+    )
 
 
 def _held(item: _Arcs, axle: Axle, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> Curve | None:
@@ -408,8 +520,9 @@ def _held(item: _Arcs, axle: Axle, edgels: tuple[Edgels, Edgels], rig: StereoRig
     return curve if off @ np.linalg.solve(axle.covariance(curve.centre), off) < ON_AXLE else None
 
 
-def _steadied(curve: Curve, axles: list[tuple[Curve, Axle]], edgels: tuple[Edgels, Edgels], rig: StereoRig,
-              blur: float) -> Curve:
+def _steadied(
+    curve: Curve, axles: list[tuple[Curve, Axle]], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> Curve:
     """The curve held to the axis of one that is known better, if its own edgels allow that."""
     if curve.radii[0] != curve.radii[1]:
         return curve
@@ -422,10 +535,12 @@ def _steadied(curve: Curve, axles: list[tuple[Curve, Axle]], edgels: tuple[Edgel
         spread = axle.covariance(curve.centre) + slope @ curve.covariance[:5, :5] @ slope.T
         if off @ np.linalg.solve(spread, off) > ON_AXLE:
             continue
-        (on_left, fit_left), (on_right, fit_right) = (claimed(curve, e, rig, eye, blur) for e, eye in (
-            (edgels[0], 0.0), (edgels[1], rig.baseline)))
-        held = refine(curve, edgels[0].select(fit_left), edgels[1].select(fit_right), rig, blur, circle=True, rounds=6,
-                      axle=axle)
+        (on_left, fit_left), (on_right, fit_right) = (
+            claimed(curve, e, rig, eye, blur) for e, eye in ((edgels[0], 0.0), (edgels[1], rig.baseline))
+        )
+        held = refine(
+            curve, edgels[0].select(fit_left), edgels[1].select(fit_right), rig, blur, circle=True, rounds=6, axle=axle
+        )
         if held is not None and held.tilt < best.tilt and held.rms < 1.2 * curve.rms + 0.01:
             best = replace(held, left=on_left, right=on_right)
     return best
@@ -443,17 +558,29 @@ def _parallel(curve: Curve, ways: list[tuple[Curve, Axle]]) -> Curve:
             continue
         off, slope = axle.residual(curve.centre, curve.normal)[:2], np.zeros((2, 6))
         slope[:, :5] = axle.jacobian(curve.normal, curve.first)[:2]
-        spread = slope @ curve.covariance @ slope.T + axle.tilt ** 2 * np.eye(2)
+        spread = slope @ curve.covariance @ slope.T + axle.tilt**2 * np.eye(2)
         if off @ np.linalg.solve(spread, off) > PARALLEL_GATE:
             continue
         gain = np.linalg.solve(spread, slope @ curve.covariance).T
         step = -gain @ off
         growth = float(np.log1p(max(step[5] / curve.radii[0], -0.5)))
-        moved = fit_kernels.moved(curve.centre, curve.normal, curve.first, curve.radii.astype(float),
-                                    np.array([*step[:5], growth, growth, 0.0]), True)
+        moved = fit_kernels.moved(
+            curve.centre,
+            curve.normal,
+            curve.first,
+            curve.radii.astype(float),
+            np.array([*step[:5], growth, growth, 0.0]),
+            True,
+        )
         covariance = curve.covariance - gain @ slope @ curve.covariance
-        return replace(curve, centre=moved[0], normal=moved[1], first=moved[2], radii=moved[3],
-                       covariance=0.5 * (covariance + covariance.T))
+        return replace(
+            curve,
+            centre=moved[0],
+            normal=moved[1],
+            first=moved[2],
+            radii=moved[3],
+            covariance=0.5 * (covariance + covariance.T),
+        )
     return curve
 
 
@@ -478,5 +605,12 @@ def curve_features(curves: list[Curve]) -> FeatureSet:
         along.append(3.0 * np.sqrt(c.normal @ spread @ c.normal))
         flat = np.stack([c.first, c.second])
         across.append(3.0 * np.sqrt(np.linalg.eigvalsh(flat @ spread @ flat.T)[-1]))
-    return FeatureSet.from_curves([c.centre for c in curves], [c.normal for c in curves], [c.radii for c in curves],
-                                  along, across, [c.first for c in curves], [c.arc for c in curves])
+    return FeatureSet.from_curves(
+        [c.centre for c in curves],
+        [c.normal for c in curves],
+        [c.radii for c in curves],
+        along,
+        across,
+        [c.first for c in curves],
+        [c.arc for c in curves],
+    )

@@ -35,8 +35,9 @@ def without_balls(curves: list[Curve], edgels: tuple[Edgels, Edgels], rig: Stere
     """
     balls = [ball for curve in curves if (ball := _ball(curve, edgels, rig, blur)) is not None]
     on = [_on_outline(ball, edgels, rig, blur) for ball in balls]
-    return [c for c in curves if not any(left[c.left].mean() > MOST and right[c.right].mean() > MOST
-                                         for left, right in on)]
+    return [
+        c for c in curves if not any(left[c.left].mean() > MOST and right[c.right].mean() > MOST for left, right in on)
+    ]
 
 
 def _ball(curve: Curve, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> np.ndarray | None:
@@ -59,10 +60,12 @@ def _ball(curve: Curve, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: flo
     ball = found.x * scale
     if not (ball[3] > 0.0 and np.linalg.norm(ball[:3]) > 1.5 * ball[3] and ball[2] > 0.0):
         return None
-    left = np.minimum(off(found.x) ** 2, TRUNCATED ** 2).sum()
-    usual = np.concatenate([distances(curve, e.position, rig, eye, blur)
-                            for e, eye in zip(mine, (0.0, rig.baseline))]) / sigma
-    return ball if left < AS_GOOD * np.minimum(usual ** 2, TRUNCATED ** 2).sum() else None
+    left = np.minimum(off(found.x) ** 2, TRUNCATED**2).sum()
+    usual = (
+        np.concatenate([distances(curve, e.position, rig, eye, blur) for e, eye in zip(mine, (0.0, rig.baseline))])
+        / sigma
+    )
+    return ball if left < AS_GOOD * np.minimum(usual**2, TRUNCATED**2).sum() else None
 
 
 def _conic(ball: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
@@ -83,12 +86,14 @@ def _distances(ball: np.ndarray, edgels: tuple[Edgels, Edgels], rig: StereoRig, 
     return result
 
 
-def _on_outline(ball: np.ndarray, edgels: tuple[Edgels, Edgels], rig: StereoRig,
-                blur: float) -> tuple[np.ndarray, np.ndarray]:
+def _on_outline(
+    ball: np.ndarray, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Bool over the edgels of both images: those on the ball's outlines."""
     found = []
-    for e, off, camera, eye in zip(edgels, _distances(ball, edgels, rig, blur), (rig.left, rig.right),
-                                   (0.0, rig.baseline)):
+    for e, off, camera, eye in zip(
+        edgels, _distances(ball, edgels, rig, blur), (rig.left, rig.right), (0.0, rig.baseline)
+    ):
         conic = _conic(ball, camera.matrix, eye)
         slope = e.position @ conic[:2, :2] + conic[:2, 2]
         across = np.abs((slope * np.stack([np.cos(e.direction), np.sin(e.direction)], axis=1)).sum(axis=1))

@@ -93,4 +93,4 @@ def trace(following, magnitude, high, minimum):
             closed[strings] = loops == 1
             strings += 1
             offsets[strings] = used
-    return order[:used], offsets[:strings + 1], closed[:strings]
+    return order[:used], offsets[: strings + 1], closed[:strings]

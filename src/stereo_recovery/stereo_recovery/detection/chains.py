@@ -36,8 +36,9 @@ def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = 4) 
     if len(edgels) == 0:
         return Strings(edgels, np.zeros(1, np.int64), np.zeros(0, bool))
     tangent = edgels.tangent
-    following = chain_kernels.successors(edgels.position[:, 0], edgels.position[:, 1], tangent[:, 0], tangent[:, 1],
-                                          edgels.magnitude, shape[0], shape[1])
+    following = chain_kernels.successors(
+        edgels.position[:, 0], edgels.position[:, 1], tangent[:, 0], tangent[:, 1], edgels.magnitude, shape[0], shape[1]
+    )
     order, offsets, closed = chain_kernels.trace(following, edgels.magnitude, high, minimum)
     return Strings(edgels.select(order), offsets, closed)
 
@@ -61,5 +62,8 @@ def with_weak(strings: Strings, edgels: Edgels, shape: tuple[int, int], least: f
     mean = np.add.reduceat(weak.edgels.magnitude, weak.offsets[:-1]) / count
     keep = mean >= least
     offsets = np.concatenate([strings.offsets, strings.offsets[-1] + np.cumsum(count[keep])])
-    return Strings(Edgels.concatenate([strings.edgels, weak.edgels.select(np.repeat(keep, count))]), offsets,
-                   np.concatenate([strings.closed, weak.closed[keep]]))
+    return Strings(
+        Edgels.concatenate([strings.edgels, weak.edgels.select(np.repeat(keep, count))]),
+        offsets,
+        np.concatenate([strings.closed, weak.closed[keep]]),
+    )

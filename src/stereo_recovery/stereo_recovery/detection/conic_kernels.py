@@ -87,8 +87,16 @@ def fit(points, rounds):
     # Back to pixels.
     s2 = scale * scale
     a0, b0, c0, d0, e0 = q[0] / s2, q[1] / s2, q[2] / s2, q[3] / scale, q[4] / scale
-    out = np.array([a0, b0, c0, d0 - 2.0 * a0 * mx - b0 * my, e0 - 2.0 * c0 * my - b0 * mx,
-                    q[5] - d0 * mx - e0 * my + a0 * mx * mx + b0 * mx * my + c0 * my * my])
+    out = np.array(
+        [
+            a0,
+            b0,
+            c0,
+            d0 - 2.0 * a0 * mx - b0 * my,
+            e0 - 2.0 * c0 * my - b0 * mx,
+            q[5] - d0 * mx - e0 * my + a0 * mx * mx + b0 * mx * my + c0 * my * my,
+        ]
+    )
     return out, rms
 
 

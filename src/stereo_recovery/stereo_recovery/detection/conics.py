@@ -68,8 +68,15 @@ def _symmetric(numbers: np.ndarray) -> np.ndarray:
     return np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
 
 
-def find_arcs(position: np.ndarray, limit: np.ndarray, bounds: np.ndarray, string: np.ndarray, closed: np.ndarray,
-              bow: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, list[Ellipse]]:
+def find_arcs(
+    position: np.ndarray,
+    limit: np.ndarray,
+    bounds: np.ndarray,
+    string: np.ndarray,
+    closed: np.ndarray,
+    bow: np.ndarray,
+    direction: np.ndarray,
+) -> tuple[np.ndarray, list[Ellipse]]:
     """Which pieces are parts of arcs.
 
     position : (n, 2) edgels in string order; limit : (n,) pixels each may stand off; bounds, string : the pieces, in
@@ -88,15 +95,25 @@ def find_arcs(position: np.ndarray, limit: np.ndarray, bounds: np.ndarray, strin
         if last - first < 2:
             continue
         pieces = np.arange(first, last)
-        turns = turn[first:last - 1]
+        turns = turn[first : last - 1]
         if closed[string[first]] and last - first >= 3:
             pieces = np.concatenate([pieces, pieces])
             join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
             turns = np.concatenate([turns, [join], turns])
         for run in _runs(turns):
             conics, errors = conic_kernels.claim(
-                np.ascontiguousarray(pieces[run[0]:run[1] + 1]), np.ascontiguousarray(turns[run[0]:run[1]]), position,
-                limit, bounds, bow, arc, len(ellipses), LEAST_TURN, LEAST_EDGELS, LEAST_RADIUS)
+                np.ascontiguousarray(pieces[run[0] : run[1] + 1]),
+                np.ascontiguousarray(turns[run[0] : run[1]]),
+                position,
+                limit,
+                bounds,
+                bow,
+                arc,
+                len(ellipses),
+                LEAST_TURN,
+                LEAST_EDGELS,
+                LEAST_RADIUS,
+            )
             ellipses += [Ellipse(_symmetric(q), float(rms)) for q, rms in zip(conics, errors)]
     return arc, ellipses
 

@@ -104,15 +104,16 @@ def _whole(pieces: Pieces, k: int) -> np.ndarray:
     return reach
 
 
-def _steps(gradients: tuple[np.ndarray, np.ndarray], pieces: Pieces, k: int, reach: np.ndarray, usual: float,
-           sigma: float) -> tuple[np.ndarray, np.ndarray] | None:
+def _steps(
+    gradients: tuple[np.ndarray, np.ndarray], pieces: Pieces, k: int, reach: np.ndarray, usual: float, sigma: float
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Parameters of two steps (see profile_kernels), and the sigma (2, 2) of place and slope of each; or None."""
     low, high = reach
     cut = min(CORNER_REACH, 0.2 * (high - low))
     (cu, cv), (tu, tv) = pieces.centre[k], pieces.direction[k]
     profile, place = double_edge_kernels.sample(gradients[0], gradients[1], cu, cv, tu, tv, low + cut, high - cut)
-    p, left, single, inverse = double_edge_kernels.two_steps(profile, place, np.sqrt(usual ** 2 + SAMPLED))
-    if left > LEAST_GAIN * single or left > LEAST_LEFT * (profile ** 2).sum():
+    p, left, single, inverse = double_edge_kernels.two_steps(profile, place, np.sqrt(usual**2 + SAMPLED))
+    if left > LEAST_GAIN * single or left > LEAST_LEFT * (profile**2).sum():
         return None
     # Neighbouring samples share pixels, across the edge as well as along it.
     correlation = CORRELATION_LENGTH * sigma
@@ -124,15 +125,20 @@ def _steps(gradients: tuple[np.ndarray, np.ndarray], pieces: Pieces, k: int, rea
     return p, np.hypot(errors, [APART, APART / max(high - low, 1.0)])
 
 
-def _line(pieces: Pieces, k: int, reach: np.ndarray, shift: float, slope: float,
-          sigma: np.ndarray) -> dict[str, np.ndarray]:
+def _line(
+    pieces: Pieces, k: int, reach: np.ndarray, shift: float, slope: float, sigma: np.ndarray
+) -> dict[str, np.ndarray]:
     """Piece k, of this reach, moved along its normal by shift + slope s."""
     t = pieces.direction[k]
     normal = np.array([-t[1], t[0]])
     turned = t + slope * normal
     length = np.hypot(*turned)
-    return {'centre': pieces.centre[k] + shift * normal, 'direction': turned / length, 'reach': reach * length,
-            'sigma': sigma}
+    return {
+        'centre': pieces.centre[k] + shift * normal,
+        'direction': turned / length,
+        'reach': reach * length,
+        'sigma': sigma,
+    }
 
 
 def _common(pieces: Pieces, line: dict[str, np.ndarray]) -> np.ndarray:

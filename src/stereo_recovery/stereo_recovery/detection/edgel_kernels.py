@@ -69,10 +69,18 @@ def ridge_maxima(gx, gy, threshold):
             fx, fy = px - x0, py - y0
             u[n], v[n] = px, py
             width[n] = 1.0 / np.sqrt(-bend)
-            gu[n] = ((1 - fx) * (1 - fy) * gx[y0, x0] + fx * (1 - fy) * gx[y0, x0 + 1]
-                     + (1 - fx) * fy * gx[y0 + 1, x0] + fx * fy * gx[y0 + 1, x0 + 1])
-            gv[n] = ((1 - fx) * (1 - fy) * gy[y0, x0] + fx * (1 - fy) * gy[y0, x0 + 1]
-                     + (1 - fx) * fy * gy[y0 + 1, x0] + fx * fy * gy[y0 + 1, x0 + 1])
+            gu[n] = (
+                (1 - fx) * (1 - fy) * gx[y0, x0]
+                + fx * (1 - fy) * gx[y0, x0 + 1]
+                + (1 - fx) * fy * gx[y0 + 1, x0]
+                + fx * fy * gx[y0 + 1, x0 + 1]
+            )
+            gv[n] = (
+                (1 - fx) * (1 - fy) * gy[y0, x0]
+                + fx * (1 - fy) * gy[y0, x0 + 1]
+                + (1 - fx) * fy * gy[y0 + 1, x0]
+                + fx * fy * gy[y0 + 1, x0 + 1]
+            )
             if gu[n] * gu[n] + gv[n] * gv[n] < 0.25 * m2[y, x]:
                 continue
             n += 1
@@ -99,7 +107,7 @@ def zero_crossings(laplacian, gx, gy, threshold):
             if (a > 0.0) == (b > 0.0):
                 continue
             # Bright minus dark must agree with the sign of the change, or it is a valley of the gradient.
-            slope = (gx[y, x] if dx == 1 else gy[y, x])
+            slope = gx[y, x] if dx == 1 else gy[y, x]
             if (a > b) != (slope > 0.0):
                 continue
             t = a / (a - b)
@@ -124,9 +132,17 @@ def beside(gx, gy, u, v, gu, gv, reach):
             px, py = min(max(u[i] + t * nx, 0.0), w - 1.001), min(max(v[i] + t * ny, 0.0), h - 1.001)
             x0, y0 = int(px), int(py)
             fx, fy = px - x0, py - y0
-            sx = ((1 - fx) * (1 - fy) * gx[y0, x0] + fx * (1 - fy) * gx[y0, x0 + 1]
-                  + (1 - fx) * fy * gx[y0 + 1, x0] + fx * fy * gx[y0 + 1, x0 + 1])
-            sy = ((1 - fx) * (1 - fy) * gy[y0, x0] + fx * (1 - fy) * gy[y0, x0 + 1]
-                  + (1 - fx) * fy * gy[y0 + 1, x0] + fx * fy * gy[y0 + 1, x0 + 1])
+            sx = (
+                (1 - fx) * (1 - fy) * gx[y0, x0]
+                + fx * (1 - fy) * gx[y0, x0 + 1]
+                + (1 - fx) * fy * gx[y0 + 1, x0]
+                + fx * fy * gx[y0 + 1, x0 + 1]
+            )
+            sy = (
+                (1 - fx) * (1 - fy) * gy[y0, x0]
+                + fx * (1 - fy) * gy[y0, x0 + 1]
+                + (1 - fx) * fy * gy[y0 + 1, x0]
+                + fx * fy * gy[y0 + 1, x0 + 1]
+            )
             out[i, side] = (sx * nx + sy * ny) / norm
     return out

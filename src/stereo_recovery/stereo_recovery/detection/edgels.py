@@ -142,21 +142,31 @@ def gradient(grey: np.ndarray, detector: str, sigma: float) -> tuple[np.ndarray,
     smooth, slope = gaussian_kernels(sigma)
     border = cv2.BORDER_REPLICATE
     if detector in ('canny', 'marr-hildreth'):
-        return (cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=border),
-                cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=border))
+        return (
+            cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=border),
+            cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=border),
+        )
     blurred = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, smooth, borderType=border)
     if detector == 'sobel':
-        return (cv2.Sobel(blurred, cv2.CV_32F, 1, 0, scale=0.125, borderType=border),
-                cv2.Sobel(blurred, cv2.CV_32F, 0, 1, scale=0.125, borderType=border))
+        return (
+            cv2.Sobel(blurred, cv2.CV_32F, 1, 0, scale=0.125, borderType=border),
+            cv2.Sobel(blurred, cv2.CV_32F, 0, 1, scale=0.125, borderType=border),
+        )
     diagonal = np.array([[-0.25, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.25]], np.float32)
     g1 = cv2.filter2D(blurred, cv2.CV_32F, diagonal, borderType=border)
     g2 = cv2.filter2D(blurred, cv2.CV_32F, np.ascontiguousarray(diagonal[:, ::-1]) * -1.0, borderType=border)
     return g1 + g2, g1 - g2
 
 
-def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, threshold: float = 1.0,
-           noise: float | None = None, slopes: tuple[np.ndarray, np.ndarray] | None = None,
-           usual_width: float | None = None) -> Edgels:
+def detect(
+    grey: np.ndarray,
+    detector: str = 'canny',
+    sigma: float = 1.0,
+    threshold: float = 1.0,
+    noise: float | None = None,
+    slopes: tuple[np.ndarray, np.ndarray] | None = None,
+    usual_width: float | None = None,
+) -> Edgels:
     """Edgels of a grey image.
 
     grey : (h, w) float32, grey levels; detector : one of DETECTORS; sigma : smoothing, pixels
@@ -176,7 +186,7 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
         blurred = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, smooth, borderType=cv2.BORDER_REPLICATE)
         laplacian = cv2.Laplacian(blurred, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
         u, v, gu, gv = edgel_kernels.zero_crossings(laplacian, gx, gy, np.float32(threshold))
-        width = np.full(len(u), np.sqrt(sigma ** 2 + CAMERA_BLUR_VARIANCE))
+        width = np.full(len(u), np.sqrt(sigma**2 + CAMERA_BLUR_VARIANCE))
     else:
         u, v, gu, gv, width = edgel_kernels.ridge_maxima(gx, gy, np.float32(threshold))
     magnitude = np.hypot(gu, gv)
@@ -187,9 +197,9 @@ def detect(grey: np.ndarray, detector: str = 'canny', sigma: float = 1.0, thresh
     total = max(usual_width, sigma)
     contrast = magnitude * np.sqrt(2.0 * np.pi) * total
     # A camera always blurs a little; a picture with one sample a pixel does not, and its edges are stairs.
-    floor = JAGGED_FLOOR if usual_width ** 2 < sigma ** 2 + LEAST_BLUR_VARIANCE else POSITION_FLOOR
+    floor = JAGGED_FLOOR if usual_width**2 < sigma**2 + LEAST_BLUR_VARIANCE else POSITION_FLOOR
     along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
-    across = noise / (np.sqrt(8.0 * np.pi) * sigma ** 2) / magnitude
+    across = noise / (np.sqrt(8.0 * np.pi) * sigma**2) / magnitude
     sides = edgel_kernels.beside(gx, gy, u, v, gu, gv, SIDES * total)
     # What the two sides' gradients differ by, less what noise does to them.
     shift = np.sqrt(np.maximum((sides[:, 0] - sides[:, 1]) ** 2 - (UNEVEN_NOISE * across) ** 2, 0.0))

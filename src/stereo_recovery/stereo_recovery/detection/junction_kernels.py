@@ -95,8 +95,12 @@ def meet(table, widest):
                 its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
                 spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + ROUNDED_VARIANCE)
                 # Two edges that go on in nearly one direction meet where their strings do.
-                if abs(sine) < LEAST_SINE and (spread > VAGUEST or abs(beyond) > BLUNT_GAP or abs(outside) > BLUNT_GAP
-                                               or table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.0):
+                if abs(sine) < LEAST_SINE and (
+                    spread > VAGUEST
+                    or abs(beyond) > BLUNT_GAP
+                    or abs(outside) > BLUNT_GAP
+                    or table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.0
+                ):
                     continue
                 # Long lines are trusted more than the scraps between them.
                 cost = abs(beyond) + max(outside, 0.0) + 20.0 / (table[k, 5] - table[k, 4])
@@ -158,7 +162,7 @@ def _beside(table, place, other, sigma):
                     best = miss
                     place[i, e] = s
                     other[i, e] = other[k, far]
-                    sigma[i, e] = np.sqrt(sigma[k, far] ** 2 + AT_CORNER ** 2)
+                    sigma[i, e] = np.sqrt(sigma[k, far] ** 2 + AT_CORNER**2)
 
 
 @njit

@@ -21,8 +21,14 @@ SHORTEST = 9.0
 SEEN = 1.2
 
 
-def followed(edgels: Edgels, pieces: Pieces, gradients: tuple[np.ndarray, np.ndarray], noise: float, sigma: float,
-             tolerance: float) -> tuple[Edgels, Pieces]:
+def followed(
+    edgels: Edgels,
+    pieces: Pieces,
+    gradients: tuple[np.ndarray, np.ndarray],
+    noise: float,
+    sigma: float,
+    tolerance: float,
+) -> tuple[Edgels, Pieces]:
     """Edgels and pieces with faint pieces of one line joined, and reaching as far as the picture shows them.
 
     gradients : two (h, w) float32, and their noise, grey levels per pixel; sigma : smoothing; tolerance : see
@@ -39,8 +45,9 @@ def followed(edgels: Edgels, pieces: Pieces, gradients: tuple[np.ndarray, np.nda
         if len(pieces) == count:
             return edgels, longer
     faint = _faint(pieces, noise)
-    return edgels, replace(pieces, reach=low_contrast_kernels.extend(line_table(pieces), pieces.magnitude, faint, *gradients,
-                                                              SEEN * noise))
+    return edgels, replace(
+        pieces, reach=low_contrast_kernels.extend(line_table(pieces), pieces.magnitude, faint, *gradients, SEEN * noise)
+    )
 
 
 def _faint(pieces: Pieces, noise: float) -> np.ndarray:

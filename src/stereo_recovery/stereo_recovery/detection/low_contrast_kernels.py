@@ -48,7 +48,7 @@ def extend(table, magnitude, faint, gx, gy, least):
                 for f in range(2):
                     x = table[k, 0] + reach[k, f] * table[k, 2] - eu
                     y = table[k, 1] + reach[k, f] * table[k, 3] - ev
-                    if x * x + y * y < TOUCHING ** 2:
+                    if x * x + y * y < TOUCHING**2:
                         room = 0.0
                 if abs(tu * table[k, 3] - tv * table[k, 2]) > SAME_WAY:
                     continue
@@ -72,10 +72,12 @@ def extend(table, magnitude, faint, gx, gy, least):
                             break
                         x0, y0 = int(u), int(v)
                         a, b = u - x0, v - y0
-                        dx = ((1 - b) * ((1 - a) * gx[y0, x0] + a * gx[y0, x0 + 1])
-                              + b * ((1 - a) * gx[y0 + 1, x0] + a * gx[y0 + 1, x0 + 1]))
-                        dy = ((1 - b) * ((1 - a) * gy[y0, x0] + a * gy[y0, x0 + 1])
-                              + b * ((1 - a) * gy[y0 + 1, x0] + a * gy[y0 + 1, x0 + 1]))
+                        dx = (1 - b) * ((1 - a) * gx[y0, x0] + a * gx[y0, x0 + 1]) + b * (
+                            (1 - a) * gx[y0 + 1, x0] + a * gx[y0 + 1, x0 + 1]
+                        )
+                        dy = (1 - b) * ((1 - a) * gy[y0, x0] + a * gy[y0, x0 + 1]) + b * (
+                            (1 - a) * gy[y0 + 1, x0] + a * gy[y0 + 1, x0 + 1]
+                        )
                         g = dy * tu - dx * tv
                         if side == 1:
                             values[m] = g

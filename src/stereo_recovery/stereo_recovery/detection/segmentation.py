@@ -140,8 +140,9 @@ def joined(e: Edgels, pieces: Pieces, sigma: float, tolerance: float) -> tuple[E
     """Straight pieces that continue each other on one line become one."""
     straight = np.flatnonzero(pieces.arc < 0)
     successor = np.full(len(pieces), -1)
-    found = splitting_kernels.continuations(line_table(pieces.select(straight)), WIDEST_GAP, np.radians(6.0),
-                                          WOBBLE * tolerance)
+    found = splitting_kernels.continuations(
+        line_table(pieces.select(straight)), WIDEST_GAP, np.radians(6.0), WOBBLE * tolerance
+    )
     successor[straight[found >= 0]] = straight[found[found >= 0]]
     if (successor < 0).all():
         return e, pieces
@@ -164,8 +165,9 @@ def _bent(pieces: Pieces, whole: Pieces, chains: list[list[int]], limit: float) 
     member = np.concatenate(chains)
     chain = np.repeat(np.arange(len(chains)), [len(c) for c in chains])
     across = np.stack([-whole.direction[chain, 1], whole.direction[chain, 0]], axis=1)
-    off = np.maximum(*(np.abs(((end[member] - whole.centre[chain]) * across).sum(axis=1))
-                       for end in (pieces.start, pieces.end)))
+    off = np.maximum(
+        *(np.abs(((end[member] - whole.centre[chain]) * across).sum(axis=1)) for end in (pieces.start, pieces.end))
+    )
     # The ends of a short piece say little.
     off[pieces.length[member] < SHORT] = 0.0
     return np.bincount(chain, off > limit + pieces.sigma[member, 0]) > 0
@@ -219,8 +221,19 @@ def fit_pieces(e: Edgels, bounds: np.ndarray, string: np.ndarray, sigma: float) 
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
     # Which way it bends is told even where noise hides by how much.
     signed = np.copysign(np.maximum(bow, 1e-9), rows[:, 7])
-    return Pieces(bounds, string, rows[:, 0:2], rows[:, 2:4], rows[:, 4:6], rows[:, 6], signed, rows[:, 8],
-                  fit_sigma, magnitude, np.full(len(bounds), -1, np.int32))
+    return Pieces(
+        bounds,
+        string,
+        rows[:, 0:2],
+        rows[:, 2:4],
+        rows[:, 4:6],
+        rows[:, 6],
+        signed,
+        rows[:, 8],
+        fit_sigma,
+        magnitude,
+        np.full(len(bounds), -1, np.int32),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,5 +260,5 @@ def medians(values, bounds):
     """(k,) float64: median of each run [first, last) of values (n,); bounds (k, 2)."""
     out = np.empty(len(bounds))
     for k in range(len(bounds)):
-        out[k] = np.median(values[bounds[k, 0]:bounds[k, 1]])
+        out[k] = np.median(values[bounds[k, 0] : bounds[k, 1]])
     return out

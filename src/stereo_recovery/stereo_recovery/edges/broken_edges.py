@@ -106,8 +106,11 @@ def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
             turn = np.abs(pieces.direction[others] @ [-line.direction[1], line.direction[0]])
             # A bent line misses a long piece that continues it by more than both miss the line through both.
             reached = 1.0 + np.minimum(pieces.length[others] / span, 1.0)
-            near = ((turn < ONE_DIRECTION) & (off < reached * np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
-                    & (gap < max(LEAST_GAP, GAP_SHARE * span)))
+            near = (
+                (turn < ONE_DIRECTION)
+                & (off < reached * np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
+                & (gap < max(LEAST_GAP, GAP_SHARE * span))
+            )
             if not near.any():
                 break
             chosen = others[near][np.argmin(np.maximum(gap[near], 0.0) + 5.0 * off[near])]
@@ -121,8 +124,9 @@ def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
     return result
 
 
-def complete(matches: Matches, left: Pieces, right: Pieces, coefficient: np.ndarray,
-             covariance: np.ndarray) -> list[FlatEdge]:
+def complete(
+    matches: Matches, left: Pieces, right: Pieces, coefficient: np.ndarray, covariance: np.ndarray
+) -> list[FlatEdge]:
     """The flat edges of which at least one end is a corner with an edge that tells its depth.
 
     coefficient (n, 2), covariance (n, 2, 2) : of the matched edges, see :class:`.lines3d.Lines3D`.
@@ -154,24 +158,39 @@ def complete(matches: Matches, left: Pieces, right: Pieces, coefficient: np.ndar
     return result
 
 
-def with_whole(whole: list[FlatEdge], matches: Matches, left: Pieces, coefficient: np.ndarray,
-               covariance: np.ndarray,
-               ends_sigma: np.ndarray) -> tuple[Matches, Pieces, np.ndarray, np.ndarray, np.ndarray]:
+def with_whole(
+    whole: list[FlatEdge],
+    matches: Matches,
+    left: Pieces,
+    coefficient: np.ndarray,
+    covariance: np.ndarray,
+    ends_sigma: np.ndarray,
+) -> tuple[Matches, Pieces, np.ndarray, np.ndarray, np.ndarray]:
     """Matches, left pieces, coefficients, covariances and what the match knows of the ends (see
     :func:`.flat_edges.ends_sigma`), with these edges, last, in the place of their pieces."""
     keep = ~np.isin(matches.left, np.concatenate([edge.members for edge in whole]))
     for edge in whole:
         left = with_line(left, int(edge.members[0]), edge.line)
-    disparity = [edge.coefficient[0] + edge.coefficient[1] * np.array([a, 0.5 * (a + b), b])
-                 for edge in whole for a, b in [edge.line.reach]]
+    disparity = [
+        edge.coefficient[0] + edge.coefficient[1] * np.array([a, 0.5 * (a + b), b])
+        for edge in whole
+        for a, b in [edge.line.reach]
+    ]
     rows = [np.sort(edge.line.centre[1] + edge.line.reach * edge.line.direction[1]) for edge in whole]
-    matches = Matches(np.append(matches.left[keep], [edge.members[0] for edge in whole]).astype(np.int32),
-                      np.append(matches.right[keep], [edge.partner for edge in whole]).astype(np.int32),
-                      np.concatenate([matches.disparity[keep], disparity]),
-                      np.concatenate([matches.rows[keep], rows]), np.append(matches.belief[keep], np.ones(len(whole))))
-    return (matches, left, np.concatenate([coefficient[keep], [edge.coefficient for edge in whole]]),
-            np.concatenate([covariance[keep], [edge.covariance for edge in whole]]),
-            np.concatenate([ends_sigma[keep], [WHOLE_ENDS * edge.told for edge in whole]]))
+    matches = Matches(
+        np.append(matches.left[keep], [edge.members[0] for edge in whole]).astype(np.int32),
+        np.append(matches.right[keep], [edge.partner for edge in whole]).astype(np.int32),
+        np.concatenate([matches.disparity[keep], disparity]),
+        np.concatenate([matches.rows[keep], rows]),
+        np.append(matches.belief[keep], np.ones(len(whole))),
+    )
+    return (
+        matches,
+        left,
+        np.concatenate([coefficient[keep], [edge.coefficient for edge in whole]]),
+        np.concatenate([covariance[keep], [edge.covariance for edge in whole]]),
+        np.concatenate([ends_sigma[keep], [WHOLE_ENDS * edge.told for edge in whole]]),
+    )
 
 
 def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -195,8 +214,9 @@ def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covarian
     return table[np.argsort(table[:, 0], kind='stable')]
 
 
-def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Pieces, right: Pieces,
-          partners: np.ndarray) -> FlatEdge | None:
+def _told(
+    members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Pieces, right: Pieces, partners: np.ndarray
+) -> FlatEdge | None:
     """The edge that its tellers support best among those that both images show; None when they show none."""
     span = line.reach[1] - line.reach[0]
     inside = min(INSIDE, 0.1 * span)
@@ -219,7 +239,7 @@ def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Piec
     miss = (a[:, None] + b[:, None] * tellers[:, 0] - tellers[:, 1]) / spread
     # A teller is of the edge, or of anything in the picture. What ends at one place is one corner, and counts once.
     corner = np.flatnonzero(np.diff(tellers[:, 0], prepend=-np.inf) > ONE_PLACE)
-    support = np.maximum.reduceat(np.log1p(CLEAR / spread * np.exp(-0.5 * miss ** 2)), corner, axis=1).sum(axis=1)
+    support = np.maximum.reduceat(np.log1p(CLEAR / spread * np.exp(-0.5 * miss**2)), corner, axis=1).sum(axis=1)
     best: tuple[float, FlatEdge] | None = None
     for k in np.argsort(-support, kind='stable')[:MOST_LINES]:
         edge = _edge(members, line, tellers, at, np.abs(miss[k]) < GATE, lines[k][2], right, partners)
@@ -233,12 +253,22 @@ def _told(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Piec
 
 
 def _ends_of(edge: FlatEdge) -> list[_Corner]:
-    return [_Corner(float(place), float(edge.coefficient @ [1.0, place]), float(sigma))
-            for place, sigma in zip(edge.reach, edge.told)]
+    return [
+        _Corner(float(place), float(edge.coefficient @ [1.0, place]), float(sigma))
+        for place, sigma in zip(edge.reach, edge.told)
+    ]
 
 
-def _edge(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, at: tuple[np.ndarray, np.ndarray],
-          agree: np.ndarray, stop: _Corner | None, right: Pieces, partners: np.ndarray) -> FlatEdge | None:
+def _edge(
+    members: np.ndarray,
+    line: JoinedLine,
+    tellers: np.ndarray,
+    at: tuple[np.ndarray, np.ndarray],
+    agree: np.ndarray,
+    stop: _Corner | None,
+    right: Pieces,
+    partners: np.ndarray,
+) -> FlatEdge | None:
     """The edge that these tellers agree on: least squares of what they say; None when they leave it open.
 
     at : two (k,) bool, tellers that are at either end; stop : what the line's end says, where nothing else does.
@@ -249,14 +279,18 @@ def _edge(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, at: tuple[
         away = agree & ~(at[0] | at[1])
         if not fixed.any() or away.sum() < 2:
             return None
-    weight = 1.0 / (tellers[:, 2] ** 2 + ROUNDED ** 2)
-    reach = np.array([np.average(tellers[agree & side, 0], weights=1.0 / tellers[agree & side, 2] ** 2) if known else
-                      own for side, known, own in zip(at, fixed, line.reach)])
+    weight = 1.0 / (tellers[:, 2] ** 2 + ROUNDED**2)
+    reach = np.array(
+        [
+            np.average(tellers[agree & side, 0], weights=1.0 / tellers[agree & side, 2] ** 2) if known else own
+            for side, known, own in zip(at, fixed, line.reach)
+        ]
+    )
     rows = [np.column_stack([np.ones(agree.sum()), tellers[agree, 0], tellers[agree, 1]])]
     weights = [weight[agree]]
     if stop is not None:
         rows.append(np.array([[1.0, stop.place, stop.disparity]]))
-        weights.append(np.array([1.0 / (stop.sigma ** 2 + ROUNDED ** 2)]))
+        weights.append(np.array([1.0 / (stop.sigma**2 + ROUNDED**2)]))
     table, weight = np.concatenate(rows), np.concatenate(weights)
     design, values = table[:, :2], table[:, 2]
     covariance = np.linalg.inv(design.T @ (design * weight[:, None]))
@@ -271,8 +305,7 @@ def _edge(members: np.ndarray, line: JoinedLine, tellers: np.ndarray, at: tuple[
     return FlatEdge(members, partner, line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed, told)
 
 
-def _with_stop(line: JoinedLine, known: _Corner, end: int, right: Pieces,
-               partners: np.ndarray) -> list[_Corner] | None:
+def _with_stop(line: JoinedLine, known: _Corner, end: int, right: Pieces, partners: np.ndarray) -> list[_Corner] | None:
     """Both ends, of which one (0 or 1) is known; the other is where the line stops in the left and the right image."""
     # From the corner along the line, which has nearly the same slope in the right image.
     run = (1.0 if end == 0 else -1.0) * line.direction
@@ -319,8 +352,9 @@ def _along(line: JoinedLine, ends: list[_Corner], right: Pieces, partners: np.nd
     return places
 
 
-def _shown(line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndarray, right: Pieces,
-           partners: np.ndarray) -> float:
+def _shown(
+    line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndarray, right: Pieces, partners: np.ndarray
+) -> float:
     """The smaller of the shares of the edge that the left and the right image show; 0 when either shows that the line
     goes on beyond its ends."""
     if len(partners) == 0:
@@ -339,15 +373,17 @@ def _shown(line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndar
         stops.append((places.min(), places.max()))
         hit = ((sample >= places[:, :1] - 1.0) & (sample <= places[:, 1:] + 1.0)).any(axis=0)
         shares.append(float(hit.mean()))
-        beyond = (np.minimum(places[:, 1], first) - np.maximum(places[:, 0], first - 2 * BEYOND),
-                  np.minimum(places[:, 1], last + 2 * BEYOND) - np.maximum(places[:, 0], last))
+        beyond = (
+            np.minimum(places[:, 1], first) - np.maximum(places[:, 0], first - 2 * BEYOND),
+            np.minimum(places[:, 1], last + 2 * BEYOND) - np.maximum(places[:, 0], last),
+        )
         # Where nothing but a vague stop tells the end it may be elsewhere.
-        if any(end.sigma < VAGUE_END and np.maximum(outside, 0.0).sum() > BEYOND
-               for end, outside in zip(ends, beyond)):
+        if any(end.sigma < VAGUE_END and np.maximum(outside, 0.0).sum() > BEYOND for end, outside in zip(ends, beyond)):
             return 0.0
     # Both images' strings stop about as far from a corner.
     apart = np.abs(np.array(stops[0]) - np.array(stops[1]))
-    if any(end.sigma < KNOWN and miss > max(LEAST_APART, APART_SHARE * (last - first))
-           for end, miss in zip(ends, apart)):
+    if any(
+        end.sigma < KNOWN and miss > max(LEAST_APART, APART_SHARE * (last - first)) for end, miss in zip(ends, apart)
+    ):
         return 0.0
     return min(shares)

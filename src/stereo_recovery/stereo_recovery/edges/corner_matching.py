@@ -23,8 +23,9 @@ FLAT = 0.15
 SHORTEST = 4.0
 
 
-def more_matches(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], known: Vertices,
-                 offset_v: float) -> Matches | None:
+def more_matches(
+    matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], known: Vertices, offset_v: float
+) -> Matches | None:
     """The matches and the pairs that known corners add, last; None when they add none."""
     if len(known.edge) == 0:
         return None
@@ -39,9 +40,18 @@ def more_matches(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Cor
         away = _point(pieces[side], piece, met[side].place[piece, 1 - end])
         here[:, 1] -= side * offset_v
         away[:, 1] -= side * offset_v
-        rows.append((piece, end, here, away, value[piece, end, 1], value[piece, end, 2],
-                     (met[side].other[piece, 1 - end] >= 0) & ~met[side].through[piece, 1 - end],
-                     np.where(met[side].through[piece, 1 - end], met[side].other[piece, 1 - end], -1)))
+        rows.append(
+            (
+                piece,
+                end,
+                here,
+                away,
+                value[piece, end, 1],
+                value[piece, end, 2],
+                (met[side].other[piece, 1 - end] >= 0) & ~met[side].through[piece, 1 - end],
+                np.where(met[side].through[piece, 1 - end], met[side].other[piece, 1 - end], -1),
+            )
+        )
     (i, end_l, p, far_p, d, sigma, corner_p, behind_p), (j, _, q, far_q, e, _, corner_q, behind_q) = rows
     if len(i) == 0 or len(j) == 0:
         return None
@@ -57,7 +67,7 @@ def more_matches(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Cor
     partner[matches.left[::-1]] = matches.right[::-1]
     hidden = (behind_p[a] >= 0) & (behind_q[b] >= 0) & (partner[behind_p[a]] == behind_q[b])
     steep = np.minimum(np.abs(pieces[0].direction[i[a], 1]), np.abs(pieces[1].direction[j[b], 1])) > FLAT
-    good = (np.abs(d[a] - e[b]) < SAME_COLUMN + 3.0 * sigma[a])
+    good = np.abs(d[a] - e[b]) < SAME_COLUMN + 3.0 * sigma[a]
     good &= np.abs(p[a, 0] - q[b, 0] - d[a]) < SAME_COLUMN + 3.0 * sigma[a]
     good &= (corners & (height < CORNERS_HEIGHT)) | (steep & ((height < ENDS_HEIGHT) | hidden))
     good &= ((far_p[a, 1] - p[a, 1]) * (far_q[b, 1] - q[b, 1]) > 0.0) | ~steep
@@ -76,9 +86,13 @@ def more_matches(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Cor
     if not added:
         return None
     left, right = np.array(added, np.int32).T
-    return Matches(np.append(matches.left, left), np.append(matches.right, right),
-                   np.concatenate([matches.disparity, disparity]), np.concatenate([matches.rows, common]),
-                   np.append(matches.belief, np.ones(len(added))))
+    return Matches(
+        np.append(matches.left, left),
+        np.append(matches.right, right),
+        np.concatenate([matches.disparity, disparity]),
+        np.concatenate([matches.rows, common]),
+        np.append(matches.belief, np.ones(len(added))),
+    )
 
 
 def _point(pieces: Pieces, index: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ class _Rows:
         """(n,) each: of the two rows' products with a direction (3,) or (n, 3)."""
         lever = ((d[..., :2] - d[..., 2:] * self.middle) * self.along).sum(axis=1)
         w = np.broadcast_to(d[..., 2], lever.shape)
-        image = (lever * self.sigma[:, 1]) ** 2 + (w * self.sigma[:, 0]) ** 2 + WANDER ** 2
+        image = (lever * self.sigma[:, 1]) ** 2 + (w * self.sigma[:, 0]) ** 2 + WANDER**2
         by = np.stack([w, lever], axis=1)
         return image, np.einsum('ni,nij,nj->n', by, self.covariance, by)
 
@@ -67,24 +67,26 @@ def _rows(left: Pieces, index: np.ndarray, coefficient: np.ndarray, covariance: 
     image = np.column_stack([across, -(across * middle).sum(axis=1)])
     slope = coefficient[:, 1]
     depth = np.column_stack([slope[:, None] * along, disparity - slope * (middle * along).sum(axis=1)])
-    return _Rows(image, depth, middle, along, left.sigma[index] * scale, disparity,
-                 covariance * np.outer(scale, scale))
+    return _Rows(image, depth, middle, along, left.sigma[index] * scale, disparity, covariance * np.outer(scale, scale))
 
 
 def _direction(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Direction (..., 3) that satisfies rows of which this (..., 3, 3) is the weighted sum of squares, and its
     covariance (..., 3, 3)."""
     values, vectors = np.linalg.eigh(information)
-    spread = np.einsum('...ik,...k,...jk->...ij', vectors[..., 1:], 1.0 / np.maximum(values[..., 1:], 1e-9),
-                       vectors[..., 1:])
+    spread = np.einsum(
+        '...ik,...k,...jk->...ij', vectors[..., 1:], 1.0 / np.maximum(values[..., 1:], 1e-9), vectors[..., 1:]
+    )
     return vectors[..., 0], spread
 
 
 def _squares(rows: _Rows, d: np.ndarray) -> np.ndarray:
     """(n, 3, 3): the rows' squares by their weights."""
     image, depth = rows.variances(d)
-    return (np.einsum('ni,nj->nij', rows.image, rows.image) / image[:, None, None]
-            + np.einsum('ni,nj->nij', rows.depth, rows.depth) / depth[:, None, None])
+    return (
+        np.einsum('ni,nj->nij', rows.image, rows.image) / image[:, None, None]
+        + np.einsum('ni,nj->nij', rows.depth, rows.depth) / depth[:, None, None]
+    )
 
 
 def _fits(rows: _Rows, d: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +98,7 @@ def _fits(rows: _Rows, d: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, n
     scales = (np.hypot(*(d[..., :2] - d[..., 2:] * rows.middle).T), np.abs(rows.disparity))
     for row, variance, scale in zip((rows.image, rows.depth), (image, depth), scales):
         variance = variance + np.einsum('ni,nij,nj->n', row, spread, row)
-        good &= (row * d).sum(axis=1) ** 2 < GATE ** 2 * variance
+        good &= (row * d).sum(axis=1) ** 2 < GATE**2 * variance
         chance *= np.minimum(2.0 / np.pi * GATE * np.sqrt(variance) / np.maximum(scale, 1e-6), 1.0)
     return good, chance
 
@@ -104,7 +106,7 @@ def _fits(rows: _Rows, d: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, n
 def _of_normal(curve: Curve) -> np.ndarray:
     """(3, 3): what a curve's normal says of its own direction, as rows' squares by their weights."""
     flat = np.eye(3) - np.outer(curve.normal, curve.normal)
-    return flat / (curve.tilt ** 2 + WANDER ** 2)
+    return flat / (curve.tilt**2 + WANDER**2)
 
 
 def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -131,7 +133,7 @@ def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np
             d, spread = _direction(total)
             fits, chance = _fits(rows, d, spread)
             fits &= chance < CLEAR
-            same = np.array([d @ (axis @ d) < GATE ** 2 * (1.0 + np.trace(axis @ spread)) for axis in axes], bool)
+            same = np.array([d @ (axis @ d) < GATE**2 * (1.0 + np.trace(axis @ spread)) for axis in axes], bool)
             added = _squares(rows, d) * fits[:, None, None]
             total = added.sum(axis=0) + axes[same].sum(axis=0)
         others = fits.sum() - fits + 2 * same.sum()
@@ -164,12 +166,17 @@ def aligned(lines: Lines3D, left: Pieces, curves: Sequence[Curve], rig: StereoRi
     each = np.arange(len(usable))
     best, least, row = off[k, each], noise[k, each], by[k, each]
     with np.errstate(invalid='ignore'):
-        contradicted = ((off - best) ** 2 > GATE ** 2 * (noise + least)) & np.isfinite(noise)
+        contradicted = ((off - best) ** 2 > GATE**2 * (noise + least)) & np.isfinite(noise)
         own = np.einsum('ni,nij,nj->n', row, covariance, row)
         # What runs along the rows has hardly a depth of its own to say whose it is: see :mod:`.parallels`.
-        turned = (np.isfinite(least) & ~contradicted.any(axis=0) & (slope_sigma > VAGUE)
-                  & (np.abs(rows.along[:, 1]) > FLAT)
-                  & (least < BETTER ** 2 * own) & (best ** 2 < GATE ** 2 * (own + least)))
+        turned = (
+            np.isfinite(least)
+            & ~contradicted.any(axis=0)
+            & (slope_sigma > VAGUE)
+            & (np.abs(rows.along[:, 1]) > FLAT)
+            & (least < BETTER**2 * own)
+            & (best**2 < GATE**2 * (own + least))
+        )
     at, row = usable[turned], row[turned]
     gain = np.einsum('nij,nj->ni', covariance[turned], row) / (own + least)[turned, None]
     all_coefficient, all_covariance = lines.coefficient.copy(), lines.covariance.copy()
@@ -178,8 +185,9 @@ def aligned(lines: Lines3D, left: Pieces, curves: Sequence[Curve], rig: StereoRi
     return replace(lines, coefficient=all_coefficient, covariance=all_covariance)
 
 
-def _told(rows: _Rows, rig: StereoRig, added: np.ndarray, total: np.ndarray,
-          others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _told(
+    rows: _Rows, rig: StereoRig, added: np.ndarray, total: np.ndarray, others: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a family says of each edge without the edge's own share: by how much its slope in disparity is off (n,), how
     that depends on the edge's coefficients (n, 2), and the variance (n,), infinite for what is not of the family."""
     d, spread = _direction(total - added)
@@ -189,5 +197,5 @@ def _told(rows: _Rows, rig: StereoRig, added: np.ndarray, total: np.ndarray,
     lever = np.where(good, lever, 1.0)
     off = (rows.depth * d).sum(axis=1) / lever
     by = np.stack([d[:, 2] / rig.left.fx / lever, np.ones_like(lever)], axis=1)
-    noise = np.einsum('ni,nij,nj->n', rows.depth, spread, rows.depth) / lever ** 2 + SLOPE_WANDER ** 2
+    noise = np.einsum('ni,nij,nj->n', rows.depth, spread, rows.depth) / lever**2 + SLOPE_WANDER**2
     return off, by, np.where(good, noise, np.inf)

@@ -34,8 +34,9 @@ BEYOND, BEFORE = 4.0, 18.0
 SAME_CORNER = 1.5
 
 
-def rough_ends(matches: Matches, left: Pieces, right: Pieces, met: Corners,
-               right_met: Corners) -> tuple[np.ndarray, np.ndarray]:
+def rough_ends(
+    matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners
+) -> tuple[np.ndarray, np.ndarray]:
     """Disparity at the left piece's ends as the match has it, and its sigma: (n, 2) float64, pixels.
 
     Strings of flat edges end at different places in the two images; where both run into a corner, the corners count. An
@@ -44,8 +45,9 @@ def rough_ends(matches: Matches, left: Pieces, right: Pieces, met: Corners,
     i, j = matches.left, matches.right
     flip = opposed(left, right, i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
-    place, other, through = (np.take_along_axis(a[j], turned, axis=1)
-                             for a in (right_met.place, right_met.other, right_met.through))
+    place, other, through = (
+        np.take_along_axis(a[j], turned, axis=1) for a in (right_met.place, right_met.other, right_met.through)
+    )
     flat = np.abs(left.direction[i, 1:2]) < FLAT
     both = (met.other[i] >= 0) & (other >= 0)
     sigma = np.where(both, MATCH_SIGMA, STRAY_SIGMA)
@@ -65,8 +67,9 @@ def _same_neighbour(matches: Matches, lefts: int, rights: int, k: np.ndarray, m:
     return (partner[k] == m) | ((partner[k] < 0) & ~taken[m])
 
 
-def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
-                   rectification_sigma: float) -> np.ndarray:
+def shared_corners(
+    matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, rectification_sigma: float
+) -> np.ndarray:
     """Ends that are corners in both images, at one height: (k, 4) float64: edge, place along it, disparity, sigma.
 
     They say where an edge along the rows is even when its neighbour there was not matched. If it was, it has to have
@@ -88,8 +91,12 @@ def shared_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners, 
                 continue
             x = left.centre[i] + met.place[i, end] * left.direction[i]
             y = right.centre[j] + right_met.place[j, far] * right.direction[j]
-            sigma = np.sqrt(met.sigma[i, end] ** 2 + right_met.sigma[j, far] ** 2 + wireframe.CORNER_SIGMA ** 2
-                            + rectification_sigma ** 2)
+            sigma = np.sqrt(
+                met.sigma[i, end] ** 2
+                + right_met.sigma[j, far] ** 2
+                + wireframe.CORNER_SIGMA**2
+                + rectification_sigma**2
+            )
             if abs(x[1] - y[1]) < SAME_HEIGHT:
                 rows.append((e, met.place[i, end], x[0] - y[0], sigma))
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
@@ -112,8 +119,13 @@ def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> 
             if met.other[matches.left[e], end] >= 0:
                 continue
             far = end ^ flips[e]
-            hits = [_hits(side, index[e], index[steep], at, length[e]) for side, index, at, length
-                    in ((left, matches.left, end, lengths[0]), (right, matches.right, far, lengths[1]))]
+            hits = [
+                _hits(side, index[e], index[steep], at, length[e])
+                for side, index, at, length in (
+                    (left, matches.left, end, lengths[0]),
+                    (right, matches.right, far, lengths[1]),
+                )
+            ]
             good = np.flatnonzero(hits[0][3] & hits[1][3])
             # Both images must show the same end of the edge that is met.
             good = good[hits[0][2][good] == hits[1][2][good] ^ flips[steep[good]]]
@@ -136,13 +148,24 @@ def _hits(side: Pieces, k: int, others: np.ndarray, end: int, length: float) -> 
     beyond = (s - side.reach[k, end]) * (1.0 if end else -1.0)
     misses = np.abs(r[:, None] - side.reach[others])
     at = misses.argmin(axis=1)
-    there = ((np.abs(sine) > LEAST_SINE) & (misses.min(axis=1) < END_MISS) & (beyond > -END_MISS)
-             & (beyond < min(FAR_GAP, FAR_SHARE * length)))
+    there = (
+        (np.abs(sine) > LEAST_SINE)
+        & (misses.min(axis=1) < END_MISS)
+        & (beyond > -END_MISS)
+        & (beyond < min(FAR_GAP, FAR_SHARE * length))
+    )
     return s, r, at, there, beyond
 
 
-def confirmed(joints: np.ndarray, known: np.ndarray, coefficient: np.ndarray, matches: Matches, left: Pieces,
-              right: Pieces, right_met: Corners) -> np.ndarray:
+def confirmed(
+    joints: np.ndarray,
+    known: np.ndarray,
+    coefficient: np.ndarray,
+    matches: Matches,
+    left: Pieces,
+    right: Pieces,
+    right_met: Corners,
+) -> np.ndarray:
     """(k,) bool: joints that the right image allows: where an edge of known disparity says a flat one ends, its piece
     in the right image does.
 
@@ -196,8 +219,15 @@ def same_lines(matches: Matches, left: Pieces, right: Pieces) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def solve(information: np.ndarray, vector: np.ndarray, known: np.ndarray, coefficient: np.ndarray,
-          covariance: np.ndarray, joints: np.ndarray, ends_known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def solve(
+    information: np.ndarray,
+    vector: np.ndarray,
+    known: np.ndarray,
+    coefficient: np.ndarray,
+    covariance: np.ndarray,
+    joints: np.ndarray,
+    ends_known: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, the flat ones solved from what the known ones say.
 
     information, vector : what each edge's own lines say; known : (n,) bool, edges whose coefficients stay
@@ -218,16 +248,16 @@ def solve(information: np.ndarray, vector: np.ndarray, known: np.ndarray, coeffi
         if flat[j]:
             i, s, j, r = j, r, i, s
         row, other = np.array([1.0, s]), np.array([1.0, r])
-        weight = 1.0 / (other @ covariance[j] @ other + wireframe.CORNER_SIGMA ** 2)
+        weight = 1.0 / (other @ covariance[j] @ other + wireframe.CORNER_SIGMA**2)
         information[i] += weight * np.outer(row, row)
         vector[i] += weight * row * (other @ coefficient[j])
     for a, s, d, sigma in ends_known:
         i = int(a)
         row = np.array([1.0, s])
-        variance = row @ own_covariance[i] @ row + sigma ** 2
-        if flat[i] and (d - row @ own[i]) ** 2 < wireframe.GATE ** 2 * variance:
-            information[i] += np.outer(row, row) / sigma ** 2
-            vector[i] += row * (d / sigma ** 2)
+        variance = row @ own_covariance[i] @ row + sigma**2
+        if flat[i] and (d - row @ own[i]) ** 2 < wireframe.GATE**2 * variance:
+            information[i] += np.outer(row, row) / sigma**2
+            vector[i] += row * (d / sigma**2)
     among = mixed[flat[mixed[:, 0].astype(int)] & flat[mixed[:, 2].astype(int)]]
     solved, spread = wireframe.joined(information, vector, among)
     coefficient[flat], covariance[flat] = solved[flat], spread[flat]

@@ -28,8 +28,14 @@ ALONG_AXIS = 0.06
 MORE_ARC = 0.2
 
 
-def hidden_ends(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], curves: Sequence[Curve],
-                surfaces: Sequence[tuple[Curve, np.ndarray]], rig: StereoRig) -> tuple[Corners, Corners]:
+def hidden_ends(
+    matches: Matches,
+    pieces: tuple[Pieces, Pieces],
+    met: tuple[Corners, Corners],
+    curves: Sequence[Curve],
+    surfaces: Sequence[tuple[Curve, np.ndarray]],
+    rig: StereoRig,
+) -> tuple[Corners, Corners]:
     """The corners of both images, those that are none marked as ``through``.
 
     matches, pieces, met : of the pair; curves : its planar curves; surfaces : rims and apexes, see :mod:`.outlines`.

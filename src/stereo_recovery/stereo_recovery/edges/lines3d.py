@@ -80,8 +80,10 @@ def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right
     k, m = met.other[i], right_met.other[j]
     agreed = (k >= 0) & (m >= 0) & (partner[k] == m) & same_way[:, None] & (partner[i] == j)[:, None]
     agreed &= (met.sigma[i] < 0.3) & (right_met.sigma[j] < 0.3)
-    heights = [side.centre[index][:, 1:] + corner.place[index] * side.direction[index][:, 1:]
-               for side, index, corner in ((left, i, met), (right, j, right_met))]
+    heights = [
+        side.centre[index][:, 1:] + corner.place[index] * side.direction[index][:, 1:]
+        for side, index, corner in ((left, i, met), (right, j, right_met))
+    ]
     difference = (heights[1] - heights[0])[agreed]
     difference = difference[np.abs(difference) < 2.0]
     if len(difference) < 12:
@@ -90,8 +92,14 @@ def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right
     return middle, 1.4826 * float(np.median(np.abs(difference - middle)))
 
 
-def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: float, offset_v: float = 0.0,
-            ends_sigma: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def measure(
+    matches: Matches,
+    left: Pieces,
+    right: Pieces,
+    rectification_sigma: float,
+    offset_v: float = 0.0,
+    ends_sigma: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """What the two fitted lines say: information (n, 2, 2) and information vector (n, 2) of a, b.
 
     rectification_sigma : pixels by which the two images' rows may disagree; offset_v : by which they do on the whole;
@@ -112,12 +120,11 @@ def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: 
     q = (tl[:, 0] - b) * tr[:, 0] + tl[:, 1] * tr[:, 1]
     sl, sr = _without_common_bow(left, right, i, j, b)
     covariance = np.empty((len(i), 2, 2))
-    covariance[:, 0, 0] = (sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2
-                           + (tr[:, 0] * rectification_sigma) ** 2)
+    covariance[:, 0, 0] = sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2 + (tr[:, 0] * rectification_sigma) ** 2
     covariance[:, 0, 1] = covariance[:, 1, 0] = p * q * sr[:, 1] ** 2
     # Rows that disagree by different amounts at the two ends turn the line.
     turn = np.sqrt(2.0) * tr[:, 0] * rectification_sigma / np.maximum(left.length[i], 1.0)
-    covariance[:, 1, 1] = sl[:, 1] ** 2 + (q * sr[:, 1]) ** 2 + turn ** 2
+    covariance[:, 1, 1] = sl[:, 1] ** 2 + (q * sr[:, 1]) ** 2 + turn**2
     inverse = np.linalg.inv(covariance)
     information = inverse * (tr[:, 1] ** 2)[:, None, None]
     vector = np.einsum('nij,nj->ni', inverse, np.stack([offset, slope], axis=1)) * tr[:, 1:2]
@@ -129,8 +136,9 @@ def measure(matches: Matches, left: Pieces, right: Pieces, rectification_sigma: 
     return information, vector
 
 
-def _without_common_bow(left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarray,
-                        slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _without_common_bow(
+    left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarray, slope: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Sigma (n, 2) of the pieces i and j: an edge that bows alike in both images is bent in space, and its chord is as
     well measured as a straight edge; only what they do not share makes the disparity vague.
 
@@ -145,9 +153,12 @@ def _without_common_bow(left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarra
     for side, index, bow in ((left, i, bows[0]), (right, j, bows[1])):
         length = np.maximum(side.length[index], 1.0)
         excess = np.stack([BOW_OFFSET * np.ones(len(index)), BOW_SLOPE / length], axis=1) ** 2
-        left_over = (np.abs(bow) - common) ** 2 - bow ** 2
-        result.append(np.sqrt(np.maximum(side.sigma[index] ** 2 + excess * left_over[:, None],
-                                         LEAST_SHARE * side.sigma[index] ** 2)))
+        left_over = (np.abs(bow) - common) ** 2 - bow**2
+        result.append(
+            np.sqrt(
+                np.maximum(side.sigma[index] ** 2 + excess * left_over[:, None], LEAST_SHARE * side.sigma[index] ** 2)
+            )
+        )
     return result[0], result[1]
 
 
@@ -184,8 +195,9 @@ def meetings(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, spread_v: float,
-            offset_v: float) -> tuple[Matches, Solution]:
+def _solved(
+    matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, spread_v: float, offset_v: float
+) -> tuple[Matches, Solution]:
     """The matches with the disparities of their ends, and what corners make of them."""
     rough, ends_sigma = flat_edges.rough_ends(matches, left, right, met, right_met)
     matches = replace(matches, disparity=np.column_stack([rough[:, 0], rough.mean(axis=1), rough[:, 1]]))
@@ -194,19 +206,33 @@ def _solved(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_m
     joints = meetings(matches, left, right, met, right_met)
     coefficient, covariance, known = wireframe.solve_measured(information, vector, joints, left.reach[i], WELL_MEASURED)
     far, _ = flat_edges.far_corners(matches, left, right, met)
-    joints, far = (rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_met)]
-                   for rows in (joints, far))
+    joints, far = (
+        rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_met)] for rows in (joints, far)
+    )
     joints = joints[~(known[joints[:, 0].astype(int)] & known[joints[:, 2].astype(int)])]
     mixed = np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)])
     coefficient, covariance = flat_edges.solve(
-        information, vector, known, coefficient, covariance, mixed,
-        flat_edges.shared_corners(matches, left, right, met, right_met, spread_v))
+        information,
+        vector,
+        known,
+        coefficient,
+        covariance,
+        mixed,
+        flat_edges.shared_corners(matches, left, right, met, right_met, spread_v),
+    )
     return matches, (coefficient, covariance, ends_sigma, mixed)
 
 
-def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners,
-          rectification_sigma: float, offset: float = 0.0,
-          cluttered: bool = False) -> tuple[Lines3D, Pieces, Pieces]:
+def edges(
+    matches: Matches,
+    left: Pieces,
+    right: Pieces,
+    met: Corners,
+    right_met: Corners,
+    rectification_sigma: float,
+    offset: float = 0.0,
+    cluttered: bool = False,
+) -> tuple[Lines3D, Pieces, Pieces]:
     """All straight edges of a pair of segmented images, and the pieces of both, where those of one broken edge have
     become its line and edges from corner to corner are added at the end.
 
@@ -244,7 +270,8 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     whole = broken_edges.complete(matches, left, right, *told)
     if whole:
         matches, left, coefficient, covariance, ends_sigma = broken_edges.with_whole(
-            whole, matches, left, coefficient, covariance, ends_sigma)
+            whole, matches, left, coefficient, covariance, ends_sigma
+        )
         joints = wireframe.among(joints, ~np.isin(i, np.concatenate([edge.members for edge in whole])))
         strut = np.isin(matches.left, i[strut])
         i, j = matches.left, matches.right
@@ -257,7 +284,8 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     right_place, right_sigma, right_other, right_through = (
         np.take_along_axis(a[j], turned, axis=1)
-        for a in (right_met.place, right_met.sigma, right_met.other, right_met.through))
+        for a in (right_met.place, right_met.sigma, right_met.other, right_met.through)
+    )
     x = right.centre[j][:, None] + right_place[..., None] * right.direction[j][:, None]
     by_row = np.abs(right.direction[j][:, 1:2]) > 0.3
     tv = np.where(np.abs(tl[:, 1:2]) < 1e-3, 1e-3, tl[:, 1:2])
@@ -289,9 +317,16 @@ def edges(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met
     more = vertices.struts(found, (left, right), offset_v)
     k = len(found)
     i, j = (np.append(index, len(side) + np.arange(k)).astype(np.int32) for index, side in ((i, left), (j, right)))
-    return Lines3D(i, j, np.concatenate([reach, more.reach]), np.concatenate([coefficient, more.coefficient]),
-                   np.concatenate([covariance, more.covariance]), np.concatenate([sigma, more.end_sigma]),
-                   np.concatenate([fixed, np.ones((k, 2), bool)]), np.append(strut, np.ones(k, bool))), *more.pieces
+    return Lines3D(
+        i,
+        j,
+        np.concatenate([reach, more.reach]),
+        np.concatenate([coefficient, more.coefficient]),
+        np.concatenate([covariance, more.covariance]),
+        np.concatenate([sigma, more.end_sigma]),
+        np.concatenate([fixed, np.ones((k, 2), bool)]),
+        np.append(strut, np.ones(k, bool)),
+    ), *more.pieces
 
 
 def doubt(pieces: Pieces, met: Corners) -> np.ndarray:
@@ -327,8 +362,10 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
         scale_v = points[..., 2] / rig.left.fy
         by_disparity = -points / true_d[..., None]
         zero = np.zeros_like(scale)
-        along = (np.stack([t[..., 0] * scale, t[..., 1] * scale_v, zero], axis=-1)
-                 + lines.coefficient[:, 1:, None] * by_disparity)
+        along = (
+            np.stack([t[..., 0] * scale, t[..., 1] * scale_v, zero], axis=-1)
+            + lines.coefficient[:, 1:, None] * by_disparity
+        )
         across = np.stack([-t[..., 1] * scale, t[..., 0] * scale_v, zero], axis=-1)
         length = np.linalg.norm(along, axis=-1, keepdims=True)
         direction = along / length
@@ -336,7 +373,7 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
         sigma_d = np.sqrt(np.einsum('nei,nij,nej->ne', h, lines.covariance, h))
         # Along an edge that recedes its depth counts as much as its place in the picture.
         deep = (by_disparity * direction).sum(-1) * sigma_d
-        err_par = 3.0 * np.sqrt(((lines.end_sigma * length[..., 0]) ** 2 + deep ** 2).mean(axis=1))
+        err_par = 3.0 * np.sqrt(((lines.end_sigma * length[..., 0]) ** 2 + deep**2).mean(axis=1))
         sigma = left.sigma[lines.left]
         sigma_e = np.sqrt(sigma[:, :1] ** 2 + (sigma[:, 1:] * lines.reach) ** 2)
         spread = np.zeros(points.shape + (3,))

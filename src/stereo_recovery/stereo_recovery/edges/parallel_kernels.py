@@ -42,8 +42,14 @@ def parallel(edges, able, lenders, centre, direction, own, covariance, slope_sig
             miss = (vy * tx - vx * ty) / norm
             c00, c01, c11 = covariance[q, 0, 0], 0.5 * (covariance[q, 0, 1] + covariance[q, 1, 0]), covariance[q, 1, 1]
             bend0, bend1 = (ux * ty - uy * tx) / norm, (ay * tx - ax * ty) / norm
-            variance = (c00 * bend0 * bend0 + 2.0 * c01 * bend0 * bend1 + c11 * bend1 * bend1 + slope_sigma[q] ** 2
-                        + slope_sigma[f] ** 2 + wander * wander)
+            variance = (
+                c00 * bend0 * bend0
+                + 2.0 * c01 * bend0 * bend1
+                + c11 * bend1 * bend1
+                + slope_sigma[q] ** 2
+                + slope_sigma[f] ** 2
+                + wander * wander
+            )
             if not miss * miss < gate * gate * variance:
                 continue
             # Disparity is nil at the vanishing point.
@@ -54,8 +60,9 @@ def parallel(edges, able, lenders, centre, direction, own, covariance, slope_sig
                 ratios, noises = np.append(ratios, np.empty_like(ratios)), np.append(noises, np.empty_like(noises))
                 size *= 2
             ratios[count] = ratio
-            noises[count] = (c00 * turn0 * turn0 + 2.0 * c01 * turn0 * turn1 + c11 * turn1 * turn1
-                             + (slope_wander * here) ** 2)
+            noises[count] = (
+                c00 * turn0 * turn0 + 2.0 * c01 * turn0 * turn1 + c11 * turn1 * turn1 + (slope_wander * here) ** 2
+            )
             count += 1
         start[m + 1] = count
     return start, ratios[:count], noises[:count]

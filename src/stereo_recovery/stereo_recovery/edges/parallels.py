@@ -40,8 +40,15 @@ ENDS = 3.0
 SURE = 4.0
 
 
-def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: np.ndarray, ends_sigma: np.ndarray,
-           joints: np.ndarray, offset: float) -> tuple[np.ndarray, np.ndarray]:
+def borrow(
+    matches: Matches,
+    left: Pieces,
+    coefficient: np.ndarray,
+    covariance: np.ndarray,
+    ends_sigma: np.ndarray,
+    joints: np.ndarray,
+    offset: float,
+) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: vague ones improved.
 
     ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left piece's ends
@@ -61,9 +68,11 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
     if len(lenders) == 0:
         return coefficient, covariance
     long = length[lenders] > LENGTH_SHARE * length[borrowers, None]
-    able = np.where(flat[borrowers, None],
-                    (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[borrowers, None]) & long),
-                    slope[lenders] < CLEARER * slope[borrowers, None])
+    able = np.where(
+        flat[borrowers, None],
+        (worst[lenders] < LENDER) | ((worst[lenders] < BETTER * worst[borrowers, None]) & long),
+        slope[lenders] < CLEARER * slope[borrowers, None],
+    )
     able &= lenders != borrowers[:, None]
     own = coefficient - [offset, 0.0]
     told = c, t, own, covariance.copy(), slope_sigma, GATE, WANDER, SLOPE_WANDER
@@ -77,12 +86,12 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
         rows = np.stack([ratio, np.ones_like(ratio)], axis=1)
         misses = rows @ [here, coefficient[f, 1]]
         allowed = np.einsum('ni,ij,nj->n', rows, covariance[f], rows) + noise
-        fits = misses ** 2 < GATE ** 2 * allowed
+        fits = misses**2 < GATE**2 * allowed
         if flat[f] and not fits.any() and len(ratio) > 1:
             # Through what the better end knows, as parallel edges run.
             k = int(np.argmin(noise))
             place = None
-            if (((ratio - ratio[k]) * here) ** 2 < GATE ** 2 * (noise + noise[k])).all():
+            if (((ratio - ratio[k]) * here) ** 2 < GATE**2 * (noise + noise[k])).all():
                 place = _trusted(f, joints, reach[f].mean(), length, tellers, told)
             if place is not None:
                 h = np.array([1.0, place])
@@ -94,10 +103,10 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
             continue
         rows, misses, noise = rows[fits], misses[fits], noise[fits]
         k = int(np.argmin(noise))
-        if ((misses - misses[k]) ** 2 > GATE ** 2 * (noise + noise[k])).any():
+        if ((misses - misses[k]) ** 2 > GATE**2 * (noise + noise[k])).any():
             continue
         # What all of them say, no better known than by the best: they may well be parts of one edge.
-        row, miss = np.average(rows, axis=0, weights=noise ** -2), float(np.average(misses, weights=noise ** -2))
+        row, miss = np.average(rows, axis=0, weights=noise**-2), float(np.average(misses, weights=noise**-2))
         gain = covariance[f] @ row / (row @ covariance[f] @ row + noise[k])
         update = coefficient[f] - gain * miss
         rough = matches.disparity[f][[0, 2]]
@@ -108,8 +117,9 @@ def borrow(matches: Matches, left: Pieces, coefficient: np.ndarray, covariance: 
     return coefficient, covariance
 
 
-def _trusted(f: int, joints: np.ndarray, middle: float, length: np.ndarray, tellers: np.ndarray,
-             told: tuple) -> float | None:
+def _trusted(
+    f: int, joints: np.ndarray, middle: float, length: np.ndarray, tellers: np.ndarray, told: tuple
+) -> float | None:
     """The place along edge f, along the rows, at which its depth is beyond doubt; None when neither end is better.
 
     A steep edge to which others are parallel in space was matched rightly, and a long one more likely than a short one.
@@ -126,7 +136,7 @@ def _trusted(f: int, joints: np.ndarray, middle: float, length: np.ndarray, tell
             _, ratio, noise = parallel_kernels.parallel(np.array([other]), every, rest, *told)
             rows = np.column_stack([ratio, np.ones_like(ratio)])
             allowed = np.einsum('ni,ij,nj->n', rows, covariance[other], rows) + noise
-            supported = ((rows @ own[other]) ** 2 < GATE ** 2 * allowed).any()
+            supported = ((rows @ own[other]) ** 2 < GATE**2 * allowed).any()
             value, end = float(length[other]) * (1.0 if supported else UNSUPPORTED), int(place > middle)
             if value > trust[end]:
                 trust[end], at[end] = value, float(place)

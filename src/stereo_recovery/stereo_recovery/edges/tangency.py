@@ -17,8 +17,9 @@ SLACK = 0.03
 NEAR = 0.5
 
 
-def joined_ends(ends: np.ndarray, err_par: np.ndarray, err_per: np.ndarray,
-                curves: Sequence[Curve]) -> tuple[np.ndarray, np.ndarray]:
+def joined_ends(
+    ends: np.ndarray, err_par: np.ndarray, err_per: np.ndarray, curves: Sequence[Curve]
+) -> tuple[np.ndarray, np.ndarray]:
     """Ends of edges (n, 2, 3), metres, with those that run into a circle put to the touching point, and err_par (n,).
 
     err_par, err_per : (n,) metres, three sigma along and across.

@@ -61,7 +61,7 @@ def meetings(table, point, disparity, sigma, own):
                 if _told(point, own, first, q, k) and abs(disparity[q] - mean) > MISS + GATE * sigma[q]:
                     agreed = False
             found[k, end] = agreed
-            value[k, end, 0], value[k, end, 1], value[k, end, 2] = place / weight, mean, weight ** -0.5
+            value[k, end, 0], value[k, end, 1], value[k, end, 2] = place / weight, mean, weight**-0.5
     return found, value
 
 
@@ -99,7 +99,7 @@ def missed(own, other, found, value, table, far, edge, point, sign):
             # A piece that stops before the corner need not lie on the line to it.
             if s < far[j, 4] - ABSENT or s > far[j, 5] + ABSENT:
                 continue
-            variance = ((value[k, end, 2] * far[j, 3]) ** 2 + far[j, 6] ** 2 + (far[j, 7] * s) ** 2 + ROUNDED ** 2)
+            variance = (value[k, end, 2] * far[j, 3]) ** 2 + far[j, 6] ** 2 + (far[j, 7] * s) ** 2 + ROUNDED**2
             if abs(dv * far[j, 2] - du * far[j, 3]) > max(MISS, GATE * np.sqrt(variance)):
                 wrong[e] = True
     return wrong

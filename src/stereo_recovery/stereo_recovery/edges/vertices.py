@@ -55,8 +55,14 @@ class _Meeting:
     sigma: float
 
 
-def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], coefficient: np.ndarray,
-             covariance: np.ndarray, offset_v: float) -> Vertices:
+def vertices(
+    matches: Matches,
+    pieces: tuple[Pieces, Pieces],
+    met: tuple[Corners, Corners],
+    coefficient: np.ndarray,
+    covariance: np.ndarray,
+    offset_v: float,
+) -> Vertices:
     """The corners that matched edges show in both images.
 
     coefficient (n, 2), covariance (n, 2, 2) : see :class:`.lines3d.Lines3D`; offset_v : pixels by which the right
@@ -65,8 +71,9 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     i, j = matches.left, matches.right
     flip = opposed(pieces[0], pieces[1], i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
-    there = [np.take_along_axis(a[j], turned, axis=1)
-             for a in (met[1].place, met[1].other, met[1].through, met[1].sigma)]
+    there = [
+        np.take_along_axis(a[j], turned, axis=1) for a in (met[1].place, met[1].other, met[1].through, met[1].sigma)
+    ]
     here = [a[i] for a in (met[0].place, met[0].other, met[0].through, met[0].sigma)]
     p = pieces[0].centre[i][:, None] + here[0][..., None] * pieces[0].direction[i][:, None]
     q = pieces[1].centre[j][:, None] + there[0][..., None] * pieces[1].direction[j][:, None] - [0.0, offset_v]
@@ -74,14 +81,23 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     own = np.einsum('nei,ni->ne', row, coefficient)
     own_sigma = np.sqrt(np.einsum('nei,nij,nej->ne', row, covariance, row))
     seen = p[..., 0] - q[..., 0]
-    seen_sigma = np.sqrt(here[3] ** 2 + there[3] ** 2 + wireframe.CORNER_SIGMA ** 2)
+    seen_sigma = np.sqrt(here[3] ** 2 + there[3] ** 2 + wireframe.CORNER_SIGMA**2)
     corner = [(index >= 0) & ~through for _, index, through, _ in (here, there)]
     vague = own_sigma > VAGUE
     # Where only one image shows the corner, the other's piece must end there.
-    ended = (corner[0] | corner[1]) & ~here[2] & ~there[2] & ~vague & (np.hypot(*np.moveaxis(
-        p - q - own[..., None] * [1.0, 0.0], -1, 0)) < NEAR_END)
-    good = (corner[0] & corner[1] & (np.abs(p[..., 1] - q[..., 1]) < SAME_HEIGHT)
-            & (np.abs(seen - own) < SAME_COLUMN + vertex_kernels.GATE * own_sigma)) | (ended & (corner[0] ^ corner[1]))
+    ended = (
+        (corner[0] | corner[1])
+        & ~here[2]
+        & ~there[2]
+        & ~vague
+        & (np.hypot(*np.moveaxis(p - q - own[..., None] * [1.0, 0.0], -1, 0)) < NEAR_END)
+    )
+    good = (
+        corner[0]
+        & corner[1]
+        & (np.abs(p[..., 1] - q[..., 1]) < SAME_HEIGHT)
+        & (np.abs(seen - own) < SAME_COLUMN + vertex_kernels.GATE * own_sigma)
+    ) | (ended & (corner[0] ^ corner[1]))
     good &= (pieces[0].arc[i] < 0)[:, None]
     p = np.where(corner[0][..., None], p, q + own[..., None] * [1.0, 0.0])
     q = np.where(corner[1][..., None], q, p - own[..., None] * [1.0, 0.0])
@@ -92,12 +108,17 @@ def vertices(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners
     owner = np.full(len(pieces[1]), -1)
     owner[j[::-1]] = i[::-1]
     alone = ~_at_height(pieces[1], partner[here[1]], q[..., 1] + offset_v) & ~_at_height(
-        pieces[0], owner[there[1]], p[..., 1])
+        pieces[0], owner[there[1]], p[..., 1]
+    )
     good &= ~vague | (partner[here[1]] == there[1]) | alone
     edge, end = np.nonzero(good)
-    return Vertices(edge, np.stack([i[edge], j[edge]]), np.stack([p[edge, end], q[edge, end]]),
-                    np.where(vague, seen, own)[edge, end],
-                    np.hypot(np.where(vague, seen_sigma, own_sigma), wireframe.CORNER_SIGMA)[edge, end])
+    return Vertices(
+        edge,
+        np.stack([i[edge], j[edge]]),
+        np.stack([p[edge, end], q[edge, end]]),
+        np.where(vague, seen, own)[edge, end],
+        np.hypot(np.where(vague, seen_sigma, own_sigma), wireframe.CORNER_SIGMA)[edge, end],
+    )
 
 
 def _at_height(pieces: Pieces, index: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -106,8 +127,9 @@ def _at_height(pieces: Pieces, index: np.ndarray, height: np.ndarray) -> np.ndar
     return (index >= 0) & (height > np.minimum(a, b) - STOPS) & (height < np.maximum(a, b) + STOPS)
 
 
-def line_tables(pieces: tuple[Pieces, Pieces], offset_v: float,
-                met: tuple[Corners, Corners] | None = None) -> tuple[np.ndarray, np.ndarray]:
+def line_tables(
+    pieces: tuple[Pieces, Pieces], offset_v: float, met: tuple[Corners, Corners] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Rows of the pieces of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights; up to
     their corners where these are given."""
     left, right = line_table(pieces[0]), line_table(pieces[1])
@@ -122,10 +144,20 @@ def contradicted(matches: Matches, pieces: tuple[Pieces, Pieces], known: Vertice
     wrong = np.zeros(len(matches), bool)
     pairs, tables = (matches.left, matches.right), line_tables(pieces, offset_v)
     for side, sign in ((0, -1.0), (1, 1.0)):
-        found, value = vertex_kernels.meetings(tables[side], known.point[side], known.disparity, known.sigma,
-                                               known.own[side])
-        wrong |= vertex_kernels.missed(pairs[side], pairs[1 - side], found, value, tables[side], tables[1 - side],
-                                       known.edge, known.point[side], sign)
+        found, value = vertex_kernels.meetings(
+            tables[side], known.point[side], known.disparity, known.sigma, known.own[side]
+        )
+        wrong |= vertex_kernels.missed(
+            pairs[side],
+            pairs[1 - side],
+            found,
+            value,
+            tables[side],
+            tables[1 - side],
+            known.edge,
+            known.point[side],
+            sign,
+        )
     return wrong & (pieces[0].arc[pairs[0]] < 0) & (pieces[1].arc[pairs[1]] < 0)
 
 
@@ -137,23 +169,31 @@ def _is_one(pieces: Pieces, k: int, met: Corners, ends: list[_Meeting]) -> bool:
     return not ((place > ends[0].place + INSIDE) & (place < ends[1].place - INSIDE)).any()
 
 
-def between(matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners],
-            known: Vertices, offset_v: float) -> list[tuple[int, int, list[_Meeting]]]:
+def between(
+    matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], known: Vertices, offset_v: float
+) -> list[tuple[int, int, list[_Meeting]]]:
     """Pieces of either image that belong to no pair and run from one corner to another: image, piece, its ends."""
     result: list[tuple[int, int, list[_Meeting]]] = []
     taken = np.stack([pieces[0].start[matches.left], pieces[0].end[matches.left]], axis=1)
     tables = line_tables(pieces, offset_v, met)
     for side in (0, 1):
-        found, value = vertex_kernels.meetings(tables[side], known.point[side], known.disparity, known.sigma,
-                                               known.own[side])
+        found, value = vertex_kernels.meetings(
+            tables[side], known.point[side], known.disparity, known.sigma, known.own[side]
+        )
         used = np.isin(np.arange(len(pieces[side])), matches.left if side == 0 else matches.right)
         good = ~used & found.all(axis=1) & (pieces[side].arc < 0) & (pieces[side].length >= SHORTEST)
         for k in np.flatnonzero(good & (value[:, 1, 0] - value[:, 0, 0] >= SHORTEST)):
             ends = [_Meeting(*(float(x) for x in value[k, end])) for end in (0, 1)]
             if not _is_one(pieces[side], int(k), met[side], ends):
                 continue
-            points = np.stack([pieces[side].centre[k] + end.place * pieces[side].direction[k]
-                               + [end.disparity * side, -offset_v * side] for end in ends])
+            points = np.stack(
+                [
+                    pieces[side].centre[k]
+                    + end.place * pieces[side].direction[k]
+                    + [end.disparity * side, -offset_v * side]
+                    for end in ends
+                ]
+            )
             if _same(points, taken):
                 continue
             taken = np.concatenate([taken, points[None]])
@@ -205,8 +245,12 @@ def struts(found: list[tuple[int, int, list[_Meeting]]], pieces: tuple[Pieces, P
                 moved = [x + [shift * end.disparity, -shift * offset_v] for x, end in zip(points, ends)]
                 run = moved[1] - moved[0]
                 length = max(float(np.hypot(*run)), 1e-6)
-                row |= {'centre': 0.5 * (moved[0] + moved[1]), 'direction': run / length,
-                        'reach': np.array([-0.5, 0.5]) * length, 'bounds': np.zeros_like(source['bounds'])}
+                row |= {
+                    'centre': 0.5 * (moved[0] + moved[1]),
+                    'direction': run / length,
+                    'reach': np.array([-0.5, 0.5]) * length,
+                    'bounds': np.zeros_like(source['bounds']),
+                }
             else:
                 row |= {'reach': np.array([end.place for end in ends])}
             rows[image].append(row)
@@ -215,10 +259,23 @@ def struts(found: list[tuple[int, int, list[_Meeting]]], pieces: tuple[Pieces, P
         inverse = np.linalg.inv(h)
         values = np.array([end.disparity for end in ends])
         coefficient.append(inverse @ values)
-        covariance.append(inverse @ np.diag([end.sigma ** 2 + vertex_kernels.ROUNDED ** 2 for end in ends]) @ inverse.T)
+        covariance.append(inverse @ np.diag([end.sigma**2 + vertex_kernels.ROUNDED**2 for end in ends]) @ inverse.T)
         reach.append(places)
-    grown = [Pieces(**{f.name: np.concatenate([getattr(pieces[image], f.name)]
-                                              + [np.asarray(row[f.name])[None] for row in rows[image]])
-                       for f in fields(Pieces)}) for image in (0, 1)]
-    return Strut((grown[0], grown[1]), np.array(reach), np.array(coefficient), np.array(covariance),
-                 np.full((len(found), 2), vertex_kernels.ROUNDED))
+    grown = [
+        Pieces(
+            **{
+                f.name: np.concatenate(
+                    [getattr(pieces[image], f.name)] + [np.asarray(row[f.name])[None] for row in rows[image]]
+                )
+                for f in fields(Pieces)
+            }
+        )
+        for image in (0, 1)
+    ]
+    return Strut(
+        (grown[0], grown[1]),
+        np.array(reach),
+        np.array(coefficient),
+        np.array(covariance),
+        np.full((len(found), 2), vertex_kernels.ROUNDED),
+    )

@@ -19,8 +19,7 @@ GATE = 3.5
 def misses(joints: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
     """(k,) float64, pixels: by how much disparity two edges miss each other at their corners."""
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
-    return (coefficient[e, 0] + coefficient[e, 1] * joints[:, 1]
-            - coefficient[f, 0] - coefficient[f, 1] * joints[:, 3])
+    return coefficient[e, 0] + coefficient[e, 1] * joints[:, 1] - coefficient[f, 0] - coefficient[f, 1] * joints[:, 3]
 
 
 def agree(joints: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -28,9 +27,12 @@ def agree(joints: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray) -
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
     he = np.stack([np.ones(len(e)), joints[:, 1]], axis=1)
     hf = np.stack([np.ones(len(f)), joints[:, 3]], axis=1)
-    variance = (np.einsum('ni,nij,nj->n', he, covariance[e], he) + np.einsum('ni,nij,nj->n', hf, covariance[f], hf)
-                + CORNER_SIGMA ** 2)
-    return misses(joints, coefficient) ** 2 < GATE ** 2 * variance
+    variance = (
+        np.einsum('ni,nij,nj->n', he, covariance[e], he)
+        + np.einsum('ni,nij,nj->n', hf, covariance[f], hf)
+        + CORNER_SIGMA**2
+    )
+    return misses(joints, coefficient) ** 2 < GATE**2 * variance
 
 
 def among(joints: np.ndarray, kept: np.ndarray) -> np.ndarray:
@@ -41,8 +43,9 @@ def among(joints: np.ndarray, kept: np.ndarray) -> np.ndarray:
     return joints
 
 
-def solve_measured(information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray,
-                   least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def solve_measured(
+    information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray, least: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges that measure their own depth well, solved together at the corners where they agree.
 
     information (n, 2, 2), vector (n, 2) : what each edge's own lines say; joints : (k, 4); reach : (n, 2), pixels, the
@@ -76,7 +79,7 @@ def joined(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> t
     # What a corner adds to the four unknowns of its two edges.
     ones = np.ones(len(joints))
     rows = np.column_stack([ones, joints[:, 1], -ones, -joints[:, 3]])
-    added = rows[:, :, None] * rows[:, None] / CORNER_SIGMA ** 2
+    added = rows[:, :, None] * rows[:, None] / CORNER_SIGMA**2
     place = np.empty(n, np.int64)
     for c in np.flatnonzero(counts > 1):
         members, here = np.flatnonzero(label == c), label[e] == c

@@ -53,8 +53,9 @@ def joined_line(pieces: Pieces, members: np.ndarray, along: np.ndarray) -> Joine
     run = pieces.direction[members]
     centre = np.average(middle, axis=0, weights=length)
     away = middle - centre
-    scatter = (np.einsum('n,ni,nj->ij', length, away, away)
-               + np.einsum('n,ni,nj->ij', length ** 3 / 12.0, run, run)) / length.sum()
+    scatter = (
+        np.einsum('n,ni,nj->ij', length, away, away) + np.einsum('n,ni,nj->ij', length**3 / 12.0, run, run)
+    ) / length.sum()
     direction = np.linalg.eigh(scatter)[1][:, 1]
     if direction @ along < 0.0:
         direction = -direction
@@ -70,8 +71,7 @@ def joined_line(pieces: Pieces, members: np.ndarray, along: np.ndarray) -> Joine
     plain = np.sqrt(np.maximum(pieces.sigma[members, 0] ** 2 - (BOW_OFFSET * pieces.bow[members]) ** 2, 1e-4))
     spread = float(np.sqrt((share * (away @ across) ** 2).sum()))
     offset = float(np.hypot(np.sqrt(((share * plain) ** 2).sum()), 0.5 * spread))
-    sigma = np.array([np.hypot(offset, BOW_OFFSET * bow),
-                      np.hypot(np.sqrt(12.0) * offset, BOW_SLOPE * bow) / span])
+    sigma = np.array([np.hypot(offset, BOW_OFFSET * bow), np.hypot(np.sqrt(12.0) * offset, BOW_SLOPE * bow) / span])
     rms = float(np.sqrt((share * (pieces.rms[members] ** 2 + (away @ across) ** 2)).sum()))
     return JoinedLine(centre, direction, np.array([first, last]), rms, bow, sigma, float(np.abs(off).max()))
 
@@ -110,8 +110,11 @@ def join_matched(matches: Matches, left: Pieces, right: Pieces) -> tuple[Matches
                 line = joined_line(side, pair, side.direction[head])
                 gap = line.reach[1] - line.reach[0] - side.length[pair].sum()
                 (ax, ay), (bx, by) = side.direction[pair]
-                if (abs(ax * by - ay * bx) < ONE_DIRECTION and line.miss < ONE_LINE
-                        and -4.0 < gap < WIDEST_SHARE * side.length[pair].sum()):
+                if (
+                    abs(ax * by - ay * bx) < ONE_DIRECTION
+                    and line.miss < ONE_LINE
+                    and -4.0 < gap < WIDEST_SHARE * side.length[pair].sum()
+                ):
                     side = with_line(side, head, line)
                     kept[i] = False
                     becomes[i] = head
@@ -129,8 +132,9 @@ def join_matched(matches: Matches, left: Pieces, right: Pieces) -> tuple[Matches
 
 def _without_doubles(matches: Matches, left: Pieces) -> Matches:
     """Pairs that have become the same, as one: disparity at the new piece's ends by the line through all of theirs."""
-    pairs, first, inverse = np.unique(np.stack([matches.left, matches.right], axis=1), axis=0, return_index=True,
-                                      return_inverse=True)
+    pairs, first, inverse = np.unique(
+        np.stack([matches.left, matches.right], axis=1), axis=0, return_index=True, return_inverse=True
+    )
     inverse = inverse.ravel()
     disparity, rows = matches.disparity.copy(), matches.rows.copy()
     for k in np.flatnonzero(np.bincount(inverse) > 1):
@@ -143,8 +147,9 @@ def _without_doubles(matches: Matches, left: Pieces) -> Matches:
     return Matches(matches.left[order], matches.right[order], disparity[order], rows[order], matches.belief[order])
 
 
-def split_matched(matches: Matches, left: Pieces, right: Pieces, edgels: tuple[Edgels, Edgels],
-                  sigma: float) -> tuple[Matches, Pieces, Pieces]:
+def split_matched(
+    matches: Matches, left: Pieces, right: Pieces, edgels: tuple[Edgels, Edgels], sigma: float
+) -> tuple[Matches, Pieces, Pieces]:
     """Pieces of either image that match two pieces which meet in a corner in the other image become two.
 
     edgels : as the pieces' bounds count; sigma : smoothing of the detector, pixels. Returns the matches and pieces
@@ -161,8 +166,9 @@ def split_matched(matches: Matches, left: Pieces, right: Pieces, edgels: tuple[E
                 continue
             second = len(pieces[image])
             whole = pieces[image].select(np.array([i]))
-            pieces[image] = Pieces(*(np.concatenate([getattr(pieces[image], f.name), getattr(parts, f.name)[1:]])
-                                     for f in fields(Pieces)))
+            pieces[image] = Pieces(
+                *(np.concatenate([getattr(pieces[image], f.name), getattr(parts, f.name)[1:]]) for f in fields(Pieces))
+            )
             for f in fields(Pieces):
                 getattr(pieces[image], f.name)[i] = getattr(parts, f.name)[0]
             # The second part lies beyond the corner in the direction of the piece.
@@ -173,7 +179,7 @@ def split_matched(matches: Matches, left: Pieces, right: Pieces, edgels: tuple[E
             own[rows[beyond]] = second
             disparity, common = matches.disparity.copy(), matches.rows.copy()
             for row in rows:
-                half = pieces[image].select(own[row:row + 1])
+                half = pieces[image].select(own[row : row + 1])
                 ends = np.stack([half.start[0], half.end[0]])
                 common[row] = np.clip(common[row], ends[:, 1].min(), ends[:, 1].max())
                 if image == 0:
@@ -204,7 +210,7 @@ def _cut(pieces: Pieces, i: int, height: float, edgels: Edgels, sigma: float) ->
     if abs(direction[1]) < LEVEL or pieces.arc[i] >= 0:
         return None
     place = (height - pieces.centre[i, 1]) / direction[1]
-    along = (edgels.position[first:pieces.bounds[i, 1]] - pieces.centre[i]) @ direction
+    along = (edgels.position[first : pieces.bounds[i, 1]] - pieces.centre[i]) @ direction
     count = int((along < place).sum())
     if min(count, len(along) - count) < FEWEST:
         return None

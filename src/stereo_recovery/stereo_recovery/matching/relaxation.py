@@ -66,8 +66,9 @@ def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:
     v = np.clip(points[..., 1], 0.0, grey.shape[0] - 1.001)
     x, y = u.astype(np.intp), v.astype(np.intp)
     u, v = u - x, v - y
-    return ((1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1])
-            + v * ((1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]))
+    return (1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1]) + v * (
+        (1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]
+    )
 
 
 def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
@@ -83,8 +84,18 @@ def _table(pieces: Pieces, beside: np.ndarray) -> np.ndarray:
     return np.hstack([pieces.start, pieces.end, pieces.direction, middle, pieces.magnitude[:, None]])
 
 
-def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pieces, lowest: float, highest: float,
-          radius: float, flat_sine: float = 0.1, rounds: int = 15, least_belief: float = 0.6) -> Matches:
+def match(
+    left_grey: np.ndarray,
+    right_grey: np.ndarray,
+    left: Pieces,
+    right: Pieces,
+    lowest: float,
+    highest: float,
+    radius: float,
+    flat_sine: float = 0.1,
+    rounds: int = 15,
+    least_belief: float = 0.6,
+) -> Matches:
     """Pairs of pieces.
 
     lowest, highest : allowed disparity, pixels; radius : neighbourhood of support, pixels;
@@ -99,8 +110,9 @@ def match(left_grey: np.ndarray, right_grey: np.ndarray, left: Pieces, right: Pi
     ground = backdrop(left_grey)
     contrast = SIDE_CONTRAST
     for turn in range(2):
-        node, value = relaxation_kernels.candidates(table, right_table, beside, right_beside, lowest, highest, flat_sine,
-                                                  ground, contrast)
+        node, value = relaxation_kernels.candidates(
+            table, right_table, beside, right_beside, lowest, highest, flat_sine, ground, contrast
+        )
         if len(node) == 0:
             return nothing
         standing, belief = _relaxed(node, value, left, right, near, flat_sine, rounds if turn else FIRST_ROUNDS)
@@ -137,8 +149,9 @@ def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np
     return np.where(total > 0.0, (weight * agrees).sum(axis=1) / np.maximum(total, 1e-9), 1.0)
 
 
-def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float,
-             rounds: int) -> tuple[np.ndarray, np.ndarray]:
+def _relaxed(
+    node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float, rounds: int
+) -> tuple[np.ndarray, np.ndarray]:
     """How strong every candidate is when its turn comes, and its belief."""
     first = np.searchsorted(node[:, 0], np.arange(len(left) + 1))
     right_of = np.argsort(node[:, 1], kind='stable')
@@ -147,13 +160,15 @@ def _relaxed(node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, n
     common = (value[:, 4] - value[:, 3]) / np.maximum(sine, flat_sine)
     length = np.minimum(np.where(sine < flat_sine, left.length[node[:, 0]], common), 80.0)
     other, gap, place, weight = near
-    strength, belief = relaxation_kernels.relax(node, value, first, other, gap, place, weight, length, right_of,
-                                              right_first, rounds)
+    strength, belief = relaxation_kernels.relax(
+        node, value, first, other, gap, place, weight, length, right_of, right_first, rounds
+    )
     return relaxation_kernels.standing(node, value, strength, belief, first, right_of, right_first), belief
 
 
-def _unique(node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray,
-            right: np.ndarray) -> np.ndarray:
+def _unique(
+    node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray, right: np.ndarray
+) -> np.ndarray:
     """Strongest first; a row of a piece is matched once."""
     order = among[np.argsort(-strength[among], kind='stable')]
     return relaxation_kernels.greedy(node, value, order, left, right)

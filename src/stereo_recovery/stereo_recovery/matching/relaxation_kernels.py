@@ -158,9 +158,11 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
                 continue
             # A background on one side in both images says little; the surface that the edge belongs to says it.
             one, two = np.exp(-dark / contrast), np.exp(-bright / contrast)
-            evidence = max(one * (BACKDROP_WEIGHT if abs(left_dark - backdrop) < BACKDROP_WIDTH else 1.0),
-                           two * (BACKDROP_WEIGHT if abs(left_bright - backdrop) < BACKDROP_WIDTH else 1.0))
-            likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio ** 0.1
+            evidence = max(
+                one * (BACKDROP_WEIGHT if abs(left_dark - backdrop) < BACKDROP_WIDTH else 1.0),
+                two * (BACKDROP_WEIGHT if abs(left_bright - backdrop) < BACKDROP_WIDTH else 1.0),
+            )
+            likeness = evidence * (ONE_SIDE + (1.0 - ONE_SIDE) * min(one, two)) * ratio**0.1
             if flip or partial:
                 likeness *= FLIPPED
             if gradient > GRADIENT_END:
@@ -216,8 +218,9 @@ def neighbours(left, radius, most):
         longest = max(longest, length[i])
     for i in range(n):
         reach = radius + 0.5 * length[i] + 0.5 * longest
-        for q in range(np.searchsorted(rows, rows[0] if points[i, 1, 1] - reach < rows[0] else points[i, 1, 1] - reach),
-                       n):
+        for q in range(
+            np.searchsorted(rows, rows[0] if points[i, 1, 1] - reach < rows[0] else points[i, 1, 1] - reach), n
+        ):
             k = order[q]
             if rows[q] > points[i, 1, 1] + reach:
                 break
@@ -274,8 +277,11 @@ def _supporters(node, value, first, other, gap, place):
                 if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
                     continue
                 if count == len(who):
-                    who, column, share = (np.append(who, np.empty_like(who)), np.append(column, np.empty_like(column)),
-                                          np.append(share, np.empty_like(share)))
+                    who, column, share = (
+                        np.append(who, np.empty_like(who)),
+                        np.append(column, np.empty_like(column)),
+                        np.append(share, np.empty_like(share)),
+                    )
                 who[count], column[count] = b, m
                 share[count] = 1.0 / (1.0 + (g / GRADIENT_HALF) ** 2) if g > 0.0 else 1.0
                 count += 1
@@ -328,8 +334,11 @@ def standing(node, value, strength, belief, first, right_of, right_first):
     result = strength * belief
     for a in range(len(node)):
         for side in range(2):
-            low, high = ((first[node[a, 0]], first[node[a, 0] + 1]) if side == 0 else
-                         (right_first[node[a, 1]], right_first[node[a, 1] + 1]))
+            low, high = (
+                (first[node[a, 0]], first[node[a, 0] + 1])
+                if side == 0
+                else (right_first[node[a, 1]], right_first[node[a, 1] + 1])
+            )
             for q in range(low, high):
                 b = q if side == 0 else right_of[q]
                 nearer = value[b, 1] - value[a, 1]
@@ -354,8 +363,11 @@ def _one_edge(table, i, k, other, j):
     first, last = min(table[i, 1], table[i, 3]), max(table[i, 1], table[i, 3])
     top, bottom = min(table[k, 1], table[k, 3]), max(table[k, 1], table[k, 3])
     gap = top - last if dv > 0.0 else first - bottom
-    return (-END_SLACK < gap < 2.0 * END_SLACK and abs(min(first, top) - min(other[j, 1], other[j, 3])) < END_SLACK
-            and abs(max(last, bottom) - max(other[j, 1], other[j, 3])) < END_SLACK)
+    return (
+        -END_SLACK < gap < 2.0 * END_SLACK
+        and abs(min(first, top) - min(other[j, 1], other[j, 3])) < END_SLACK
+        and abs(max(last, bottom) - max(other[j, 1], other[j, 3])) < END_SLACK
+    )
 
 
 @njit

@@ -112,16 +112,29 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
                 open_pixels += 1 if s[DEPTH + j] > nearest else 0
             if open_pixels == 0:
                 continue
-        product_row(work.row, j0, j1, q, first + low if offset >= 0 else first,
-                    first + high - 1 if offset >= 0 else last, row, y, plan.tolerance, trees, eye, plan.whole,
-                    work.counts)
+        product_row(
+            work.row,
+            j0,
+            j1,
+            q,
+            first + low if offset >= 0 else first,
+            first + high - 1 if offset >= 0 else last,
+            row,
+            y,
+            plan.tolerance,
+            trees,
+            eye,
+            plan.whole,
+            work.counts,
+        )
         drawn = True
         doubtful |= trees.doubt[q] > 0.0
     if doubtful:
         settle_row(s, m, y, plan.tolerance, trees, eye, work.times, work.hits, work.starts, work.counts)
     for k in range(eye.listed.shape[0]):
-        list_row(s, ZERO, end, eye.listed[k], y, plan.tolerance, trees, eye, work.times, work.hits, work.starts,
-                 work.counts)
+        list_row(
+            s, ZERO, end, eye.listed[k], y, plan.tolerance, trees, eye, work.times, work.hits, work.starts, work.counts
+        )
     if ground is not None:
         ground_row(s, end, y, ground, eye.local, plan.tolerance)
 
@@ -158,8 +171,9 @@ def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
             if trees.kind[leaf] == TERRAIN:
                 ground_normals(s, j0, j1, leaf, ground, trees.inverse)
         if coloured and deep is None:
-            light_run(s, j0, j1, leaf, face, look.colours, look.material, look.lights, look.light_colours,
-                      look.ambient_light)
+            light_run(
+                s, j0, j1, leaf, face, look.colours, look.material, look.lights, look.light_colours, look.ambient_light
+            )
         else:
             for k in range(j0, j1):
                 s[RED + k], s[GREEN + k], s[BLUE + k] = 0.0, 0.0, 0.0
@@ -298,8 +312,21 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, gro
                 for pixel in range(count):
                     for u in range(3):
                         s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
-                hit_row(work, 3 * count, row, y, columns[0], columns[count - 1], -1, eye.chosen, eye.chosen.shape[0],
-                        trees, eye, plan, ground)
+                hit_row(
+                    work,
+                    3 * count,
+                    row,
+                    y,
+                    columns[0],
+                    columns[count - 1],
+                    -1,
+                    eye.chosen,
+                    eye.chosen.shape[0],
+                    trees,
+                    eye,
+                    plan,
+                    ground,
+                )
                 colour_row(work, 3 * count, y, trees, look, plan, deep, ground, plan.box == 0)
                 for pixel in range(count):
                     for u in range(3):

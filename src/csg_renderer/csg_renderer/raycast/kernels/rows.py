@@ -34,7 +34,8 @@ STRIDE = 256
 X, NEAR, FAR_, FACE_IN, FACE_OUT, ENTRY, END, CODE, DEPTH, HIT = (np.uint64(STRIDE * k) for k in range(10))
 # Of the visible points: unit viewing ray, place, unit normal on the viewer's side, colour, two rows for the highlight.
 VX, VY, VZ, PX, PY, PZ, NX, NY, NZ, RED, GREEN, BLUE, BASE, GLINT, SHADE = (
-    np.uint64(STRIDE * k) for k in range(10, 25))
+    np.uint64(STRIDE * k) for k in range(10, 25)
+)
 CUTTERS = np.uint64(STRIDE * 25)
 CUTTER_PARTS = np.uint64(3 * STRIDE)
 

@@ -93,23 +93,27 @@ def leaf_rays(s, j0, j1, kind, leaf, inverse):
         s[PX + ONE + ONE + j] = nz if abs(oz - nz) < rz else oz
     if kind == BLOCK:
         for j in range(j0, j1):
-            near, far, face_in, face_out = block_span(s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j],
-                                                      s[NX + ONE + j], s[NX + ONE + ONE + j])
+            near, far, face_in, face_out = block_span(
+                s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
+            )
             s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == CYLINDER:
         for j in range(j0, j1):
-            near, far, face_in, face_out = cylinder_span(s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j],
-                                                         s[NX + ONE + j], s[NX + ONE + ONE + j])
+            near, far, face_in, face_out = cylinder_span(
+                s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
+            )
             s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == SPHERE:
         for j in range(j0, j1):
-            near, far = sphere_span(s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j],
-                                    s[NX + ONE + ONE + j])
+            near, far = sphere_span(
+                s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
+            )
             s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
     elif kind == CONE:
         for j in range(j0, j1):
-            near, far, face_in, face_out = cone_span(s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j],
-                                                     s[NX + ONE + j], s[NX + ONE + ONE + j])
+            near, far, face_in, face_out = cone_span(
+                s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
+            )
             s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     else:
         for j in range(j0, j1):
@@ -180,9 +184,23 @@ def cast_rays(s, n, trees, work, deep, ground):
         for j in range(ZERO, n):
             if s[INSIDE + j] == 0.0:
                 continue
-            count = child_list(trees, trees.inverse, trees.sphere, child, s[OX + j], s[OX + ONE + j],
-                               s[OX + ONE + ONE + j], s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], tolerance,
-                               work.times, work.hits, work.starts, work.counts)
+            count = child_list(
+                trees,
+                trees.inverse,
+                trees.sphere,
+                child,
+                s[OX + j],
+                s[OX + ONE + j],
+                s[OX + ONE + ONE + j],
+                s[DX + j],
+                s[DX + ONE + j],
+                s[DX + ONE + ONE + j],
+                tolerance,
+                work.times,
+                work.hits,
+                work.starts,
+                work.counts,
+            )
             for i in range(0, count, 2):
                 entry, here = work.times[i], work.hits[i]
                 if entry > departure:
@@ -194,8 +212,19 @@ def cast_rays(s, n, trees, work, deep, ground):
             leaf = ground.leaf[g]
             here = leaf * LEAF_STEP
             for j in range(ZERO, n):
-                entry = ground_ray(ground, g, trees.inverse[leaf], s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j],
-                                   s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], departure, s[REACH + j])
+                entry = ground_ray(
+                    ground,
+                    g,
+                    trees.inverse[leaf],
+                    s[OX + j],
+                    s[OX + ONE + j],
+                    s[OX + ONE + ONE + j],
+                    s[DX + j],
+                    s[DX + ONE + j],
+                    s[DX + ONE + ONE + j],
+                    departure,
+                    s[REACH + j],
+                )
                 if entry < s[BEST + j] - tolerance or (entry <= s[BEST + j] + tolerance and here < s[MET + j]):
                     s[BEST + j], s[MET + j], s[REACH + j] = entry, here, entry + tolerance
 
@@ -235,9 +264,23 @@ def arriving_light(s, n, trees, look, work, deep, ground):
         for j in range(ZERO, n):
             if s[INSIDE + j] == 0.0 or s[LIGHT + j] == 0.0:
                 continue
-            count = child_list(trees, trees.inverse, trees.sphere, child, s[OX + j], s[OX + ONE + j],
-                               s[OX + ONE + ONE + j], s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j], tolerance,
-                               work.times, work.hits, work.starts, work.counts)
+            count = child_list(
+                trees,
+                trees.inverse,
+                trees.sphere,
+                child,
+                s[OX + j],
+                s[OX + ONE + j],
+                s[OX + ONE + ONE + j],
+                s[DX + j],
+                s[DX + ONE + j],
+                s[DX + ONE + ONE + j],
+                tolerance,
+                work.times,
+                work.hits,
+                work.starts,
+                work.counts,
+            )
             for i in range(0, count, 2):
                 if work.times[i] < s[REACH + j] and work.times[i + 1] > departure:
                     s[LIGHT + j] *= look.material[int(work.hits[i] / LEAF_STEP), 5]
@@ -245,9 +288,23 @@ def arriving_light(s, n, trees, look, work, deep, ground):
         for g in range(ground.leaf.shape[0]):
             leaf = ground.leaf[g]
             for j in range(ZERO, n):
-                if s[LIGHT + j] > 0.0 and ground_ray(
-                        ground, g, trees.inverse[leaf], s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j], s[DX + j],
-                        s[DX + ONE + j], s[DX + ONE + ONE + j], departure, s[REACH + j]) < INF:
+                if (
+                    s[LIGHT + j] > 0.0
+                    and ground_ray(
+                        ground,
+                        g,
+                        trees.inverse[leaf],
+                        s[OX + j],
+                        s[OX + ONE + j],
+                        s[OX + ONE + ONE + j],
+                        s[DX + j],
+                        s[DX + ONE + j],
+                        s[DX + ONE + ONE + j],
+                        departure,
+                        s[REACH + j],
+                    )
+                    < INF
+                ):
                     s[LIGHT + j] *= look.material[leaf, 5]
 
 
@@ -294,8 +351,11 @@ def light_batch(s, n, row, trees, look, work, deep, ground):
                 nx, ny, nz = s[NORMAL + j], s[NORMAL + ONE + j], s[NORMAL + ONE + ONE + j]
                 vx, vy, vz = s[VX + j], s[VX + ONE + j], s[VX + ONE + ONE + j]
                 slope = 2.0 * (vx * nx + vy * ny + vz * nz)
-                towards = ((vx - slope * nx) * s[DX + j] + (vy - slope * ny) * s[DX + ONE + j]
-                           + (vz - slope * nz) * s[DX + ONE + ONE + j])
+                towards = (
+                    (vx - slope * nx) * s[DX + j]
+                    + (vy - slope * ny) * s[DX + ONE + j]
+                    + (vz - slope * nz) * s[DX + ONE + ONE + j]
+                )
                 if towards > 0.0:
                     glint = arriving * specular * power(towards, look.material[leaf, 3])
             k = np.uint64(s[PIXEL + j])
@@ -402,4 +462,7 @@ def deep_row(row, j0, j1, trees, look, work, deep, ground):
             first = last
         for j in range(ZERO, n):
             s[NORMAL + j], s[NORMAL + ONE + j], s[NORMAL + ONE + ONE + j] = (
-                s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j])
+                s[NX + j],
+                s[NX + ONE + j],
+                s[NX + ONE + ONE + j],
+            )

@@ -42,8 +42,11 @@ class Workspace(NamedTuple):
 def points_row(s, j0, j1, y, rotation):
     """Viewing rays and places of the hits of a row, scene frame, into VX..PZ."""
     ax, ay, az = rotation[0, 0], rotation[1, 0], rotation[2, 0]
-    bx, by, bz = (rotation[0, 1] * y + rotation[0, 2], rotation[1, 1] * y + rotation[1, 2],
-                  rotation[2, 1] * y + rotation[2, 2])
+    bx, by, bz = (
+        rotation[0, 1] * y + rotation[0, 2],
+        rotation[1, 1] * y + rotation[1, 2],
+        rotation[2, 1] * y + rotation[2, 2],
+    )
     cx, cy, cz = rotation[0, 3], rotation[1, 3], rotation[2, 3]
     for j in range(j0, j1):
         x, t = s[X + j], s[DEPTH + j]
@@ -135,7 +138,7 @@ def power(base, exponent):
     """base ** exponent for base > 0; whole exponents by repeated squaring, which is ten times as fast."""
     whole = int(exponent) if exponent < 4096.0 else 0
     if whole != exponent:
-        return base ** exponent
+        return base**exponent
     result = 1.0
     while whole > 0:
         if whole & 1:

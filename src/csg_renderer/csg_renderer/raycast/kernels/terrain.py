@@ -106,9 +106,20 @@ def walk(ground, g, ox, oy, oz, u, v, w, nearest, farthest):
         stop = min(to_x, to_y, leave)
         if stop >= t:
             k = base + j * columns + i
-            found = crossing_in_cell(ground.heights[k], ground.heights[k + 1], ground.heights[k + columns],
-                                     ground.heights[k + columns + 1], ground.bilinear[g], ox + t * u - i,
-                                     oy + t * v - j, oz + t * w, u, v, w, stop - t)
+            found = crossing_in_cell(
+                ground.heights[k],
+                ground.heights[k + 1],
+                ground.heights[k + columns],
+                ground.heights[k + columns + 1],
+                ground.bilinear[g],
+                ox + t * u - i,
+                oy + t * v - j,
+                oz + t * w,
+                u,
+                v,
+                w,
+                stop - t,
+            )
             if found < INF:
                 return t + found
             t = stop
@@ -125,11 +136,18 @@ def walk(ground, g, ox, oy, oz, u, v, w, nearest, farthest):
 @kernel
 def ground_ray(ground, g, m, ox, oy, oz, dx, dy, dz, nearest, farthest):
     """As walk, for a ray of the frame that m (3, 4) takes to the grid frame."""
-    return walk(ground, g, m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz + m[0, 3],
-                m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz + m[1, 3],
-                m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz + m[2, 3],
-                m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz), m[1, 0] * dx + (m[1, 1] * dy + m[1, 2] * dz),
-                m[2, 0] * dx + (m[2, 1] * dy + m[2, 2] * dz), nearest, farthest)
+    return walk(
+        ground,
+        g,
+        m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz + m[0, 3],
+        m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz + m[1, 3],
+        m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz + m[2, 3],
+        m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz),
+        m[1, 0] * dx + (m[1, 1] * dy + m[1, 2] * dz),
+        m[2, 0] * dx + (m[2, 1] * dy + m[2, 2] * dz),
+        nearest,
+        farthest,
+    )
 
 
 @kernel
@@ -141,8 +159,11 @@ def ground_row(s, end, y, ground, local, tolerance):
         for j in range(ZERO, end):
             depth = s[DEPTH + j]
             t = ground_ray(ground, g, local[leaf], 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, depth + tolerance)
-            if t < depth - tolerance or (t <= depth + tolerance and code < s[HIT + j]) or (
-                    t < INF and s[HIT + j] == NOTHING):
+            if (
+                t < depth - tolerance
+                or (t <= depth + tolerance and code < s[HIT + j])
+                or (t < INF and s[HIT + j] == NOTHING)
+            ):
                 s[DEPTH + j], s[HIT + j] = t, code
 
 

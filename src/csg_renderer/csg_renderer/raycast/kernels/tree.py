@@ -288,8 +288,9 @@ def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, toleranc
 def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, counts):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
     for j in range(j0, j1):
-        count = child_list(trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits,
-                           starts, counts)
+        count = child_list(
+            trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts, counts
+        )
         for k in range(count):
             if tolerance < times[k] < 0.5 * FAR:
                 entry, code, depth = times[k], hits[k] + (k % 2), s[DEPTH + j]
@@ -312,8 +313,9 @@ def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
             continue
         s[HIT + j] = np.floor(hit)
         child = trees.child_of[int(hit / LEAF_STEP)]
-        count = child_list(trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits,
-                           starts, counts)
+        count = child_list(
+            trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts, counts
+        )
         for i in range(0, count, 2):
             if times[i] > tolerance:
                 if abs(times[i] - s[DEPTH + j]) <= 2.0 * tolerance:
