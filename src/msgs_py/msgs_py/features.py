@@ -136,11 +136,11 @@ class FeatureSet:
             centre,
             centre + normal / length,
             radii,
-            err_par,
-            err_per,
-            major_axis,
-            arc,
-        )  # type: ignore[arg-type]
+            err_par,  # type: ignore[arg-type]
+            err_per,  # type: ignore[arg-type]
+            major_axis,  # type: ignore[arg-type]
+            arc,  # type: ignore[arg-type]
+        )
 
     @classmethod
     def from_axes(

@@ -307,8 +307,8 @@ class GraphNode(Node, Generic[_C]):
         subscription = self.create_subscription(
             message_type,
             topic,
-            on_message,
-            INPUT_QOS,  # type: ignore[arg-type]
+            on_message,  # type: ignore[arg-type]
+            INPUT_QOS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         return subscription

@@ -117,7 +117,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return partial(njit, **options)
     dispatcher = numba.njit(**options)(function)
     if isinstance(dispatcher, Dispatcher):  # with compilation switched off it is the function itself
-        dispatcher._cache = ContentCache(function, options)  # type: ignore[arg-type]
+        dispatcher._cache = ContentCache(function, options)  # type: ignore[attr-defined]
     return dispatcher
 
 
@@ -219,7 +219,7 @@ def _described_value(value: Any, names: list[str], callees: list[FunctionType]) 
             )
         )
     if isinstance(value, np.ndarray):
-        return f'{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value)).hexdigest()}'
+        return f'{value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}'
     if isinstance(value, (tuple, list)):
         return repr((type(value).__name__, [_described_value(item, names, callees) for item in value]))
     if isinstance(value, type):
@@ -239,7 +239,7 @@ def _described_type(kind: Any) -> str:
         return f'compiled {content(kind.dispatcher.py_func)}'
     if isinstance(kind, types.BaseTuple):
         fields = getattr(kind, 'fields', ())
-        return f'{type(kind).__name__} {fields} {[_described_type(item) for item in kind.types]}'
+        return f'{type(kind).__name__} {fields} {[_described_type(item) for item in iter(kind)]}'
     return repr(kind)
 
 
