@@ -26,7 +26,7 @@ help:
 
 setup: $(READY)
 
-$(READY): requirements.txt requirements-libraries.txt .ci/setup $(PACKAGES:%=src/%/setup.py)
+$(READY): requirements.txt requirements-libraries.txt .ci/setup $(PACKAGES:%=src/%/setup.cfg)
 	@PYTHON='$(PYTHON)' sh .ci/setup $(PACKAGES)
 
 demo: $(READY)
@@ -40,7 +40,7 @@ test: $(READY)
 OLDEST_PYTHON ?= python3.12
 OLDEST := .venv-oldest/.ready
 
-$(OLDEST): requirements-oldest.txt $(PACKAGES:%=src/%/setup.py)
+$(OLDEST): requirements-oldest.txt $(PACKAGES:%=src/%/setup.cfg)
 	@command -v $(OLDEST_PYTHON) >/dev/null || { echo 'no $(OLDEST_PYTHON): make OLDEST_PYTHON=... test-oldest' >&2; exit 1; }
 	$(OLDEST_PYTHON) -m venv .venv-oldest
 	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-oldest.txt

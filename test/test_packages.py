@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import shutil
@@ -10,6 +9,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 import zipfile
+from configparser import ConfigParser
 from pathlib import Path
 
 import pytest
@@ -22,21 +22,22 @@ def manifest(package: str) -> ElementTree.Element:
     return ElementTree.parse(ROOT / 'src' / package / 'package.xml').getroot()
 
 
-def setup_arguments(package: str) -> dict[str, ast.expr]:
-    tree = ast.parse((ROOT / 'src' / package / 'setup.py').read_text())
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup']
-    return {keyword.arg: keyword.value for keyword in calls[0].keywords}
+def settings(package: str) -> ConfigParser:
+    """setup.cfg, which holds all that setup.py could say."""
+    read = ConfigParser(interpolation=None)
+    read.read(ROOT / 'src' / package / 'setup.cfg')
+    return read
 
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_the_manifest_is_complete_and_agrees_with_setup(package):
-    root, setup = manifest(package), setup_arguments(package)
-    assert root.get('format') == '3' and root.findtext('name') == package
-    for tag, keyword in (('version', 'version'), ('license', 'license'), ('maintainer', 'maintainer')):
-        assert root.findtext(tag) == ast.literal_eval(setup[keyword])
-    assert root.find('maintainer').get('email') == ast.literal_eval(setup['maintainer_email'])
+    root, setup = manifest(package), settings(package)
+    assert root.get('format') == '3' and root.findtext('name') == package == setup['metadata']['name']
+    for key in ('version', 'license', 'maintainer'):
+        assert root.findtext(key) == setup['metadata'][key]
+    assert root.find('maintainer').get('email') == setup['metadata']['maintainer_email']
     assert root.findtext('description').strip() and root.findtext('export/build_type') == 'ament_python'
-    assert 'pytest' in ast.literal_eval(setup['extras_require'])['test'], 'so that colcon test runs pytest'
+    assert 'pytest' in setup['options.extras_require']['test'], 'so that colcon test runs pytest'
 
 
 @pytest.mark.parametrize('package', PACKAGES)
@@ -56,13 +57,16 @@ def test_the_changelog_ends_with_this_version(package):
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_every_folder_of_data_is_installed(package):
-    """What is not Python and not in DATA would be missing from a wheel and from share/."""
+    """What is not Python and not named in setup.cfg would be missing from a wheel or from share/."""
     folder = ROOT / 'src' / package / package
-    tree = ast.parse((ROOT / 'src' / package / 'setup.py').read_text())
-    data = ast.literal_eval(
-        next(node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == 'DATA')
-    )
-    kept = ('.py', '.pyi', '.lark', '.typed', '.pyc', '.nbi', '.nbc')
+    setup = settings(package)
+    packed = {line.removesuffix('/*') for line in setup['options.package_data'][package].split() if line.endswith('/*')}
+    shared = {
+        key.removeprefix(f'share/{package}/')
+        for key in setup['options.data_files']
+        if key.startswith(f'share/{package}/')
+    }
+    kept = ('.py', '.pyi', '.lark', '.typed', '.pyc')
     found = {
         str(path.parent.relative_to(folder))
         for path in folder.rglob('*')
@@ -71,8 +75,8 @@ def test_every_folder_of_data_is_installed(package):
         and '__pycache__' not in path.parts
         or path.name.endswith('.launch.py')
     }
-    assert found <= set(data), f'not in DATA: {found - set(data)}'
-    assert all((folder / item).is_dir() for item in data)
+    assert found <= packed == shared, f'not in setup.cfg: {found - (packed & shared)}'
+    assert all((folder / item).is_dir() for item in packed)
 
 
 @pytest.mark.parametrize('package', PACKAGES)
@@ -120,7 +124,7 @@ def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
 )
 @pytest.mark.parametrize('given, threads', [(None, '1'), ('2', '2')])
 def test_an_executable_starts_its_node_with_one_blas_thread_unless_told_otherwise(name, package, given, threads):
-    assert f"'{name} = graph_executables:{name}'" in (ROOT / 'src' / package / 'setup.py').read_text()
+    assert f'{name} = graph_executables:{name}' in settings(package)['options.entry_points']['console_scripts']
     code = (
         f'import os, sys, types, graph_executables\n'
         'assert "numpy" not in sys.modules, "too late to say how many threads"\n'

@@ -1,42 +1,5 @@
-import os
-from glob import glob
+"""All there is to say stands in setup.cfg; colcon and older tools look for this file."""
 
-from setuptools import find_packages, setup
+from setuptools import setup
 
-PACKAGE = 'model_matcher'
-# Data lives inside the Python package (importlib.resources finds it there) and is installed to
-# share/ as well, where ROS tools look. Every folder of the package that holds no Python is data.
-DATA = ['config', 'launch']
-
-
-def share(folder):
-    files = sorted(f for f in glob(os.path.join(PACKAGE, folder, '*')) if os.path.isfile(f))
-    return (os.path.join('share', PACKAGE, folder), files)
-
-
-setup(
-    name=PACKAGE,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed', '**/*.lark'] + [folder + '/*' for folder in DATA]},
-    data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
-        ('share/' + PACKAGE, ['package.xml']),
-    ]
-    + [share(folder) for folder in DATA],
-    install_requires=['setuptools'],
-    # closed_form --dask: sweeps on a cluster.
-    extras_require={'test': ['pytest'], 'dask': ['distributed>=2023.12']},
-    zip_safe=False,
-    maintainer='The maintainers',
-    maintainer_email='maintainers@example.com',
-    description='Finds known objects among recovered 3D features',
-    license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-            'match = model_matcher.match_cli:main',
-            'matcher_node = graph_executables:matcher_node',
-            'closed_form = model_matcher.closed_form.cli:main',
-        ]
-    },
-)
+setup()

@@ -1,36 +1,5 @@
-import os
-from glob import glob
+"""All there is to say stands in setup.cfg; colcon and older tools look for this file."""
 
-from setuptools import find_packages, setup
+from setuptools import setup
 
-PACKAGE = 'msgs_py'
-# Data lives inside the Python package (importlib.resources finds it there) and is installed to
-# share/ as well, where ROS tools look. Every folder of the package that holds no Python is data.
-DATA = ['transport_profiles']
-
-
-def share(folder):
-    files = sorted(f for f in glob(os.path.join(PACKAGE, folder, '*')) if os.path.isfile(f))
-    return (os.path.join('share', PACKAGE, folder), files)
-
-
-setup(
-    name=PACKAGE,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    py_modules=['graph_executables'],
-    package_data={PACKAGE: ['py.typed', '**/*.lark'] + [folder + '/*' for folder in DATA]},
-    data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/' + PACKAGE]),
-        ('share/' + PACKAGE, ['package.xml']),
-    ]
-    + [share(folder) for folder in DATA],
-    install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},
-    zip_safe=False,
-    maintainer='The maintainers',
-    maintainer_email='maintainers@example.com',
-    description='Plain vocabulary types of the object recognition graph and their ROS codecs',
-    license='Apache-2.0',
-    entry_points={'console_scripts': []},
-)
+setup()
