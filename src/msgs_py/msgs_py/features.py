@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import as_finite, as_shaped
+from .numeric.vectors import farthest_axis
 from .pose import Pose
 
 FULL_ARC = (0.0, 2.0 * np.pi)
@@ -219,7 +220,7 @@ class FeatureSet:
         first = self.major_axis[index]
         if not np.isfinite(first).all():
             # Any direction in the plane will do for a circle: the coordinate axis farthest from the normal.
-            first = np.eye(3)[np.argmin(np.abs(normal))]
+            first = farthest_axis(normal)
         first = first - normal * (first @ normal)
         first /= np.linalg.norm(first)
         angle = self.arc[index, 0] + np.linspace(0.0, 1.0, samples) * self.arc[index, 1]

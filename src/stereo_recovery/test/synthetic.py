@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from msgs_py import PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.vectors import perpendicular
 
 
 @dataclass
@@ -224,8 +225,7 @@ def visible_pieces(shape: Shape, start, end, rig: StereoRig, samples: int = 400)
 
 def _around(direction: np.ndarray) -> np.ndarray:
     direction = direction / np.linalg.norm(direction)
-    first = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-    first /= np.linalg.norm(first)
+    first = -perpendicular(direction)
     second = np.cross(direction, first)
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     return np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second

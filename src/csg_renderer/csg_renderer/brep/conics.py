@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.vectors import perpendicular
+
 from .lines import PARALLEL
 from .surfaces import SurfaceTable
 
@@ -274,6 +276,5 @@ def _ellipse(centre: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
 
 
 def _across(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    first = np.cross(np.eye(3)[np.abs(n).argmin()], n)
-    first /= np.linalg.norm(first)
+    first = perpendicular(n)
     return first, np.cross(n, first)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.vectors import perpendicular
+
 from .neighbourhood import Branches
 from .surfaces import SurfaceTable, cluster
 
@@ -109,8 +111,7 @@ class _Loop:
 
 def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> list[_Loop]:
     """Chain oriented pieces of one plane; where several leave a vertex, each face keeps to its own corner."""
-    first = np.cross(np.eye(3)[np.abs(normal).argmin()], normal)
-    first /= np.linalg.norm(first)
+    first = perpendicular(normal)
     frame = np.stack([first, np.cross(normal, first)], axis=1)
     start = np.array([o.start if forward else o.end for o, forward in zip(outlines, left)])
     end = np.array([o.end if forward else o.start for o, forward in zip(outlines, left)])

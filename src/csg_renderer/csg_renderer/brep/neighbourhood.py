@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.vectors import perpendicular
+
 from .surfaces import ON, SurfaceTable
 
 # Branches closer than this, radians, have one direction; directions this close to opposite make a smooth join.
@@ -181,9 +183,7 @@ def _pack(on: np.ndarray, dummy: int) -> np.ndarray:
 
 def _frame(tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two (n, 3) unit directions across each tangent; first x second = tangent."""
-    helper = np.eye(3)[np.abs(tangents).argmin(axis=1)]
-    first = np.cross(helper, tangents)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = perpendicular(tangents)
     return first, np.cross(tangents, first)
 
 

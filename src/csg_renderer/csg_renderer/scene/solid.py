@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from msgs_py import Pose
+from msgs_py.numeric.vectors import perpendicular
 
 # Faces in the order of thesis Table 4.1, which is also the order of face_id in a rendered frame. Unit frames: the block
 # is the unit cube of the positive octant; cylinder and cone have unit radius and length along +z, the cylinder with one
@@ -292,8 +293,7 @@ def _along(radius: float, axis: ArrayLike) -> np.ndarray:
     if not length > 0.0:
         raise ValueError('axis: its length is zero')
     z = a / length
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x /= np.linalg.norm(x)
+    x = perpendicular(z)
     matrix = np.eye(4)
     matrix[:3, 0] = radius * x
     matrix[:3, 1] = radius * np.cross(z, x)

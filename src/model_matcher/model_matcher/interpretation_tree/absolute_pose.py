@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet, Pose
+from msgs_py.numeric.vectors import perpendicular
 
 # Relative size below which a singular value counts as zero: a free direction.
 FREE = 1e-9
@@ -98,9 +99,7 @@ def _smallest_turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     axis = np.cross(u, v)
     c = float(u @ v)
     if c < -1.0 + 1e-12:
-        across = np.eye(3)[np.argmin(np.abs(u))]
-        across = np.cross(u, across)
-        across /= np.linalg.norm(across)
+        across = perpendicular(u)
         return 2.0 * np.outer(across, across) - np.eye(3)
     skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + skew + skew @ skew / (1.0 + c)

@@ -17,6 +17,7 @@ import numpy as np
 
 from msgs_py import FeatureKind
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.vectors import perpendicular
 
 from ..model.index import ModelIndex
 
@@ -48,8 +49,7 @@ def _rims(index: ModelIndex) -> np.ndarray:
     rows = index.rows[index.kind == FeatureKind.CURVE]
     angle = np.arange(RIM) * 2.0 * np.pi / RIM
     normal = rows[:, 3:6]
-    u = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)]) if len(rows) else normal
-    u = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
+    u = -perpendicular(normal)
     v = np.cross(normal, u)
     around = np.cos(angle)[:, None, None] * u + np.sin(angle)[:, None, None] * v
     return (rows[:, :3] + np.nan_to_num(rows[:, 7:8]) * around).reshape(-1, 3)

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.vectors import perpendicular
 
 from ..detection.edgels import Edgels
 from ..detection.segmentation import CORRELATION_LENGTH
@@ -69,8 +70,7 @@ class Axle:
 
     @cached_property
     def _across(self) -> np.ndarray:
-        first = cross(self.direction, np.eye(3)[np.argmin(np.abs(self.direction))])
-        first = first / np.linalg.norm(first)
+        first = perpendicular(self.direction)
         return np.stack([first, cross(self.direction, first)])
 
 

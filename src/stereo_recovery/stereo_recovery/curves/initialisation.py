@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.vectors import perpendicular
 
 from ..detection.conics import Ellipse
 from ..detection.segmentation import Pieces
@@ -192,12 +193,11 @@ def circles_of(ellipse: Ellipse, samples: np.ndarray, rig: StereoRig, right: boo
         if len(radius) == 0:
             continue
         size = float(np.median(radius))
-        first = cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         found.append(
             Curve(
                 size * centre + [eye, 0.0, 0.0],
                 normal,
-                first / np.linalg.norm(first),
+                -perpendicular(normal),
                 np.full(2, size),
                 np.zeros((6, 6)),
                 np.inf,
