@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from csg_renderer import load_scene, model_features, render_stereo, scene_path
-from dap_emulator.service.client import DapError
+from dap_emulator import DapError
 from model_matcher.closed_form.array_machine import roberts_through_service
 from model_matcher.closed_form.batch import brought_home, files_of, run_batch, run_far
 from model_matcher.closed_form.case import Case, Limits, result_document
@@ -353,6 +353,6 @@ def test_a_report_without_the_array_machine_says_why(monkeypatch):
     def refuse(*arguments, **options):
         raise DapError('emulator_node: no such service within 5 s')
 
-    monkeypatch.setattr('dap_emulator.service.client.DapClient', refuse)
+    monkeypatch.setattr('dap_emulator.DapClient', refuse)
     row = roberts_through_service(None, None, '/emulator_node', np.zeros((80, 80), np.uint8))
     assert row == {'program': 'Roberts operator', 'error': 'emulator_node: no such service within 5 s'}

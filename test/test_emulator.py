@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dap_emulator import DapClient, DapError
 from dap_emulator.node import EmulatorNode
-from dap_emulator.service.client import DapClient, DapError
 
 ADD = """
       ENTRY SUBROUTINE ADD(A, B, C)

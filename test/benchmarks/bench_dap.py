@@ -242,8 +242,8 @@ def service(runs: int) -> tuple[float, float, int]:
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
 
+    from dap_emulator import DapClient
     from dap_emulator.node import EmulatorNode
-    from dap_emulator.service.client import DapClient
 
     context = Context()
     rclpy.init(context=context, domain_id=83)

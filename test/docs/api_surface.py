@@ -68,6 +68,12 @@ def signature(function: Any) -> str:
     return f'({", ".join(shown)})'
 
 
+def own_names(value: type) -> set[str]:
+    """Names that a class has of its own, or from classes of these packages."""
+    bases = [base for base in value.__mro__ if base.__module__.split('.')[0] in MODULES]
+    return {name for base in bases for name in vars(base)}
+
+
 def described(value: Any) -> Any:
     """A function's signature; a class's members; a constant's type."""
     if inspect.isclass(value):
@@ -76,7 +82,7 @@ def described(value: Any) -> Any:
         members = {'()': signature(value)}
         if dataclasses.is_dataclass(value):
             members['fields'] = [field.name for field in dataclasses.fields(value) if not field.name.startswith('_')]
-        for name in sorted(vars(value)):
+        for name in sorted(own_names(value)):
             if name.startswith('_') or name in members.get('fields', ()):
                 continue
             member = inspect.getattr_static(value, name)

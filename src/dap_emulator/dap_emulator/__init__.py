@@ -4,10 +4,12 @@ from . import fortran_plus
 from .machine import intrinsics
 from .machine.arrays import DapArray
 from .machine.costs import CONSTANTS, CostTable
+from .machine.dap import Dap
 from .machine.kinds import Kind
-from .machine.machine import MODELS, Dap, Model, OutOfStore, Stats
+from .machine.machine import MODELS, Model, OutOfStore, Stats
 from .machine.mapping import MAPPINGS, Layout
 from .service.client import DapClient
+from .service.links import DapError
 
 __all__ = [
     'CONSTANTS',
@@ -15,6 +17,7 @@ __all__ = [
     'Dap',
     'DapArray',
     'DapClient',
+    'DapError',
     'Kind',
     'Layout',
     'MAPPINGS',

@@ -19,7 +19,8 @@ import numpy as np
 from .fortran_plus import FortranError, Limits, Result, Stopped
 from .fortran_plus.functions import FUNCTIONS
 from .fortran_plus.library import load_program, program_names, summary
-from .machine.machine import MODELS, Dap, OutOfStore
+from .machine.dap import Dap
+from .machine.machine import MODELS, OutOfStore
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.pgm', '.tif', '.tiff')
 

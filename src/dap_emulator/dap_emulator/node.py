@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import array
 import json
-import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
-import rclpy
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue, SetParametersResult
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
@@ -24,128 +18,10 @@ from msgs_py.node_runtime.runtime import GraphNode, run_node
 
 from .fortran_plus import FortranError, Stopped
 from .fortran_plus.library import program_names, summary
-from .service.client import DapError
 from .service.imaging import ImageProgram
+from .service.parameter_values import value_from_message, value_to_message
 from .service.service_config import EmulatorConfig
 from .service.workspaces import Refused, ServiceLimits, Workspaces
-
-_FIELDS = {
-    ParameterType.PARAMETER_BOOL: 'bool_value',
-    ParameterType.PARAMETER_INTEGER: 'integer_value',
-    ParameterType.PARAMETER_DOUBLE: 'double_value',
-    ParameterType.PARAMETER_STRING: 'string_value',
-    ParameterType.PARAMETER_BOOL_ARRAY: 'bool_array_value',
-    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer_array_value',
-    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value',
-    ParameterType.PARAMETER_STRING_ARRAY: 'string_array_value',
-}
-
-
-def value_from_message(message: ParameterValue) -> Any:
-    """A typed variant as a Python value; arrays as numpy. Raises ValueError for a type that is not accepted."""
-    if message.type not in _FIELDS:
-        raise ValueError(f'type {message.type} is not accepted; use bool, integer, double, string or an array of them')
-    value = getattr(message, _FIELDS[message.type])
-    if isinstance(value, array.array):
-        return np.array(value, dtype=np.int64 if value.typecode == 'q' else np.float64)
-    if message.type == ParameterType.PARAMETER_BOOL_ARRAY:
-        return np.array(value, dtype=bool)
-    return list(value) if message.type == ParameterType.PARAMETER_STRING_ARRAY else value
-
-
-def value_to_message(value: Any) -> ParameterValue:
-    """The reverse. None: not set."""
-    message = ParameterValue()
-    if value is None:
-        return message
-    if isinstance(value, np.ndarray) and value.dtype.kind in 'iub':
-        message.type = ParameterType.PARAMETER_INTEGER_ARRAY
-        message.integer_array_value = array.array('q', value.astype(np.int64).tobytes())
-        return message
-    if isinstance(value, np.ndarray):
-        message.type = ParameterType.PARAMETER_DOUBLE_ARRAY
-        message.double_array_value = array.array('d', value.astype(np.float64).tobytes())
-        return message
-    kinds = {
-        bool: ParameterType.PARAMETER_BOOL,
-        int: ParameterType.PARAMETER_INTEGER,
-        float: ParameterType.PARAMETER_DOUBLE,
-        str: ParameterType.PARAMETER_STRING,
-        list: ParameterType.PARAMETER_STRING_ARRAY,
-    }
-    message.type = kinds[type(value)]
-    setattr(message, _FIELDS[message.type], value)
-    return message
-
-
-class ServiceLink:
-    """A client's link over ROS services. node, executor: given, or its own pair in the given context."""
-
-    def __init__(
-        self,
-        emulator: str,
-        name: str,
-        node: Node | None,
-        executor: Any,
-        context: Any,
-        namespace: str | None,
-        timeout: float,
-    ) -> None:
-        if (node is None) != (executor is None):
-            raise ValueError('node and executor: give both or neither')
-        self.timeout = timeout
-        self._own, self._initialised = node is None, False
-        if node is None:
-            if context is None and not rclpy.ok():
-                rclpy.init()
-                self._initialised = True
-            node = Node(name, context=context, namespace=namespace, start_parameter_services=False, enable_rosout=False)
-            executor = SingleThreadedExecutor(context=context)
-            executor.add_node(node)
-        self._node, self._executor = node, executor
-        self._store = node.create_client(SetParametersAtomically, f'{emulator}/store')
-        self._run = node.create_client(Trigger, f'{emulator}/run')
-        self._fetch = node.create_client(GetParameters, f'{emulator}/fetch')
-        self._list = node.create_client(Trigger, f'{emulator}/list')
-
-    def store(self, items: list[tuple[str, Any]]) -> str | None:
-        parameters = [Parameter(name=name, value=value_to_message(value)) for name, value in items]
-        result = self._call(self._store, SetParametersAtomically.Request(parameters=parameters)).result
-        return None if result.successful else result.reason
-
-    def run(self) -> str:
-        return self._call(self._run, Trigger.Request()).message
-
-    def fetch(self, names: list[str]) -> list[Any]:
-        values = self._call(self._fetch, GetParameters.Request(names=names)).values
-        return [
-            None if value.type == ParameterType.PARAMETER_NOT_SET else value_from_message(value) for value in values
-        ]
-
-    def list(self) -> str:
-        return self._call(self._list, Trigger.Request()).message
-
-    def close(self) -> None:
-        for service in (self._store, self._run, self._fetch, self._list):
-            self._node.destroy_client(service)
-        if self._own:
-            self._executor.shutdown()
-            self._node.destroy_node()
-        if self._initialised:
-            rclpy.try_shutdown()
-
-    def _call(self, service: Any, request: Any) -> Any:
-        if not service.wait_for_service(timeout_sec=self.timeout):
-            raise DapError(f'{service.srv_name}: no such service within {self.timeout:g} s; is emulator_node running?')
-        future = service.call_async(request)
-        # Not spin_until_future_complete: each call of it leaves tasks behind in the executor, which slow down the next.
-        deadline = time.monotonic() + self.timeout
-        while not future.done() and (left := deadline - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
-        if not future.done():
-            service.remove_pending_request(future)
-            raise DapError(f'{service.srv_name}: no answer within {self.timeout:g} s')
-        return future.result()
 
 
 class _Finished:

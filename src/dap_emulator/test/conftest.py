@@ -47,7 +47,7 @@ class Emulator:
             self.executor.spin_once(timeout_sec=0.05)
 
     def client(self, name=None, **options):
-        from dap_emulator.service.client import DapClient
+        from dap_emulator import DapClient
 
         client = DapClient(client=name, context=self.context, **options)
         self._clients.append(client)

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from dap_emulator.service.client import DapError
+from dap_emulator import DapError
 
 ADD = """
 ENTRY SUBROUTINE ADD(A, B, C)
@@ -145,8 +145,8 @@ def test_a_client_may_share_the_executor_of_the_emulator():
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
 
+    from dap_emulator import DapClient
     from dap_emulator.node import EmulatorNode
-    from dap_emulator.service.client import DapClient
 
     context = Context()
     rclpy.init(context=context, domain_id=99)

@@ -5,7 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from dap_emulator.service.client import DapClient, DapError, LocalLink
+from dap_emulator import DapClient, DapError
+from dap_emulator.service.links import LocalLink
 from dap_emulator.service.workspaces import MAX_WAITING, RESULTS_KEPT, Refused, ServiceLimits, Workspaces
 
 DOUBLE = 'ENTRY SUBROUTINE DOUBLE(A, N)\nREAL A(,)\nINTEGER N\nA = A*2.0\nN = N + 1\nEND'

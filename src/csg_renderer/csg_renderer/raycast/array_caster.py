@@ -12,8 +12,8 @@ from typing import Any
 
 from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.arrays import DapArray, Operand
+from dap_emulator.machine.dap import Dap
 from dap_emulator.machine.kinds import LOGICAL, Kind, integer
-from dap_emulator.machine.machine import Dap
 
 CODES = integer(4)
 # Stands for "never ends"; finite, so that no arithmetic on it gives NaN.

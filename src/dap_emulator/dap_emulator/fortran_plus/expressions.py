@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from .scalars import scalar_operation
 from .storage import ArrayVariable
 from .syntax import Binary, Constant, Reference, Type, Unary, Whole
 from .syntax import Step as NeighbourStep
-
-if TYPE_CHECKING:
-    from .interpreter import CompiledUnit
 
 _RELATE = {
     '.EQ.': operator.eq,
@@ -45,8 +42,8 @@ _ARITHMETIC = {'+': 'add', '-': 'subtract', '*': 'multiply', '/': 'divide'}
 class Expressions:
     """Closures for the expressions of one unit; integers, reals and functions count its scalar operations."""
 
-    def __init__(self, unit: CompiledUnit, units: dict[str, CheckedUnit]) -> None:
-        self.unit, self.item, self.units = unit, unit.item, units
+    def __init__(self, item: CheckedUnit, units: dict[str, CheckedUnit]) -> None:
+        self.item, self.units = item, units
         self.integers = self.reals = self.functions = 0
 
     def arguments(self, name: str, actuals: list[Any]) -> Callable[[Frame], Frame]:
@@ -231,7 +228,7 @@ class Expressions:
             chosen = [_first_true(item) if isinstance(item, DapArray) else item for item in chosen]
             where = select_part(variable.parallel, chosen)
             element = all(isinstance(index, int) for index in where)
-            array._charge('fetch' if element else 'broadcast', array.kind)
+            array.charge('fetch' if element else 'broadcast', array.kind)
             if element:
                 return array.values[where].item()
             return DapArray(array.dap, array.kind, np.ascontiguousarray(array.values[where]))

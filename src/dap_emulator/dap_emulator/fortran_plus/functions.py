@@ -9,7 +9,7 @@ from typing import Any
 from ..machine import intrinsics as f
 from ..machine.arrays import DapArray
 from ..machine.kinds import LOGICAL, Kind, common_kind, integer, real
-from ..machine.machine import Dap
+from ..machine.machine import Machine
 from .syntax import Type
 
 Rule = Callable[[Sequence[Type]], Type]
@@ -188,7 +188,7 @@ def _sized(types: Sequence[Type]) -> Type:
     return Type(integer(4))
 
 
-def _size(dap: Dap, x: DapArray, axis: int = 0) -> int:
+def _size(dap: Machine, x: DapArray, axis: int = 0) -> int:
     """SIZE(x): number of elements. SIZE(x, d): extent of parallel dimension d (our addition)."""
     if axis not in range(0, x.rank + 1):
         raise ValueError(f'SIZE: dimension {axis} of an array that has {x.rank}')

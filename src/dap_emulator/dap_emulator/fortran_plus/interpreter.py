@@ -84,6 +84,10 @@ class CompiledUnit:
 class _Compiler(Expressions):
     """Closures for the statements of one unit."""
 
+    def __init__(self, unit: CompiledUnit, units: dict[str, CheckedUnit]) -> None:
+        super().__init__(unit.item, units)
+        self.unit = unit
+
     # Variables.
 
     def preparation(self, symbol: Symbol) -> Callable[[Frame], None]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..machine.arrays import DapArray
-from ..machine.machine import Dap, Stats
+from ..machine.machine import Machine, Stats
 from .checker import check
 from .declarations import CheckedUnit, Symbol
 from .errors import FortranError
@@ -101,7 +101,7 @@ class Program:
             )
         return self.units[name.upper()]
 
-    def run(self, dap: Dap, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
+    def run(self, dap: Machine, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
         """Run an entry.
 
         arguments : by name, any case; numbers, texts and arrays in the language's order of dimensions. A DapArray is
@@ -116,27 +116,19 @@ class Program:
         for name in given:
             if name not in known:
                 raise ValueError(f'{name}: no such argument of {unit.unit.name}, expected {", ".join(known) or "none"}')
-        before = (dap.cycles, dap._counts, dap.store.peak)
-        dap._counts, dap.store.peak = {}, dap.store.used
         run = Run(dap, self._compiled, limits or Limits())
         try:
-            values = _bind(dap, unit, given)
-            run.started, run.first_cycle = time.monotonic(), dap.cycles
-            with deep_recursion():
-                frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
-            results = {symbol.name: _host_value(frame[symbol.slot]) for symbol in unit.arguments}
-            for name, value in given.items():
-                if isinstance(value, DapArray):
-                    value.replace(results[name])
-            cycles = dap.cycles - before[0]
-            stats = Stats(dap._counts, cycles, cycles * dap.clock_s, dap.store)
+            with dap.measured() as stats_so_far:
+                values = _bind(dap, unit, given)
+                run.started, run.first_cycle = time.monotonic(), dap.cycles
+                with deep_recursion():
+                    frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
+                results = {symbol.name: _host_value(frame[symbol.slot]) for symbol in unit.arguments}
+                for name, value in given.items():
+                    if isinstance(value, DapArray):
+                        value.replace(results[name])
+                stats = stats_so_far()
         finally:
-            counts, dap._counts = dap._counts, before[1]
-            for key, (count, spent) in counts.items():
-                entry_counts = dap._counts.setdefault(key, [0, 0])
-                entry_counts[0] += count
-                entry_counts[1] += spent
-            dap.store.peak = max(dap.store.peak, before[2])
             dap.line = 0
         return Result(results, stats, run.displays, self.source)
 
@@ -156,7 +148,7 @@ def _host_value(value: Any) -> Any:
     return value.to_numpy() if isinstance(value, ArrayVariable) else value
 
 
-def _bind(dap: Dap, unit: CheckedUnit, given: dict[str, Any]) -> dict[str, Any]:
+def _bind(dap: Machine, unit: CheckedUnit, given: dict[str, Any]) -> dict[str, Any]:
     """The entry's arguments as scalars and variables."""
     values: dict[str, Any] = {}
     for symbol in unit.arguments:
@@ -213,7 +205,7 @@ def _extent(extent: Any, values: dict[str, Any], symbol: Symbol) -> int | None:
 
 
 def _shape(
-    dap: Dap,
+    dap: Machine,
     symbol: Symbol,
     extents: list[int | None],
     given: dict[str, Any],

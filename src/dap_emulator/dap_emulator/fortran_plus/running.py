@@ -5,21 +5,19 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from ..machine.machine import Dap
+from ..machine.machine import Machine
 from .errors import Stopped
 
-if TYPE_CHECKING:
-    from .interpreter import CompiledUnit
-
-Frame = list  # [run, symbol 1, symbol 2, ..., loop counters]
-Evaluate = Callable[[Frame], Any]
+# One call of a subroutine or function: [the Run, symbol 1, symbol 2, ..., loop counters].
+Frame: TypeAlias = list[Any]
+Evaluate: TypeAlias = Callable[[Frame], Any]
 
 MAX_DEPTH = 2000
 MAX_DISPLAYS = 500
@@ -55,12 +53,19 @@ class Limits:
     cancelled: threading.Event | None = None
 
 
+class CallableUnit(Protocol):
+    """A subroutine or function that can be called while a program runs."""
+
+    def call(self, run: Run, arguments: list[Any]) -> Frame:
+        """Run it with scalars and ArrayVariables in the order of its arguments; its frame afterwards."""
+
+
 @dataclass
 class Run:
     """One execution: its machine, COMMON blocks, limits and what it displayed."""
 
-    dap: Dap
-    units: dict[str, CompiledUnit]
+    dap: Machine
+    units: Mapping[str, CallableUnit]
     limits: Limits
     commons: dict[tuple[str, int], Any] = field(default_factory=dict)
     displays: list[tuple[str, np.ndarray, str]] = field(default_factory=list)

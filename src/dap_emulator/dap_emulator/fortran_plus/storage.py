@@ -9,7 +9,7 @@ import numpy as np
 from ..machine import planes
 from ..machine.arrays import DapArray
 from ..machine.kinds import LOGICAL, Kind
-from ..machine.machine import Dap
+from ..machine.machine import Machine
 from ..machine.operands import checked_scalar
 
 Place = tuple[int, ...]
@@ -26,7 +26,7 @@ class ArrayVariable:
 
     def __init__(
         self,
-        dap: Dap,
+        dap: Machine,
         kind: Kind,
         parallel: Place,
         serial: Place,
@@ -94,7 +94,7 @@ class ArrayVariable:
         if value.shape != self.parallel:
             raise ValueError(f'cannot assign shape {value.shape} to shape {self.parallel}')
         if value.kind != self.kind:
-            target[...] = value._converted(self.kind)
+            target[...] = value.converted(self.kind)
             return
         if not value.fresh:
             self.dap.charge('copy', self.kind, self.parallel)
@@ -106,7 +106,7 @@ class ArrayVariable:
         self.dap.charge('masked_copy', self.kind, self.parallel)
         source: Any
         if isinstance(value, DapArray):
-            source = value.values if value.kind == self.kind else value._converted(self.kind)
+            source = value.values if value.kind == self.kind else value.converted(self.kind)
             if source.ndim == 1 and len(self.parallel) == 2:
                 source = source[None, :] if mask.shape[1] == 1 or mask.shape[0] > 1 else source[:, None]
         else:
@@ -124,7 +124,7 @@ class ArrayVariable:
         self.dap.charge('store_element' if element else 'broadcast', self.kind, self.parallel)
         source = value
         if isinstance(value, DapArray):
-            source = value.values if value.kind == self.kind else value._converted(self.kind)
+            source = value.values if value.kind == self.kind else value.converted(self.kind)
         else:
             source = self.scalar(value)
         target = self.data[place] if place else self.data

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from .arrays import DapArray
+from .dap import Dap
 from .kinds import bits
-from .machine import Dap
 
 
 def sobel(dap: Dap, image: np.ndarray, mapping: str | None = None) -> DapArray:

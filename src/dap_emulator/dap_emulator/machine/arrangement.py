@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import DapArray, Operand, Scalar
 from .kinds import LOGICAL, Kind, integer, real
-from .machine import Dap
+from .machine import Machine
 from .operands import moved
 
 _RANKS = ('vector', 'matrix')
@@ -44,7 +44,7 @@ def matr(v: Any, rows: int | None = None) -> DapArray:
             np.broadcast_to(source.values, (_extent('MATR', rows or source.shape[0]), source.shape[0]))
         ),
     )
-    out._charge('broadcast', source.kind)
+    out.charge('broadcast', source.kind)
     return out
 
 
@@ -57,7 +57,7 @@ def matc(v: Any, columns: int | None = None) -> DapArray:
             np.broadcast_to(source.values[:, None], (source.shape[0], _extent('MATC', columns or source.shape[0])))
         ),
     )
-    out._charge('broadcast', source.kind)
+    out.charge('broadcast', source.kind)
     return out
 
 
@@ -67,7 +67,7 @@ def _extent(name: str, value: int) -> int:
     return int(value)
 
 
-def mat(dap: Dap, x: Operand, rows: int | None = None, columns: int | None = None) -> DapArray:
+def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None = None) -> DapArray:
     """MAT(s): a matrix full of a scalar. MAT(v, rows, columns): a long vector folded down the columns; zeros fill up.
 
     ES x ES when no extents are given.
@@ -82,22 +82,22 @@ def mat(dap: Dap, x: Operand, rows: int | None = None, columns: int | None = Non
         out = source.like(source.kind, np.ascontiguousarray(full.reshape(shape[::-1]).T))
     else:
         out = filled(dap, x, shape)
-    out._charge('copy', out.kind)
+    out.charge('copy', out.kind)
     return out
 
 
-def vec(dap: Dap, x: Operand, n: int | None = None) -> DapArray:
+def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
     """VEC(s, n): a vector full of a scalar (ES long when n is not given). VEC(m): a matrix as a long vector."""
     if isinstance(x, DapArray):
         source = checked_array(x, 'VEC', rank=2)
-        source._charge('copy', source.kind)
+        source.charge('copy', source.kind)
         return DapArray(source.dap, source.kind, column_order(source.values).copy())
     out = filled(dap, x, (_extent('VEC', n or dap.es),))
-    out._charge('copy', out.kind)
+    out.charge('copy', out.kind)
     return out
 
 
-def filled(dap: Dap, value: Scalar, shape: tuple[int, ...], kind: Kind | None = None) -> DapArray:
+def filled(dap: Machine, value: Scalar, shape: tuple[int, ...], kind: Kind | None = None) -> DapArray:
     """An array whose every element is one scalar; costs nothing by itself."""
     if kind is None:
         kind = LOGICAL if isinstance(value, (bool, np.bool_)) else real(4) if isinstance(value, float) else integer(4)
@@ -111,7 +111,7 @@ def tran(x: Any) -> DapArray:
 
 def _reversed(name: str, x: Any, rank: int, axis: int) -> DapArray:
     source = checked_array(x, name, rank=rank)
-    source._charge('transpose', source.kind)
+    source.charge('transpose', source.kind)
     return source.like(source.kind, np.ascontiguousarray(np.flip(source.values, axis)))
 
 
@@ -133,13 +133,13 @@ def revc(x: Any) -> DapArray:
 # Logical patterns. n rows (columns, elements); ES when not said.
 
 
-def _pattern(dap: Dap, values: np.ndarray) -> DapArray:
+def _pattern(dap: Machine, values: np.ndarray) -> DapArray:
     out = DapArray(dap, LOGICAL, values)
-    out._charge('pattern', LOGICAL)
+    out.charge('pattern', LOGICAL)
     return out
 
 
-def _shape(dap: Dap, rows: int | None, columns: int | None) -> tuple[int, int]:
+def _shape(dap: Machine, rows: int | None, columns: int | None) -> tuple[int, int]:
     return _extent('extent', rows or dap.es), _extent('extent', columns or dap.es)
 
 
@@ -148,34 +148,34 @@ def _within(extent: int, first: int, last: int) -> np.ndarray:
     return (index >= first) & (index <= last)
 
 
-def row(dap: Dap, i: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+def row(dap: Machine, i: int, rows: int | None = None, columns: int | None = None) -> DapArray:
     """ROW(i): a matrix true in row i only (nowhere when i is outside)."""
     return rows_(dap, i, i, rows, columns)
 
 
-def rows_(dap: Dap, first: int, last: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+def rows_(dap: Machine, first: int, last: int, rows: int | None = None, columns: int | None = None) -> DapArray:
     """ROWS(i, j): a matrix true in rows i to j."""
     shape = _shape(dap, rows, columns)
     return _pattern(dap, np.repeat(_within(shape[0], first, last)[:, None], shape[1], axis=1))
 
 
-def col(dap: Dap, j: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+def col(dap: Machine, j: int, rows: int | None = None, columns: int | None = None) -> DapArray:
     """COL(j): a matrix true in column j only."""
     return cols(dap, j, j, rows, columns)
 
 
-def cols(dap: Dap, first: int, last: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+def cols(dap: Machine, first: int, last: int, rows: int | None = None, columns: int | None = None) -> DapArray:
     """COLS(i, j): a matrix true in columns i to j."""
     shape = _shape(dap, rows, columns)
     return _pattern(dap, np.repeat(_within(shape[1], first, last)[None, :], shape[0], axis=0))
 
 
-def el(dap: Dap, i: int, n: int | None = None) -> DapArray:
+def el(dap: Machine, i: int, n: int | None = None) -> DapArray:
     """EL(i): a vector true in element i only."""
     return els(dap, i, i, n)
 
 
-def els(dap: Dap, first: int, last: int, n: int | None = None) -> DapArray:
+def els(dap: Machine, first: int, last: int, n: int | None = None) -> DapArray:
     """ELS(i, j): a vector true in elements i to j."""
     return _pattern(dap, _within(_extent('ELS', n or dap.es), first, last))
 
@@ -184,42 +184,42 @@ def _alternate(extent: int, run: int) -> np.ndarray:
     return np.arange(extent) // _extent('ALT', run) % 2 == 1
 
 
-def alt(dap: Dap, run: int, n: int | None = None) -> DapArray:
+def alt(dap: Machine, run: int, n: int | None = None) -> DapArray:
     """ALT(r): a vector of r falses, r trues, r falses, ..."""
     return _pattern(dap, _alternate(_extent('ALT', n or dap.es), run))
 
 
-def altr(dap: Dap, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+def altr(dap: Machine, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
     """ALTR(r): a matrix of r rows false, r rows true, ..."""
     shape = _shape(dap, rows, columns)
     return _pattern(dap, np.repeat(_alternate(shape[0], run)[:, None], shape[1], axis=1))
 
 
-def altc(dap: Dap, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
+def altc(dap: Machine, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
     """ALTC(r): a matrix of r columns false, r columns true, ..."""
     shape = _shape(dap, rows, columns)
     return _pattern(dap, np.repeat(_alternate(shape[1], run)[None, :], shape[0], axis=0))
 
 
-def unit_diagonal(dap: Dap, rows: int | None = None, columns: int | None = None) -> DapArray:
+def unit_diagonal(dap: Machine, rows: int | None = None, columns: int | None = None) -> DapArray:
     """PATUNITDIAG(): a matrix true on its main diagonal."""
     return _pattern(dap, np.eye(*_shape(dap, rows, columns), dtype=bool))
 
 
-def lower_triangle(dap: Dap, rows: int | None = None, columns: int | None = None) -> DapArray:
+def lower_triangle(dap: Machine, rows: int | None = None, columns: int | None = None) -> DapArray:
     """PATLOWERTRI(): a matrix true on and below its main diagonal."""
     return _pattern(dap, np.tri(*_shape(dap, rows, columns), dtype=bool))
 
 
-def upper_triangle(dap: Dap, rows: int | None = None, columns: int | None = None) -> DapArray:
+def upper_triangle(dap: Machine, rows: int | None = None, columns: int | None = None) -> DapArray:
     """PATUPPERTRI(): a matrix true on and above its main diagonal."""
     return _pattern(dap, np.tri(*_shape(dap, rows, columns)[::-1], dtype=bool).T.copy())
 
 
-def index_vector(dap: Dap, n: int | None = None) -> DapArray:
+def index_vector(dap: Machine, n: int | None = None) -> DapArray:
     """INDEX(n): the INTEGER*4 vector 1, 2, ..., n (our addition: the language builds it from patterns)."""
     out = DapArray(dap, integer(4), np.arange(1, _extent('INDEX', n or dap.es) + 1, dtype=np.int32))
-    out._charge('broadcast', integer(4))
+    out.charge('broadcast', integer(4))
     return out
 
 
@@ -231,7 +231,7 @@ def _shift(name: str, rank: int, axis: int, step: int, cyclic: bool) -> Callable
         source = checked_array(x, name, rank=rank)
         if distance < 0:
             raise ValueError(f'{name}: expected a distance >= 0, got {distance}')
-        source._charge('neighbour', source.kind, detail=max(1, distance), axis=axis)
+        source.charge('neighbour', source.kind, detail=max(1, distance), axis=axis)
         return source.like(source.kind, moved(source.values, step * distance, axis, cyclic))
 
     apply.__name__ = name.lower()

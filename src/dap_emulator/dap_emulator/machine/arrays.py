@@ -11,8 +11,9 @@ from typing import Any, Union
 import numpy as np
 
 from . import planes
+from .drawing import html_plane
 from .kinds import LOGICAL, Kind, common_kind, parse_kind, real
-from .machine import Dap
+from .machine import Machine
 from .operands import checked_scalar, moved, scalar_kind
 
 Scalar = Union[bool, int, float]  # noqa: UP007  (evaluated at run time)
@@ -31,7 +32,7 @@ _LOGIC = {'and': np.bitwise_and, 'or': np.bitwise_or, 'neqv': np.bitwise_xor}
 
 
 class DapArray:
-    """A parallel vector or matrix on one Dap.
+    """A parallel vector or matrix on one machine.
 
     kind : its type; shape : (n,) or (rows, columns); mapping : how it lies on the PEs; values : numpy array of the
     kind's dtype (a view for reading: change an array with ``a[mask] = ...`` or ``assign``).
@@ -44,7 +45,7 @@ class DapArray:
 
     def __init__(
         self,
-        dap: Dap,
+        dap: Machine,
         kind: Kind,
         values: np.ndarray | None,
         *,
@@ -111,7 +112,7 @@ class DapArray:
 
     def numpy(self) -> np.ndarray:
         """A copy for the host."""
-        self._charge('host', self.kind)
+        self.charge('host', self.kind)
         return self.values.copy()
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
@@ -125,13 +126,10 @@ class DapArray:
             raise ValueError(f'planes: of a LOGICAL or INTEGER array, not {self.kind}')
         return planes.to_planes(self.values, self.kind)
 
-    def pe_grid(self) -> np.ndarray:
-        """(blocks, ES, ES): the values as the PEs hold them."""
-        return self.dap.layout(self.shape, self.mapping).to_blocks(self.values)
-
     # Charging and making results.
 
-    def _charge(self, operation: str, kind: Kind, detail: int = 1, axis: int = 0, times: int = 1) -> None:
+    def charge(self, operation: str, kind: Kind, detail: int = 1, axis: int = 0, times: int = 1) -> None:
+        """Charge an operation on this array to the machine's counters."""
         self.dap.charge(operation, kind, self.shape, self.mapping, detail, axis, times)
 
     def like(self, kind: Kind, values: np.ndarray) -> DapArray:
@@ -153,7 +151,7 @@ class DapArray:
             return other, common_kind(self.kind, other.kind)
         return other, scalar_kind(self.kind, other, what)
 
-    def _numeric(self, other: Operand, what: str) -> tuple[np.ndarray, Any, Kind]:
+    def common_values(self, other: Operand, what: str) -> tuple[np.ndarray, Any, Kind]:
         """Both operands' values in their common kind."""
         _, kind = self._other(other, what)
         if (
@@ -174,21 +172,21 @@ class DapArray:
         if self.kind == kind:
             return self.values
         if kind.name == 'REAL' and self.kind.name == 'INTEGER':
-            self._charge('convert', kind)
+            self.charge('convert', kind)
         return kind.convert(self.values)
 
     # Arithmetic.
 
     def binary(self, operation: str, other: Operand, swapped: bool = False, kind: Kind | None = None) -> DapArray:
         """add, subtract, multiply, divide or remainder. kind: of the result, when not the operands' common kind."""
-        a, b, common = self._numeric(other, operation)
+        a, b, common = self.common_values(other, operation)
         target = kind or common
         if target != common:
             a, b = target.convert(a), target.convert(np.asarray(b))
         if swapped:
             a, b = b, a
         charged = 'divide' if operation == 'remainder' else operation
-        self._charge(charged, target)
+        self.charge(charged, target)
         if self.dap.bit_serial and target.name == 'INTEGER' and target.bits <= 16 and operation in _ARITHMETIC:
             return self.like(target, self._serial(operation, a, b, target))
         with np.errstate(all='ignore'):
@@ -229,19 +227,19 @@ class DapArray:
     def power(self, exponent: Operand) -> DapArray:
         """Integer powers by multiplication, real powers by exp and log."""
         if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool) and exponent >= 0:
-            self._charge('power', self.kind, detail=max(1, int(exponent)))
+            self.charge('power', self.kind, detail=max(1, int(exponent)))
             with np.errstate(all='ignore'):
                 # Not np.power: the operator knows squares and cubes.
                 result = self.values ** (
                     self.values.dtype.type(exponent) if self.kind.name == 'INTEGER' else int(exponent)
                 )
             return self.like(self.kind, self.kind.fit(result.astype(self.kind.dtype, copy=False)))
-        a, b, kind = self._numeric(exponent, 'power')
+        a, b, kind = self.common_values(exponent, 'power')
         if kind.name == 'INTEGER':
             kind = real(4) if kind.bits <= 32 else real(8)
             a, b = kind.convert(a), kind.convert(np.asarray(b))
-        self._charge('function', kind, times=2)
-        self._charge('multiply', kind)
+        self.charge('function', kind, times=2)
+        self.charge('multiply', kind)
         with np.errstate(all='ignore'):
             return self.like(kind, kind.fit(np.power(a, b).astype(kind.dtype, copy=False)))
 
@@ -284,14 +282,14 @@ class DapArray:
         return self.power(other)
 
     def __neg__(self) -> DapArray:
-        self._charge('negate', self._number())
+        self.charge('negate', self._number())
         return self.like(self.kind, self.kind.fit(np.negative(self.values)))
 
     def __pos__(self) -> DapArray:
         return self
 
     def __abs__(self) -> DapArray:
-        self._charge('absolute' if self._number().name == 'INTEGER' else 'negate', self.kind)
+        self.charge('absolute' if self._number().name == 'INTEGER' else 'negate', self.kind)
         return self.like(self.kind, self.kind.fit(np.abs(self.values)))
 
     def _number(self) -> Kind:
@@ -305,8 +303,8 @@ class DapArray:
         """lt, le, gt, ge, eq or ne: a LOGICAL array."""
         if isinstance(other, DapArray) and other.kind.name == self.kind.name == 'LOGICAL' and relation in ('eq', 'ne'):
             return self.logic('eqv' if relation == 'eq' else 'neqv', other)
-        a, b, kind = self._numeric(other, 'comparison')
-        self._charge('compare', kind)
+        a, b, kind = self.common_values(other, 'comparison')
+        self.charge('compare', kind)
         if self.dap.bit_serial and kind.name == 'INTEGER' and kind.bits <= 16:
             return self._logical(self._serial_compare(relation, a, b, kind))
         return self.like(LOGICAL, _COMPARE[relation](a, b))
@@ -325,7 +323,7 @@ class DapArray:
     def logic(self, operation: str, other: Operand) -> DapArray:
         """and, or, eqv or neqv of LOGICALs, on packed planes."""
         self._other(other, operation)
-        self._charge('logic', LOGICAL)
+        self.charge('logic', LOGICAL)
         mine = self._truth()
         if isinstance(other, DapArray):
             theirs = other._truth()
@@ -352,7 +350,7 @@ class DapArray:
     __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
 
     def __invert__(self) -> DapArray:
-        self._charge('not', LOGICAL)
+        self.charge('not', LOGICAL)
         return self._logical(planes.invert(self._truth(), self.size))
 
     def __lt__(self, other: Operand) -> DapArray:
@@ -387,31 +385,31 @@ class DapArray:
             if target == self.kind:
                 return self
             raise ValueError(f'{self.kind} cannot become {target}: use MERGE or a comparison')
-        self._charge('convert' if target.name != self.kind.name or target.name == 'REAL' else 'copy', target)
+        self.charge('convert' if target.name != self.kind.name or target.name == 'REAL' else 'copy', target)
         return self.like(target, target.convert(self.values))
 
     def copy(self) -> DapArray:
-        self._charge('copy', self.kind)
+        self.charge('copy', self.kind)
         return self.like(self.kind, self.values.copy())
 
     def remapped(self, mapping: str) -> DapArray:
         """The same values lying another way on the PEs."""
         result = DapArray(self.dap, self.kind, self.values.copy(), mapping=mapping)
         if mapping != self.mapping:
-            self._charge('remap', self.kind)
+            self.charge('remap', self.kind)
         return result
 
     def assign(self, value: Operand, mask: DapArray | None = None) -> None:
         """value into every element, or where the mask is true. The cost is the same whatever the mask says."""
         if isinstance(value, DapArray):
             self._other(value, 'assignment')
-            source: Any = value.values if value.kind == self.kind else value._converted(self.kind)
-            self._charge('copy' if mask is None else 'masked_copy', self.kind)
+            source: Any = value.values if value.kind == self.kind else value.converted(self.kind)
+            self.charge('copy' if mask is None else 'masked_copy', self.kind)
         else:
             if (self.kind.name == 'LOGICAL') != isinstance(value, (bool, np.bool_)):
                 raise ValueError(f'assignment: cannot put {value!r} into {self.kind}')
             source = self.kind.dtype.type(self.kind.scalar(checked_scalar(self.kind, value, 'assignment')))
-            self._charge('copy' if mask is None else 'masked_copy', self.kind)
+            self.charge('copy' if mask is None else 'masked_copy', self.kind)
         target = self.values
         if not target.flags.writeable:
             target = target.copy()
@@ -427,7 +425,8 @@ class DapArray:
         """Take over values of this shape, converted to this kind. Charges nothing: it is the host that does it."""
         self._values, self._words = self.kind.convert(values), None
 
-    def _converted(self, kind: Kind) -> np.ndarray:
+    def converted(self, kind: Kind) -> np.ndarray:
+        """The values as another kind, with what the conversion costs."""
         return self.astype(kind).values
 
     def __setitem__(self, where: Any, value: Operand) -> None:
@@ -437,7 +436,7 @@ class DapArray:
             self.assign(value)
         else:
             index = self._index(where)
-            self._charge('store_element', self.kind)
+            self.charge('store_element', self.kind)
             target = self.values if self.values.flags.writeable else self.values.copy()
             target[index] = self.kind.scalar(checked_scalar(self.kind, value, 'element'))
             self._values, self._words = target, None
@@ -445,7 +444,7 @@ class DapArray:
     def __getitem__(self, where: Any) -> Scalar:
         """One element, fetched into the control unit."""
         index = self._index(where)
-        self._charge('fetch', self.kind)
+        self.charge('fetch', self.kind)
         return self.values[index].item()
 
     def _index(self, where: Any) -> tuple[int, ...]:
@@ -463,24 +462,26 @@ class DapArray:
         """
         if not 0 <= axis < self.rank:
             raise ValueError(f'axis: expected 0 to {self.rank - 1}, got {axis}')
-        self._charge('neighbour', self.kind, detail=max(1, abs(distance)), axis=axis)
+        self.charge('neighbour', self.kind, detail=max(1, abs(distance)), axis=axis)
         return self.like(self.kind, moved(self.values, distance, axis, cyclic))
 
     @property
     def T(self) -> DapArray:
         if self.rank != 2:
             raise ValueError('transpose: expected a matrix')
-        self._charge('transpose', self.kind)
+        self.charge('transpose', self.kind)
         mapping = self.mapping
         return DapArray(self.dap, self.kind, np.ascontiguousarray(self.values.T), mapping=mapping)
 
-    def __repr__(self) -> str:
+    @property
+    def title(self) -> str:
+        """Kind, rank, extents and blocks in words."""
         extents = ' x '.join(str(extent) for extent in self.shape)
+        return f'{self.kind} {"matrix" if self.rank == 2 else "vector"} {extents}, {self.blocks} block(s)'
+
+    def __repr__(self) -> str:
         with np.printoptions(threshold=200, edgeitems=3, precision=5):
-            shape = 'matrix' if self.rank == 2 else 'vector'
-            return f'{self.kind} {shape} {extents}, {self.blocks} block(s)\n{self.values}'
+            return f'{self.title}\n{self.values}'
 
     def _repr_html_(self) -> str:
-        from .drawing import html_plane
-
-        return html_plane(self)
+        return html_plane(self.values, self.title, self.dap.es)

@@ -57,7 +57,7 @@ def _elementwise(name: str, function: Callable, scalar: Callable, cost: str = 'f
         source = checked_array(x, name, logical=False)
         if source.kind.name == 'INTEGER':
             source = source.astype(real(4))
-        source._charge(cost, source.kind)
+        source.charge(cost, source.kind)
         with np.errstate(all='ignore'):
             return source.like(source.kind, source.kind.fit(function(source.values)))
 
@@ -107,8 +107,8 @@ def atan2(y: Operand, x: Operand) -> Any:
         return math.atan2(y, x)
     first = y if isinstance(y, DapArray) else x
     assert isinstance(first, DapArray)
-    first._charge('function', real(4) if first.kind.name == 'INTEGER' else first.kind)
-    first._charge('divide', real(4) if first.kind.name == 'INTEGER' else first.kind)
+    first.charge('function', real(4) if first.kind.name == 'INTEGER' else first.kind)
+    first.charge('divide', real(4) if first.kind.name == 'INTEGER' else first.kind)
     a, b, kind = _pair('ATAN2', y, x)
     if kind.name == 'INTEGER':
         kind = real(4)
@@ -118,9 +118,9 @@ def atan2(y: Operand, x: Operand) -> Any:
 def _pair(name: str, a: Operand, b: Operand) -> tuple[Any, Any, Kind]:
     """Values of two operands in their common kind, at least one of them an array."""
     if isinstance(a, DapArray):
-        return a._numeric(b, name)
+        return a.common_values(b, name)
     assert isinstance(b, DapArray)
-    right, left, kind = b._numeric(a, name)
+    right, left, kind = b.common_values(a, name)
     return left, right, kind
 
 
@@ -132,7 +132,7 @@ def _extreme_of_two(name: str, function: Callable, scalar: Callable) -> Callable
                 x, y, kind = _pair(name, result, b)
                 array = result if isinstance(result, DapArray) else b
                 assert isinstance(array, DapArray)
-                array._charge('minmax', kind)
+                array.charge('minmax', kind)
                 result = array.like(kind, function(x, y))
             else:
                 result = scalar(result, b)
@@ -151,7 +151,7 @@ def _extreme_of_two(name: str, function: Callable, scalar: Callable) -> Callable
 def _extreme_value(name: str, x: Any, mask: Any = None) -> Any:
     """The largest or smallest element (where mask is true). An empty mask gives the worst value of the kind."""
     source = checked_array(x, name, logical=False)
-    source._charge('extreme_value', source.kind)
+    source.charge('extreme_value', source.kind)
     values = source.values if mask is None else source.values[_masked(source, mask)]
     highest = name.startswith('MAX')
     if not values.size:
@@ -191,7 +191,7 @@ def sign(a: Operand, b: Operand) -> Any:
     x, y, kind = _pair('SIGN', a, b)
     array = a if isinstance(a, DapArray) else b
     assert isinstance(array, DapArray)
-    array._charge('merge', kind)
+    array.charge('merge', kind)
     size = np.broadcast_to(np.abs(x), array.shape)
     return array.like(kind, np.where(np.broadcast_to(y, array.shape) >= 0, size, -size).astype(kind.dtype))
 
@@ -210,14 +210,14 @@ def merge(a: Operand, b: Operand, mask: Any) -> Any:
     kind = _merged_kind(a, b)
     for x in arrays:
         if x.kind.name == 'INTEGER' and kind.name == 'REAL':
-            x._charge('convert', kind)
+            x.charge('convert', kind)
     sides = [
         kind.convert(x.values)
         if isinstance(x, DapArray)
         else kind.dtype.type(kind.scalar(checked_scalar(kind, x, 'MERGE')))
         for x in (a, b)
     ]
-    flags._charge('merge', kind)
+    flags.charge('merge', kind)
     return flags.like(kind, np.where(flags.values, sides[0], sides[1]))
 
 
@@ -241,14 +241,14 @@ def _merged_kind(a: Operand, b: Operand) -> Kind:
 def all_(mask: Any) -> bool:
     """ALL(l): whether every element is true."""
     flags = checked_array(mask, 'ALL', logical=True)
-    flags._charge('any_all', LOGICAL)
+    flags.charge('any_all', LOGICAL)
     return flags.count_true() == flags.size
 
 
 def any_(mask: Any) -> bool:
     """ANY(l): whether some element is true."""
     flags = checked_array(mask, 'ANY', logical=True)
-    flags._charge('any_all', LOGICAL)
+    flags.charge('any_all', LOGICAL)
     return flags.any_true()
 
 
@@ -264,7 +264,7 @@ def minv(x: Any, mask: Any = None) -> Scalar:
 
 def _positions(name: str, x: Any, mask: Any) -> DapArray:
     source = checked_array(x, name, logical=False)
-    source._charge('extreme', source.kind)
+    source.charge('extreme', source.kind)
     values = source.values
     if mask is None:
         return source.like(LOGICAL, values == (values.max() if name == 'MAXP' else values.min()))
@@ -288,7 +288,7 @@ def minp(x: Any, mask: Any = None) -> DapArray:
 def sum_(x: Any, mask: Any = None) -> Scalar:
     """SUM(x): the number of trues of a LOGICAL; the sum of numbers, INTEGER in a word of at least 4 bytes."""
     source = checked_array(x, 'SUM')
-    source._charge('sum', source.kind)
+    source.charge('sum', source.kind)
     if source.kind.name == 'LOGICAL':
         return source.count_true()
     values = source.values if mask is None else source.values[_masked(source, mask)]
@@ -305,7 +305,7 @@ def _sum_kind(kind: Kind) -> Kind:
 def eln(mask: Any) -> int:
     """ELN(l): position of the first true element, from 1, down the columns of a matrix; 0 when there is none."""
     flags = checked_array(mask, 'ELN', logical=True)
-    flags._charge('first_true', LOGICAL)
+    flags.charge('first_true', LOGICAL)
     order = column_order(flags.values)
     first = int(order.argmax())
     return first + 1 if order[first] else 0
@@ -328,7 +328,7 @@ def coln(mask: Any) -> int:
 def frst(mask: Any) -> DapArray:
     """FRST(l): only the first true element stays true (in the order of ELN)."""
     flags = checked_array(mask, 'FRST', logical=True)
-    flags._charge('first_true', LOGICAL)
+    flags.charge('first_true', LOGICAL)
     order = column_order(flags.values)
     out = np.zeros(flags.shape, dtype=bool)
     if order.any():
@@ -342,7 +342,7 @@ def frst(mask: Any) -> DapArray:
 
 def _sum_axis(name: str, x: Any, axis: int) -> DapArray:
     source = checked_array(x, name, rank=2)
-    source._charge('sum_axis', source.kind, axis=axis)
+    source.charge('sum_axis', source.kind, axis=axis)
     kind = integer(4) if source.kind.name == 'LOGICAL' else _sum_kind(source.kind)
     return source.like(kind, kind.fit(source.values.sum(axis=axis, dtype=kind.dtype)))
 

@@ -8,20 +8,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import NamedTuple
 
 from .costs import CostTable
-from .kinds import Kind, kind_of, parse_kind
+from .kinds import Kind, parse_kind
 from .mapping import MAPPINGS, Layout, layout
-
-if TYPE_CHECKING:
-    from .arrays import DapArray
 
 TRACE_LENGTH = 10_000
 
@@ -138,8 +132,8 @@ class Stats:
         )
 
 
-class Dap:
-    """An array processor. Make one with Dap.model('510').
+class Machine:
+    """An array processor without its arrays: PEs, store, cost model, counters and trace. ``Dap`` adds the arrays.
 
     model : Model; memory_bits_per_pe : store of one PE, 32 Kbit to 1 Mbit on the AMT machines
     mapping : how matrices lie, unless an array says otherwise; level : 'fortran' or 'apal' overhead
@@ -176,14 +170,6 @@ class Dap:
         self.tracing = tracing
         self.trace: deque[TraceEntry] = deque(maxlen=TRACE_LENGTH)
         self._counts: dict[tuple[int, str], list[int]] = {}
-
-    @classmethod
-    def model(cls, name: str, memory_bits_per_pe: int | None = None, **options) -> Dap:
-        """'510', '610', '510C', '610C' or 'ICL'. Options are those of Dap. Raises ValueError for another name."""
-        key = str(name).upper()
-        if key not in MODELS:
-            raise ValueError(f'model: expected one of {", ".join(MODELS)}, got {name!r}')
-        return cls(MODELS[key], memory_bits_per_pe, **options)
 
     # Figures of the machine itself.
 
@@ -266,6 +252,29 @@ class Dap:
         self.store.peak = self.store.used
 
     @contextmanager
+    def measured(self) -> Iterator[Callable[[], Stats]]:
+        """Count what happens inside by itself; afterwards it is added to what was counted before.
+
+        Yields a function that returns the Stats of what has happened inside so far.
+        """
+        cycles, counts, peak = self.cycles, self._counts, self.store.peak
+        self._counts, self.store.peak = {}, self.store.used
+
+        def so_far() -> Stats:
+            spent = self.cycles - cycles
+            return Stats(self._counts, spent, spent * self.clock_s, self.store)
+
+        try:
+            yield so_far
+        finally:
+            inside, self._counts = self._counts, counts
+            for (line, operation), (count, spent) in inside.items():
+                entry = counts.setdefault((line, operation), [0, 0])
+                entry[0] += count
+                entry[1] += spent
+            self.store.peak = max(self.store.peak, peak)
+
+    @contextmanager
     def at_line(self, line: int) -> Iterator[None]:
         """Charge what happens inside to this source line."""
         before, self.line = self.line, line
@@ -274,40 +283,12 @@ class Dap:
         finally:
             self.line = before
 
-    # Arrays.
-
     def layout(self, shape: tuple[int, ...], mapping: str | None = None) -> Layout:
         return layout(tuple(shape), self.es, mapping or self.mapping)
 
-    def matrix(self, values: ArrayLike, kind: Kind | str | None = None, mapping: str | None = None) -> DapArray:
-        """Two-dimensional values as a parallel matrix. kind: taken from the numbers when not given."""
-        return self._load(values, 2, kind, mapping)
-
-    def vector(self, values: ArrayLike, kind: Kind | str | None = None) -> DapArray:
-        """One-dimensional values as a parallel (long) vector."""
-        return self._load(values, 1, kind, None)
-
-    def _load(self, values: ArrayLike, rank: int, kind: Kind | str | None, mapping: str | None) -> DapArray:
-        from .arrays import DapArray
-
-        array = np.asarray(values)
-        if array.ndim != rank or 0 in array.shape:
-            raise ValueError(
-                f'values: expected a {"matrix" if rank == 2 else "vector"} with at least one element, '
-                f'got shape {array.shape}'
-            )
-        plain = not isinstance(values, np.ndarray)
-        target = kind_of(array, plain) if kind is None else parse_kind(kind)
-        converted = target.convert(array)
-        loaded = DapArray(
-            self, target, np.array(converted) if converted is array else converted, mapping=mapping or self.mapping
-        )
-        self.charge('host', target, loaded.shape, loaded.mapping)
-        return loaded
-
     def __repr__(self) -> str:
         return (
-            f'Dap({self.spec.name}: {self.es} x {self.es} PEs, {self.memory_bytes / 2**20:g} MB, '
+            f'{type(self).__name__}({self.spec.name}: {self.es} x {self.es} PEs, {self.memory_bytes / 2**20:g} MB, '
             f'{self.store.used} of {self.store.planes} planes used; {self.cycles} cycles = {self.seconds:.6g} s, '
             'computed)'
         )

@@ -77,10 +77,6 @@ class Layout:
         out[self.places()] = values
         return out
 
-    def from_blocks(self, blocks: np.ndarray) -> np.ndarray:
-        """The inverse of to_blocks."""
-        return np.ascontiguousarray(blocks[self.places()])
-
 
 @lru_cache(maxsize=4096)
 def layout(shape: tuple[int, ...], es: int, mapping: str = 'sheet') -> Layout:

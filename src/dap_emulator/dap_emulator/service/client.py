@@ -7,59 +7,13 @@ import itertools
 import json
 import uuid
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ..fortran_plus.library import program_names, summary
-from .workspaces import Refused, Workspaces
+from .links import DapError, Link
 
 SETTINGS = ('program', 'library', 'entry', 'model', 'run_request', 'cancel', 'forget')
-
-
-class Link(Protocol):
-    """What carries a client's requests to an emulator."""
-
-    def store(self, items: list[tuple[str, Any]]) -> str | None:
-        """None, or the reason why nothing was stored."""
-
-    def run(self) -> str: ...
-
-    def fetch(self, names: list[str]) -> list[Any]: ...
-
-    def list(self) -> str: ...
-
-    def close(self) -> None: ...
-
-
-class LocalLink:
-    """A link to Workspaces in this process, without ROS."""
-
-    def __init__(self, spaces: Workspaces) -> None:
-        self.spaces = spaces
-
-    def store(self, items: list[tuple[str, Any]]) -> str | None:
-        try:
-            self.spaces.store(items)
-        except Refused as error:
-            return str(error)
-        return None
-
-    def run(self) -> str:
-        return json.dumps([request.summary() for request in self.spaces.execute_waiting()])
-
-    def fetch(self, names: list[str]) -> list[Any]:
-        return [self.spaces.fetch(name) for name in names]
-
-    def list(self) -> str:
-        return json.dumps({name: summary(name) for name in program_names()})
-
-    def close(self) -> None:
-        """Nothing to give back."""
-
-
-class DapError(RuntimeError):
-    """The emulator refused a request, a program failed or was stopped, or no answer came. Its text says which."""
 
 
 class ClientResult(Mapping[str, Any]):
@@ -102,7 +56,8 @@ class DapClient:
         """link: what carries the requests, when it is not a ROS node (LocalLink needs none)."""
         self.client = client or 'c' + uuid.uuid4().hex[:12]
         if link is None:
-            from ..node import ServiceLink  # the only part that needs ROS
+            # A client of Workspaces in its own process (LocalLink) works without ROS.
+            from .service_link import ServiceLink
 
             link = ServiceLink(
                 emulator, f'dap_client_{self.client.replace("-", "_")}', node, executor, context, namespace, timeout

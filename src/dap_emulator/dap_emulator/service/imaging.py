@@ -6,7 +6,7 @@ import numpy as np
 
 from ..fortran_plus import Limits
 from ..fortran_plus.library import load_program
-from ..machine.machine import Dap
+from ..machine.dap import Dap
 
 
 class ImageProgram:

@@ -34,7 +34,8 @@ import numpy as np
 
 from ..fortran_plus import FortranError, Limits, Program, Result, Stopped
 from ..fortran_plus.library import compiled, program_source
-from ..machine.machine import MODELS, Dap, OutOfStore
+from ..machine.dap import Dap
+from ..machine.machine import MODELS, OutOfStore
 
 _NAME = re.compile(
     r'([A-Za-z0-9_-]{1,64})\.(program|library|entry|model|run_request|cancel|forget|(data|shape)\.'

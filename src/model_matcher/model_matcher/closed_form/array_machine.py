@@ -28,7 +28,7 @@ def roberts_through_service(node: Any, executor: Any, emulator: str, image: np.n
 
     emulator : the emulator_node's fully qualified name. Returns the rows of the report's table.
     """
-    from dap_emulator.service.client import DapClient, DapError
+    from dap_emulator import DapClient, DapError
 
     top, left = (max(0, (size - 64) // 2) for size in image.shape)
     part = image[top : top + 64, left : left + 64].astype(np.int64)

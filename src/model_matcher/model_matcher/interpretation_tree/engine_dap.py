@@ -290,7 +290,7 @@ class _Traversal:
             padded = np.ones((side, side), bool)
             padded[:e, :e] = table.values
             table = table.like(LOGICAL, padded)
-            table._charge('copy', LOGICAL)
+            table.charge('copy', LOGICAL)
         mask = table & f.matr(self.possible[a], side) & f.matc(self.possible[b], side)
         for fixed, pattern in ((fixed_a, f.col), (fixed_b, f.row)):
             if fixed != UNASSIGNED:
@@ -363,7 +363,7 @@ class _Traversal:
                 continue
             table = self.store.match[pair_number(min(a, k), max(a, k), self.n)]
             line = table.values[:, i] if a < k else table.values[i, :]
-            table._charge('broadcast', LOGICAL)
+            table.charge('broadcast', LOGICAL)
             self.open[k] = self.open[k] & self.dap.vector(np.ascontiguousarray(line))
 
 
