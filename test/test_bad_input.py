@@ -83,7 +83,7 @@ def uncalibrated(messages):
 
 
 @pytest.mark.parametrize(
-    'damage, words',
+    ('damage', 'words'),
     [
         (truncate, ('image.data', 'truncated')),
         (unknown_encoding, ('image.encoding', 'yuv422_yuy2')),
@@ -119,7 +119,7 @@ def test_recovery_node_names_a_bad_pair_once_and_takes_the_next_good_one(graph, 
 
 
 @pytest.mark.parametrize(
-    'damage, words',
+    ('damage', 'words'),
     [
         (lambda cloud: setattr(cloud, 'data', cloud.data[:-8]), ('features.data', 'truncated')),
         (lambda cloud: setattr(cloud, 'fields', cloud.fields[:3]), ('features.fields', 'kind')),
@@ -165,7 +165,7 @@ def test_renderer_node_names_the_place_of_a_syntax_error_and_recovers(graph, tmp
 
 
 @pytest.mark.parametrize(
-    'node_class, name, value, words',
+    ('node_class', 'name', 'value', 'words'),
     [
         (RecoveryNode, 'no_such_parameter', 1.0, ('no_such_parameter',)),
         (RendererNode, 'encoding', 'jpeg', ('encoding', 'mono8')),

@@ -248,7 +248,7 @@ def test_a_saved_case_whose_scene_is_gone_fails_by_name(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    'arguments, told',
+    ('arguments', 'told'),
     [
         ([], 'name at least one scene'),
         (['no_such_scene'], 'no_such_scene'),

@@ -38,7 +38,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize('node_class, name, adds, file, wrap, packaged', CASES)
+@pytest.mark.parametrize(('node_class', 'name', 'adds', 'file', 'wrap', 'packaged'), CASES)
 def test_files_outside_the_trusted_folders_are_refused_with_the_remedy(
     graph, folders, node_class, name, adds, file, wrap, packaged
 ):

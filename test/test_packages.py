@@ -7,10 +7,10 @@ import re
 import shutil
 import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 import zipfile
 from configparser import ConfigParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -114,7 +114,7 @@ def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
 
 
 @pytest.mark.parametrize(
-    'name, package',
+    ('name', 'package'),
     [
         ('emulator_node', 'dap_emulator'),
         ('renderer_node', 'csg_renderer'),
@@ -122,7 +122,7 @@ def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
         ('matcher_node', 'model_matcher'),
     ],
 )
-@pytest.mark.parametrize('given, threads', [(None, '1'), ('2', '2')])
+@pytest.mark.parametrize(('given', 'threads'), [(None, '1'), ('2', '2')])
 def test_an_executable_starts_its_node_with_one_blas_thread_unless_told_otherwise(name, package, given, threads):
     assert f'{name} = graph_executables:{name}' in settings(package)['options.entry_points']['console_scripts']
     code = (

@@ -99,7 +99,7 @@ def test_initial_values_come_from_overrides_and_integers_pass_for_numbers(graph)
 
 
 @pytest.mark.parametrize(
-    'name, value, text',
+    ('name', 'value', 'text'),
     [
         ('gain', 11.0, 'gain'),
         ('gain', 'much', 'gain'),

@@ -154,7 +154,7 @@ def table(
     names = [row.what + ('' if row.by == OURS else f' [{row.by}]') for row in rows]
     width = min(100, max([62, *map(len, names)]))
     lines.append(f'{"figure [by whom, if not us]":<{width}} {"value":>10} {"":<4} to peers; to the last run; notes')
-    for row, name in zip(rows, names):
+    for row, shown in zip(rows, names):
         remarks = []
         mine = ours.get(row.what)
         if row.by != OURS and mine is not None and mine.value > 0.0 and row.value > 0.0:
@@ -173,7 +173,7 @@ def table(
             judged = '' if row.unit in TIMES and not steady else ' (better)' if better else ' (WORSE)'
             remarks.append('as before' if abs(change) < NOISE else f'{100 * change:+.0f} %{judged}')
         remarks += [row.note] if row.note else []
-        lines.append(f'{name:<{width}} {row.value:>10.4g} {row.unit:<4} {"; ".join(remarks)}'.rstrip())
+        lines.append(f'{shown:<{width}} {row.value:>10.4g} {row.unit:<4} {"; ".join(remarks)}'.rstrip())
     lines += [f'{item.what:<{width}} {"-":>10} {"":<4} {item.why}' for item in absent]
     return '\n'.join(lines)
 

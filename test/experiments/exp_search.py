@@ -20,9 +20,12 @@ from msgs_py import FeatureSet
 
 POLYHEDRA = [f'{model}_v{k}' for model in ('chipped_block', 'chair', 'computer', 'l_shape', 'wedge') for k in (1, 2)]
 # 5.11.3.2: errpar and errper are one (mm), the cone 1 degree, no distance constraint; no bin.
-IDEAL = dict(
-    constraints=('angle', 'direction1', 'direction2', 'direction3'), max_cone_deg=1.0, max_bin=0, search='tree'
-)
+IDEAL = {
+    'constraints': ('angle', 'direction1', 'direction2', 'direction3'),
+    'max_cone_deg': 1.0,
+    'max_bin': 0,
+    'search': 'tree',
+}
 LIMIT = 256
 FRACDEV = 0.1
 # The three scenes of the profile: the smallest and the largest that the text compares, and one between.
@@ -161,7 +164,7 @@ def serial_parallel(setting: Setting) -> Outcome:
         index = index_model(this.features, this.model)
         _, data = ideal(name)
         times, levels, dap = {}, {}, None
-        for kind, changes in (('serial', dict(search='serial')), ('tree', {}), ('hypotheses', None)):
+        for kind, changes in (('serial', {'search': 'serial'}), ('tree', {}), ('hypotheses', None)):
             setting.advance(f'{name}: {kind}')
             params = MatchParams() if changes is None else MatchParams(**{**IDEAL, 'time_limit_s': 5.0, **changes})
             result, times[kind] = timed(lambda p=params, d=data, i=index: match(i, d, p), setting.pick(5, 1))

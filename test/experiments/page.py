@@ -87,10 +87,10 @@ def draw(plot: dict[str, Any], path: Path) -> None:
             continue
         values = [math.nan if y is None else y for y in line['y']]
         style = {
-            'o-': dict(marker='o', ms=4),
-            'o--': dict(marker='o', ms=4, ls='--'),
-            '--': dict(ls='--', color='0.4'),
-            'o': dict(marker='o', ls=''),
+            'o-': {'marker': 'o', 'ms': 4},
+            'o--': {'marker': 'o', 'ms': 4, 'ls': '--'},
+            '--': {'ls': '--', 'color': '0.4'},
+            'o': {'marker': 'o', 'ls': ''},
             '-': {},
         }[line['style']]
         if line['style'] == '--' and line['label'].endswith('limit') and axes.lines:

@@ -304,19 +304,22 @@ CONSTRAINT_ALONE = {
         26,
         325,
         332800,
-        dict(distance=73032, angle=181276, direction1=139694, direction2=166804, direction3=131026),
+        {'distance': 73032, 'angle': 181276, 'direction1': 139694, 'direction2': 166804, 'direction3': 131026},
     ),
     'l_shape_v1': (
         18,
         153,
         49572,
-        dict(distance=20870, angle=27864, direction1=24148, direction2=25366, direction3=13600),
+        {'distance': 20870, 'angle': 27864, 'direction1': 24148, 'direction2': 25366, 'direction3': 13600},
     ),
 }
 # Table 5.5: matches under all, and with one switched off.
 CONSTRAINT_OFF = {
-    'computer_v1': (21069, dict(distance=56709, angle=27630, direction1=26685, direction2=23842, direction3=25732)),
-    'l_shape_v1': (5846, dict(distance=8432, angle=7876, direction1=6794, direction2=6344, direction3=8184)),
+    'computer_v1': (
+        21069,
+        {'distance': 56709, 'angle': 27630, 'direction1': 26685, 'direction2': 23842, 'direction3': 25732},
+    ),
+    'l_shape_v1': (5846, {'distance': 8432, 'angle': 7876, 'direction1': 6794, 'direction2': 6344, 'direction3': 8184}),
 }
 
 # 5.11.2: time of Holder and Buxton's sort over the Combined one; 'worst' did not end in 36 000 s (L-shape: 1 360 s).

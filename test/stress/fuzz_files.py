@@ -171,7 +171,7 @@ def main() -> int:
     rng = np.random.default_rng(options.seed)
     kinds = {name: source for name, source in sources().items() if options.kind in (None, name)}
     outcomes: dict[str, Counter[str]] = {name: Counter() for name in kinds}
-    slowest = {name: 0.0 for name in kinds}
+    slowest = dict.fromkeys(kinds, 0.0)
     bad = 0
     warnings.simplefilter('ignore')
     with tempfile.TemporaryDirectory() as folder:

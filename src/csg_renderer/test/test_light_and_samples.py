@@ -190,8 +190,8 @@ def test_sensor_noise_has_its_deviation_and_its_seed():
 
 
 @pytest.mark.parametrize(
-    'arguments, name',
-    [(dict(psf_sigma=-1), 'psf_sigma'), (dict(noise_sigma=np.nan), 'noise_sigma'), (dict(seed=-2), 'seed')],
+    ('arguments', 'name'),
+    [({'psf_sigma': -1}, 'psf_sigma'), ({'noise_sigma': np.nan}, 'noise_sigma'), ({'seed': -2}, 'seed')],
 )
 def test_sensor_misuse_names_the_field(arguments, name):
     with pytest.raises(ValueError, match=name):

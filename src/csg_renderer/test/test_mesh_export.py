@@ -83,7 +83,7 @@ def stand_in(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    'solid, volume',
+    ('solid', 'volume'),
     [
         (Solid.block(1, -2, 3), 6.0),
         (Solid.cylinder(1.0, (0, 2, 0)), 2 * np.pi),

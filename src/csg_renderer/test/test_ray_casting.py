@@ -240,14 +240,14 @@ def test_random_trees_agree_with_point_membership(seed):
 @pytest.mark.parametrize('seed', range(24))
 def test_engines_and_tilings_agree(seed):
     scene, pose = random_scene(seed)
-    options = dict(levels=3, shadows=True) if seed % 3 == 0 else {}
+    options = {'levels': 3, 'shadows': True} if seed % 3 == 0 else {}
     tiled, small, whole, reference = (
         render(scene, CAMERA, pose, **kind, **options)
         for kind in (
-            dict(),
-            dict(tile_size=8, threads=1),
-            dict(tiling=False),
-            dict(engine='reference', tiling=seed % 4 < 2),
+            {},
+            {'tile_size': 8, 'threads': 1},
+            {'tiling': False},
+            {'engine': 'reference', 'tiling': seed % 4 < 2},
         )
     )
     for other in (small, whole):

@@ -124,7 +124,7 @@ def test_warnings_do_not_stop_it(scene_file, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    'text, expected',
+    ('text', 'expected'),
     [
         ('DRAW BLOCK (9, 9, 9);', ['within or beside', 'no LIGHT']),
         ('DRAW BLOCK (9, 9, 9) AT (0, 0, -50);', ['behind', 'no LIGHT']),

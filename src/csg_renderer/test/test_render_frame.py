@@ -131,8 +131,8 @@ def test_stereo_disparity_is_that_of_the_rig(engine):
     assert np.array_equal(right.image, single.image) and np.array_equal(right.primitive_id, single.primitive_id)
 
 
-@pytest.mark.parametrize('threads', (1, 2, 5))
-@pytest.mark.parametrize('options', ({}, {'antialias': True}, {'levels': 2, 'shadows': True}))
+@pytest.mark.parametrize('threads', [1, 2, 5])
+@pytest.mark.parametrize('options', [{}, {'antialias': True}, {'levels': 2, 'shadows': True}])
 def test_a_pair_rendered_by_many_threads_is_its_two_images(threads, options):
     scene = Scene(
         [L_SHAPE.transformed(POSE), Solid.sphere(0.02).transformed(at(0.05, 0.02, 0.3))], [Light((0.2, -0.3, 0))]
@@ -191,13 +191,13 @@ def test_one_light_on_one_plane_follows_the_stated_formula(engine):
 
 
 @pytest.mark.parametrize(
-    'arguments, name',
+    ('arguments', 'name'),
     [
-        (dict(engine='fast'), 'engine'),
-        (dict(levels=0), 'levels'),
-        (dict(antialias=1.5), 'antialias'),
-        (dict(tile_size=1), 'tile_size'),
-        (dict(antialias=99), 'antialias'),
+        ({'engine': 'fast'}, 'engine'),
+        ({'levels': 0}, 'levels'),
+        ({'antialias': 1.5}, 'antialias'),
+        ({'tile_size': 1}, 'tile_size'),
+        ({'antialias': 99}, 'antialias'),
     ],
 )
 def test_misuse_names_the_argument(arguments, name):

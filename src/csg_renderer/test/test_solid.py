@@ -34,7 +34,7 @@ def test_solids_say_what_they_are():
 
 
 @pytest.mark.parametrize(
-    'make, named',
+    ('make', 'named'),
     [
         (lambda: Solid.primitive('BALL'), "kind: expected one of .*, got 'BALL'"),
         (lambda: Solid.primitive('BLOCK', np.eye(3)), 'matrix: expected'),

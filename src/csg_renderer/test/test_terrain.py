@@ -67,7 +67,7 @@ def test_visible_points_lie_on_rugged_ground_and_nothing_hides_them(engine, inte
 
 
 @pytest.mark.parametrize('interpolation', ['triangles', 'bilinear'])
-@pytest.mark.parametrize('options', [{}, dict(levels=3, shadows=True), dict(antialias=True), dict(tiling=False)])
+@pytest.mark.parametrize('options', [{}, {'levels': 3, 'shadows': True}, {'antialias': True}, {'tiling': False}])
 def test_engines_agree_on_ground_with_solids(interpolation, options):
     heights = cv2.GaussianBlur(np.random.default_rng(1).normal(size=(12, 14)), (0, 0), 1.5) * 0.2
     ground = Terrain(heights, (0.08, 0.08), interpolation, surface=Surface((0.4, 0.7, 0.3), reflection=0.2))

@@ -65,7 +65,7 @@ def test_one_plane_can_be_drawn_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'arguments, code, text',
+    ('arguments', 'code', 'text'),
     [
         ([], 2, 'name a program'),
         (['nothing'], 2, 'neither a file nor a library program'),

@@ -62,7 +62,7 @@ def test_elementwise_functions(values):
     assert np.allclose(f.atan2(2.0, x).values, np.arctan2(2, values))
 
 
-@pytest.mark.parametrize('function, value', [(f.exp, 1e9), (f.log, -1.0), (f.sqrt, -4.0), (f.acos, 2.0)])
+@pytest.mark.parametrize(('function', 'value'), [(f.exp, 1e9), (f.log, -1.0), (f.sqrt, -4.0), (f.acos, 2.0)])
 def test_scalars_out_of_the_domain_give_no_exception(function, value):
     assert not math.isfinite(function(value))
 

@@ -84,7 +84,7 @@ def test_scalar_words_wrap_and_round():
 
 
 @pytest.mark.parametrize(
-    'expression, value',
+    ('expression', 'value'),
     [
         ('1.0/Z', np.inf),
         ('-1.0/Z', -np.inf),
@@ -357,7 +357,7 @@ CALLED = 'SUBROUTINE S(A, N)\nREAL A(,)\nINTEGER N\nEND\nENTRY SUBROUTINE T(A)\n
 
 
 @pytest.mark.parametrize(
-    'source, line, column, text',
+    ('source', 'line', 'column', 'text'),
     [
         ('REAL A(,)\nA = A +* 2.0', 2, 8, r"'\*'"),
         ('REAL A(,)\nA = (A + 2.0', 2, 13, 'too early'),
@@ -438,7 +438,7 @@ def test_errors_say_where_and_show_the_line(source, line, column, text):
 
 
 @pytest.mark.parametrize(
-    'body, text',
+    ('body', 'text'),
     [
         ('I = 5/J', 'division of an INTEGER by zero'),
         ('W(9) = 1.0', 'outside 1 to 4'),

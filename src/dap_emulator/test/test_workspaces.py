@@ -45,7 +45,7 @@ def test_a_request_takes_the_workspace_as_it_was(spaces):
 
 
 @pytest.mark.parametrize(
-    'items, reason',
+    ('items', 'reason'),
     [
         ([('me', 1)], 'expected <client>'),
         ([('me.data.a', [])], 'element'),

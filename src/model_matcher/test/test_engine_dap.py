@@ -108,7 +108,7 @@ def test_a_model_too_large_for_the_store_is_refused_with_the_number_of_planes():
         )
 
 
-@pytest.mark.parametrize('misplaced, max_bin', [((2,), 1), ((0, 4), 2), ((1, 3), 3)])
+@pytest.mark.parametrize(('misplaced', 'max_bin'), [((2,), 1), ((0, 4), 2), ((1, 3), 3)])
 @pytest.mark.parametrize('signs', [True, False])
 def test_misplaced_edges_go_to_the_bin_as_they_do_natively(misplaced, max_bin, signs):
     """Edges that agree with some of the others but not with all: the search itself must leave them out."""

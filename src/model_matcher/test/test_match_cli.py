@@ -81,7 +81,7 @@ def test_the_searches_of_the_thesis_can_be_chosen(files, capsys):
 
 
 @pytest.mark.parametrize(
-    'arguments, said',
+    ('arguments', 'said'),
     [
         (['missing.npz'], 'missing.npz'),
         (['features.npz', '--fracdev', '7'], 'fracdev'),

@@ -16,7 +16,7 @@ def shelf():
     return [index_model(random_polyhedron(k), f'm{k}') for k in range(60)]
 
 
-@pytest.mark.parametrize('clutter, visible', [(0.0, 0.75), (0.5, 0.75), (0.5, 0.5), (0.8, 0.75)])
+@pytest.mark.parametrize(('clutter', 'visible'), [(0.0, 0.75), (0.5, 0.75), (0.5, 0.5), (0.8, 0.75)])
 def test_a_model_that_is_there_is_kept(shelf, clutter, visible):
     # With fewer than six edges in view a model cannot be told from its like, by no search.
     tried = lost = 0

@@ -32,7 +32,7 @@ def candidates(data: list[list[int]], evidence: list[float], n: int = 10) -> tup
 
 
 @pytest.mark.parametrize(
-    'data, evidence, best',
+    ('data', 'evidence', 'best'),
     [
         ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 14.0], 0),  # more of the same data
         ([[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3]], [12.0, 12.1 + 2.0 * OUTDONE], 1),  # so much weaker is another matter

@@ -15,7 +15,7 @@ def regular(sides, radius=0.05, depth=0.03):
 
 
 @pytest.mark.parametrize(
-    'model, order',
+    ('model', 'order'),
     [
         (box((0.05, 0.05, 0.05)), 24),
         (box((0.05, 0.05, 0.08)), 8),

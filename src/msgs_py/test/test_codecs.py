@@ -88,14 +88,14 @@ class TestImages:
         assert codecs.gray_from_image(codecs.array_to_image(pixels, 'bgr8')).tolist() == [[29, 150, 76]]
 
     @pytest.mark.parametrize(
-        'change, text',
+        ('change', 'text'),
         [
-            (dict(encoding='yuv422'), 'image.encoding'),
-            (dict(data=array.array('B', [1, 2, 3])), 'image.data'),
-            (dict(step=3), 'image.step'),
-            (dict(width=0), 'image.height, image.width'),
-            (dict(height=2**20), 'image.data'),
-            (dict(data=array.array('B')), 'image.data'),
+            ({'encoding': 'yuv422'}, 'image.encoding'),
+            ({'data': array.array('B', [1, 2, 3])}, 'image.data'),
+            ({'step': 3}, 'image.step'),
+            ({'width': 0}, 'image.height, image.width'),
+            ({'height': 2**20}, 'image.data'),
+            ({'data': array.array('B')}, 'image.data'),
         ],
     )
     def test_damage_is_named(self, change, text):
@@ -106,7 +106,7 @@ class TestImages:
             codecs.image_to_array(message)
 
     @pytest.mark.parametrize(
-        'pixels, encoding',
+        ('pixels', 'encoding'),
         [
             (np.zeros((2, 2)), 'mono8'),
             (np.zeros((2, 2, 3), np.uint8), 'mono8'),
@@ -137,7 +137,7 @@ class TestCameraInfo:
         assert back.baseline == pytest.approx(baseline, rel=1e-12)
 
     @pytest.mark.parametrize(
-        'offset, text', [(0.0, 'baseline is missing'), (35.0, 'wrong sign'), (np.nan, 'NaN'), (-np.inf, 'infinity')]
+        ('offset', 'text'), [(0.0, 'baseline is missing'), (35.0, 'wrong sign'), (np.nan, 'NaN'), (-np.inf, 'infinity')]
     )
     def test_a_wrong_or_missing_baseline_is_refused_by_name(self, offset, text):
         rig = StereoRig.symmetric(PinholeCamera.centred(64, 64, 100.0), 0.1)
@@ -190,7 +190,7 @@ class TestFeatures:
         assert codecs.cloud_to_features(cloud) == features
 
     @pytest.mark.parametrize(
-        'damage, text',
+        ('damage', 'text'),
         [
             (lambda c: setattr(c, 'data', c.data[:-1]), 'features.data'),
             (lambda c: setattr(c, 'fields', [f for f in c.fields if f.name != 'end_y']), 'end_y'),

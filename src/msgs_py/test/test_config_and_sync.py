@@ -35,7 +35,7 @@ class TestConfig:
         assert Example.from_parameters(changed.as_parameters()) == changed
 
     @pytest.mark.parametrize(
-        'name, value, text',
+        ('name', 'value', 'text'),
         [
             ('size', 4, 'out of range, expected 8 to 4096 px'),
             ('size', 64.0, 'an integer'),
@@ -121,10 +121,10 @@ class TestStampSync:
 
     @pytest.mark.parametrize(
         'arguments',
-        [dict(topics='aa'), dict(topics=''), dict(topics='a', queue_size=0), dict(topics='a', tolerance_ns=-1)],
+        [{'topics': 'aa'}, {'topics': ''}, {'topics': 'a', 'queue_size': 0}, {'topics': 'a', 'tolerance_ns': -1}],
     )
     def test_misuse_is_refused(self, arguments):
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match='topics|queue_size|tolerance_ns'):
             StampSync(**arguments)
 
 
@@ -152,7 +152,7 @@ class TestHealth:
 
 
 @pytest.mark.parametrize(
-    'numbers, missed',
+    ('numbers', 'missed'),
     [((1, 2, 3), 0), ((5, 6, 9), 2), ((1, 4, 5, 11), 7), ((10, 1, 2), 0), ((None, None), 0), ((3, None, 9, 10), 0)],
 )
 def test_gaps_in_sequence_numbers_are_counted_and_a_restarted_writer_is_none(numbers, missed):

@@ -49,7 +49,7 @@ class TestPose:
         assert error.translation == pytest.approx(2.0)
 
     @pytest.mark.parametrize(
-        'arguments, name',
+        ('arguments', 'name'),
         [
             ((np.eye(3) * 2,), 'rotation'),
             ((np.diag([1, 1, -1]),), 'rotation'),
@@ -95,16 +95,16 @@ class TestCameras:
         assert rig.disparity(z) == pytest.approx(left_pixel[0] - right_pixel[0])
 
     @pytest.mark.parametrize(
-        'change, name',
-        [(dict(fx=0.0), 'fx'), (dict(fy=np.nan), 'fy'), (dict(width=0), 'width'), (dict(height=2.5), 'height')],
+        ('change', 'name'),
+        [({'fx': 0.0}, 'fx'), ({'fy': np.nan}, 'fy'), ({'width': 0}, 'width'), ({'height': 2.5}, 'height')],
     )
     def test_bad_intrinsics_are_refused_by_name(self, change, name):
-        values = dict(width=640, height=480, fx=500.0, fy=500.0, cx=320.0, cy=240.0) | change
+        values = {'width': 640, 'height': 480, 'fx': 500.0, 'fy': 500.0, 'cx': 320.0, 'cy': 240.0} | change
         with pytest.raises(ValueError, match=f'^{name}'):
             PinholeCamera(**values)
 
     @pytest.mark.parametrize(
-        'right, baseline, name',
+        ('right', 'baseline', 'name'),
         [
             (PinholeCamera(640, 480, 501.0, 510.0, 320.5, 239.5), 0.1, 'fx'),
             (PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5), 0.1, 'cy'),
@@ -172,22 +172,29 @@ class TestFeatureSet:
             FeatureSet.load(path)
 
     @pytest.mark.parametrize(
-        'change, name',
+        ('change', 'name'),
         [
-            (dict(end=[[0, 0, np.inf]]), 'end'),
-            (dict(start=[[0, 0]]), 'start'),
-            (dict(kind=[7]), 'kind'),
-            (dict(kind=[1]), 'radii'),
-            (dict(err_par=[-1.0]), 'err_par'),
+            ({'end': [[0, 0, np.inf]]}, 'end'),
+            ({'start': [[0, 0]]}, 'start'),
+            ({'kind': [7]}, 'kind'),
+            ({'kind': [1]}, 'radii'),
+            ({'err_par': [-1.0]}, 'err_par'),
         ],
     )
     def test_misuse_names_the_array(self, change, name):
-        values = dict(kind=[0], start=[[0, 0, 0]], end=[[1, 0, 0]], radii=[[np.nan, np.nan]], err_par=[0], err_per=[0])
+        values = {
+            'kind': [0],
+            'start': [[0, 0, 0]],
+            'end': [[1, 0, 0]],
+            'radii': [[np.nan, np.nan]],
+            'err_par': [0],
+            'err_per': [0],
+        }
         with pytest.raises(ValueError, match=f'^{name}'):
             FeatureSet(**(values | change))
 
     def test_arrays_cannot_be_changed_behind_its_back(self):
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match='read-only'):
             example_features().start[0] = 5
 
 
@@ -197,16 +204,16 @@ class TestInterpretation:
         assert item.matched == 2 and item.accepted and list(item.data_indices) == [0, 2]
 
     @pytest.mark.parametrize(
-        'change, name',
+        ('change', 'name'),
         [
-            (dict(sign=[1]), 'sign'),
-            (dict(assignment=[0, -2]), 'assignment'),
-            (dict(sign=[2, 0]), 'sign'),
-            (dict(matched=5), 'matched'),
-            (dict(covariance=np.eye(3)), 'covariance'),
+            ({'sign': [1]}, 'sign'),
+            ({'assignment': [0, -2]}, 'assignment'),
+            ({'sign': [2, 0]}, 'sign'),
+            ({'matched': 5}, 'matched'),
+            ({'covariance': np.eye(3)}, 'covariance'),
         ],
     )
     def test_misuse_names_the_field(self, change, name):
-        values = dict(model='m', assignment=[0, -1], sign=[1, 0], pose=Pose())
+        values = {'model': 'm', 'assignment': [0, -1], 'sign': [1, 0], 'pose': Pose()}
         with pytest.raises(ValueError, match=f'^{name}'):
             Interpretation(**(values | change))

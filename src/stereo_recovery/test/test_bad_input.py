@@ -79,7 +79,7 @@ def test_exchanged_pictures_are_named(synthetic, solids):
 
 
 @pytest.mark.parametrize(
-    'image, message',
+    ('image', 'message'),
     [
         (np.zeros((64, 64, 5)), 'left: expected shape'),
         (np.zeros((64, 64), bool), 'left: expected grey levels'),

@@ -22,7 +22,7 @@ def step_image(angle, offset, contrast, noise, rng):
     return (60.0 + contrast * norm.cdf(away, scale=0.6) + rng.normal(0.0, noise, away.shape)).astype(np.float32)
 
 
-@pytest.mark.parametrize('contrast, noise', [(40.0, 2.0), (120.0, 2.0), (120.0, 6.0)])
+@pytest.mark.parametrize(('contrast', 'noise'), [(40.0, 2.0), (120.0, 2.0), (120.0, 6.0)])
 def test_a_straight_edge_is_as_uncertain_as_it_says(contrast, noise):
     rng = np.random.default_rng(3)
     offsets, slopes = [], []

@@ -50,7 +50,7 @@ def test_the_line_through_parts_of_a_line_is_that_line():
     assert line.miss < 1e-9 and abs(line.bow) < 1e-9
 
 
-@pytest.mark.parametrize('bend, joined', [(0.8, True), (6.0, False)])
+@pytest.mark.parametrize(('bend', 'joined'), [(0.8, True), (6.0, False)])
 def test_what_the_other_eye_sees_as_one_is_one_if_it_is_nearly_straight(bend, joined):
     left = pieces(((50 + bend, 0), (50, 40)), ((50, 42), (50 + bend, 90)))
     right = pieces(((20, 0), (20, 90)))

@@ -198,7 +198,7 @@ def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[n
 
 
 @pytest.mark.parametrize(
-    'moved, is_outline',
+    ('moved', 'is_outline'),
     [
         ((0.0, 0.0), True),
         ((0.0, 2.5), True),  # the right image's piece is a neighbour, but the left one is an outline beyond doubt
@@ -294,7 +294,7 @@ def near_half() -> Curve:
     return replace(level, arc=(middle - 1.5, 3.0))
 
 
-@pytest.mark.parametrize('behind, faces_us', [(0.03, True), (-0.03, False)])
+@pytest.mark.parametrize(('behind', 'faces_us'), [(0.03, True), (-0.03, False)])
 def test_a_foot_faces_us_when_its_plane_is_seen_behind_it(behind, faces_us):
     rim = near_half()
     edge = np.array([[[-0.03, 0.05, 0.25 + behind], [0.03, 0.05, 0.25 + behind]]])
@@ -361,7 +361,7 @@ def test_an_edge_that_runs_into_an_arc_ends_where_it_touches_the_circle(beyond):
         assert err_par[0] >= 2e-3
 
 
-@pytest.mark.parametrize('start, beyond', [(0.5 + np.pi, 0.005), (0.5, 0.02)])
+@pytest.mark.parametrize(('start', 'beyond'), [(0.5 + np.pi, 0.005), (0.5, 0.02)])
 def test_an_edge_that_goes_on_or_meets_no_arc_keeps_its_ends(start, beyond):
     rim = curve([0.02, 0.01, 0.25], [0.0, 0.8, -0.6], 0.015, arc=(start, np.pi))
     touch = rim.centre + rim.radii[0] * (np.cos(0.5) * rim.first + np.sin(0.5) * rim.second)

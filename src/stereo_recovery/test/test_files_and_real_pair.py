@@ -127,7 +127,7 @@ def test_the_camera_of_an_ideal_pair_is_one_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'text, message',
+    ('text', 'message'),
     [
         ('', 'expected a calibration'),
         ('{"K": [1, 2], "baseline": 0.1}', 'expected K, nine numbers'),
@@ -182,7 +182,15 @@ def raw_camera(offset: float, **change) -> SimpleNamespace:
     r = [1.0, 0, 0, 0, 1, 0, 0, 0, 1]
     return SimpleNamespace(
         **{
-            **dict(width=640, height=480, distortion_model='plumb_bob', d=[-0.2, 0.05, 0, 0, 0], k=k, r=r, p=p),
+            **{
+                'width': 640,
+                'height': 480,
+                'distortion_model': 'plumb_bob',
+                'd': [-0.2, 0.05, 0, 0, 0],
+                'k': k,
+                'r': r,
+                'p': p,
+            },
             **change,
         }
     )
@@ -209,7 +217,7 @@ def test_rectification_straightens_a_distorted_line():
 
 
 @pytest.mark.parametrize(
-    'change, message',
+    ('change', 'message'),
     [
         ({'distortion_model': 'magic'}, 'magic'),
         ({'d': [float('nan')]}, 'D contains NaN'),

@@ -62,7 +62,7 @@ def test_it_does_not_when_its_line_misses_that_end_in_one_image():
     assert len(joints) == 0
 
 
-@pytest.mark.parametrize('disparity, allowed', [(30.0, True), (45.0, False), (5.0, False)])
+@pytest.mark.parametrize(('disparity', 'allowed'), [(30.0, True), (45.0, False), (5.0, False)])
 def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed):
     """The steep edge's disparity puts the corner at u = 150 - disparity; the flat one's string ends at 118 there."""
     flat = ((50.0, 100.0), (150.0, 100.0))
@@ -97,7 +97,7 @@ def test_a_corner_with_one_edge_in_the_left_image_and_with_another_in_the_right_
     assert sigma[0].tolist() == [flat_edges.STRAY_SIGMA, flat_edges.HIDDEN_SIGMA]
 
 
-@pytest.mark.parametrize('slope, found', [(0.0, True), (1.4, True), (4.0, True), (8.0, False)])
+@pytest.mark.parametrize(('slope', 'found'), [(0.0, True), (1.4, True), (4.0, True), (8.0, False)])
 def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
     """Upright in the left image; in the right one it leans by this slope: disparity gradients 0, 1.1, 1.8 and 1.94."""
     left = np.array([[100.0, 10.0, 100.0, 50.0, 0.0, 1.0, 50.0, 100.0, 20.0]])
@@ -132,7 +132,7 @@ def test_the_nearer_of_two_edges_side_by_side_goes_first_when_it_is_nearly_as_st
         assert list(np.argsort(-standing)) == order
 
 
-@pytest.mark.parametrize('bottom, found', [(50.0, True), (40.0, False)])
+@pytest.mark.parametrize(('bottom', 'found'), [(50.0, True), (40.0, False)])
 def test_an_outline_before_the_backdrop_is_a_candidate_when_both_images_show_it_from_end_to_end(bottom, found):
     """Its own side differs: each eye sees another part of a narrow face."""
     left = np.array([[100.0, 10.0, 100.0, 50.0, 0.0, 1.0, 90.0, 170.0, 20.0]])

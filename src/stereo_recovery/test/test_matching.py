@@ -17,7 +17,7 @@ def piece(start, end):
 
 
 @pytest.mark.parametrize(
-    'second, both',
+    ('second', 'both'),
     [
         (((100, 60), (100, 90)), True),  # one line, broken
         (((100, 50), (112, 90)), True),  # two edges that meet, both ends where the other image's piece ends

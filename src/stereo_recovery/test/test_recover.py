@@ -31,7 +31,7 @@ def errors(features, truth):
 
 
 @pytest.mark.parametrize(
-    'name, rotation, depth',
+    ('name', 'rotation', 'depth'),
     [('L-block', (0.5, -0.7, 0.1), 0.25), ('chipped', (0.5, -0.6, 0.2), 0.20), ('wedge', (-0.6, 0.5, 0.4), 0.30)],
 )
 def test_edges_of_a_solid_are_found_where_they_are(synthetic, solids, name, rotation, depth):

@@ -170,7 +170,7 @@ class GraphRun:
         self.executor = SingleThreadedExecutor(context=self.context)
         case = self.case
         # A scene written for the case names its camera itself.
-        size = dict(width=case.width or 0, height=case.height or 0, focal=float(case.focal or 0.0))
+        size = {'width': case.width or 0, 'height': case.height or 0, 'focal': float(case.focal or 0.0)}
         parameters: dict[type, dict[str, Any]] = {
             RendererNode: dict(
                 scene=self.scene,
@@ -183,7 +183,7 @@ class GraphRun:
                 **(size if self.scene == self.own_scene else {}),
             ),
             RecoveryNode: {},
-            MatcherNode: dict(models=[self.own_scene], time_limit=case.time_limit_s),
+            MatcherNode: {'models': [self.own_scene], 'time_limit': case.time_limit_s},
             EmulatorNode: {},
         }
         self.nodes: dict[str, Any] = {}
@@ -249,7 +249,7 @@ class GraphRun:
             codecs.gray_from_image(self.received['right/image_rect'][-1]),
             codecs.cloud_to_features(self.received['ground_truth/features'][-1]),
             codecs.cloud_to_features(self.received['features'][-1]),
-            [item for item in codecs.interpretations_from_report(report)],
+            list(codecs.interpretations_from_report(report)),
             '; '.join(status.message for status in report.status if status.message != codecs.reports.ACCEPTED),
         )
 

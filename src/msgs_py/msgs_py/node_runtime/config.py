@@ -93,18 +93,18 @@ def parameter(
     return field(
         default=default,
         metadata={
-            'spec': dict(
-                name=name,
-                default=default,
-                description=description,
-                unit=unit,
-                minimum=minimum,
-                maximum=maximum,
-                choices=choices,
-                read_only=read_only,
-                element=element,
-                formerly=formerly,
-            )
+            'spec': {
+                'name': name,
+                'default': default,
+                'description': description,
+                'unit': unit,
+                'minimum': minimum,
+                'maximum': maximum,
+                'choices': choices,
+                'read_only': read_only,
+                'element': element,
+                'formerly': formerly,
+            }
         },
     )
 
