@@ -33,14 +33,27 @@ from tqdm import tqdm
 
 from msgs_py import FeatureKind, FeatureSet, StereoRig
 from stereo_recovery import Recovery, pipeline, recover
-from stereo_recovery.detection.segmentation import Pieces, whole_pieces
+from stereo_recovery.detection.junctions import spurious
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges import lines3d
 from stereo_recovery.matching import relaxation_kernels
 
 # Stages in their order. What is alive less than this, percent of an edge, is lost.
-STAGES = ('edgels', 'pieces', 'whole', 'pairs', 'matches', 'joined', 'no outline', 'no contradiction', 'lines', 'kept')
+STAGES = (
+    'edgels',
+    'segments',
+    'whole',
+    'pairs',
+    'matches',
+    'joined',
+    'no outline',
+    'no contradiction',
+    'lines',
+    'kept',
+)
 LOST = 50.0
-# An edgel or a piece is on a true edge when it is this near to its line, pixels, and turned by less than this, radians.
+# An edgel or a segment is on a true edge when it is this near to its line, pixels, and turned by less than this,
+# radians.
 NEAR_EDGEL, NEAR, SAME_SLOPE = 1.5, 2.0, np.radians(8.0)
 OFFSET = 3.0
 SAMPLES = 100
@@ -48,14 +61,14 @@ SAMPLES = 100
 
 @dataclass
 class Trace:
-    """What the stages of one recovery had; pieces belong to the images, pairs are of their indices."""
+    """What the stages of one recovery had; segments belong to the images, pairs are of their indices."""
 
     recovery: Recovery
     views: list[Any] = field(default_factory=list)
-    whole: list[Pieces] = field(default_factory=list)
-    pairs: dict[str, tuple[np.ndarray, np.ndarray, Pieces, Pieces]] = field(default_factory=dict)
+    whole: list[Segments] = field(default_factory=list)
+    pairs: dict[str, tuple[np.ndarray, np.ndarray, Segments, Segments]] = field(default_factory=dict)
     lines: Any = None
-    segments: Any = None
+    in_space: Any = None
 
 
 def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
@@ -88,20 +101,20 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
 
     def of_lines(args: tuple, result: Any) -> None:
         trace.pairs.setdefault('no outline', (args[0].left, args[0].right, args[1], args[2]))
-        lines, left_pieces, right_pieces = result
+        lines, left_segments, right_segments = result
         trace.lines = lines
-        trace.pairs['lines'] = (lines.left, lines.right, left_pieces, right_pieces)
+        trace.pairs['lines'] = (lines.left, lines.right, left_segments, right_segments)
 
     def solved(args: tuple, result: Any) -> None:
         # The last call before corners add pairs is the one without contradicted ones.
         trace.pairs['no contradiction'] = (args[0].left, args[0].right, args[1], args[2])
 
     def spaced(args: tuple, result: Any) -> None:
-        trace.segments = result
+        trace.in_space = result
 
     with ExitStack() as stack:
         for patch in (
-            after(pipeline, '_segment', segmented),
+            after(pipeline, '_detected', segmented),
             after(pipeline, 'match', matched),
             after(relaxation_kernels, 'candidates', paired),
             after(pipeline, 'join_matched', joined),
@@ -116,21 +129,21 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
     return trace
 
 
-def on_edge(pieces: Pieces, line: np.ndarray) -> np.ndarray:
-    """(n, SAMPLES) bool: the part of a line (2, 2) that each piece shows, pixels."""
+def on_edge(segments: Segments, line: np.ndarray) -> np.ndarray:
+    """(n, SAMPLES) bool: the part of a line (2, 2) that each segment shows, pixels."""
     run = line[1] - line[0]
     length = max(float(np.hypot(*run)), 1e-9)
     run = run / length
     normal = np.array([-run[1], run[0]])
-    places = np.stack([(end - line[0]) @ run for end in (pieces.start, pieces.end)], axis=1)
-    # A piece may go on beyond the edge (where an outline continues): it counts where it is beside it.
+    places = np.stack([(end - line[0]) @ run for end in (segments.start, segments.end)], axis=1)
+    # A segment may go on beyond the edge (where an outline continues): it counts where it is beside it.
     low, high = np.maximum(places.min(axis=1), 0.0), np.minimum(places.max(axis=1), length)
-    off = np.zeros(len(pieces))
+    off = np.zeros(len(segments))
     for end in (low, high):
         share = (end - places[:, 0]) / np.where(np.abs(np.ptp(places, axis=1)) < 1e-9, 1.0, places[:, 1] - places[:, 0])
-        point = pieces.start + share[:, None] * (pieces.end - pieces.start)
+        point = segments.start + share[:, None] * (segments.end - segments.start)
         off = np.maximum(off, np.abs((point - line[0]) @ normal))
-    slope = np.abs(pieces.direction @ normal)
+    slope = np.abs(segments.direction @ normal)
     good = (off < NEAR) & (slope < np.sin(max(SAME_SLOPE, 2.0 / length))) & (high > low)
     sample = (np.arange(SAMPLES) + 0.5) / SAMPLES * length
     return good[:, None] & (sample >= low[:, None] - 1.5) & (sample <= high[:, None] + 1.5)
@@ -206,7 +219,7 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
                 _edgels_on(v.edgels, line),
                 *(
                     100.0 * float(on_edge(p, line).any(axis=0).mean())
-                    for p in (v.pieces, v.pieces.select(whole_pieces(v.pieces)))
+                    for p in (v.segments, v.segments.select(~spurious(v.segments)))
                 ),
             )
             for v, line in zip(trace.views, lines)
@@ -226,7 +239,7 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
                 wrong = a.any(axis=1)[left] & ~good
                 other = b.any(axis=1)[right] & ~good
                 notes.append(
-                    'pieces free'
+                    'segments free'
                     if not (wrong.any() or other.any())
                     else f'left {"taken" if wrong.any() else "free"}, right {"taken" if other.any() else "free"}'
                 )
@@ -235,15 +248,15 @@ def losses(trace: Trace, images: tuple[np.ndarray, np.ndarray], rig: StereoRig, 
         if stage == 'kept':
             if reported(found, edge, 4.0 * SAME_PLACE) >= LOST:
                 notes.append('but false in space')
-            elif trace.segments is not None:
+            elif trace.in_space is not None:
                 left, right, mine, theirs = trace.pairs['lines']
                 good = on_edge(mine, lines[0]).any(axis=1)[left] & on_edge(theirs, lines[1]).any(axis=1)[right]
                 for e in np.flatnonzero(good):
-                    ends = trace.segments.ends[e]
+                    ends = trace.in_space.ends[e]
                     span = np.linalg.norm(ends[1] - ends[0])
                     one = FeatureSet.from_edges(ends[:1], ends[1:])
                     notes.append(
-                        f'err_per/span {trace.segments.err_per[e] / span:.2f} '
+                        f'err_per/span {trace.in_space.err_per[e] / span:.2f} '
                         f'true {reported(one, edge):.0f} near {reported(one, edge, 4 * SAME_PLACE):.0f}'
                     )
         sides_grey = [_contrast(image, line) for image, line in zip(images, lines)]

@@ -19,12 +19,14 @@ from .curves.spheres import without_balls
 from .detection import edgels as edgel_module
 from .detection.chains import link, with_weak
 from .detection.conics import Ellipse
-from .detection.double_edges import taken_apart
+from .detection.double_edges import fit_double_steps
 from .detection.double_edges import warm_up as warm_up_profiles
 from .detection.edgels import Edgels
-from .detection.low_contrast import followed
+from .detection.junctions import find_junctions, spurious
+from .detection.low_contrast import track_low_contrast
 from .detection.low_contrast import warm_up as warm_up_faint
-from .detection.segmentation import Pieces, corners, roughness, split, whole_pieces
+from .detection.segments import Segments
+from .detection.splitting import localisation_noise, split
 from .edges.families import aligned
 from .edges.hiding import hidden_ends
 from .edges.lines3d import edges, to_space
@@ -37,9 +39,9 @@ from .params import RecoveryParams
 # Edgels a pixel, and in all, above which the thresholds rise.
 DENSEST = 0.03
 MOST_EDGELS = 40000
-# Texture without end: more than so many pieces (a room has a thousand) would take minutes. The longest are kept.
-MOST_PIECES = 6000
-# In a picture with fewer edgels a pixel than this, long strings of weak ones count too: least magnitude and least mean
+# Texture without end: more than so many segments (a room has a thousand) would take minutes. The longest are kept.
+MOST_SEGMENTS = 6000
+# In a picture with fewer edgels a pixel than this, long chains of weak ones count too: least magnitude and least mean
 # in units of the gradient's noise, and least number of edgels.
 SPARSE = 0.01
 WEAKEST, WEAK_MEAN, WEAK_COUNT = 2.7, 3.3, 14
@@ -52,7 +54,7 @@ MOST_TILT, MOST_TILT_OF_ARC = np.radians(2.0), np.radians(1.0)
 ARC = 0.7
 MOST_MISFIT = 2.0
 # An edge is reported when its direction is known this well: three sigma bound of its ends across over its length.
-# Where there are curves a doubtful one may well be a piece of a curve: it has to be known better, and only tells on
+# Where there are curves a doubtful one may well be a segment of a curve: it has to be known better, and only tells on
 # which face a curve lies.
 LEAST_DETERMINED = 0.25
 BESIDE_CURVES = 0.16
@@ -63,10 +65,10 @@ class Recovery:
     """What was found in a pair.
 
     features : FeatureSet, left optical frame, metres; err_par and err_per are 3 sigma bounds
-    edgels : (left, right) Edgels that belong to strings
+    edgels : (left, right) Edgels that belong to chains
     reason : why features is empty, else ''
     milliseconds : of each stage
-    counts : of edgels, strings, pieces and matches
+    counts : of edgels, chains, segments and matches
     curves : the CURVE features in their order, with the covariance of centre, normal and radius
     """
 
@@ -84,11 +86,11 @@ class _View:
 
     grey: np.ndarray
     edgels: Edgels
-    pieces: Pieces
+    segments: Segments
     ellipses: list[Ellipse]
 
 
-def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
+def _detected(grey: np.ndarray, params: RecoveryParams) -> _View:
     noise = edgel_module.noise_level(grey)
     gradient_noise = noise / (np.sqrt(8.0 * np.pi) * params.sigma**2)
     low, high = max(params.low, 5.0 * gradient_noise), max(params.high, 7.0 * gradient_noise)
@@ -99,8 +101,8 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
     if len(found) > most:
         high = max(high, float(np.partition(found.magnitude, len(found) - most)[len(found) - most]))
         found = found.select(found.magnitude > max(low, 0.5 * high))
-    strings = link(found, grey.shape, high)
-    tolerance = float(np.clip(6.0 * roughness(strings), 0.2, 0.5))
+    chains = link(found, grey.shape, high)
+    tolerance = float(np.clip(6.0 * localisation_noise(chains), 0.2, 0.5))
     weakest = max(params.low, WEAKEST * gradient_noise)
     sparse = len(found) < SPARSE * grey.size and weakest < low
     if sparse:
@@ -113,18 +115,18 @@ def _segment(grey: np.ndarray, params: RecoveryParams) -> _View:
             slopes,
             float(np.median(found.width)) if len(found) else None,
         )
-        strings = with_weak(strings, every, grey.shape, max(params.low, WEAK_MEAN * gradient_noise), WEAK_COUNT)
-    ordered, pieces, ellipses = split(strings, tolerance, params.sigma)
+        chains = with_weak(chains, every, grey.shape, max(params.low, WEAK_MEAN * gradient_noise), WEAK_COUNT)
+    ordered, segments, ellipses = split(chains, tolerance, params.sigma)
     if sparse:
-        ordered, pieces = followed(ordered, pieces, slopes, gradient_noise, params.sigma, tolerance)
-    pieces = taken_apart(slopes, ordered, pieces, params.sigma)
-    return _View(grey, ordered, pieces, ellipses)
+        ordered, segments = track_low_contrast(ordered, segments, slopes, gradient_noise, params.sigma, tolerance)
+    segments = fit_double_steps(slopes, ordered, segments, params.sigma)
+    return _View(grey, ordered, segments, ellipses)
 
 
-def _worth_while(pieces: Pieces) -> Pieces:
+def _worth_while(segments: Segments) -> Segments:
     """Without scraps, and of too many the longest."""
-    kept = pieces.select(whole_pieces(pieces))
-    return kept.select(np.sort(np.argsort(-kept.length, kind='stable')[:MOST_PIECES]))
+    kept = segments.select(~spurious(segments))
+    return kept.select(np.sort(np.argsort(-kept.length, kind='stable')[:MOST_SEGMENTS]))
 
 
 def _well_known(curve: Curve) -> bool:
@@ -158,74 +160,83 @@ def recover(left: np.ndarray, right: np.ndarray, rig: StereoRig, params: Recover
                 f'{camera.width} x {camera.height}'
             )
         greys.append(grey)
-    views = [_segment(grey, params) for grey in greys]
+    views = [_detected(grey, params) for grey in greys]
     lap('segment')
     found = (views[0].edgels, views[1].edgels)
     counts = {
         'left edgels': len(found[0]),
         'right edgels': len(found[1]),
-        'left pieces': len(views[0].pieces),
-        'right pieces': len(views[1].pieces),
+        'left segments': len(views[0].segments),
+        'right segments': len(views[1].segments),
     }
     for name, view in zip(('left', 'right'), views):
-        if len(view.pieces) == 0:
+        if len(view.segments) == 0:
             return Recovery(FeatureSet.empty(), found, f'no texture: no edges in the {name} image', stages, counts)
     if np.array_equal(greys[0], greys[1]):
         return Recovery(
             FeatureSet.empty(), found, 'left and right are the same picture, so nothing has a disparity', stages, counts
         )
-    pieces = _worth_while(views[0].pieces), _worth_while(views[1].pieces)
+    segments = _worth_while(views[0].segments), _worth_while(views[1].segments)
     offset = rig.left.cx - rig.right.cx
     lowest = params.min_disparity + offset
     highest = (0.9 * rig.left.width if params.max_disparity is None else params.max_disparity) + offset
     matches = match(
-        greys[0], greys[1], pieces[0], pieces[1], lowest, highest, params.support_radius, least_belief=params.min_belief
+        greys[0],
+        greys[1],
+        segments[0],
+        segments[1],
+        lowest,
+        highest,
+        params.support_radius,
+        least_belief=params.min_belief,
     )
     counts['matches'] = len(matches)
     lap('match')
     if len(matches) == 0:
         # Ordinary mistakes deserve their name.
         reason = 'no edge of the left image has a match in the right one'
-        if len(match(greys[1], greys[0], pieces[1], pieces[0], lowest, highest, params.support_radius)) >= 3:
+        if len(match(greys[1], greys[0], segments[1], segments[0], lowest, highest, params.support_radius)) >= 3:
             reason = 'edges match only with left and right exchanged: are the images swapped?'
         return Recovery(FeatureSet.empty(), found, reason, stages, counts)
-    matches, *joined = join_matched(matches, *pieces)
+    matches, *joined = join_matched(matches, *segments)
     matches, *joined = split_matched(matches, joined[0], joined[1], found, params.sigma)
-    pieces = joined[0], joined[1]
+    segments = joined[0], joined[1]
     blur = edgel_module.blur_variance(found)
-    curves = recover_curves(matches, pieces[0], pieces[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
-    curves = distinct(completed(curves, pieces, found, rig, blur))
+    curves = recover_curves(matches, segments[0], segments[1], (views[0].ellipses, views[1].ellipses), found, rig, blur)
+    curves = distinct(completed(curves, segments, found, rig, blur))
     rims = without_balls(curves, found, rig, blur)
     told = [c for c in rims if _well_known(c)]
-    axes, surfaces = find_axes(told, pieces, rig)
+    axes, surfaces = find_axes(told, segments, rig)
     surfaces += [(c, np.append(c.normal, 0.0)) for c in rims if not _well_known(c)]
     lap('curves')
     # Outlines are no edges, and tell edges nothing; neither does an end that a curved surface hides.
-    matches = matches.select(~contours(matches, pieces, surfaces, rig))
-    met = hidden_ends(matches, pieces, (corners(pieces[0]), corners(pieces[1])), curves, surfaces, rig)
+    matches = matches.select(~contours(matches, segments, surfaces, rig))
+    junctions = hidden_ends(
+        matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])), curves, surfaces, rig
+    )
     cluttered = min(len(side) / grey.size for side, grey in zip(found, greys)) > CLUTTERED
-    lines, *shown = edges(matches, *pieces, *met, params.rectification_sigma, offset, cluttered)
+    lines, *shown = edges(matches, *segments, *junctions, params.rectification_sigma, offset, cluttered)
     of_lines = shown[0], shown[1]
     lines = aligned(lines, of_lines[0], told, rig)
     lap('lines')
-    segments = to_space(lines, of_lines[0], rig)
-    span = np.linalg.norm(segments.ends[:, 1] - segments.ends[:, 0], axis=1)
-    keep = np.isfinite(span) & np.isfinite(segments.err_par) & (segments.err_per < LEAST_DETERMINED * span)
-    keep &= lines.reach[:, 1] - lines.reach[:, 0] >= params.min_length
+    in_space = to_space(lines, of_lines[0], rig)
+    span = np.linalg.norm(in_space.ends[:, 1] - in_space.ends[:, 0], axis=1)
+    keep = np.isfinite(span) & np.isfinite(in_space.err_par) & (in_space.err_per < LEAST_DETERMINED * span)
+    keep &= lines.extent[:, 1] - lines.extent[:, 0] >= params.min_length
     # Corners that were none may tell more than any match was allowed to.
     run = of_lines[0].direction[lines.left]
     slope = lines.coefficient[:, 1]
     keep &= (np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])) | lines.strut
-    # A piece of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one
+    # A segment of an arc in both images is none, whether its curve was recovered or not; nor is one of an arc in one
     # image, unless it runs from corner to corner where nothing is curved.
     arcs = (of_lines[0].arc[lines.left] >= 0).astype(int) + (of_lines[1].arc[lines.right] >= 0)
     keep &= (arcs == 0) | ((arcs == 1) & lines.fixed.all(axis=1) & (len(curves) == 0))
     unseen = counterparts(told, found, rig, blur)
     keep &= ~on_curves(lines, of_lines, curves + unseen) & ~contours(lines, of_lines, surfaces, rig)
-    curves = on_faces(told, segments.ends[keep], segments.err_per[keep])
-    keep &= segments.err_per < (BESIDE_CURVES if rims else LEAST_DETERMINED) * span
-    err_per = segments.err_per[keep]
-    ends, err_par = joined_ends(segments.ends[keep], segments.err_par[keep], err_per, curves + unseen)
+    curves = on_faces(told, in_space.ends[keep], in_space.err_per[keep])
+    keep &= in_space.err_per < (BESIDE_CURVES if rims else LEAST_DETERMINED) * span
+    err_per = in_space.err_per[keep]
+    ends, err_par = joined_ends(in_space.ends[keep], in_space.err_par[keep], err_per, curves + unseen)
     features = FeatureSet.concatenate(
         [FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per), curve_features(curves), axis_features(axes)]
     )

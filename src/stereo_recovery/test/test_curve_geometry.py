@@ -20,7 +20,8 @@ from stereo_recovery.curves.opposite_rims import distinct
 from stereo_recovery.curves.orientation import on_faces
 from stereo_recovery.detection.conics import Ellipse, sampson
 from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
-from stereo_recovery.detection.segmentation import Pieces, corners
+from stereo_recovery.detection.junctions import find_junctions
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.hiding import hidden_ends
 from stereo_recovery.edges.lines3d import Lines3D
 from stereo_recovery.edges.tangency import joined_ends
@@ -70,19 +71,19 @@ def both(c: Curve, **options) -> tuple[Edgels, Edgels]:
     return edgels_of(c, *EYES[0], seed=2, **options), edgels_of(c, *EYES[1], seed=3, **options)
 
 
-def pieces_of(segments) -> Pieces:
-    """Straight pieces between given pixels (n, 2, 2)."""
-    ends = np.asarray(segments, float).reshape(-1, 2, 2)
+def segments_of(drawn) -> Segments:
+    """Straight segments between given pixels (n, 2, 2)."""
+    ends = np.asarray(drawn, float).reshape(-1, 2, 2)
     n = len(ends)
     run = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(run, axis=1)
-    reach = np.stack([-0.5 * length, 0.5 * length], axis=1)
-    return Pieces(
+    extent = np.stack([-0.5 * length, 0.5 * length], axis=1)
+    return Segments(
         np.tile([0, 20], (n, 1)),
         np.arange(n),
         ends.mean(axis=1),
         run / length[:, None],
-        reach,
+        extent,
         np.full(n, 0.01),
         np.zeros(n),
         np.full(n, 20.0),
@@ -201,7 +202,7 @@ def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[n
     ('moved', 'is_outline'),
     [
         ((0.0, 0.0), True),
-        ((0.0, 2.5), True),  # the right image's piece is a neighbour, but the left one is an outline beyond doubt
+        ((0.0, 2.5), True),  # the right image's segment is a neighbour, but the left one is an outline beyond doubt
         ((2.5, 2.5), False),
         ((0.0, 9.0), False),
     ],
@@ -209,23 +210,23 @@ def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[n
 def test_outlines_of_a_rims_surface_are_no_edges(moved, is_outline):
     rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
     sides = [outline_of_cylinder(rim, 0.03, camera, eye)[0] + [off, 0.0] for (camera, eye), off in zip(EYES, moved)]
-    pieces = []
-    for side in (pieces_of([segment]) for segment in sides):
+    segments = []
+    for side in (segments_of([line]) for line in sides):
         # Where most edgels are need not be the middle.
         shift = 0.4 * side.length[:, None]
-        pieces.append(replace(side, centre=side.centre + shift * side.direction, reach=side.reach - shift))
+        segments.append(replace(side, centre=side.centre + shift * side.direction, extent=side.extent - shift))
     zero = np.zeros(1, np.int32)
     lines = Lines3D(
         zero,
         zero,
-        pieces[0].reach,
+        segments[0].extent,
         np.zeros((1, 2)),
         np.zeros((1, 2, 2)),
         np.ones((1, 2)),
         np.zeros((1, 2), bool),
         np.zeros(1, bool),
     )
-    found = contours(lines, (pieces[0], pieces[1]), [(rim, np.append(rim.normal, 0.0))], RIG)
+    found = contours(lines, (segments[0], segments[1]), [(rim, np.append(rim.normal, 0.0))], RIG)
     assert list(found) == [is_outline]
 
 
@@ -239,8 +240,8 @@ def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
         first=off @ rim.first,
         covariance=np.diag([1e-5, 1e-5, 1e-5, 0.01, 0.01, 1e-5]) ** 2,
     )
-    pieces = tuple(pieces_of(outline_of_cylinder(rim, 0.03, camera, eye)) for camera, eye in EYES)
-    axes, _ = find_axes([seen], pieces, RIG)
+    segments = tuple(segments_of(outline_of_cylinder(rim, 0.03, camera, eye)) for camera, eye in EYES)
+    axes, _ = find_axes([seen], segments, RIG)
     assert len(axes) == 1
     run = axes[0].end - axes[0].start
     assert angle_between(run, rim.normal) < 0.6 * angle_between(seen.normal, rim.normal)
@@ -251,13 +252,13 @@ def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
 def test_the_apex_of_a_cone_from_its_base_and_outlines():
     base = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.6], 0.018)
     apex = base.centre - 0.035 * base.normal
-    segments = []
+    drawn = []
     for camera, eye in EYES:
         lines = tangents(picture(base, camera.matrix, eye), camera.matrix @ (apex - [eye, 0, 0]))
         touch = np.linalg.solve(picture(base, camera.matrix, eye), lines.T).T
         tip = camera.project((apex - [eye, 0, 0])[None])[0]
-        segments.append([np.stack([t[:2] / t[2] + 0.02 * (tip - t[:2] / t[2]), tip]) for t in touch])
-    axes, surfaces = find_axes([base], (pieces_of(segments[0]), pieces_of(segments[1])), RIG)
+        drawn.append([np.stack([t[:2] / t[2] + 0.02 * (tip - t[:2] / t[2]), tip]) for t in touch])
+    axes, surfaces = find_axes([base], (segments_of(drawn[0]), segments_of(drawn[1])), RIG)
     assert len(axes) == 1
     assert np.linalg.norm(axes[0].start - apex) < 1e-5
     assert np.linalg.norm(axes[0].end - base.centre) < 1e-12
@@ -273,7 +274,7 @@ def test_rims_of_one_end_count_once_and_neighbouring_ends_have_an_axis_each():
         replace(low, centre=low.centre + [0.0, 0.04, 0.0], radii=np.full(2, 0.01)),
         curve([0.05, 0.0, 0.3], [0.0, 1.0, 0.0], 0.01),
     ]
-    nothing = (pieces_of([]), pieces_of([]))
+    nothing = (segments_of([]), segments_of([]))
     axes, _ = find_axes(rims, nothing, RIG)
     heights = sorted(tuple(sorted((round(a.start[1], 4), round(a.end[1], 4)))) for a in axes)
     assert heights == [(0.0, 0.01), (0.01, 0.04)]
@@ -282,7 +283,7 @@ def test_rims_of_one_end_count_once_and_neighbouring_ends_have_an_axis_each():
 def test_two_rims_of_a_frustum_tell_where_its_sides_meet():
     low = curve([0.0, 0.0, 0.3], [0.0, 1.0, 0.0], 0.02)
     high = replace(low, centre=low.centre + [0.0, 0.03, 0.0], radii=np.full(2, 0.01))
-    _, surfaces = find_axes([low, high], (pieces_of([]), pieces_of([])), RIG)
+    _, surfaces = find_axes([low, high], (segments_of([]), segments_of([])), RIG)
     assert any(np.allclose(apex, [0.0, 0.06, 0.3, 1.0], atol=1e-9) for _, apex in surfaces)
 
 
@@ -404,7 +405,7 @@ def test_one_of_the_two_circles_that_look_like_an_ellipse_is_the_true_one(is_rig
     assert best.radii == pytest.approx(true.radii, rel=1e-4)
 
 
-def _edge(low, high) -> tuple[Matches, tuple[Pieces, Pieces]]:
+def _edge(low, high) -> tuple[Matches, tuple[Segments, Segments]]:
     """An edge between two points in space, as both eyes see it, and the matches: it alone."""
     ends = np.array([low, high])
     pixels = [camera.project(ends - [eye, 0, 0]) for camera, eye in EYES]
@@ -416,14 +417,16 @@ def _edge(low, high) -> tuple[Matches, tuple[Pieces, Pieces]]:
         np.sort(pixels[0][:, 1])[None],
         np.ones(1),
     )
-    return matches, (pieces_of([pixels[0]]), pieces_of([pixels[1]]))
+    return matches, (segments_of([pixels[0]]), segments_of([pixels[1]]))
 
 
 def _hidden(true: Curve, low, high) -> np.ndarray:
-    matches, pieces = _edge(low, high)
+    matches, segments = _edge(low, high)
     surfaces = [(true, np.append(true.normal, 0.0))]
-    met = hidden_ends(matches, pieces, (corners(pieces[0]), corners(pieces[1])), [true], surfaces, RIG)
-    return met[0].through[0]
+    junctions = hidden_ends(
+        matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])), [true], surfaces, RIG
+    )
+    return junctions[0].t_junction[0]
 
 
 def test_an_edge_that_stops_at_a_rim_in_front_of_it_has_no_corner_there():
@@ -458,14 +461,14 @@ def test_an_edge_that_stops_at_an_outline_has_no_corner_there():
         outline.append(foot if (foot[1] - foot[0]) @ along != 0.0 else foot[::-1])
     middle = 0.5 * (outline[0][0] + outline[0][1])
     out = np.sign(middle - 0.5 * (outline[1][0] + outline[1][1]))
-    pieces = pieces_of([*outline, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
+    segments = segments_of([*outline, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
     none = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
-    met = hidden_ends(
+    junctions = hidden_ends(
         none,
-        (pieces, pieces_of([])),
-        (corners(pieces), corners(pieces_of([]))),
+        (segments, segments_of([])),
+        (find_junctions(segments), find_junctions(segments_of([]))),
         [rim],
         [(rim, np.append(rim.normal, 0.0))],
         RIG,
     )
-    assert met[0].through[2].tolist() == [True, False]
+    assert junctions[0].t_junction[2].tolist() == [True, False]

@@ -6,7 +6,7 @@ import numpy as np
 
 from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.curves.curve import Curve
-from stereo_recovery.detection.segmentation import Pieces
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.families import aligned
 from stereo_recovery.edges.lines3d import Lines3D
 
@@ -17,7 +17,7 @@ SLOPE_SIGMA = 0.004
 
 def seen(
     middles: np.ndarray, directions: np.ndarray, seed: int | None, length: float = 0.008
-) -> tuple[Lines3D, Pieces]:
+) -> tuple[Lines3D, Segments]:
     """Edges in space as both images show them; the slope of the disparity is off by its sigma; exact without a seed."""
     n = len(middles)
     noise = 0.0 if seed is None else SLOPE_SIGMA * np.random.default_rng(seed).normal(size=n)
@@ -25,14 +25,14 @@ def seen(
     pixels = RIG.left.project(ends.reshape(-1, 3)).reshape(n, 2, 2)
     run = pixels[:, 1] - pixels[:, 0]
     span = np.linalg.norm(run, axis=1)
-    reach = np.stack([-0.5 * span, 0.5 * span], axis=1)
+    extent = np.stack([-0.5 * span, 0.5 * span], axis=1)
     many = np.arange(n)
-    left = Pieces(
+    left = Segments(
         np.tile([0, 20], (n, 1)),
         many,
         pixels.mean(axis=1),
         run / span[:, None],
-        reach,
+        extent,
         np.full(n, 0.01),
         np.zeros(n),
         np.full(n, 20.0),
@@ -46,7 +46,7 @@ def seen(
     covariance = np.tile(np.diag([0.01**2, SLOPE_SIGMA**2]), (n, 1, 1))
     no = np.zeros((n, 2), bool)
     return Lines3D(
-        many.astype(np.int32), many.astype(np.int32), reach, noisy, covariance, np.full((n, 2), 0.2), no, no[:, 0]
+        many.astype(np.int32), many.astype(np.int32), extent, noisy, covariance, np.full((n, 2), 0.2), no, no[:, 0]
     ), left
 
 

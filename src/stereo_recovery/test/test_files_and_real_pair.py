@@ -33,7 +33,7 @@ def board_features(features, pose):
 
 
 def grid_recall(start, end) -> float:
-    """Share of the 123 pieces of grid lines between neighbouring corners that edges cover."""
+    """Share of the 123 segments of grid lines between neighbouring corners that edges cover."""
     rows, columns = np.array([-0.96, *range(6), 5.94]), np.array([-0.52, *range(9), 8.48])
     covered = total = 0.0
     for along, lines, limits in ((1, range(9), rows), (0, range(6), columns)):

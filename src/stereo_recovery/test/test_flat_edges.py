@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery.detection.segmentation import Corners, Pieces
+from stereo_recovery.detection.junctions import Junctions
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges import flat_edges
 from stereo_recovery.matching.relaxation import SAMPLES, Matches, relaxation_kernels
 
 
-def pieces(*lines) -> Pieces:
-    """Straight pieces between given ends ((u, v), (u, v))."""
+def segments(*lines) -> Segments:
+    """Straight segments between given ends ((u, v), (u, v))."""
     ends = np.array(lines, float)
     run = ends[:, 1] - ends[:, 0]
     length = np.hypot(*run.T)
     n = len(ends)
     zeros = np.zeros(n)
-    return Pieces(
+    return Segments(
         np.zeros((n, 2), int),
         np.arange(n),
         ends[:, 0],
@@ -32,9 +33,9 @@ def pieces(*lines) -> Pieces:
     )
 
 
-def no_corners(found: Pieces) -> Corners:
+def no_corners(found: Segments) -> Junctions:
     n = len(found)
-    return Corners(found.reach.copy(), np.full((n, 2), -1, np.int32), np.zeros((n, 2), bool), np.full((n, 2), 1.5))
+    return Junctions(found.extent.copy(), np.full((n, 2), -1, np.int32), np.zeros((n, 2), bool), np.full((n, 2), 1.5))
 
 
 def all_matched(n: int) -> Matches:
@@ -49,24 +50,24 @@ def shifted(line, disparity: float):
     return tuple((u - disparity, v) for u, v in line)
 
 
-def test_a_flat_edge_whose_string_ends_early_in_both_images_reaches_the_end_of_the_same_edge():
-    left, right = pieces(FLAT, STEEP), pieces(shifted(FLAT, 30.0), shifted(STEEP, 30.0))
+def test_a_flat_edge_whose_chain_ends_early_in_both_images_reaches_the_end_of_the_same_edge():
+    left, right = segments(FLAT, STEEP), segments(shifted(FLAT, 30.0), shifted(STEEP, 30.0))
     joints, ends = flat_edges.far_corners(all_matched(2), left, right, no_corners(left))
     assert np.allclose(joints, [[0, 100.0, 1, 0.0]], atol=1e-6)
     assert list(ends) == [1]
 
 
 def test_it_does_not_when_its_line_misses_that_end_in_one_image():
-    left, right = pieces(FLAT, STEEP), pieces(shifted(FLAT, 30.0), ((118.0, 80.0), (130.0, 160.0)))
+    left, right = segments(FLAT, STEEP), segments(shifted(FLAT, 30.0), ((118.0, 80.0), (130.0, 160.0)))
     joints, _ = flat_edges.far_corners(all_matched(2), left, right, no_corners(left))
     assert len(joints) == 0
 
 
 @pytest.mark.parametrize(('disparity', 'allowed'), [(30.0, True), (45.0, False), (5.0, False)])
 def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed):
-    """The steep edge's disparity puts the corner at u = 150 - disparity; the flat one's string ends at 118 there."""
+    """The steep edge's disparity puts the corner at u = 150 - disparity; the flat one's chain ends at 118 there."""
     flat = ((50.0, 100.0), (150.0, 100.0))
-    left, right = pieces(flat, STEEP), pieces(((20.0, 100.0), (118.0, 100.0)), shifted(STEEP, disparity))
+    left, right = segments(flat, STEEP), segments(((20.0, 100.0), (118.0, 100.0)), shifted(STEEP, disparity))
     known = np.array([False, True])
     coefficient = np.array([[0.0, 0.0], [disparity, 0.0]])
     kept = flat_edges.confirmed(
@@ -76,24 +77,24 @@ def test_a_corner_counts_when_the_right_image_ends_there_too(disparity, allowed)
 
 
 def test_rough_ends_are_corners_where_both_images_have_them_and_nothing_where_something_hides_them():
-    left, right = pieces(FLAT, STEEP), pieces(shifted(FLAT, 30.0), shifted(STEEP, 30.0))
-    met, right_met = no_corners(left), no_corners(right)
-    met.other[0], right_met.other[0] = 1, 1
-    met.place[0, 0] -= 5.0
-    right_met.place[0, 0] -= 3.0
-    met.through[0, 1] = True
-    disparity, sigma = flat_edges.rough_ends(all_matched(1), left, right, met, right_met)
+    left, right = segments(FLAT, STEEP), segments(shifted(FLAT, 30.0), shifted(STEEP, 30.0))
+    junctions, right_junctions = no_corners(left), no_corners(right)
+    junctions.neighbour[0], right_junctions.neighbour[0] = 1, 1
+    junctions.abscissa[0, 0] -= 5.0
+    right_junctions.abscissa[0, 0] -= 3.0
+    junctions.t_junction[0, 1] = True
+    disparity, sigma = flat_edges.rough_ends(all_matched(1), left, right, junctions, right_junctions)
     assert disparity[0, 0] == pytest.approx(28.0)
     assert sigma.tolist() == [[flat_edges.MATCH_SIGMA, flat_edges.HIDDEN_SIGMA]]
 
 
 def test_a_corner_with_one_edge_in_the_left_image_and_with_another_in_the_right_one_tells_no_depth():
     """A face ends where a nearer one hides it; each eye sees another part of it, and another neighbour."""
-    left = pieces(FLAT, STEEP, ((170.0, 20.0), (175.0, 80.0)))
-    right = pieces(shifted(FLAT, 30.0), shifted(STEEP, 30.0), ((140.0, 20.0), (145.0, 80.0)))
-    met, right_met = no_corners(left), no_corners(right)
-    met.other[0, 1], right_met.other[0, 1] = 1, 2
-    _, sigma = flat_edges.rough_ends(all_matched(3), left, right, met, right_met)
+    left = segments(FLAT, STEEP, ((170.0, 20.0), (175.0, 80.0)))
+    right = segments(shifted(FLAT, 30.0), shifted(STEEP, 30.0), ((140.0, 20.0), (145.0, 80.0)))
+    junctions, right_junctions = no_corners(left), no_corners(right)
+    junctions.neighbour[0, 1], right_junctions.neighbour[0, 1] = 1, 2
+    _, sigma = flat_edges.rough_ends(all_matched(3), left, right, junctions, right_junctions)
     assert sigma[0].tolist() == [flat_edges.STRAY_SIGMA, flat_edges.HIDDEN_SIGMA]
 
 
@@ -108,8 +109,8 @@ def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
     assert bool(len(node)) == found
 
 
-def test_a_piece_that_matches_part_of_a_longer_one_is_compared_with_that_part():
-    """The long piece has another surface beside its upper half; the short one shows only the lower half."""
+def test_a_segment_that_matches_part_of_a_longer_one_is_compared_with_that_part():
+    """The long segment has another surface beside its upper half; the short one shows only the lower half."""
     left = np.array([[100.0, 50.0, 100.0, 90.0, 0.0, 1.0, 50.0, 100.0, 20.0]])
     right = np.array([[40.0, 10.0, 40.0, 90.0, 0.0, 1.0, 90.0, 180.0, 20.0]])
     beside = np.tile([50.0, 100.0], (1, SAMPLES, 1))

@@ -1,16 +1,16 @@
-"""Which pieces may match, and what a flat edge learns from a parallel one: closed forms."""
+"""Which segments may match, and what a flat edge learns from a parallel one: closed forms."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from stereo_recovery.detection.segmentation import Pieces
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.parallels import borrow
 from stereo_recovery.matching.relaxation import Matches, match, relaxation_kernels
 
 
-def piece(start, end):
+def segment(start, end):
     """A row as for matching_kernels.candidates()."""
     run = np.subtract(end, start) / np.hypot(*np.subtract(end, start))
     return [*start, *end, *run, 50.0, 100.0, 20.0]
@@ -20,14 +20,14 @@ def piece(start, end):
     ('second', 'both'),
     [
         (((100, 60), (100, 90)), True),  # one line, broken
-        (((100, 50), (112, 90)), True),  # two edges that meet, both ends where the other image's piece ends
+        (((100, 50), (112, 90)), True),  # two edges that meet, both ends where the other image's segment ends
         (((112, 60), (112, 90)), False),  # another line
-        (((100, 50), (112, 70)), False),  # they meet, but the other image's piece goes on
+        (((100, 50), (112, 70)), False),  # they meet, but the other image's segment goes on
     ],
 )
-def test_two_pieces_match_one_only_if_they_can_be_one_edge(second, both):
-    left = np.array([piece((100.0, 10.0), (100.0, 50.0)), piece(*second)])
-    right = np.array([piece((40.0, 10.0), (40.0, 90.0))])
+def test_two_segments_match_one_only_if_they_can_be_one_edge(second, both):
+    left = np.array([segment((100.0, 10.0), (100.0, 50.0)), segment(*second)])
+    right = np.array([segment((40.0, 10.0), (40.0, 90.0))])
     node = np.array([[0, 0], [1, 0]], np.int32)
     value = np.array([[60, 60, 60, 10, 50, 1.0], [60, 60, 60, second[0][1], second[1][1], 0.9]])
     chosen = relaxation_kernels.greedy(node, value, np.arange(2), left, right)
@@ -49,7 +49,7 @@ def two_edges(turn: float, rise: float = 0.1, slope_sigma: float = 0.1):
     run = pixels[:, 1] - pixels[:, 0]
     length = np.hypot(*run.T)
     zeros, whole = np.zeros(2), np.zeros(2, int)
-    pieces = Pieces(
+    segments = Segments(
         np.zeros((2, 2), int),
         whole,
         pixels[:, 0],
@@ -73,7 +73,7 @@ def two_edges(turn: float, rise: float = 0.1, slope_sigma: float = 0.1):
     given = true.copy()
     given[1, 1] += 0.5 * slope_sigma
     covariance = np.stack([np.diag([1e-6, 1e-8]), np.diag([1e-4, slope_sigma**2])])
-    return (matches, pieces, given, covariance, np.full((2, 2), 4.0), np.zeros((0, 4))), true
+    return (matches, segments, given, covariance, np.full((2, 2), 4.0), np.zeros((0, 4))), true
 
 
 def test_a_flat_edge_with_one_known_end_takes_the_direction_of_a_parallel_one():
@@ -122,7 +122,7 @@ def test_where_parallel_edges_contradict_one_end_the_edge_hangs_on_the_end_that_
     run = ends[:, 1] - ends[:, 0]
     length, n = np.hypot(*run.T), len(ends)
     zeros = np.zeros(n)
-    pieces = Pieces(
+    segments = Segments(
         np.zeros((n, 2), int),
         np.zeros(n, int),
         ends[:, 0],
@@ -140,10 +140,10 @@ def test_where_parallel_edges_contradict_one_end_the_edge_hangs_on_the_end_that_
     matches = Matches(index, index, at_ends, np.zeros((n, 2)), np.ones(n))
     covariance = np.stack([np.diag([2.5e-3, 5e-3 / span**2]) for span in length])
     joints = np.array([[2, 0, 3, 90], [2, 100, 5, 0]], float)
-    coefficient, _ = borrow(matches, pieces, given, covariance, np.full((n, 2), 3.0), joints, offset=0.0)
+    coefficient, _ = borrow(matches, segments, given, covariance, np.full((n, 2), 3.0), joints, offset=0.0)
     assert coefficient[2] == pytest.approx([50.0, 0.0], abs=0.02)
     # Without such a difference neither end is believed more than the other.
-    coefficient, _ = borrow(matches, pieces, given, covariance, np.full((n, 2), 3.0), joints[:0], offset=0.0)
+    coefficient, _ = borrow(matches, segments, given, covariance, np.full((n, 2), 3.0), joints[:0], offset=0.0)
     assert np.array_equal(coefficient[2], given[2])
 
 
@@ -157,7 +157,7 @@ def test_what_is_left_over_in_both_images_is_no_match_far_from_all_others():
         return (
             ends,
             greys,
-            Pieces(
+            Segments(
                 np.zeros((n, 2), int),
                 np.arange(n),
                 ends[:, 0],

@@ -69,12 +69,12 @@ def test_parameters_out_of_range_are_refused_by_name(bad):
         RecoveryParams(**bad)
 
 
-def test_of_more_pieces_than_can_be_matched_in_time_the_longest_are_taken(synthetic, solids, monkeypatch):
+def test_of_more_segments_than_can_be_matched_in_time_the_longest_are_taken(synthetic, solids, monkeypatch):
     rig = rig_for(0.25)
     solid = solids['L-block'].at(Pose.from_rotation_vector((0.5, -0.7, 0.1), [0.025, 0, 0.25]))
     left, right = synthetic.render_pair(solid, rig)
     every = recover(left, right, rig).features
-    monkeypatch.setattr(pipeline, 'MOST_PIECES', 6)
+    monkeypatch.setattr(pipeline, 'MOST_SEGMENTS', 6)
     some = recover(left, right, rig).features
 
     assert 0 < len(some) < len(every)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery.detection.segmentation import Pieces, corners
+from stereo_recovery.detection.junctions import find_junctions
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.lines3d import edges
 from stereo_recovery.matching.relaxation import Matches
 
@@ -28,12 +29,12 @@ KNOWN = (
 )
 
 
-def pieces_between(ends: np.ndarray) -> Pieces:
-    """Straight pieces between points (n, 2, 2), pixels."""
+def segments_between(ends: np.ndarray) -> Segments:
+    """Straight segments between points (n, 2, 2), pixels."""
     run = ends[:, 1] - ends[:, 0]
     length = np.hypot(run[:, 0], run[:, 1])
     n = len(ends)
-    return Pieces(
+    return Segments(
         np.tile([0, 30], (n, 1)),
         np.arange(n),
         ends.mean(axis=1),
@@ -48,8 +49,8 @@ def pieces_between(ends: np.ndarray) -> Pieces:
     )
 
 
-def pair(lines: list) -> tuple[Matches, Pieces, Pieces]:
-    """Matched pieces of lines between (column, row, disparity); lines of four points have their own right one."""
+def pair(lines: list) -> tuple[Matches, Segments, Segments]:
+    """Matched segments of lines between (column, row, disparity); lines of four points have their own right one."""
     left = np.array([[end[:2] for end in line[:2]] for line in lines])
     right = np.array([[(u - d, v) for u, v, d in line[-2:]] for line in lines])
     disparity = left[..., 0] - right[..., 0]
@@ -61,15 +62,15 @@ def pair(lines: list) -> tuple[Matches, Pieces, Pieces]:
         np.sort(left[..., 1], axis=1),
         np.ones(n),
     )
-    return matches, pieces_between(left), pieces_between(right)
+    return matches, segments_between(left), segments_between(right)
 
 
-def found(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[np.ndarray, np.ndarray]]:
+def found(matches: Matches, left: Segments, right: Segments) -> list[tuple[np.ndarray, np.ndarray]]:
     """Left ends (2, 2) of the edges, and their disparities (2,)."""
-    lines, shown, _ = edges(matches, left, right, corners(left), corners(right), 0.05)
+    lines, shown, _ = edges(matches, left, right, find_junctions(left), find_junctions(right), 0.05)
     return [
-        (shown.centre[i] + reach[:, None] * shown.direction[i], a + b * reach)
-        for i, reach, (a, b) in zip(lines.left, lines.reach, lines.coefficient)
+        (shown.centre[i] + extent[:, None] * shown.direction[i], a + b * extent)
+        for i, extent, (a, b) in zip(lines.left, lines.extent, lines.coefficient)
     ]
 
 
@@ -108,10 +109,10 @@ def test_an_edge_between_two_known_corners_needs_but_one_image(side):
     # Another steep edge knows the deep corner.
     matches, left, right = pair([*KNOWN, (DEEP, (103.0, 260.0, 39.0))])
     shift = np.array([[LOW_LEFT[2], 0.0], [DEEP[2], 0.0]])
-    piece = np.array([[LOW_LEFT[:2], DEEP[:2]]]) - side * shift
+    segment = np.array([[LOW_LEFT[:2], DEEP[:2]]]) - side * shift
     sides = [left, right]
     ends = np.stack([sides[side].start, sides[side].end], axis=1)
-    sides[side] = pieces_between(np.concatenate([ends, piece]))
+    sides[side] = segments_between(np.concatenate([ends, segment]))
     (between,) = of_ends(LOW_LEFT, DEEP, found(matches, *sides))
     np.testing.assert_allclose(between, [53.0, 40.0], atol=0.3)
 
@@ -121,7 +122,7 @@ def test_a_line_into_whose_middle_another_runs_is_no_edge_between_corners():
     ends = np.stack([left.start, left.end], axis=1)
     middle = 0.5 * (np.array(LOW_LEFT[:2]) + DEEP[:2])
     more = np.array([[LOW_LEFT[:2], DEEP[:2]], [middle + [2.0, 0.0], middle + [40.0, 2.0]]])
-    assert not of_ends(LOW_LEFT, DEEP, found(matches, pieces_between(np.concatenate([ends, more])), right))
+    assert not of_ends(LOW_LEFT, DEEP, found(matches, segments_between(np.concatenate([ends, more])), right))
 
 
 def test_an_edge_that_runs_the_other_way_in_the_other_image_is_matched_by_its_corners():
@@ -149,7 +150,7 @@ def test_edges_that_leave_a_corner_for_different_heights_are_no_pair():
     assert len(found(matches, left, right)) == len(KNOWN)
 
 
-def test_a_string_that_is_lost_beside_another_edge_reaches_their_common_corner():
+def test_a_chain_that_is_lost_beside_another_edge_reaches_their_common_corner():
     # A thin face: its edges meet at (150, 40), and are less than five pixels apart over the last third.
     corner = np.array([150.0, 40.0])
     ends = np.array(
@@ -159,7 +160,7 @@ def test_a_string_that_is_lost_beside_another_edge_reaches_their_common_corner()
             [corner, [230.0, 50.0]],
         ]
     )
-    pieces = pieces_between(ends)
-    met = corners(pieces)
-    reached = pieces.centre[1] + met.place[1, 1] * pieces.direction[1]
+    segments = segments_between(ends)
+    junctions = find_junctions(segments)
+    reached = segments.centre[1] + junctions.abscissa[1, 1] * segments.direction[1]
     np.testing.assert_allclose(reached, corner, atol=0.5)

@@ -12,7 +12,7 @@ import numpy as np
 
 from msgs_py import FeatureSet, StereoRig
 
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from .curve import Curve, picture
 from .occluding_contours import Outlines, longest, of_cylinder
 
@@ -50,7 +50,9 @@ class Axis:
 Surface = tuple[Curve, np.ndarray]
 
 
-def find_axes(curves: list[Curve], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[list[Axis], list[Surface]]:
+def find_axes(
+    curves: list[Curve], segments: tuple[Segments, Segments], rig: StereoRig
+) -> tuple[list[Axis], list[Surface]]:
     """Axes between neighbouring coaxial curves, then of curves that have only outlines; and the curved surfaces, of
     which every curve may bound a cylinder."""
     found: list[Axis] = []
@@ -75,9 +77,9 @@ def find_axes(curves: list[Curve], pieces: tuple[Pieces, Pieces], rig: StereoRig
     for i, curve in enumerate(curves):
         if i in used:
             continue
-        axis = _cylinder(curve, pieces, rig)
+        axis = _cylinder(curve, segments, rig)
         if axis is None:
-            axis, apex = _cone(curve, pieces, rig)
+            axis, apex = _cone(curve, segments, rig)
             surfaces += [] if apex is None else [(curve, np.append(apex, 1.0))]
         found += [] if axis is None else [axis]
     return found, surfaces
@@ -140,9 +142,9 @@ def _along_and_across(covariance: np.ndarray, direction: np.ndarray) -> tuple[fl
     )
 
 
-def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Axis | None:
+def _cylinder(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Axis | None:
     """A cylinder's axis from its one visible rim and its outlines, which also tell its direction."""
-    seen = of_cylinder(curve, pieces, rig)
+    seen = of_cylinder(curve, segments, rig)
     if len(seen.normals) < 2:
         return None
     # The rim's normal and the outlines' planes together, as tilts of the normal.
@@ -171,14 +173,14 @@ def _cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Ax
     )
 
 
-def _cone(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> tuple[Axis | None, np.ndarray | None]:
+def _cone(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> tuple[Axis | None, np.ndarray | None]:
     """A cone's axis from its base and its outlines, which meet in the apex; and the apex."""
     seen = longest(
         (
-            _touching_anywhere(curve, pieces[0], rig.left.matrix, 0.0),
-            _touching_anywhere(curve, pieces[1], rig.right.matrix, rig.baseline),
+            _touching_anywhere(curve, segments[0], rig.left.matrix, 0.0),
+            _touching_anywhere(curve, segments[1], rig.right.matrix, rig.baseline),
         ),
-        pieces,
+        segments,
         rig,
     )
     # Three planes tell the apex; two do because it lies on the rim's axis, as well as that is known.
@@ -221,30 +223,30 @@ def _run_to(apex: np.ndarray, seen: Outlines) -> bool:
     return bool((np.linalg.norm(rays - sight[:, None], axis=2).min(axis=1) < AT_APEX * length).all())
 
 
-def _touching_anywhere(curve: Curve, pieces: Pieces, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(n,) int8: +1 or -1 for straight pieces that leave the curve's picture at a tangent on either side, else 0."""
-    side = np.zeros(len(pieces), np.int8)
-    if len(pieces) == 0:
+def _touching_anywhere(curve: Curve, segments: Segments, matrix: np.ndarray, eye: float) -> np.ndarray:
+    """(n,) int8: +1 or -1 for straight segments that leave the curve's picture at a tangent on either side, else 0."""
+    side = np.zeros(len(segments), np.int8)
+    if len(segments) == 0:
         return side
     conic = picture(curve, matrix, eye)
     centre = -np.linalg.solve(conic[:2, :2], conic[:2, 2])
     level = -np.linalg.det(conic) / np.linalg.det(conic[:2, :2])
     shape = level * np.linalg.inv(conic[:2, :2])
-    across = np.stack([-pieces.direction[:, 1], pieces.direction[:, 0]], axis=1)
+    across = np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)
     width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), 1e-12))
-    offset = ((pieces.centre - centre) * across).sum(axis=1)
+    offset = ((segments.centre - centre) * across).sum(axis=1)
     sign = np.sign(offset)
-    # A short piece's line is only known near it.
+    # A short segment's line is only known near it.
     touch = centre + sign[:, None] * (across @ shape) / width[:, None]
-    along = ((touch - pieces.centre) * pieces.direction).sum(axis=1)
-    sigma = np.hypot(pieces.sigma[:, 0], pieces.sigma[:, 1] * along)
+    along = ((touch - segments.centre) * segments.direction).sum(axis=1)
+    sigma = np.hypot(segments.sigma[:, 0], segments.sigma[:, 1] * along)
     reach = np.sqrt(np.linalg.eigvalsh(shape)[-1])
-    gap = np.maximum(np.maximum(pieces.reach[:, 0] - along, along - pieces.reach[:, 1]), 0.0)
+    gap = np.maximum(np.maximum(segments.extent[:, 0] - along, along - segments.extent[:, 1]), 0.0)
     near = (np.abs(np.abs(offset) - width) < np.minimum(TOUCH + sigma, 2.5)) & (gap < CONTOUR_REACH * reach)
     # It leaves the curve at the touching point rather than passing it.
-    inside = np.minimum(along - pieces.reach[:, 0], pieces.reach[:, 1] - along)
-    near &= (inside < 0.25 * pieces.length) & (pieces.arc < 0) & (pieces.length > 5.0)
-    # Which side of the axis the contour is on must not depend on the way the piece runs.
+    inside = np.minimum(along - segments.extent[:, 0], segments.extent[:, 1] - along)
+    near &= (inside < 0.25 * segments.length) & (segments.arc < 0) & (segments.length > 5.0)
+    # Which side of the axis the contour is on must not depend on the way the segment runs.
     side[near] = np.where(((touch - centre)[near] @ _across_axis(curve, matrix, eye)) > 0.0, 1, -1)
     return side
 

@@ -11,7 +11,7 @@ from msgs_py import StereoRig
 from msgs_py.numeric.vectors import perpendicular
 
 from ..detection.edgels import Edgels
-from ..detection.segmentation import CORRELATION_LENGTH
+from ..detection.segments import CORRELATION_LENGTH
 from . import fit_kernels
 from .curve import Curve, angles, cross
 
@@ -96,7 +96,7 @@ def refine(
     if circle:
         curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
     points = np.concatenate([left.position, right.position])
-    shift = np.concatenate([left.shift, right.shift])
+    shift = np.concatenate([left.bias, right.bias])
     sigma = np.hypot(np.concatenate([left.sigma_position, right.sigma_position]), shift)
     if len(points) < 10:
         return None

@@ -1,7 +1,7 @@
 """Where to start the fit of a curve in space: which arcs of the two images show one, and in what plane it may lie.
 
-A plane in space is a shear between the images: disparity is linear in the left image's u and v. Matched pieces, the two
-image ellipses themselves, or a plane like that of another curve give it, and with the left ellipse a start.
+A plane in space is a shear between the images: disparity is linear in the left image's u and v. Matched segments, the
+two image ellipses themselves, or a plane like that of another curve give it, and with the left ellipse a start.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from msgs_py import StereoRig
 from msgs_py.numeric.vectors import perpendicular
 
 from ..detection.conics import Ellipse
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from ..matching.relaxation import Matches
 from .curve import Curve, cross
 
 
-def pairs(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[int, int, np.ndarray]]:
+def pairs(matches: Matches, left: Segments, right: Segments) -> list[tuple[int, int, np.ndarray]]:
     """Arcs of the two images that show one curve: (left arc, right arc, samples (k, 3) of u, v, disparity)."""
     a, b = left.arc[matches.left], right.arc[matches.right]
     both = (a >= 0) & (b >= 0)
@@ -44,7 +44,7 @@ def pairs(matches: Matches, left: Pieces, right: Pieces) -> list[tuple[int, int,
 
 
 def followed(
-    matches: Matches, left: Pieces, right: Pieces, arc: int, is_right: bool, counts: tuple[int, int]
+    matches: Matches, left: Segments, right: Segments, arc: int, is_right: bool, counts: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """What an arc of one image matches in the other, arc or not.
 
@@ -69,7 +69,7 @@ def followed(
 
 def shears(left: Ellipse, right: Ellipse, samples: np.ndarray) -> list[np.ndarray]:
     """Candidates for d = alpha u + beta v + gamma, each (3,): from the ellipses' chords along the rows, and from the
-    matched pieces' disparities."""
+    matched segments' disparities."""
     found = []
     (a, b, d), (_, c, e), (_, _, f) = left.conic
     (p, q, s), (_, r, t), (_, _, w) = right.conic
@@ -208,9 +208,9 @@ def circles_of(ellipse: Ellipse, samples: np.ndarray, rig: StereoRig, right: boo
     return found
 
 
-def edgels_of(pieces: Pieces, arc: int, n: int) -> np.ndarray:
+def edgels_of(segments: Segments, arc: int, n: int) -> np.ndarray:
     mask = np.zeros(n, bool)
-    for first, last in pieces.bounds[pieces.arc == arc]:
+    for first, last in segments.bounds[segments.arc == arc]:
         mask[first:last] = True
     return mask
 

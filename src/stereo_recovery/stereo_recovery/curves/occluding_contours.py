@@ -13,22 +13,22 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from ..edges.lines3d import Lines3D
 from ..matching.relaxation import Matches
 from .curve import Curve, cross, picture
 
-# How far from the outline's line a piece may run, pixels, and how far from the rim it may start, in rim radii.
+# How far from the outline's line a segment may run, pixels, and how far from the rim it may start, in rim radii.
 TOUCH = 1.0
 REACH = 8.0
 # What an uncertain axis may add to that, pixels.
 MOST_TURN = 1.5
 # An outline seen in both images may start farther away, where nothing is concluded from it.
 FAR_REACH = 12.0
-# Shorter pieces, pixels, say nothing of where they run.
+# Shorter segments, pixels, say nothing of where they run.
 LEAST_LENGTH = 3.0
-# A piece this near to an outline that starts this near to the rim, in one image, is one even if the other image's piece
-# (which may be a neighbour's) is only so near.
+# A segment this near to an outline that starts this near to the rim, in one image, is one even if the other image's
+# segment (which may be a neighbour's) is only so near.
 SURE_TOUCH, SURE_REACH = 0.5, 0.5
 LOOSE_TOUCH = 4.0
 # Pixels by which an outline may pass its apex.
@@ -60,11 +60,12 @@ def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Beside:
-    """How the pieces of an image lie beside the two outlines of a surface: rows are outlines, columns pieces.
+    """How the segments of an image lie beside the two outlines of a surface: rows are outlines, columns segments.
 
     off : pixels off the outline's line beyond what is uncertain; inside : pixels, how far the touching point is inside
-    the piece, negative beyond its end; radius : pixels, of the rim; straight : (n,) bool, pieces that may be outlines;
-    length : (n,) pixels; before : whether the piece ends before a cone's apex
+    the segment, negative beyond its end; radius : pixels, of the rim; straight : (n,) bool, segments that may be
+    outlines;
+    length : (n,) pixels; before : whether the segment ends before a cone's apex
     """
 
     off: np.ndarray
@@ -86,21 +87,21 @@ class _Beside:
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
     def within(self, touch: float) -> np.ndarray:
-        """(n,) int8: the same for pieces that end before a cone's apex, wherever."""
+        """(n,) int8: the same for segments that end before a cone's apex, wherever."""
         near = self.straight & (self.off < touch) & (self.inside < 0.25 * self.length) & self.before
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
 
-def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, eye: float) -> _Beside:
-    nothing = np.full((2, len(pieces)), np.inf)
-    straight = (pieces.arc < 0) & (pieces.length > LEAST_LENGTH)
-    if len(pieces) == 0:
-        return _Beside(nothing, nothing, 0.0, straight, pieces.length, np.zeros(nothing.shape, bool))
+def _beside(curve: Curve, apex: np.ndarray, segments: Segments, matrix: np.ndarray, eye: float) -> _Beside:
+    nothing = np.full((2, len(segments)), np.inf)
+    straight = (segments.arc < 0) & (segments.length > LEAST_LENGTH)
+    if len(segments) == 0:
+        return _Beside(nothing, nothing, 0.0, straight, segments.length, np.zeros(nothing.shape, bool))
     conic = picture(curve, matrix, eye)
     seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
     lines = tangents(conic, seen)
     if len(lines) == 0:
-        return _Beside(nothing, nothing, 0.0, straight, pieces.length, np.zeros(nothing.shape, bool))
+        return _Beside(nothing, nothing, 0.0, straight, segments.length, np.zeros(nothing.shape, bool))
     # The same side has the same number in both images: by the side of the axis on which the line is.
     centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
     axis = cross(centre / centre[2], seen)
@@ -109,13 +110,13 @@ def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, 
     order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
     lines, contact = lines[order], contact[order]
     radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2])) / np.linalg.eigvalsh(conic[:2, :2])[0])
-    ends = (pieces.start, pieces.end)
+    ends = (segments.start, segments.end)
     off = np.maximum(*(np.abs(lines[:, :2] @ end.T + lines[:, 2:]) for end in ends))
-    place = contact @ pieces.direction.T - (pieces.centre * pieces.direction).sum(axis=1)
-    inside = np.minimum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
+    place = contact @ segments.direction.T - (segments.centre * segments.direction).sum(axis=1)
+    inside = np.minimum(place - segments.extent[:, 0], segments.extent[:, 1] - place)
     # An axis that is not quite known turns its outlines.
-    far = np.maximum(place - pieces.reach[:, 0], pieces.reach[:, 1] - place)
-    slack = np.minimum(pieces.sigma[:, 0] + 0.5 * pieces.length * pieces.sigma[:, 1], 1.0) + np.minimum(
+    far = np.maximum(place - segments.extent[:, 0], segments.extent[:, 1] - place)
+    slack = np.minimum(segments.sigma[:, 0] + 0.5 * segments.length * segments.sigma[:, 1], 1.0) + np.minimum(
         3.0 * curve.tilt * far, MOST_TURN
     )
     before = np.zeros(off.shape, bool)
@@ -124,30 +125,30 @@ def _beside(curve: Curve, apex: np.ndarray, pieces: Pieces, matrix: np.ndarray, 
         height = np.maximum(np.hypot(reach[:, 0], reach[:, 1]), 1e-9)
         up = np.maximum(*((end[None] - contact[:, None]) @ (reach / height[:, None])[..., None] for end in ends))
         before = up[..., 0] < height[:, None] + SHORT_OF_APEX
-    return _Beside(off - slack, inside, float(radius), straight, pieces.length, before)
+    return _Beside(off - slack, inside, float(radius), straight, segments.length, before)
 
 
 def touching(
     curve: Curve,
     apex: np.ndarray,
-    pieces: Pieces,
+    segments: Segments,
     matrix: np.ndarray,
     eye: float,
     touch: float = TOUCH,
     reach: float = REACH,
 ) -> np.ndarray:
-    """(n,) int8: 1 or 2 for straight pieces that run along one or the other outline, else 0.
+    """(n,) int8: 1 or 2 for straight segments that run along one or the other outline, else 0.
 
     apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder;
-    touch : pixels off the outline's line, beside what is uncertain about a piece; reach : radii from the rim.
+    touch : pixels off the outline's line, beside what is uncertain about a segment; reach : radii from the rim.
     """
-    return _beside(curve, apex, pieces, matrix, eye).sides(touch, reach)
+    return _beside(curve, apex, segments, matrix, eye).sides(touch, reach)
 
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
     """Outlines of one rim in the two images: normals (k, 3) of the planes through eye and outline, their sigma (k,)
-    radians, the eyes (k, 3), lines of sight (k, 2, 3) to the ends of the pieces, and the sides (k,)."""
+    radians, the eyes (k, 3), lines of sight (k, 2, 3) to the ends of the segments, and the sides (k,)."""
 
     normals: np.ndarray
     sigma: np.ndarray
@@ -156,17 +157,17 @@ class Outlines:
     sides: np.ndarray
 
     def places(self, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """(k, 2) float64, metres: where along an axis the pieces end. A line of sight passes the axis beside the point
-        that it touches."""
+        """(k, 2) float64, metres: where along an axis the segments end. A line of sight passes the axis beside the
+        point that it touches."""
         across = np.cross(self.rays, direction)
         square = np.maximum((across * across).sum(axis=2), 1e-12)
         return -(np.cross(self.eyes[:, None] - point, self.rays) * across).sum(axis=2) / square
 
 
-def longest(touches: tuple[np.ndarray, np.ndarray], pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Outlines:
-    """The longest piece on either side in either image. touches : (n,) of both images, the side or 0."""
+def longest(touches: tuple[np.ndarray, np.ndarray], segments: tuple[Segments, Segments], rig: StereoRig) -> Outlines:
+    """The longest segment on either side in either image. touches : (n,) of both images, the side or 0."""
     normals, sigma, eyes, rays, sides = [], [], [], [], []
-    for touch, side, camera, eye in zip(touches, pieces, (rig.left, rig.right), (0.0, rig.baseline)):
+    for touch, side, camera, eye in zip(touches, segments, (rig.left, rig.right), (0.0, rig.baseline)):
         for name in np.unique(touch[touch != 0]):
             of = np.flatnonzero(touch == name)
             k = of[np.argmax(side.length[of])]
@@ -186,29 +187,32 @@ def longest(touches: tuple[np.ndarray, np.ndarray], pieces: tuple[Pieces, Pieces
     )
 
 
-def of_cylinder(curve: Curve, pieces: tuple[Pieces, Pieces], rig: StereoRig) -> Outlines:
+def of_cylinder(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Outlines:
     """The outlines that a rim has if it bounds a cylinder."""
     apex = np.append(curve.normal, 0.0)
     return longest(
         (
-            touching(curve, apex, pieces[0], rig.left.matrix, 0.0),
-            touching(curve, apex, pieces[1], rig.right.matrix, rig.baseline),
+            touching(curve, apex, segments[0], rig.left.matrix, 0.0),
+            touching(curve, apex, segments[1], rig.right.matrix, rig.baseline),
         ),
-        pieces,
+        segments,
         rig,
     )
 
 
 def contours(
-    lines: Lines3D | Matches, pieces: tuple[Pieces, Pieces], surfaces: list[tuple[Curve, np.ndarray]], rig: StereoRig
+    lines: Lines3D | Matches,
+    segments: tuple[Segments, Segments],
+    surfaces: list[tuple[Curve, np.ndarray]],
+    rig: StereoRig,
 ) -> np.ndarray:
-    """(n,) bool: matched pieces that are the outline of one of the surfaces (rim and apex) in both images, or beyond
+    """(n,) bool: matched segments that are the outline of one of the surfaces (rim and apex) in both images, or beyond
     doubt in one."""
     result = np.zeros(len(lines), bool)
     for curve, apex in surfaces:
         beside = [
             _beside(curve, apex, side, camera.matrix, eye)
-            for side, camera, eye in ((pieces[0], rig.left, 0.0), (pieces[1], rig.right, rig.baseline))
+            for side, camera, eye in ((segments[0], rig.left, 0.0), (segments[1], rig.right, rig.baseline))
         ]
         usual, sure, loose = (
             [b.sides(touch, reach)[index] for b, index in zip(beside, (lines.left, lines.right))]

@@ -1,6 +1,6 @@
 """The other end of a cylinder of which one rim was found: looked for where its outlines end.
 
-A rim seen nearly edge-on, or in short pieces, is no arc to begin with. But one end of a cylinder says what the other
+A rim seen nearly edge-on, or in short segments, is no arc to begin with. But one end of a cylinder says what the other
 must look like, up to where it is, and the outlines say that.
 """
 
@@ -15,7 +15,7 @@ from msgs_py import StereoRig
 
 from ..detection.conics import sampson
 from ..detection.edgels import Edgels
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from .curve import Curve, picture
 from .occluding_contours import of_cylinder
 from .recovery import CLAIM_COSINE, STEADY, WORST_MISFIT, axle_of, claimed, determined, recover_curve
@@ -37,14 +37,14 @@ SAME_PLANE = 0.995
 
 
 def completed(
-    curves: list[Curve], pieces: tuple[Pieces, Pieces], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
+    curves: list[Curve], segments: tuple[Segments, Segments], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
 ) -> list[Curve]:
     """The curves, and rims found at the far ends of the outlines of those that bound a cylinder."""
     result = list(curves)
     for curve in curves:
         if curve.tilt > STEADY or curve.radii[0] != curve.radii[1]:
             continue
-        seen = of_cylinder(curve, pieces, rig)
+        seen = of_cylinder(curve, segments, rig)
         if len(seen.sides) < 2:
             continue
         if any(_closes(curve, c) for c in result):

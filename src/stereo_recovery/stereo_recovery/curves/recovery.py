@@ -1,6 +1,6 @@
 """Circles and ellipses in space: one curve fitted to the edgels of both images at once (thesis 3.10.1, 6.4).
 
-A plane in space is a shear between the images: disparity is linear in the left image's u and v. Matched pieces, or
+A plane in space is a shear between the images: disparity is linear in the left image's u and v. Matched segments, or
 the two image ellipses themselves, give it, and with the left ellipse a start. Then one curve in space is moved until
 its two pictures lie on the edgels: six numbers for a circle, eight for an ellipse, and their covariance.
 """
@@ -15,7 +15,7 @@ from msgs_py import FeatureSet, StereoRig
 
 from ..detection.conics import Ellipse, sampson
 from ..detection.edgels import Edgels
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from ..edges.lines3d import Lines3D
 from ..matching.relaxation import Matches
 from . import fit_kernels
@@ -104,7 +104,7 @@ def claimed(
         return near, near
     distance = distances(curve, edgels.position[index], rig, eye, blur)
     usual = min(curve.rms, 1.5 * float(np.median(np.abs(distance))))
-    own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.shift[index], 0.1))
+    own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.bias[index], 0.1))
     expected = np.hypot(own, usual)
     if wide:
         expected = np.hypot(expected, np.sqrt(foreseen(curve, edgels.position[index], rig, eye, blur)))
@@ -160,7 +160,7 @@ def distances(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float, blur
 
 
 def _without_ends(near: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Runs of neighbours in string order without their first and last few; short runs go altogether."""
+    """Runs of neighbours in chain order without their first and last few; short runs go altogether."""
     index = np.flatnonzero(near)
     if len(index) < 2:
         return np.zeros(len(near), bool)
@@ -170,7 +170,7 @@ def _without_ends(near: np.ndarray, position: np.ndarray) -> np.ndarray:
     ends = np.concatenate([starts[1:], [len(index)]])
     kept = np.zeros(len(near), bool)
     for a, b in zip(starts, ends):
-        # A closed string begins somewhere; there is no corner there.
+        # A closed chain begins somewhere; there is no corner there.
         closed = b - a > 8 and np.hypot(*(position[index[a]] - position[index[b - 1]])) < 3.0
         cut = 0 if closed else CORNER_EDGELS
         kept[index[a + cut : b - cut]] = True
@@ -274,8 +274,8 @@ class _Arcs:
 
 def recover_curves(
     matches: Matches,
-    left: Pieces,
-    right: Pieces,
+    left: Segments,
+    right: Segments,
     ellipses: tuple[list[Ellipse], list[Ellipse]],
     edgels: tuple[Edgels, Edgels],
     rig: StereoRig,
@@ -287,8 +287,8 @@ def recover_curves(
     what is known less well than another curve on its axis is held to that.
     """
     masks = [
-        [edgels_of(pieces, k, len(e)) for k in range(len(conics))]
-        for pieces, conics, e in zip((left, right), ellipses, edgels)
+        [edgels_of(segments, k, len(e)) for k in range(len(conics))]
+        for segments, conics, e in zip((left, right), ellipses, edgels)
     ]
     arcs = [
         _Arcs(
@@ -432,7 +432,7 @@ def _best(
         )
         for c in good
     ]
-    sigma = np.concatenate([np.hypot(e.sigma_position, e.shift)[mask] for e, mask in zip(edgels, masks)])
+    sigma = np.concatenate([np.hypot(e.sigma_position, e.bias)[mask] for e, mask in zip(edgels, masks)])
     return min(zip(good, off), key=lambda pair: np.minimum(pair[1] / (RIVAL_SIGMA * sigma + RIVAL_OFF), 1.0).sum())[0]
 
 
@@ -441,14 +441,14 @@ def _followed(
     is_right: bool,
     ellipse: Ellipse,
     matches: Matches,
-    left: Pieces,
-    right: Pieces,
+    left: Segments,
+    right: Segments,
     found: list[Curve],
     edgels: tuple[Edgels, Edgels],
     rig: StereoRig,
     blur: float,
 ) -> Curve | None:
-    """A circle that is an arc to one eye and something straight, or in pieces, to the other; None if nothing is."""
+    """A circle that is an arc to one eye and something straight, or in segments, to the other; None if nothing is."""
     *masks, samples, share = followed(matches, left, right, arc, is_right, (len(edgels[0]), len(edgels[1])))
     known = [
         np.any([getattr(c, name) for c in found], axis=0) if found else np.zeros(len(e), bool)
@@ -584,13 +584,13 @@ def _parallel(curve: Curve, ways: list[tuple[Curve, Axle]]) -> Curve:
     return curve
 
 
-def on_curves(lines: Lines3D, pieces: tuple[Pieces, Pieces], curves: list[Curve]) -> np.ndarray:
-    """(n,) bool: matched pieces of which most edgels in one of the images belong to a curve."""
+def on_curves(lines: Lines3D, segments: tuple[Segments, Segments], curves: list[Curve]) -> np.ndarray:
+    """(n,) bool: matched segments of which most edgels in one of the images belong to a curve."""
     result = np.zeros(len(lines), bool)
     for side, index, of in ((0, lines.left, 'left'), (1, lines.right, 'right')):
         for curve in curves:
             total = np.concatenate([[0], np.cumsum(getattr(curve, of))])
-            bounds = pieces[side].bounds[index]
+            bounds = segments[side].bounds[index]
             result |= (total[bounds[:, 1]] - total[bounds[:, 0]]) > 0.5 * (bounds[:, 1] - bounds[:, 0])
     return result
 

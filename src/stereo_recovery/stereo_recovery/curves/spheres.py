@@ -22,7 +22,7 @@ from .recovery import distances
 FACING, WHOLE_FACING, WHOLE = 0.75, 0.98, 0.7
 # A ball is believed when it leaves at most so much more than the curve does (truncated at so many sigma, squares).
 AS_GOOD, TRUNCATED = 1.5, 4.0
-# Curves of which more than this share of edgels lies this near to a ball's outlines, pixels, are pieces of them.
+# Curves of which more than this share of edgels lies this near to a ball's outlines, pixels, are segments of them.
 MOST, NEAR = 0.6, 0.7
 # An edgel's direction counts as across the outline from this cosine.
 ACROSS = 0.94

@@ -1,4 +1,4 @@
-"""Compiled loops over edgels for :mod:`.strings`."""
+"""Compiled loops over edgels for :mod:`.chains`."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def successors(u, v, tu, tv, magnitude, height, width):
 
 @njit
 def trace(following, magnitude, high, minimum):
-    """Follow the links. Returns order (k,) int32, offsets (m + 1,) int64, closed (m,) bool of the kept strings."""
+    """Follow the links. Returns order (k,) int32, offsets (m + 1,) int64, closed (m,) bool of the kept chains."""
     n = len(following)
     preceded = np.zeros(n, np.bool_)
     for i in range(n):
@@ -71,7 +71,7 @@ def trace(following, magnitude, high, minimum):
     order = np.empty(n, np.int32)
     offsets = np.zeros(n + 1, np.int64)
     closed = np.zeros(n, np.bool_)
-    used, strings = 0, 0
+    used, chains = 0, 0
     for loops in range(2):
         for first in range(n):
             if done[first] or (loops == 0 and preceded[first]):
@@ -90,7 +90,7 @@ def trace(following, magnitude, high, minimum):
             if used - start < minimum or not strong:
                 used = start
                 continue
-            closed[strings] = loops == 1
-            strings += 1
-            offsets[strings] = used
-    return order[:used], offsets[: strings + 1], closed[:strings]
+            closed[chains] = loops == 1
+            chains += 1
+            offsets[chains] = used
+    return order[:used], offsets[: chains + 1], closed[:chains]

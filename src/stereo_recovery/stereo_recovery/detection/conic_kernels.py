@@ -115,16 +115,16 @@ def radii(q):
 
 
 @njit
-def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, least_edgels, least_radius):
-    """The longest stretches of a run of pieces that one ellipse explains each; writes their labels into ``arc``.
+def claim(segments, turns, position, limit, bounds, sagitta, arc, label, least_turn, least_edgels, least_radius):
+    """The longest stretches of a run of segments that one ellipse explains each; writes their labels into ``arc``.
 
-    pieces : (k,) int64, twice in a row for a closed string; turns : (k - 1,) radians between them; position : (n, 2);
+    segments : (k,) int64, twice in a row for a closed chain; turns : (k - 1,) radians between them; position : (n, 2);
     limit : (n,) pixels an edgel may stand off; label : the first new one. Returns conics (m, 6) and rms (m,), pixels.
     """
-    k = len(pieces)
+    k = len(segments)
     total = 0
     for i in range(k):
-        total += bounds[pieces[i], 1] - bounds[pieces[i], 0]
+        total += bounds[segments[i], 1] - bounds[segments[i], 0]
     points, slack = np.empty((total, 2)), np.empty(total)
     conics, errors = np.empty((k, 6)), np.empty(k)
     found = 0
@@ -136,17 +136,17 @@ def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, l
             turn = 0.0
             bends = 0
             for i in range(first, last + 1):
-                free = free and arc[pieces[i]] < 0 and (i == first or pieces[i] != pieces[first])
+                free = free and arc[segments[i]] < 0 and (i == first or segments[i] != segments[first])
                 turn += turns[i] if i < last else 0.0
-                bends += 1 if bow[pieces[i]] > 0.0 else -1
+                bends += 1 if sagitta[segments[i]] > 0.0 else -1
             if not free or abs(turn) < least_turn:
                 continue
-            # Two straight pieces make a corner unless both bend the same way.
+            # Two straight segments make a corner unless both bend the same way.
             if last - first < 3 and abs(bends) < last - first + 1:
                 continue
             n = 0
             for i in range(first, last + 1):
-                for j in range(bounds[pieces[i], 0], bounds[pieces[i], 1]):
+                for j in range(bounds[segments[i], 0], bounds[segments[i], 1]):
                     points[n, 0], points[n, 1], slack[n] = position[j, 0], position[j, 1], limit[j]
                     n += 1
             if n < least_edgels:
@@ -168,7 +168,7 @@ def claim(pieces, turns, position, limit, bounds, bow, arc, label, least_turn, l
             if off[int(0.95 * (n - 1))] > tolerance:
                 continue
             for i in range(first, last + 1):
-                arc[pieces[i]] = label + found
+                arc[segments[i]] = label + found
             conics[found], errors[found] = q, rms
             found += 1
             first = last

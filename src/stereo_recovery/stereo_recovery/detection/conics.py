@@ -1,7 +1,7 @@
-"""Ellipses in the image: which runs of pieces are arcs, and the ellipse through them (thesis 3.10.3).
+"""Ellipses in the image: which runs of segments are arcs, and the ellipse through them (thesis 3.10.3).
 
-A split string turns a little at every break when it follows a curve. Runs that turn one way are tried as ellipses, the
-longest first; a run that one ellipse explains as well as lines would is an arc, and none of its pieces is an edge.
+A split chain turns a little at every break when it follows a curve. Runs that turn one way are tried as ellipses, the
+longest first; a run that one ellipse explains as well as lines would is an arc, and none of its segments is an edge.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from . import conic_kernels
 
-# An arc turns by at least this much in all, and by at most this much from piece to piece; radians.
+# An arc turns by at least this much in all, and by at most this much from segment to segment; radians.
 LEAST_TURN = np.radians(20.0)
 SHARPEST_BREAK = np.radians(65.0)
 # Smallest semi-axis, pixels, and shortest arc, edgels.
@@ -72,16 +72,16 @@ def find_arcs(
     position: np.ndarray,
     limit: np.ndarray,
     bounds: np.ndarray,
-    string: np.ndarray,
+    chain: np.ndarray,
     closed: np.ndarray,
-    bow: np.ndarray,
+    sagitta: np.ndarray,
     direction: np.ndarray,
 ) -> tuple[np.ndarray, list[Ellipse]]:
-    """Which pieces are parts of arcs.
+    """Which segments are parts of arcs.
 
-    position : (n, 2) edgels in string order; limit : (n,) pixels each may stand off; bounds, string : the pieces, in
-    order; closed : (strings,) bool; bow, direction : of the pieces' lines.
-    Returns arc (k,) int32, the arc of each piece or -1, and the arcs' ellipses.
+    position : (n, 2) edgels in chain order; limit : (n,) pixels each may stand off; bounds, chain : the segments, in
+    order; closed : (chains,) bool; sagitta, direction : of the segments' lines.
+    Returns arc (k,) int32, the arc of each segment or -1, and the arcs' ellipses.
     """
     arc = np.full(len(bounds), -1, np.int32)
     ellipses: list[Ellipse] = []
@@ -89,25 +89,25 @@ def find_arcs(
         return arc, ellipses
     angle = np.arctan2(direction[:, 1], direction[:, 0])
     turn = (np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi
-    same = string[1:] == string[:-1]
+    same = chain[1:] == chain[:-1]
     starts = np.flatnonzero(np.concatenate([[True], ~same]))
     for first, last in zip(starts, np.append(starts[1:], len(bounds))):
         if last - first < 2:
             continue
-        pieces = np.arange(first, last)
+        segments = np.arange(first, last)
         turns = turn[first : last - 1]
-        if closed[string[first]] and last - first >= 3:
-            pieces = np.concatenate([pieces, pieces])
+        if closed[chain[first]] and last - first >= 3:
+            segments = np.concatenate([segments, segments])
             join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
             turns = np.concatenate([turns, [join], turns])
         for run in _runs(turns):
             conics, errors = conic_kernels.claim(
-                np.ascontiguousarray(pieces[run[0] : run[1] + 1]),
+                np.ascontiguousarray(segments[run[0] : run[1] + 1]),
                 np.ascontiguousarray(turns[run[0] : run[1]]),
                 position,
                 limit,
                 bounds,
-                bow,
+                sagitta,
                 arc,
                 len(ellipses),
                 LEAST_TURN,
@@ -119,7 +119,7 @@ def find_arcs(
 
 
 def _runs(turns: np.ndarray) -> list[tuple[int, int]]:
-    """Stretches [first, last] of pieces between which the turn keeps its sign and is no sharp corner."""
+    """Stretches [first, last] of segments between which the turn keeps its sign and is no sharp corner."""
     sign = np.where(np.abs(turns) < SHARPEST_BREAK, np.sign(turns), 0)
     runs = []
     k = 0

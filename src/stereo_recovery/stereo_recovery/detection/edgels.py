@@ -1,7 +1,7 @@
 """Edge elements with sub-pixel position, direction and their uncertainty (thesis 3.7).
 
 The default detector is Canny's: Gaussian derivative, maxima of the gradient along its own direction, hysteresis (done
-on strings, see :mod:`.strings`). The position along the gradient is the maximum of a quadratic fitted to the
+on chains, see :mod:`.chains`). The position along the gradient is the maximum of a quadratic fitted to the
 *logarithm* of the gradient magnitude over 3 x 3 pixels: the magnitude across a blurred step is a Gaussian, so its
 logarithm is exactly quadratic and the fit has no pixel-locking bias (for straight edges). Roberts, Sobel and
 Marr-Hildreth are there for study and give the same type.
@@ -47,7 +47,7 @@ class Edgels:
     sigma_position : (n,) float64, pixels, along the gradient
     sigma_direction : (n,) float64, radians
     width : (n,) float64, pixels: standard deviation of the blurred step, smoothing included
-    shift : (n,) float64, pixels: how far shading or another edge beside it may have moved it; neighbours move alike
+    bias : (n,) float64, pixels: how far shading or another edge beside it may have moved it; neighbours move alike
     """
 
     position: np.ndarray
@@ -56,7 +56,7 @@ class Edgels:
     sigma_position: np.ndarray
     sigma_direction: np.ndarray
     width: np.ndarray
-    shift: np.ndarray
+    bias: np.ndarray
 
     @classmethod
     def empty(cls) -> Edgels:

@@ -1,4 +1,4 @@
-"""Compiled loop over pairs of pieces for :func:`.segmentation.corners`."""
+"""Compiled loop over pairs of segments for :mod:`.junctions`."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from msgs_py.numeric.compiled import njit
 
 # Below this sine the crossing of two lines is too vague to be a corner.
 LEAST_SINE = 0.15
-# Unless it is that of two strings whose ends touch, pixels, and known to this, one sigma.
+# Unless it is that of two chains whose ends touch, pixels, and known to this, one sigma.
 BLUNT_SINE, BLUNT_GAP = 0.06, 6.0
 VAGUEST = 3.0
-# Two pieces of one line differ in direction by less than this (sine); at a crossing by less than that.
+# Two segments of one line differ in direction by less than this (sine); at a crossing by less than that.
 COLLINEAR = 0.03
 CROSSING = 0.2
-# How far from a square corner a string may end, pixels.
+# How far from a square corner a chain may end, pixels.
 NEAR_GAP = 4.0
-# A string may run around a corner by this much, pixels, before it ends.
+# A chain may run around a corner by this much, pixels, before it ends.
 OVERRUN = 4.0
 # Variance of a corner beyond that of its lines, px^2.
 ROUNDED_VARIANCE = 0.0001
-# Without a corner, a string stops this uncertainly, pixels.
+# Without a corner, a chain stops this uncertainly, pixels.
 LOOSE_END = 1.5
-# A string is lost beside another that is this near, pixels, and runs along with it (cosine); its line hits the corner
+# A chain is lost beside another that is this near, pixels, and runs along with it (cosine); its line hits the corner
 # where they meet to this, pixels.
 BLURRED = 5.0
 ALONG = 0.94
@@ -31,9 +31,9 @@ AT_CORNER = 0.7
 
 @njit
 def _goes_on(table, box, k, i, x, y, collinear):
-    """Whether a piece other than i continues piece k on its line beyond the point x, y."""
+    """Whether a segment other than i continues segment k on its line beyond the point x, y."""
     own = (x - table[k, 0]) * table[k, 2] + (y - table[k, 1]) * table[k, 3]
-    # Which way piece k lies from the point.
+    # Which way segment k lies from the point.
     ahead = 0.5 * (table[k, 4] + table[k, 5]) - own
     for m in range(len(table)):
         itself = (m == k) | (m == i)
@@ -51,7 +51,7 @@ def _goes_on(table, box, k, i, x, y, collinear):
 
 
 @njit
-def meet(table, widest):
+def find_junctions(table, widest):
     """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope.
 
     widest : gap, pixels.
@@ -94,7 +94,7 @@ def meet(table, widest):
                 own = table[i, 6] ** 2 + (s * table[i, 7]) ** 2
                 its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
                 spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + ROUNDED_VARIANCE)
-                # Two edges that go on in nearly one direction meet where their strings do.
+                # Two edges that go on in nearly one direction meet where their chains do.
                 if abs(sine) < LEAST_SINE and (
                     spread > VAGUEST
                     or abs(beyond) > BLUNT_GAP
@@ -110,7 +110,7 @@ def meet(table, widest):
                     other[i, e] = k
                     through[i, e] = outside < -OVERRUN - 2.0
                     sigma[i, e] = spread
-            # A bar may be broken just where the stem meets it: then one of the two goes on in another piece.
+            # A bar may be broken just where the stem meets it: then one of the two goes on in another segment.
             k = other[i, e]
             if k >= 0 and not through[i, e]:
                 jx, jy = table[i, 0] + place[i, e] * table[i, 2], table[i, 1] + place[i, e] * table[i, 3]
@@ -125,7 +125,7 @@ def meet(table, widest):
 
 @njit
 def _beside(table, place, other, sigma):
-    """Ends that no corner was found for, of strings that are lost where they near another: they share its corner."""
+    """Ends that no corner was found for, of chains that are lost where they near another: they share its corner."""
     n = len(table)
     for i in range(n):
         length = table[i, 5] - table[i, 4]
@@ -166,10 +166,10 @@ def _beside(table, place, other, sigma):
 
 
 @njit
-def scraps(table, longest, reach, width):
-    """(n,) bool: short pieces that only show how a longer piece bends where it nears another (or how it blurs).
+def spurious(table, longest, reach, width):
+    """(n,) bool: short segments that only show how a longer segment bends where it nears another (or how it blurs).
 
-    Such a piece has both ends within ``width`` pixels of the longer one's line, at most ``reach`` pixels beyond it.
+    Such a segment has both ends within ``width`` pixels of the longer one's line, at most ``reach`` pixels beyond it.
     """
     n = len(table)
     scrap = np.zeros(n, np.bool_)

@@ -12,46 +12,48 @@ import numpy as np
 
 from . import low_contrast_kernels
 from .edgels import Edgels
-from .segmentation import Pieces, joined, line_table
+from .segments import Segments, line_table
+from .splitting import join_collinear
 
-# Pieces with a mean gradient below this, in units of the gradient's noise, are faint; shorter ones, pixels, give no
+# Segments with a mean gradient below this, in units of the gradient's noise, are faint; shorter ones, pixels, give no
 # line to follow; and the median of a window shows the edge when it exceeds this.
 FAINT = 9.0
 SHORTEST = 9.0
 SEEN = 1.2
 
 
-def followed(
+def track_low_contrast(
     edgels: Edgels,
-    pieces: Pieces,
+    segments: Segments,
     gradients: tuple[np.ndarray, np.ndarray],
     noise: float,
     sigma: float,
     tolerance: float,
-) -> tuple[Edgels, Pieces]:
-    """Edgels and pieces with faint pieces of one line joined, and reaching as far as the picture shows them.
+) -> tuple[Edgels, Segments]:
+    """Edgels and segments with faint segments of one line joined, and reaching as far as the picture shows them.
 
     gradients : two (h, w) float32, and their noise, grey levels per pixel; sigma : smoothing; tolerance : see
-    :func:`.segmentation.split`, pixels
+    :func:`.splitting.split`, pixels
     """
     for _ in range(2):
-        faint = _faint(pieces, noise)
+        faint = _faint(segments, noise)
         if not faint.any():
-            return edgels, pieces
-        reach = low_contrast_kernels.extend(line_table(pieces), pieces.magnitude, faint, *gradients, SEEN * noise)
-        longer = replace(pieces, reach=reach)
-        count = len(pieces)
-        edgels, pieces = joined(edgels, longer, sigma, tolerance)
-        if len(pieces) == count:
+            return edgels, segments
+        extent = low_contrast_kernels.extend(line_table(segments), segments.magnitude, faint, *gradients, SEEN * noise)
+        longer = replace(segments, extent=extent)
+        count = len(segments)
+        edgels, segments = join_collinear(edgels, longer, sigma, tolerance)
+        if len(segments) == count:
             return edgels, longer
-    faint = _faint(pieces, noise)
+    faint = _faint(segments, noise)
     return edgels, replace(
-        pieces, reach=low_contrast_kernels.extend(line_table(pieces), pieces.magnitude, faint, *gradients, SEEN * noise)
+        segments,
+        extent=low_contrast_kernels.extend(line_table(segments), segments.magnitude, faint, *gradients, SEEN * noise),
     )
 
 
-def _faint(pieces: Pieces, noise: float) -> np.ndarray:
-    return (pieces.magnitude < FAINT * noise) & (pieces.length > SHORTEST) & (pieces.arc < 0)
+def _faint(segments: Segments, noise: float) -> np.ndarray:
+    return (segments.magnitude < FAINT * noise) & (segments.length > SHORTEST) & (segments.arc < 0)
 
 
 def warm_up() -> None:

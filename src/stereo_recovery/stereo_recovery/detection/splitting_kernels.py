@@ -1,4 +1,5 @@
-"""Compiled loops over strings for :mod:`.segmentation`: splitting into straight pieces, and fitting them."""
+"""Compiled loops over chains for :mod:`.splitting` and :mod:`.segments`: splitting into straight segments, and fitting
+them."""
 
 from __future__ import annotations
 
@@ -59,16 +60,16 @@ def _farthest(x, y, a, b):
 
 @njit
 def split(x, y, limit, offsets, minimum):
-    """Recursive fit and segment (thesis 3.10.1): straight pieces that cover every string.
+    """Recursive fit and segment (thesis 3.10.1): straight segments that cover every chain.
 
     limit : (n,) how far each edgel may stand off its line, pixels.
-    Returns bounds (k, 2) int64 [first, last) in string order, and string (k,) int64. Neighbouring pieces that one
-    line fits are joined again, and the break between two pieces goes where their lines meet.
+    Returns bounds (k, 2) int64 [first, last) in chain order, and chain (k,) int64. Neighbouring segments that one
+    line fits are joined again, and the break between two segments goes where their lines meet.
     """
     n = len(x)
     w = 1.0 / (limit * limit)
     bounds = np.empty((n // 2 + len(offsets), 2), np.int64)
-    string = np.empty(len(bounds), np.int64)
+    chain = np.empty(len(bounds), np.int64)
     stack = np.empty((n + 2, 2), np.int64)
     count = 0
     for k in range(len(offsets) - 1):
@@ -80,7 +81,7 @@ def split(x, y, limit, offsets, minimum):
             a, b = stack[top, 0], stack[top, 1]
             if b - a < 2 * minimum or _fits(x, y, w, limit, a, b):
                 bounds[count, 0], bounds[count, 1] = a, b
-                string[count] = k
+                chain[count] = k
                 count += 1
             else:
                 m = _farthest(x, y, a, b)
@@ -117,16 +118,16 @@ def split(x, y, limit, offsets, minimum):
                 total += d1 * d1 - d2 * d2
             bounds[i, 1] = place
             bounds[i + 1, 0] = place
-    return bounds[:count], string[:count]
+    return bounds[:count], chain[:count]
 
 
 @njit
 def fit_lines(x, y, sigma, bounds, trim):
-    """Robust orthogonal regression of every piece; up to ``trim`` pixels at each end are left out of the fit.
+    """Robust orthogonal regression of every segment; up to ``trim`` pixels at each end are left out of the fit.
 
-    Edgels beside a corner are pulled towards it. Returns one row a piece: centre u, v; direction u, v; first and
-    last place along the line; residual rms; bow (the middle's distance from the ends' chord); number of edgels used;
-    sum of weights; weighted second moment along the line; (k, 11) float64.
+    Edgels beside a corner are pulled towards it. Returns one row a segment: centre u, v; direction u, v; first and
+    last place along the line; residual rms; sagitta (the middle's distance from the ends' chord); number of edgels
+    used; sum of weights; weighted second moment along the line; (k, 11) float64.
     """
     rows = np.zeros((len(bounds), 11))
     w = np.zeros(len(x))
@@ -188,19 +189,19 @@ def fit_lines(x, y, sigma, bounds, trim):
                 q = s * s - mean2
                 m4 += w[i] * q * q
                 dq += w[i] * q * d
-        bow = 0.25 * length * length * dq / m4 if m4 > 1e-12 else 0.0
+        sagitta = 0.25 * length * length * dq / m4 if m4 > 1e-12 else 0.0
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = cx, cy, tx, ty
         rows[k, 4], rows[k, 5], rows[k, 6] = 1e30, -1e30, scale
         for i in range(a, b):
             s = (x[i] - cx) * tx + (y[i] - cy) * ty
             rows[k, 4], rows[k, 5] = min(rows[k, 4], s), max(rows[k, 5], s)
-        rows[k, 7], rows[k, 8], rows[k, 9], rows[k, 10] = bow, used, sw, m2
+        rows[k, 7], rows[k, 8], rows[k, 9], rows[k, 10] = sagitta, used, sw, m2
     return rows
 
 
 @njit
 def continuations(table, widest, bend, wobble):
-    """Which piece continues which on the same straight line, across a gap.
+    """Which segment continues which on the same straight line, across a gap.
 
     table : (n, 8): centre u, v; direction; first and last place; sigma of offset and slope. widest : longest gap,
     pixels; bend : largest angle, radians; wobble : how far, pixels,

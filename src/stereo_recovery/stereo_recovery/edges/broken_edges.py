@@ -1,6 +1,6 @@
 """Long edges along the rows, broken by print or by a background that changes, from the corners at their ends.
 
-An edge along the rows has no depth of its own, and each image breaks it at other places, so that its pieces have no
+An edge along the rows has no depth of its own, and each image breaks it at other places, so that its segments have no
 partners. But its ends are corners: edges that leave the rows run into them and know their depth. Both images must show
 the line between the two corners; then the edge is the line between two points in space (thesis 3.10: figural
 continuity). An end without such an edge counts as seen where the line stops in both images, with a wide sigma.
@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from ..matching.merging import JoinedLine, joined_line, with_line
 from ..matching.relaxation import Matches
 
-# A piece flatter than the first sine has no depth of its own; one steeper than the second can tell its depth.
+# A segment flatter than the first sine has no depth of its own; one steeper than the second can tell its depth.
 FLAT, STEEP = 0.15, 0.3
-# The shortest piece that starts a line, pixels, and the shortest that continues one.
+# The shortest segment that starts a line, pixels, and the shortest that continues one.
 SEED, SCRAP = 20.0, 8.0
-# Pieces of one broken line: both ends within this share of its length of it (within these bounds, pixels), turned by
+# Segments of one broken line: both ends within this share of its length of it (within these bounds, pixels), turned by
 # at most this (sine), across
 # gaps of at most this share, or so many pixels.
 STRAIGHTNESS, LEAST_MISS, MOST_MISS, ONE_DIRECTION = 0.012, 0.7, 2.0, 0.06
@@ -35,7 +35,7 @@ ROUNDED, STOPPED = 0.4, 4.0
 VAGUE_END = 6.0
 # The share of the line that each image has to show, and how much may go on beyond its ends, pixels.
 SHOWN, BEYOND = 0.6, 12.0
-# How differently far from a corner the two images' strings may stop, pixels and as a share of the edge.
+# How differently far from a corner the two images' chains may stop, pixels and as a share of the edge.
 LEAST_APART, APART_SHARE = 4.0, 0.07
 # The largest slope of disparity along such an edge, pixels a pixel; where only one corner is known.
 RECEDING, STEEPEST = 0.3, 0.15
@@ -57,15 +57,15 @@ WHOLE_ENDS = 4.0
 class FlatEdge:
     """One edge along the rows.
 
-    members : (k,) left pieces it consists of; partner : a right piece of it; line : through the left pieces;
-    reach : (2,) pixels along the line: its corners; coefficient (2,), covariance (2, 2) : of disparity along it;
+    members : (k,) left segments it consists of; partner : a right segment of it; line : through the left segments;
+    extent : (2,) pixels along the line: its corners; coefficient (2,), covariance (2, 2) : of disparity along it;
     end_sigma, fixed : (2,) as in :class:`.lines3d.Lines3D`; told : (2,) pixels, sigma of disparity at the ends
     """
 
     members: np.ndarray
     partner: int
     line: JoinedLine
-    reach: np.ndarray
+    extent: np.ndarray
     coefficient: np.ndarray
     covariance: np.ndarray
     end_sigma: np.ndarray
@@ -77,35 +77,35 @@ class FlatEdge:
 class _Corner:
     """place : pixels along the line; disparity, sigma : pixels."""
 
-    place: float
+    abscissa: float
     disparity: float
     sigma: float
 
 
-def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
-    """Flat straight pieces, those that lie on one line together: indices and the line through them, longest first."""
-    flat = np.flatnonzero((np.abs(pieces.direction[:, 1]) < FLAT) & (pieces.length > SCRAP))
-    flat = flat[np.argsort(-pieces.length[flat], kind='stable')]
-    start, end, used = pieces.start, pieces.end, np.zeros(len(pieces), bool)
+def broken_lines(segments: Segments) -> list[tuple[np.ndarray, JoinedLine]]:
+    """Flat straight segments, those that lie on one line together: indices and the line through them, longest first."""
+    flat = np.flatnonzero((np.abs(segments.direction[:, 1]) < FLAT) & (segments.length > SCRAP))
+    flat = flat[np.argsort(-segments.length[flat], kind='stable')]
+    start, end, used = segments.start, segments.end, np.zeros(len(segments), bool)
     result = []
     for seed in flat:
         # A bent edge may pass for an arc here and there, but not everywhere.
-        if pieces.length[seed] < SEED or used[seed] or pieces.arc[seed] >= 0:
+        if segments.length[seed] < SEED or used[seed] or segments.arc[seed] >= 0:
             continue
         members = np.array([seed])
-        line = joined_line(pieces, members, np.array([1.0, 0.0]))
+        line = joined_line(segments, members, np.array([1.0, 0.0]))
         refused = used.copy()
         refused[seed] = True
         while True:
-            span = line.reach[1] - line.reach[0]
+            span = line.extent[1] - line.extent[0]
             others = flat[~refused[flat]]
             ends = np.stack([start[others], end[others]], axis=1) - line.centre
             off = np.abs(ends @ [-line.direction[1], line.direction[0]]).max(axis=1)
             place = ends @ line.direction
-            gap = np.maximum(place.min(axis=1) - line.reach[1], line.reach[0] - place.max(axis=1))
-            turn = np.abs(pieces.direction[others] @ [-line.direction[1], line.direction[0]])
-            # A bent line misses a long piece that continues it by more than both miss the line through both.
-            reached = 1.0 + np.minimum(pieces.length[others] / span, 1.0)
+            gap = np.maximum(place.min(axis=1) - line.extent[1], line.extent[0] - place.max(axis=1))
+            turn = np.abs(segments.direction[others] @ [-line.direction[1], line.direction[0]])
+            # A bent line misses a long segment that continues it by more than both miss the line through both.
+            reached = 1.0 + np.minimum(segments.length[others] / span, 1.0)
             near = (
                 (turn < ONE_DIRECTION)
                 & (off < reached * np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS))
@@ -116,7 +116,7 @@ def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
             chosen = others[near][np.argmin(np.maximum(gap[near], 0.0) + 5.0 * off[near])]
             refused[chosen] = True
             grown = np.append(members, chosen)
-            longer = joined_line(pieces, grown, line.direction)
+            longer = joined_line(segments, grown, line.direction)
             if longer.miss < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS):
                 members, line = grown, longer
         used[members] = True
@@ -125,7 +125,7 @@ def broken_lines(pieces: Pieces) -> list[tuple[np.ndarray, JoinedLine]]:
 
 
 def complete(
-    matches: Matches, left: Pieces, right: Pieces, coefficient: np.ndarray, covariance: np.ndarray
+    matches: Matches, left: Segments, right: Segments, coefficient: np.ndarray, covariance: np.ndarray
 ) -> list[FlatEdge]:
     """The flat edges of which at least one end is a corner with an edge that tells its depth.
 
@@ -138,7 +138,7 @@ def complete(
     teller = left.select(i[steep])
     known = coefficient[steep], covariance[steep]
     worst = np.full(len(left), np.inf)
-    ends = np.stack([np.ones((len(i), 2)), left.reach[i]], axis=-1)
+    ends = np.stack([np.ones((len(i), 2)), left.extent[i]], axis=-1)
     np.minimum.at(worst, i, np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1))
     common = np.zeros(len(left))
     np.maximum.at(common, i, np.minimum(left.length[i], right.length[matches.right]))
@@ -161,22 +161,22 @@ def complete(
 def with_whole(
     whole: list[FlatEdge],
     matches: Matches,
-    left: Pieces,
+    left: Segments,
     coefficient: np.ndarray,
     covariance: np.ndarray,
     ends_sigma: np.ndarray,
-) -> tuple[Matches, Pieces, np.ndarray, np.ndarray, np.ndarray]:
-    """Matches, left pieces, coefficients, covariances and what the match knows of the ends (see
-    :func:`.flat_edges.ends_sigma`), with these edges, last, in the place of their pieces."""
+) -> tuple[Matches, Segments, np.ndarray, np.ndarray, np.ndarray]:
+    """Matches, left segments, coefficients, covariances and what the match knows of the ends (see
+    :func:`.flat_edges.ends_sigma`), with these edges, last, in the place of their segments."""
     keep = ~np.isin(matches.left, np.concatenate([edge.members for edge in whole]))
     for edge in whole:
         left = with_line(left, int(edge.members[0]), edge.line)
     disparity = [
         edge.coefficient[0] + edge.coefficient[1] * np.array([a, 0.5 * (a + b), b])
         for edge in whole
-        for a, b in [edge.line.reach]
+        for a, b in [edge.line.extent]
     ]
-    rows = [np.sort(edge.line.centre[1] + edge.line.reach * edge.line.direction[1]) for edge in whole]
+    rows = [np.sort(edge.line.centre[1] + edge.line.extent * edge.line.direction[1]) for edge in whole]
     matches = Matches(
         np.append(matches.left[keep], [edge.members[0] for edge in whole]).astype(np.int32),
         np.append(matches.right[keep], [edge.partner for edge in whole]).astype(np.int32),
@@ -193,7 +193,7 @@ def with_whole(
     )
 
 
-def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _tellers(line: JoinedLine, teller: Segments, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """What the steep edges that reach the line know about the disparity there: (k, 3) float64 rows of place along the
     line, disparity and its sigma, pixels, in the order of places."""
     sine = line.direction[0] * teller.direction[:, 1] - line.direction[1] * teller.direction[:, 0]
@@ -205,22 +205,22 @@ def _tellers(line: JoinedLine, teller: Pieces, coefficient: np.ndarray, covarian
     disparity = (row * coefficient).sum(axis=1)
     # The corner is known along the steep edge to about a pixel.
     sigma = np.sqrt(np.einsum('ni,nij,nj->n', row, covariance, row) + coefficient[:, 1] ** 2)
-    beyond = np.maximum(teller.reach[:, 0] - own, own - teller.reach[:, 1])
+    beyond = np.maximum(teller.extent[:, 0] - own, own - teller.extent[:, 1])
     good = (np.abs(sine) > STEEP) & (beyond > -INSIDE) & (sigma < KNOWN)
     good &= beyond < np.maximum(END_LEAST, END_SHARE * teller.length)
-    far = max(END_LEAST, END_SHARE * (line.reach[1] - line.reach[0]))
-    good &= (place > line.reach[0] - far) & (place < line.reach[1] + far)
+    far = max(END_LEAST, END_SHARE * (line.extent[1] - line.extent[0]))
+    good &= (place > line.extent[0] - far) & (place < line.extent[1] + far)
     table = np.column_stack([place, disparity, sigma])[good]
     return table[np.argsort(table[:, 0], kind='stable')]
 
 
 def _told(
-    members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Pieces, right: Pieces, partners: np.ndarray
+    members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Segments, right: Segments, partners: np.ndarray
 ) -> FlatEdge | None:
     """The edge that its tellers support best among those that both images show; None when they show none."""
-    span = line.reach[1] - line.reach[0]
+    span = line.extent[1] - line.extent[0]
     inside = min(INSIDE, 0.1 * span)
-    at = tellers[:, 0] < line.reach[0] + inside, tellers[:, 0] > line.reach[1] - inside
+    at = tellers[:, 0] < line.extent[0] + inside, tellers[:, 0] > line.extent[1] - inside
     spread = np.hypot(tellers[:, 2], ROUNDED)
     # Disparity along the line: through any two tellers, and from one at an end to where both images' lines stop.
     p, q = np.nonzero(tellers[None, :, 0] > tellers[:, None, 0] + SEED)
@@ -231,8 +231,8 @@ def _told(
         for k in np.flatnonzero(at[end]):
             ends = _with_stop(line, _Corner(*tellers[k]), end, right, partners)
             if ends is not None:
-                b = (ends[1].disparity - ends[0].disparity) / (ends[1].place - ends[0].place)
-                lines.append((ends[0].disparity - b * ends[0].place, b, ends[1 - end]))
+                b = (ends[1].disparity - ends[0].disparity) / (ends[1].abscissa - ends[0].abscissa)
+                lines.append((ends[0].disparity - b * ends[0].abscissa, b, ends[1 - end]))
     if not lines:
         return None
     a, b = np.array([row[:2] for row in lines]).T
@@ -255,7 +255,7 @@ def _told(
 def _ends_of(edge: FlatEdge) -> list[_Corner]:
     return [
         _Corner(float(place), float(edge.coefficient @ [1.0, place]), float(sigma))
-        for place, sigma in zip(edge.reach, edge.told)
+        for place, sigma in zip(edge.extent, edge.told)
     ]
 
 
@@ -266,7 +266,7 @@ def _edge(
     at: tuple[np.ndarray, np.ndarray],
     agree: np.ndarray,
     stop: _Corner | None,
-    right: Pieces,
+    right: Segments,
     partners: np.ndarray,
 ) -> FlatEdge | None:
     """The edge that these tellers agree on: least squares of what they say; None when they leave it open.
@@ -280,16 +280,16 @@ def _edge(
         if not fixed.any() or away.sum() < 2:
             return None
     weight = 1.0 / (tellers[:, 2] ** 2 + ROUNDED**2)
-    reach = np.array(
+    extent = np.array(
         [
             np.average(tellers[agree & side, 0], weights=1.0 / tellers[agree & side, 2] ** 2) if known else own
-            for side, known, own in zip(at, fixed, line.reach)
+            for side, known, own in zip(at, fixed, line.extent)
         ]
     )
     rows = [np.column_stack([np.ones(agree.sum()), tellers[agree, 0], tellers[agree, 1]])]
     weights = [weight[agree]]
     if stop is not None:
-        rows.append(np.array([[1.0, stop.place, stop.disparity]]))
+        rows.append(np.array([[1.0, stop.abscissa, stop.disparity]]))
         weights.append(np.array([1.0 / (stop.sigma**2 + ROUNDED**2)]))
     table, weight = np.concatenate(rows), np.concatenate(weights)
     design, values = table[:, :2], table[:, 2]
@@ -298,24 +298,26 @@ def _edge(
     if len(values) > 2:
         misses = (values - design @ coefficient) ** 2 * weight
         covariance = covariance * max(1.0, float(misses.sum()) / (len(values) - 2))
-    ends = np.column_stack([np.ones(2), reach])
+    ends = np.column_stack([np.ones(2), extent])
     told = np.sqrt(np.einsum('ei,ij,ej->e', ends, covariance, ends))
-    corners = [_Corner(float(x), float(coefficient @ [1.0, x]), float(s)) for x, s in zip(reach, told)]
+    corners = [_Corner(float(x), float(coefficient @ [1.0, x]), float(s)) for x, s in zip(extent, told)]
     partner = int(partners[np.argmax(_overlap(line, corners, right, partners))])
-    return FlatEdge(members, partner, line, reach, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed, told)
+    return FlatEdge(members, partner, line, extent, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed, told)
 
 
-def _with_stop(line: JoinedLine, known: _Corner, end: int, right: Pieces, partners: np.ndarray) -> list[_Corner] | None:
+def _with_stop(
+    line: JoinedLine, known: _Corner, end: int, right: Segments, partners: np.ndarray
+) -> list[_Corner] | None:
     """Both ends, of which one (0 or 1) is known; the other is where the line stops in the left and the right image."""
     # From the corner along the line, which has nearly the same slope in the right image.
     run = (1.0 if end == 0 else -1.0) * line.direction
-    corner = line.centre + known.place * line.direction - [known.disparity, 0.0]
+    corner = line.centre + known.abscissa * line.direction - [known.disparity, 0.0]
     points = np.stack([right.start[partners], right.end[partners]], axis=1) - corner
     place = points[..., 0] / run[0]
     off = np.abs(points[..., 1] - place * run[1]) - STEEPEST * np.abs(place * run[1])
-    span = line.reach[1] - line.reach[0]
+    span = line.extent[1] - line.extent[0]
     place = place[off.max(axis=1) < np.clip(STRAIGHTNESS * span, LEAST_MISS, MOST_MISS)]
-    stop = float(line.reach[1] - known.place if end == 0 else known.place - line.reach[0])
+    stop = float(line.extent[1] - known.abscissa if end == 0 else known.abscissa - line.extent[0])
     front, nearest = 0.0, np.inf
     for near, far in sorted(np.sort(place, axis=1).tolist()):
         if far > front and near < front + max(LEAST_GAP, GAP_SHARE * front):
@@ -327,43 +329,44 @@ def _with_stop(line: JoinedLine, known: _Corner, end: int, right: Pieces, partne
     miss, sigma = (stop - nearest) * run[0], STOPPED
     if abs(miss) > 2.0 * STOPPED:
         miss, sigma = 0.0, 0.5 * STEEPEST * stop
-    other = _Corner(float(line.reach[1 - end]), float(known.disparity + miss), sigma)
+    other = _Corner(float(line.extent[1 - end]), float(known.disparity + miss), sigma)
     return [known, other] if end == 0 else [other, known]
 
 
-def _overlap(line: JoinedLine, ends: list[_Corner], right: Pieces, partners: np.ndarray) -> np.ndarray:
-    """(k,) pixels that each right piece shows of the edge between two corners."""
+def _overlap(line: JoinedLine, ends: list[_Corner], right: Segments, partners: np.ndarray) -> np.ndarray:
+    """(k,) pixels that each right segment shows of the edge between two corners."""
     places = _along(line, ends, right, partners)
-    first, last = ends[0].place, ends[1].place
+    first, last = ends[0].abscissa, ends[1].abscissa
     return np.maximum(np.nan_to_num(np.minimum(places[:, 1], last) - np.maximum(places[:, 0], first)), 0.0)
 
 
-def _along(line: JoinedLine, ends: list[_Corner], right: Pieces, partners: np.ndarray) -> np.ndarray:
-    """(k, 2) ends of right pieces as places along the left line, by the disparity of the edge; NaN for those off it."""
-    corner = [line.centre + end.place * line.direction - [end.disparity, 0.0] for end in ends]
+def _along(line: JoinedLine, ends: list[_Corner], right: Segments, partners: np.ndarray) -> np.ndarray:
+    """(k, 2) ends of right segments as places along the left line, by the disparity of the edge; NaN for those off
+    it."""
+    corner = [line.centre + end.abscissa * line.direction - [end.disparity, 0.0] for end in ends]
     run = corner[1] - corner[0]
     length = max(float(np.hypot(*run)), 1e-9)
     run = run / length
     points = np.stack([right.start[partners], right.end[partners]], axis=1) - corner[0]
     off = np.abs(points @ [-run[1], run[0]]).max(axis=1)
     share = np.sort(points @ run, axis=1) / length
-    places = ends[0].place + share * (ends[1].place - ends[0].place)
+    places = ends[0].abscissa + share * (ends[1].abscissa - ends[0].abscissa)
     places[off > np.clip(STRAIGHTNESS * length, LEAST_MISS, MOST_MISS)] = np.nan
     return places
 
 
 def _shown(
-    line: JoinedLine, ends: list[_Corner], left: Pieces, members: np.ndarray, right: Pieces, partners: np.ndarray
+    line: JoinedLine, ends: list[_Corner], left: Segments, members: np.ndarray, right: Segments, partners: np.ndarray
 ) -> float:
     """The smaller of the shares of the edge that the left and the right image show; 0 when either shows that the line
     goes on beyond its ends."""
     if len(partners) == 0:
         return 0.0
-    corner = [line.centre + end.place * line.direction - [end.disparity, 0.0] for end in ends]
+    corner = [line.centre + end.abscissa * line.direction - [end.disparity, 0.0] for end in ends]
     if (corner[1] - corner[0]) @ line.direction < SEED:
         return 0.0
     points = np.stack([left.start[members], left.end[members]], axis=1) - line.centre
-    first, last = ends[0].place, ends[1].place
+    first, last = ends[0].abscissa, ends[1].abscissa
     sample = first + (np.arange(100) + 0.5) / 100 * (last - first)
     shares, stops = [], []
     for places in (np.sort(points @ line.direction, axis=1), _along(line, ends, right, partners)):
@@ -380,7 +383,7 @@ def _shown(
         # Where nothing but a vague stop tells the end it may be elsewhere.
         if any(end.sigma < VAGUE_END and np.maximum(outside, 0.0).sum() > BEYOND for end, outside in zip(ends, beyond)):
             return 0.0
-    # Both images' strings stop about as far from a corner.
+    # Both images' chains stop about as far from a corner.
     apart = np.abs(np.array(stops[0]) - np.array(stops[1]))
     if any(
         end.sigma < KNOWN and miss > max(LEAST_APART, APART_SHARE * (last - first)) for end, miss in zip(ends, apart)

@@ -1,6 +1,6 @@
-"""Pairs of pieces that were no match, from the corners in space that they run into.
+"""Pairs of segments that were no match, from the corners in space that they run into.
 
-A thin or steeply receding face looks different to each eye, and so do the pieces around it: neither the greys beside
+A thin or steeply receding face looks different to each eye, and so do the segments around it: neither the greys beside
 them nor their slopes say which belong together. But where both images show a corner that other edges know in space,
 what leaves it unmatched in both, and ends at one height, is one edge (thesis 3.10: figural continuity).
 """
@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..detection.segmentation import Corners, Pieces
+from ..detection.junctions import Junctions
+from ..detection.segments import Segments
 from ..matching.relaxation import Matches
 from . import vertex_kernels
 from .vertices import Vertices, line_tables
@@ -18,38 +19,42 @@ from .vertices import Vertices, line_tables
 SAME_HEIGHT, SAME_COLUMN = 1.2, 1.5
 # Far ends are at one height when they differ by less than this, pixels: when both are corners, and when not.
 CORNERS_HEIGHT, ENDS_HEIGHT = 0.8, 3.0
-# A piece flatter than this (sine) has to end at a corner at either end; a piece is at least so long, pixels.
+# A segment flatter than this (sine) has to end at a corner at either end; a segment is at least so long, pixels.
 FLAT = 0.15
 SHORTEST = 4.0
 
 
 def more_matches(
-    matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], known: Vertices, offset_v: float
+    matches: Matches,
+    segments: tuple[Segments, Segments],
+    junctions: tuple[Junctions, Junctions],
+    known: Vertices,
+    offset_v: float,
 ) -> Matches | None:
     """The matches and the pairs that known corners add, last; None when they add none."""
     if len(known.edge) == 0:
         return None
     rows = []
-    for side, table, used in zip((0, 1), line_tables(pieces, offset_v, met), (matches.left, matches.right)):
-        free = np.ones(len(pieces[side]), bool)
+    for side, table, used in zip((0, 1), line_tables(segments, offset_v, junctions), (matches.left, matches.right)):
+        free = np.ones(len(segments[side]), bool)
         free[used] = False
-        free &= (pieces[side].arc < 0) & (pieces[side].length >= SHORTEST)
+        free &= (segments[side].arc < 0) & (segments[side].length >= SHORTEST)
         found, value = vertex_kernels.meetings(table, known.point[side], known.disparity, known.sigma, known.own[side])
-        piece, end = np.nonzero(found & free[:, None])
-        here = _point(pieces[side], piece, value[piece, end, 0])
-        away = _point(pieces[side], piece, met[side].place[piece, 1 - end])
+        segment, end = np.nonzero(found & free[:, None])
+        here = _point(segments[side], segment, value[segment, end, 0])
+        away = _point(segments[side], segment, junctions[side].abscissa[segment, 1 - end])
         here[:, 1] -= side * offset_v
         away[:, 1] -= side * offset_v
         rows.append(
             (
-                piece,
+                segment,
                 end,
                 here,
                 away,
-                value[piece, end, 1],
-                value[piece, end, 2],
-                (met[side].other[piece, 1 - end] >= 0) & ~met[side].through[piece, 1 - end],
-                np.where(met[side].through[piece, 1 - end], met[side].other[piece, 1 - end], -1),
+                value[segment, end, 1],
+                value[segment, end, 2],
+                (junctions[side].neighbour[segment, 1 - end] >= 0) & ~junctions[side].t_junction[segment, 1 - end],
+                np.where(junctions[side].t_junction[segment, 1 - end], junctions[side].neighbour[segment, 1 - end], -1),
             )
         )
     (i, end_l, p, far_p, d, sigma, corner_p, behind_p), (j, _, q, far_q, e, _, corner_q, behind_q) = rows
@@ -63,10 +68,10 @@ def more_matches(
     height = np.abs(far_p[a, 1] - far_q[b, 1])
     corners = corner_p[a] & corner_q[b]
     # Or both run into one edge that hides their ends.
-    partner = np.full(len(pieces[0]), -1)
+    partner = np.full(len(segments[0]), -1)
     partner[matches.left[::-1]] = matches.right[::-1]
     hidden = (behind_p[a] >= 0) & (behind_q[b] >= 0) & (partner[behind_p[a]] == behind_q[b])
-    steep = np.minimum(np.abs(pieces[0].direction[i[a], 1]), np.abs(pieces[1].direction[j[b], 1])) > FLAT
+    steep = np.minimum(np.abs(segments[0].direction[i[a], 1]), np.abs(segments[1].direction[j[b], 1])) > FLAT
     good = np.abs(d[a] - e[b]) < SAME_COLUMN + 3.0 * sigma[a]
     good &= np.abs(p[a, 0] - q[b, 0] - d[a]) < SAME_COLUMN + 3.0 * sigma[a]
     good &= (corners & (height < CORNERS_HEIGHT)) | (steep & ((height < ENDS_HEIGHT) | hidden))
@@ -95,5 +100,5 @@ def more_matches(
     )
 
 
-def _point(pieces: Pieces, index: np.ndarray, place: np.ndarray) -> np.ndarray:
-    return pieces.centre[index] + place[:, None] * pieces.direction[index]
+def _point(segments: Segments, index: np.ndarray, place: np.ndarray) -> np.ndarray:
+    return segments.centre[index] + place[:, None] * segments.direction[index]

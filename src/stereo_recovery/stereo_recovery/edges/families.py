@@ -15,7 +15,7 @@ import numpy as np
 from msgs_py import StereoRig
 
 from ..curves.curve import Curve
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from .lines3d import Lines3D
 from .parallels import FLAT, GATE, VAGUE
 
@@ -57,7 +57,7 @@ class _Rows:
         return image, np.einsum('ni,nij,nj->n', by, self.covariance, by)
 
 
-def _rows(left: Pieces, index: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray, rig: StereoRig) -> _Rows:
+def _rows(left: Segments, index: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray, rig: StereoRig) -> _Rows:
     focal = rig.left.fx
     middle = (left.centre[index] - [rig.left.cx, rig.left.cy]) / focal
     along = left.direction[index]
@@ -145,10 +145,10 @@ def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np
     return found
 
 
-def aligned(lines: Lines3D, left: Pieces, curves: Sequence[Curve], rig: StereoRig) -> Lines3D:
+def aligned(lines: Lines3D, left: Segments, curves: Sequence[Curve], rig: StereoRig) -> Lines3D:
     """The lines, vague ones among them turned into the direction of their families.
 
-    left : the left image's pieces; curves : whose normals are directions of the object as well
+    left : the left image's segments; curves : whose normals are directions of the object as well
     """
     usable = np.flatnonzero((left.arc[lines.left] < 0) & np.isfinite(lines.covariance).all(axis=(1, 2)))
     slope_sigma = np.sqrt(np.maximum(lines.covariance[usable, 1, 1], 0.0))

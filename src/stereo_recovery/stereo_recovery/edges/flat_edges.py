@@ -8,59 +8,63 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..detection.segmentation import Corners, Pieces, opposed
+from ..detection.junctions import Junctions
+from ..detection.segments import Segments, reversed_polarity
 from ..matching.relaxation import Matches
 from . import wireframe
 
-# Pieces flatter than this (sine) have no depth of their own. Two of them are one broken line when each misses the
+# Segments flatter than this (sine) have no depth of their own. Two of them are one broken line when each misses the
 # other's line by less than so many pixels, they differ in direction by less than this sine, and the break is short.
 FLAT = 0.15
 ONE_LINE = 0.7
 ONE_DIRECTION = 0.025
 WIDEST_BREAK = 60.0
-# What the match itself says about disparity at a piece's ends, pixels: enough to keep flat edges finite. Less where
-# the string ends without a corner, and next to nothing where something hides its end.
+# What the match itself says about disparity at a segment's ends, pixels: enough to keep flat edges finite. Less where
+# the chain ends without a corner, and next to nothing where something hides its end.
 MATCH_SIGMA, STRAY_SIGMA, HIDDEN_SIGMA = 3.0, 15.0, 60.0
 # Heights of one corner in the two images differ by less than this, pixels.
 SAME_HEIGHT = 0.6
-# A string may be lost before its corner (a thin face beside it, blur): its line must then hit the end of the same edge
+# A chain may be lost before its corner (a thin face beside it, blur): its line must then hit the end of the same edge
 # in both images, at most so many pixels and this share of its length away, and miss that end by less than this.
 FAR_GAP, FAR_SHARE = 40.0, 0.5
 END_MISS = 4.0
 LEAST_SINE = 0.15
-# In the right image a corner's string ends this near to it, pixels beyond and before, and corners found in both images
+# In the right image a corner's chain ends this near to it, pixels beyond and before, and corners found in both images
 # agree to this.
 BEYOND, BEFORE = 4.0, 18.0
 SAME_CORNER = 1.5
 
 
 def rough_ends(
-    matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners
+    matches: Matches, left: Segments, right: Segments, junctions: Junctions, right_junctions: Junctions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Disparity at the left piece's ends as the match has it, and its sigma: (n, 2) float64, pixels.
+    """Disparity at the left segment's ends as the match has it, and its sigma: (n, 2) float64, pixels.
 
-    Strings of flat edges end at different places in the two images; where both run into a corner, the corners count. An
+    Chains of flat edges end at different places in the two images; where both run into a corner, the corners count. An
     end that runs into the middle of another edge is hidden there, in each eye at another place.
     """
     i, j = matches.left, matches.right
-    flip = opposed(left, right, i, j)
+    flip = reversed_polarity(left, right, i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     place, other, through = (
-        np.take_along_axis(a[j], turned, axis=1) for a in (right_met.place, right_met.other, right_met.through)
+        np.take_along_axis(a[j], turned, axis=1)
+        for a in (right_junctions.abscissa, right_junctions.neighbour, right_junctions.t_junction)
     )
     flat = np.abs(left.direction[i, 1:2]) < FLAT
-    both = (met.other[i] >= 0) & (other >= 0)
+    both = (junctions.neighbour[i] >= 0) & (other >= 0)
     sigma = np.where(both, MATCH_SIGMA, STRAY_SIGMA)
-    sigma = np.where(both & ~_same_neighbour(matches, len(left), len(right), met.other[i], other), HIDDEN_SIGMA, sigma)
-    sigma = np.where(met.through[i] | through, HIDDEN_SIGMA, sigma)
-    x = left.centre[i, :1] + met.place[i] * left.direction[i, :1]
+    sigma = np.where(
+        both & ~_same_neighbour(matches, len(left), len(right), junctions.neighbour[i], other), HIDDEN_SIGMA, sigma
+    )
+    sigma = np.where(junctions.t_junction[i] | through, HIDDEN_SIGMA, sigma)
+    x = left.centre[i, :1] + junctions.abscissa[i] * left.direction[i, :1]
     y = right.centre[j, :1] + place * right.direction[j, :1]
     disparity = np.where(flat & both, x - y, matches.disparity[:, [0, 2]])
     return disparity, np.where(flat, sigma, MATCH_SIGMA)
 
 
 def _same_neighbour(matches: Matches, lefts: int, rights: int, k: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """Whether left pieces k and right pieces m may be one edge: they are matched, or neither is with any other."""
+    """Whether left segments k and right segments m may be one edge: they are matched, or neither is with any other."""
     partner, taken = np.full(lefts, -1), np.zeros(rights, bool)
     partner[matches.left[::-1]] = matches.right[::-1]
     taken[matches.right] = True
@@ -68,7 +72,12 @@ def _same_neighbour(matches: Matches, lefts: int, rights: int, k: np.ndarray, m:
 
 
 def shared_corners(
-    matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, rectification_sigma: float
+    matches: Matches,
+    left: Segments,
+    right: Segments,
+    junctions: Junctions,
+    right_junctions: Junctions,
+    rectification_sigma: float,
 ) -> np.ndarray:
     """Ends that are corners in both images, at one height: (k, 4) float64: edge, place along it, disparity, sigma.
 
@@ -80,30 +89,32 @@ def shared_corners(
     taken = np.zeros(len(right), bool)
     taken[matches.right] = True
     rows = []
-    turned = opposed(left, right, matches.left, matches.right).astype(int)
+    turned = reversed_polarity(left, right, matches.left, matches.right).astype(int)
     for e, (i, j) in enumerate(zip(matches.left, matches.right)):
         for end in range(2):
             far = end ^ turned[e]
-            k, m = met.other[i, end], right_met.other[j, far]
-            if k < 0 or m < 0 or met.through[i, end] or right_met.through[j, far]:
+            k, m = junctions.neighbour[i, end], right_junctions.neighbour[j, far]
+            if k < 0 or m < 0 or junctions.t_junction[i, end] or right_junctions.t_junction[j, far]:
                 continue
             if partner[k] != m and (partner[k] >= 0 or taken[m]):
                 continue
-            x = left.centre[i] + met.place[i, end] * left.direction[i]
-            y = right.centre[j] + right_met.place[j, far] * right.direction[j]
+            x = left.centre[i] + junctions.abscissa[i, end] * left.direction[i]
+            y = right.centre[j] + right_junctions.abscissa[j, far] * right.direction[j]
             sigma = np.sqrt(
-                met.sigma[i, end] ** 2
-                + right_met.sigma[j, far] ** 2
+                junctions.sigma[i, end] ** 2
+                + right_junctions.sigma[j, far] ** 2
                 + wireframe.CORNER_SIGMA**2
                 + rectification_sigma**2
             )
             if abs(x[1] - y[1]) < SAME_HEIGHT:
-                rows.append((e, met.place[i, end], x[0] - y[0], sigma))
+                rows.append((e, junctions.abscissa[i, end], x[0] - y[0], sigma))
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> tuple[np.ndarray, np.ndarray]:
-    """Corners that the strings of flat edges do not reach, but their lines do, in both images.
+def far_corners(
+    matches: Matches, left: Segments, right: Segments, junctions: Junctions
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners that the chains of flat edges do not reach, but their lines do, in both images.
 
     Returns joints (k, 4), see :func:`.lines3d.meetings`, the flat edge first, and its ends (k,) int.
     """
@@ -112,11 +123,11 @@ def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> 
     rows, ends = [], []
     if len(steep) == 0:
         return np.zeros((0, 4)), np.zeros(0, int)
-    flips = opposed(left, right, matches.left, matches.right).astype(int)
+    flips = reversed_polarity(left, right, matches.left, matches.right).astype(int)
     lengths = [side.length[index] for side, index in ((left, matches.left), (right, matches.right))]
     for e in np.flatnonzero((sine < FLAT) & (left.arc[matches.left] < 0)):
         for end in (0, 1):
-            if met.other[matches.left[e], end] >= 0:
+            if junctions.neighbour[matches.left[e], end] >= 0:
                 continue
             far = end ^ flips[e]
             hits = [
@@ -136,17 +147,17 @@ def far_corners(matches: Matches, left: Pieces, right: Pieces, met: Corners) -> 
     return np.array(rows, dtype=np.float64).reshape(-1, 4), np.array(ends, dtype=int)
 
 
-def _hits(side: Pieces, k: int, others: np.ndarray, end: int, length: float) -> tuple[np.ndarray, ...]:
-    """Where the line of piece k meets those of others, beyond its end: place on k, place on the other, which end of the
-    other, whether that end is there, and how far beyond."""
+def _hits(side: Segments, k: int, others: np.ndarray, end: int, length: float) -> tuple[np.ndarray, ...]:
+    """Where the line of segment k meets those of others, beyond its end: place on k, place on the other, which end of
+    the other, whether that end is there, and how far beyond."""
     t, u = side.direction[k], side.direction[others]
     run = side.centre[others] - side.centre[k]
     sine = t[0] * u[:, 1] - t[1] * u[:, 0]
     safe = np.where(np.abs(sine) < LEAST_SINE, 1.0, sine)
     s = (run[:, 0] * u[:, 1] - run[:, 1] * u[:, 0]) / safe
     r = (run[:, 0] * t[1] - run[:, 1] * t[0]) / safe
-    beyond = (s - side.reach[k, end]) * (1.0 if end else -1.0)
-    misses = np.abs(r[:, None] - side.reach[others])
+    beyond = (s - side.extent[k, end]) * (1.0 if end else -1.0)
+    misses = np.abs(r[:, None] - side.extent[others])
     at = misses.argmin(axis=1)
     there = (
         (np.abs(sine) > LEAST_SINE)
@@ -162,17 +173,17 @@ def confirmed(
     known: np.ndarray,
     coefficient: np.ndarray,
     matches: Matches,
-    left: Pieces,
-    right: Pieces,
-    right_met: Corners,
+    left: Segments,
+    right: Segments,
+    right_junctions: Junctions,
 ) -> np.ndarray:
-    """(k,) bool: joints that the right image allows: where an edge of known disparity says a flat one ends, its piece
+    """(k,) bool: joints that the right image allows: where an edge of known disparity says a flat one ends, its segment
     in the right image does.
 
     joints : (k, 4), see :func:`.lines3d.meetings`; known : (n,) bool, edges whose coefficient (n, 2) is measured.
     """
     kept = np.ones(len(joints), bool)
-    turned = opposed(left, right, matches.left, matches.right).astype(int)
+    turned = reversed_polarity(left, right, matches.left, matches.right).astype(int)
     for row, (a, s, b, r) in enumerate(joints):
         for e, place, f, its in ((int(a), s, int(b), r), (int(b), r, int(a), s)):
             if known[e] or not known[f]:
@@ -180,18 +191,20 @@ def confirmed(
             i, j = matches.left[e], matches.right[e]
             x = left.centre[i] + place * left.direction[i] - [coefficient[f] @ [1.0, its], 0.0]
             there = (x - right.centre[j]) @ right.direction[j]
-            end = int(abs(place - left.reach[i, 1]) < abs(place - left.reach[i, 0])) ^ turned[e]
-            beyond = (there - right.reach[j, end]) * (1.0 if end else -1.0)
+            end = int(abs(place - left.extent[i, 1]) < abs(place - left.extent[i, 0])) ^ turned[e]
+            beyond = (there - right.extent[j, end]) * (1.0 if end else -1.0)
             kept[row] &= -BEYOND < beyond < BEFORE
-            if right_met.other[j, end] >= 0:
-                kept[row] &= abs(there - right_met.place[j, end]) < SAME_CORNER + 3.0 * right_met.sigma[j, end]
+            if right_junctions.neighbour[j, end] >= 0:
+                kept[row] &= (
+                    abs(there - right_junctions.abscissa[j, end]) < SAME_CORNER + 3.0 * right_junctions.sigma[j, end]
+                )
     return kept
 
 
-def same_lines(matches: Matches, left: Pieces, right: Pieces) -> np.ndarray:
-    """Pairs of flat pieces that lie on one line in both images, as joints like those of :func:`meetings`, two a pair.
+def same_lines(matches: Matches, left: Segments, right: Segments) -> np.ndarray:
+    """Pairs of flat segments that lie on one line in both images, as joints like those of :func:`meetings`, two a pair.
 
-    Where print or an occluder has broken a long edge, each piece has one true corner; together they have two.
+    Where print or an occluder has broken a long edge, each segment has one true corner; together they have two.
     """
     flat = np.flatnonzero((np.abs(left.direction[matches.left, 1]) < FLAT) & (left.arc[matches.left] < 0))
     if len(flat) < 2:
@@ -210,7 +223,7 @@ def same_lines(matches: Matches, left: Pieces, right: Pieces) -> np.ndarray:
         good &= distance - half < np.minimum(half, WIDEST_BREAK)
     first, second = first[good], second[good]
     a, b = matches.left[first], matches.left[second]
-    middle = 0.5 * left.reach.sum(axis=1)
+    middle = 0.5 * left.extent.sum(axis=1)
     rows = []
     for at in (a, b):
         x = left.centre[at] + middle[at, None] * left.direction[at]

@@ -16,10 +16,11 @@ from msgs_py import StereoRig
 from ..curves.curve import Curve, angles, picture
 from ..curves.occluding_contours import touching
 from ..detection.conics import sampson
-from ..detection.segmentation import Corners, Pieces
+from ..detection.junctions import Junctions
+from ..detection.segments import Segments
 from ..matching.relaxation import Matches
 
-# An end this near to an outline's line or a rim's picture, pixels, and to the outline's piece along it, stops there.
+# An end this near to an outline's line or a rim's picture, pixels, and to the outline's segment along it, stops there.
 NEAR, ALONG = 2.5, 8.0
 # Disparity by which the ends of an edge in a rim's plane may miss that plane, pixels and as a share of disparity.
 IN_PLANE, PLANE_SHARE = 1.5, 0.01
@@ -30,23 +31,24 @@ MORE_ARC = 0.2
 
 def hidden_ends(
     matches: Matches,
-    pieces: tuple[Pieces, Pieces],
-    met: tuple[Corners, Corners],
+    segments: tuple[Segments, Segments],
+    junctions: tuple[Junctions, Junctions],
     curves: Sequence[Curve],
     surfaces: Sequence[tuple[Curve, np.ndarray]],
     rig: StereoRig,
-) -> tuple[Corners, Corners]:
+) -> tuple[Junctions, Junctions]:
     """The corners of both images, those that are none marked as ``through``.
 
-    matches, pieces, met : of the pair; curves : its planar curves; surfaces : rims and apexes, see :mod:`.outlines`.
+    matches, segments, junctions : of the pair; curves : its planar curves; surfaces : rims and apexes, see
+        :mod:`.outlines`.
     """
     if not surfaces and not curves:
-        return met
+        return junctions
     result = []
     pairs = (matches.left, matches.right)
     for side, (camera, eye) in enumerate(((rig.left, 0.0), (rig.right, rig.baseline))):
-        own, corners = pieces[side], met[side]
-        places = own.centre[:, None] + corners.place[..., None] * own.direction[:, None]
+        own, found = segments[side], junctions[side]
+        places = own.centre[:, None] + found.abscissa[..., None] * own.direction[:, None]
         hidden = np.zeros(places.shape[:2], bool)
         of_surface = np.zeros(len(own), bool)
         for curve, apex in surfaces:
@@ -55,17 +57,17 @@ def hidden_ends(
             away = places - own.centre[k]
             along = away @ own.direction[k]
             off = np.abs(away @ [-own.direction[k, 1], own.direction[k, 0]])
-            stops = (off < NEAR) & (along > own.reach[k, 0] - ALONG) & (along < own.reach[k, 1] + ALONG)
+            stops = (off < NEAR) & (along > own.extent[k, 0] - ALONG) & (along < own.extent[k, 1] + ALONG)
             stops[of_surface] = False
             hidden |= stops
         for curve in curves:
             at = _on_rim(curve, places.reshape(-1, 2), rig, eye).reshape(hidden.shape)
             # Of edges that end on the rim those are left that may belong to its face or to its surface.
             allowed = np.zeros(len(own), bool)
-            allowed[pairs[side][_in_plane(curve, matches, pieces[0], rig)]] = True
+            allowed[pairs[side][_in_plane(curve, matches, segments[0], rig)]] = True
             allowed = allowed[:, None] | _along_axis(curve, own, places, camera.matrix, eye)
             hidden |= at & ~allowed & (own.arc < 0)[:, None]
-        result.append(replace(corners, through=corners.through | hidden))
+        result.append(replace(found, t_junction=found.t_junction | hidden))
     return result[0], result[1]
 
 
@@ -80,7 +82,7 @@ def _on_rim(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float) -> np.
     return near
 
 
-def _in_plane(curve: Curve, matches: Matches, left: Pieces, rig: StereoRig) -> np.ndarray:
+def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) -> np.ndarray:
     """(n,) bool: pairs both of whose ends are where the curve's plane has them."""
     ends = np.stack([left.start, left.end], axis=1)[matches.left]
     rays = np.stack([rig.left.rays(ends[:, k]) for k in (0, 1)], axis=1)
@@ -92,8 +94,8 @@ def _in_plane(curve: Curve, matches: Matches, left: Pieces, rig: StereoRig) -> n
     return (np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told)).all(axis=1)
 
 
-def _along_axis(curve: Curve, own: Pieces, places: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(n, 2) bool: pieces that run at their ends as a line along the curve's axis does."""
+def _along_axis(curve: Curve, own: Segments, places: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
+    """(n, 2) bool: segments that run at their ends as a line along the curve's axis does."""
     centre = curve.centre - np.array([eye, 0.0, 0.0])
     vanishing = matrix @ curve.normal
     # All lines along the axis meet in its vanishing point, which may be at infinity.

@@ -1,4 +1,5 @@
-"""Straight edges in space from matched pieces: disparity as a linear function along the left line, and its covariance.
+"""Straight edges in space from matched segments: disparity as a linear function along the left line, and its
+covariance.
 
 Along a left line with points c + s t, disparity is d(s) = a + b s. The matched right line measures it wherever the
 edge leaves the rows; an edge along the rows is hardly measured at all. What both lines know is kept as an information
@@ -14,7 +15,8 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from ..detection.segmentation import BOW_OFFSET, BOW_SLOPE, Corners, Pieces, opposed
+from ..detection.junctions import Junctions
+from ..detection.segments import SAGITTA_OFFSET, SAGITTA_SLOPE, Segments, reversed_polarity
 from ..matching.relaxation import Matches
 from . import broken_edges, corner_matching, flat_edges, vertices, wireframe
 from .parallels import borrow
@@ -26,18 +28,18 @@ CORNER_HEIGHT = 0.05
 # Corners that edges add add edges, so many times.
 CORNER_ROUNDS = 2
 # What makes corners doubtful, and how much, pixels, one sigma: an edge that goes on behind or before the other; short
-# edges; a string that ends so far from the corner.
+# edges; a chain that ends so far from the corner.
 HIDDEN = 0.3
 SHORT_EDGE, SMALL = 15.0, 0.15
 FAR_GAP, FAR = 6.0, 0.3
-# How uncertainly a string stops without a corner, pixels; and how much of an edge may be lost that way in one image,
+# How uncertainly a chain stops without a corner, pixels; and how much of an edge may be lost that way in one image,
 # pixels and as a share of the rest.
 LOST = 4.0
 LOST_LEAST, LOST_SHARE = 20.0, 0.5
 # Corners of one edge that are farther apart, pixels, are two.
 SAME_CORNER = 1.5
-# Two pieces show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
-# much at least is not its bow's.
+# Two segments show the same part of an edge when their lengths agree to this share; of the square of a line's sigma, so
+# much at least is not its sagitta's.
 SAME_EXTENT = 0.15
 LEAST_SHARE = 0.01
 # Coefficients (n, 2) and covariances (n, 2, 2) of matched edges, what the match knows of their ends (n, 2), and joints.
@@ -48,15 +50,15 @@ Solution = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 class Lines3D:
     """n straight edges seen in both images.
 
-    left, right : (n,) int32, the pieces; reach : (n, 2) float64, pixels along the left piece: the part both see
+    left, right : (n,) int32, the segments; extent : (n, 2) float64, pixels along the left segment: the part both see
     coefficient : (n, 2) float64: disparity a + b s; covariance : (n, 2, 2) of them
-    end_sigma : (n, 2) float64, pixels, of the reach; fixed : (n, 2) bool, the end is a corner; strut : (n,) bool,
-    the edge runs from one known corner to another, whatever its pieces say
+    end_sigma : (n, 2) float64, pixels, of the extent; fixed : (n, 2) bool, the end is a corner; strut : (n,) bool,
+    the edge runs from one known corner to another, whatever its segments say
     """
 
     left: np.ndarray
     right: np.ndarray
-    reach: np.ndarray
+    extent: np.ndarray
     coefficient: np.ndarray
     covariance: np.ndarray
     end_sigma: np.ndarray
@@ -67,7 +69,9 @@ class Lines3D:
         return len(self.left)
 
 
-def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners) -> tuple[float, float]:
+def row_error(
+    matches: Matches, left: Segments, right: Segments, junctions: Junctions, right_junctions: Junctions
+) -> tuple[float, float]:
     """How far the right image's rows lie below the left's, and how much that varies, pixels.
 
     From corners that both images show: they should be at one height. Too few of them say nothing: (0, 0).
@@ -75,14 +79,14 @@ def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right
     partner = np.full(len(left), -1)
     partner[matches.left[::-1]] = matches.right[::-1]
     i, j = matches.left, matches.right
-    # Both images' pieces run the same way, and their neighbours at the corner were matched with each other.
-    same_way = ~opposed(left, right, i, j)
-    k, m = met.other[i], right_met.other[j]
+    # Both images' segments run the same way, and their neighbours at the corner were matched with each other.
+    same_way = ~reversed_polarity(left, right, i, j)
+    k, m = junctions.neighbour[i], right_junctions.neighbour[j]
     agreed = (k >= 0) & (m >= 0) & (partner[k] == m) & same_way[:, None] & (partner[i] == j)[:, None]
-    agreed &= (met.sigma[i] < 0.3) & (right_met.sigma[j] < 0.3)
+    agreed &= (junctions.sigma[i] < 0.3) & (right_junctions.sigma[j] < 0.3)
     heights = [
-        side.centre[index][:, 1:] + corner.place[index] * side.direction[index][:, 1:]
-        for side, index, corner in ((left, i, met), (right, j, right_met))
+        side.centre[index][:, 1:] + corner.abscissa[index] * side.direction[index][:, 1:]
+        for side, index, corner in ((left, i, junctions), (right, j, right_junctions))
     ]
     difference = (heights[1] - heights[0])[agreed]
     difference = difference[np.abs(difference) < 2.0]
@@ -94,8 +98,8 @@ def row_error(matches: Matches, left: Pieces, right: Pieces, met: Corners, right
 
 def measure(
     matches: Matches,
-    left: Pieces,
-    right: Pieces,
+    left: Segments,
+    right: Segments,
     rectification_sigma: float,
     offset_v: float = 0.0,
     ends_sigma: np.ndarray | None = None,
@@ -103,13 +107,13 @@ def measure(
     """What the two fitted lines say: information (n, 2, 2) and information vector (n, 2) of a, b.
 
     rectification_sigma : pixels by which the two images' rows may disagree; offset_v : by which they do on the whole;
-    ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left piece's ends.
+    ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left segment's ends.
     """
     if ends_sigma is None:
         ends_sigma = np.full((len(matches), 2), flat_edges.MATCH_SIGMA)
     i, j = matches.left, matches.right
     cl, tl, cr, tr = left.centre[i], left.direction[i], right.centre[j] - [0.0, offset_v], right.direction[j]
-    middle = 0.5 * (left.reach[i, 0] + left.reach[i, 1])
+    middle = 0.5 * (left.extent[i, 0] + left.extent[i, 1])
     # Signed distance of the left line's points, taken at their own column, from the right line is tr_v d(s).
     offset = tr[:, 1] * (cl[:, 0] - cr[:, 0]) - tr[:, 0] * (cl[:, 1] - cr[:, 1])
     slope = tr[:, 1] * tl[:, 0] - tr[:, 0] * tl[:, 1]
@@ -118,7 +122,7 @@ def measure(
     a = matches.disparity[:, 1] - b * middle
     p = (cl[:, 0] - a - cr[:, 0]) * tr[:, 0] + (cl[:, 1] - cr[:, 1]) * tr[:, 1]
     q = (tl[:, 0] - b) * tr[:, 0] + tl[:, 1] * tr[:, 1]
-    sl, sr = _without_common_bow(left, right, i, j, b)
+    sl, sr = _without_common_sagitta(left, right, i, j, b)
     covariance = np.empty((len(i), 2, 2))
     covariance[:, 0, 0] = sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2 + (tr[:, 0] * rectification_sigma) ** 2
     covariance[:, 0, 1] = covariance[:, 1, 0] = p * q * sr[:, 1] ** 2
@@ -129,31 +133,33 @@ def measure(
     information = inverse * (tr[:, 1] ** 2)[:, None, None]
     vector = np.einsum('nij,nj->ni', inverse, np.stack([offset, slope], axis=1)) * tr[:, 1:2]
     for end, column in ((0, 0), (1, 2)):
-        row = np.stack([np.ones(len(i)), left.reach[i, end]], axis=1)
+        row = np.stack([np.ones(len(i)), left.extent[i, end]], axis=1)
         weight = 1.0 / ends_sigma[:, end] ** 2
         information += np.einsum('ni,nj->nij', row, row) * weight[:, None, None]
         vector += row * (matches.disparity[:, column] * weight)[:, None]
     return information, vector
 
 
-def _without_common_bow(
-    left: Pieces, right: Pieces, i: np.ndarray, j: np.ndarray, slope: np.ndarray
+def _without_common_sagitta(
+    left: Segments, right: Segments, i: np.ndarray, j: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sigma (n, 2) of the pieces i and j: an edge that bows alike in both images is bent in space, and its chord is as
-    well measured as a straight edge; only what they do not share makes the disparity vague.
+    """Sigma (n, 2) of the segments i and j: an edge that bends alike in both images is bent in space, and its chord is
+    as well measured as a straight edge; only what they do not share makes the disparity vague.
 
-    slope : (n,) of disparity along the left piece.
+    slope : (n,) of disparity along the left segment.
     """
-    same_way = ~opposed(left, right, i, j)
-    bows = left.bow[i], np.where(same_way, 1.0, -1.0) * right.bow[j]
+    same_way = ~reversed_polarity(left, right, i, j)
+    sagittas = left.sagitta[i], np.where(same_way, 1.0, -1.0) * right.sagitta[j]
     shrink = np.hypot(left.direction[i, 0] - slope, left.direction[i, 1])
     seen_alike = np.abs(right.length[j] / np.maximum(left.length[i] * shrink, 1.0) - 1.0) < SAME_EXTENT
-    common = np.where(seen_alike & (bows[0] * bows[1] > 0.0), np.minimum(np.abs(bows[0]), np.abs(bows[1])), 0.0)
+    common = np.where(
+        seen_alike & (sagittas[0] * sagittas[1] > 0.0), np.minimum(np.abs(sagittas[0]), np.abs(sagittas[1])), 0.0
+    )
     result = []
-    for side, index, bow in ((left, i, bows[0]), (right, j, bows[1])):
+    for side, index, sagitta in ((left, i, sagittas[0]), (right, j, sagittas[1])):
         length = np.maximum(side.length[index], 1.0)
-        excess = np.stack([BOW_OFFSET * np.ones(len(index)), BOW_SLOPE / length], axis=1) ** 2
-        left_over = (np.abs(bow) - common) ** 2 - bow**2
+        excess = np.stack([SAGITTA_OFFSET * np.ones(len(index)), SAGITTA_SLOPE / length], axis=1) ** 2
+        left_over = (np.abs(sagitta) - common) ** 2 - sagitta**2
         result.append(
             np.sqrt(
                 np.maximum(side.sigma[index] ** 2 + excess * left_over[:, None], LEAST_SHARE * side.sigma[index] ** 2)
@@ -162,14 +168,16 @@ def _without_common_bow(
     return result[0], result[1]
 
 
-def meetings(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners) -> np.ndarray:
+def meetings(
+    matches: Matches, left: Segments, right: Segments, junctions: Junctions, right_junctions: Junctions
+) -> np.ndarray:
     """Corners at which two matched edges share their end: (k, 4) float64: edge, place along it, edge, place along it.
 
     An end that runs into the middle of another edge is (mostly) hidden by it, in either image, and is left out.
     """
     edge_of = np.full(len(left), -1)
     edge_of[matches.left[::-1]] = np.arange(len(matches))[::-1]
-    turned = opposed(left, right, matches.left, matches.right).astype(int)
+    turned = reversed_polarity(left, right, matches.left, matches.right).astype(int)
     rows = []
     seen = set()
     for e in range(len(matches)):
@@ -177,37 +185,48 @@ def meetings(matches: Matches, left: Pieces, right: Pieces, met: Corners, right_
         if edge_of[i] != e:
             continue
         for end in range(2):
-            k = met.other[i, end]
-            if k < 0 or met.through[i, end] or right_met.through[matches.right[e], end ^ turned[e]]:
+            k = junctions.neighbour[i, end]
+            if k < 0 or junctions.t_junction[i, end] or right_junctions.t_junction[matches.right[e], end ^ turned[e]]:
                 continue
             f = edge_of[k]
             if f < 0 or (f, e) in seen or matches.right[f] == matches.right[e]:
                 continue
-            x = left.centre[i] + met.place[i, end] * left.direction[i]
+            x = left.centre[i] + junctions.abscissa[i, end] * left.direction[i]
             place = (x - left.centre[k]) @ left.direction[k]
             # The other has a corner of its own there, and does not reach this one.
-            its = int(abs(place - met.place[k, 1]) < abs(place - met.place[k, 0]))
-            beyond = (place - met.place[k, its]) * (1.0 if its else -1.0)
-            if met.other[k, its] >= 0 and beyond > SAME_CORNER + 3.0 * np.hypot(met.sigma[i, end], met.sigma[k, its]):
+            its = int(abs(place - junctions.abscissa[k, 1]) < abs(place - junctions.abscissa[k, 0]))
+            beyond = (place - junctions.abscissa[k, its]) * (1.0 if its else -1.0)
+            if junctions.neighbour[k, its] >= 0 and beyond > SAME_CORNER + 3.0 * np.hypot(
+                junctions.sigma[i, end], junctions.sigma[k, its]
+            ):
                 continue
             seen.add((e, f))
-            rows.append((e, met.place[i, end], f, place))
+            rows.append((e, junctions.abscissa[i, end], f, place))
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
 def _solved(
-    matches: Matches, left: Pieces, right: Pieces, met: Corners, right_met: Corners, spread_v: float, offset_v: float
+    matches: Matches,
+    left: Segments,
+    right: Segments,
+    junctions: Junctions,
+    right_junctions: Junctions,
+    spread_v: float,
+    offset_v: float,
 ) -> tuple[Matches, Solution]:
     """The matches with the disparities of their ends, and what corners make of them."""
-    rough, ends_sigma = flat_edges.rough_ends(matches, left, right, met, right_met)
+    rough, ends_sigma = flat_edges.rough_ends(matches, left, right, junctions, right_junctions)
     matches = replace(matches, disparity=np.column_stack([rough[:, 0], rough.mean(axis=1), rough[:, 1]]))
     information, vector = measure(matches, left, right, spread_v, offset_v, ends_sigma)
     i = matches.left
-    joints = meetings(matches, left, right, met, right_met)
-    coefficient, covariance, known = wireframe.solve_measured(information, vector, joints, left.reach[i], WELL_MEASURED)
-    far, _ = flat_edges.far_corners(matches, left, right, met)
+    joints = meetings(matches, left, right, junctions, right_junctions)
+    coefficient, covariance, known = wireframe.solve_measured(
+        information, vector, joints, left.extent[i], WELL_MEASURED
+    )
+    far, _ = flat_edges.far_corners(matches, left, right, junctions)
     joints, far = (
-        rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_met)] for rows in (joints, far)
+        rows[flat_edges.confirmed(rows, known, coefficient, matches, left, right, right_junctions)]
+        for rows in (joints, far)
     )
     joints = joints[~(known[joints[:, 0].astype(int)] & known[joints[:, 2].astype(int)])]
     mixed = np.concatenate([joints, far, flat_edges.same_lines(matches, left, right)])
@@ -218,36 +237,36 @@ def _solved(
         coefficient,
         covariance,
         mixed,
-        flat_edges.shared_corners(matches, left, right, met, right_met, spread_v),
+        flat_edges.shared_corners(matches, left, right, junctions, right_junctions, spread_v),
     )
     return matches, (coefficient, covariance, ends_sigma, mixed)
 
 
 def edges(
     matches: Matches,
-    left: Pieces,
-    right: Pieces,
-    met: Corners,
-    right_met: Corners,
+    left: Segments,
+    right: Segments,
+    junctions: Junctions,
+    right_junctions: Junctions,
     rectification_sigma: float,
     offset: float = 0.0,
     cluttered: bool = False,
-) -> tuple[Lines3D, Pieces, Pieces]:
-    """All straight edges of a pair of segmented images, and the pieces of both, where those of one broken edge have
+) -> tuple[Lines3D, Segments, Segments]:
+    """All straight edges of a pair of segmented images, and the segments of both, where those of one broken edge have
     become its line and edges from corner to corner are added at the end.
 
     rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points; cluttered : so much
     print ends near the edges that its corners cannot speak against them.
     """
-    offset_v, spread_v = row_error(matches, left, right, met, right_met)
+    offset_v, spread_v = row_error(matches, left, right, junctions, right_junctions)
     # Only what exceeds the error of corners' heights is the rig's.
     spread_v = max(rectification_sigma, spread_v - CORNER_HEIGHT)
     if abs(offset_v) < max(spread_v, CORNER_HEIGHT):
         offset_v = 0.0
-    sides, ends = (left, right), (met, right_met)
+    sides, ends = (left, right), (junctions, right_junctions)
 
     def solved(of: Matches) -> tuple[Matches, Solution, tuple[np.ndarray, np.ndarray], vertices.Vertices]:
-        of, solution = _solved(of, left, right, met, right_met, spread_v, offset_v)
+        of, solution = _solved(of, left, right, junctions, right_junctions, spread_v, offset_v)
         # Parallel edges tell the depth of one along the rows, and so that of its corners.
         told = borrow(of, left, *solution, offset)
         return of, solution, told, vertices.vertices(of, sides, ends, *told, offset_v)
@@ -278,13 +297,18 @@ def edges(
         told = borrow(matches, left, coefficient, covariance, ends_sigma, joints, offset)
     coefficient, covariance = told
     cl, tl = left.centre[i], left.direction[i]
-    # The right piece's ends as places along the left one, by row or by column, whichever it follows.
-    # Contrast may change its sign between the views, and with it the right piece's direction.
-    flip = opposed(left, right, i, j)
+    # The right segment's ends as places along the left one, by row or by column, whichever it follows.
+    # Contrast may change its sign between the views, and with it the right segment's direction.
+    flip = reversed_polarity(left, right, i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     right_place, right_sigma, right_other, right_through = (
         np.take_along_axis(a[j], turned, axis=1)
-        for a in (right_met.place, right_met.sigma, right_met.other, right_met.through)
+        for a in (
+            right_junctions.abscissa,
+            right_junctions.sigma,
+            right_junctions.neighbour,
+            right_junctions.t_junction,
+        )
     )
     x = right.centre[j][:, None] + right_place[..., None] * right.direction[j][:, None]
     by_row = np.abs(right.direction[j][:, 1:2]) > 0.3
@@ -292,56 +316,58 @@ def edges(
     run = tl[:, :1] - coefficient[:, 1:2]
     run = np.where(np.abs(run) < 1e-3, 1e-3, run)
     seen = np.where(by_row, (x[..., 1] - cl[:, 1:2]) / tv, (x[..., 0] - cl[:, :1] + coefficient[:, :1]) / run)
-    mine, fixed = met.place[i], met.other[i] >= 0
-    sigma = np.hypot(met.sigma[i], doubt(left, met)[i])
+    mine, fixed = junctions.abscissa[i], junctions.neighbour[i] >= 0
+    sigma = np.hypot(junctions.sigma[i], doubt(left, junctions)[i])
     inner = np.stack([np.maximum(mine[:, 0], seen[:, 0]), np.minimum(mine[:, 1], seen[:, 1])], axis=1)
     # Two corners that agree are one corner; the left image's is where its line is known.
-    same = fixed & (np.abs(seen - mine) < 1.5) & ~met.through[i] & ~right_through
-    reach = np.where(same, mine, inner)
+    same = fixed & (np.abs(seen - mine) < 1.5) & ~junctions.t_junction[i] & ~right_through
+    extent = np.where(same, mine, inner)
     cut = ~same & (inner != mine)
     sigma = np.where(cut, np.where(right_other >= 0, right_sigma, LOST), np.where(fixed, sigma, LOST))
     fixed &= ~cut
-    # A string that just stops is lost, not hidden: the edge goes on to the corner that the other image shows.
+    # A chain that just stops is lost, not hidden: the edge goes on to the corner that the other image shows.
     span = np.maximum(inner[:, 1] - inner[:, 0], 1.0)[:, None]
-    lost_right = cut & (met.other[i] >= 0) & ~met.through[i] & (right_other < 0)
-    lost_left = (met.other[i] < 0) & (inner == mine) & (right_other >= 0) & ~right_through
+    lost_right = cut & (junctions.neighbour[i] >= 0) & ~junctions.t_junction[i] & (right_other < 0)
+    lost_left = (junctions.neighbour[i] < 0) & (inner == mine) & (right_other >= 0) & ~right_through
     lost = (lost_right | lost_left) & (np.abs(seen - mine) < np.maximum(LOST_LEAST, LOST_SHARE * span))
-    reach = np.where(lost, np.where(lost_right, mine, seen), reach)
-    sigma = np.where(lost, np.where(lost_right, met.sigma[i], right_sigma), sigma)
+    extent = np.where(lost, np.where(lost_right, mine, seen), extent)
+    sigma = np.where(lost, np.where(lost_right, junctions.sigma[i], right_sigma), sigma)
     fixed |= lost
     for row, edge in enumerate(whole, len(i) - len(whole)):
-        reach[row], sigma[row], fixed[row] = edge.reach, edge.end_sigma, edge.fixed
+        extent[row], sigma[row], fixed[row] = edge.extent, edge.end_sigma, edge.fixed
     found = vertices.between(matches, (left, right), ends, known, offset_v)
     if not found:
-        return Lines3D(i, j, reach, coefficient, covariance, sigma, fixed, strut), left, right
+        return Lines3D(i, j, extent, coefficient, covariance, sigma, fixed, strut), left, right
     more = vertices.struts(found, (left, right), offset_v)
     k = len(found)
     i, j = (np.append(index, len(side) + np.arange(k)).astype(np.int32) for index, side in ((i, left), (j, right)))
     return Lines3D(
         i,
         j,
-        np.concatenate([reach, more.reach]),
+        np.concatenate([extent, more.extent]),
         np.concatenate([coefficient, more.coefficient]),
         np.concatenate([covariance, more.covariance]),
         np.concatenate([sigma, more.end_sigma]),
         np.concatenate([fixed, np.ones((k, 2), bool)]),
         np.append(strut, np.ones(k, bool)),
-    ), *more.pieces
+    ), *more.segments
 
 
-def doubt(pieces: Pieces, met: Corners) -> np.ndarray:
+def doubt(segments: Segments, junctions: Junctions) -> np.ndarray:
     """(n, 2) float64, pixels: sigma that a corner's place has beyond that of its lines: where edges are short, one
-    hides the other, and where the other's string ends far from it."""
-    other = met.other
-    x = pieces.centre[:, None] + met.place[..., None] * pieces.direction[:, None]
-    along = ((x - pieces.centre[other]) * pieces.direction[other]).sum(axis=2)
-    beyond = np.maximum(pieces.reach[other, 0] - along, along - pieces.reach[other, 1])
-    short = np.minimum(pieces.length[:, None], pieces.length[other]) < SHORT_EDGE
-    return np.sqrt((HIDDEN * met.through) ** 2 + (SMALL * short) ** 2 + (FAR * (beyond > FAR_GAP)) ** 2) * (other >= 0)
+    hides the other, and where the other's chain ends far from it."""
+    other = junctions.neighbour
+    x = segments.centre[:, None] + junctions.abscissa[..., None] * segments.direction[:, None]
+    along = ((x - segments.centre[other]) * segments.direction[other]).sum(axis=2)
+    beyond = np.maximum(segments.extent[other, 0] - along, along - segments.extent[other, 1])
+    short = np.minimum(segments.length[:, None], segments.length[other]) < SHORT_EDGE
+    return np.sqrt((HIDDEN * junctions.t_junction) ** 2 + (SMALL * short) ** 2 + (FAR * (beyond > FAR_GAP)) ** 2) * (
+        other >= 0
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class EdgesInSpace:
     """Straight edges in the left optical frame: end points (n, 2, 3), metres, and their 3 sigma bounds (n,), metres."""
 
     ends: np.ndarray
@@ -349,12 +375,12 @@ class Segments:
     err_per: np.ndarray
 
 
-def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
+def to_space(lines: Lines3D, left: Segments, rig: StereoRig) -> EdgesInSpace:
     """End points and 3 sigma bounds along and across (DESIGN section 8). Points beyond infinity give NaN."""
     c, t = left.centre[lines.left][:, None], left.direction[lines.left][:, None]
-    s = lines.reach[..., None]
+    s = lines.extent[..., None]
     pixel = c + s * t
-    d = lines.coefficient[:, :1] + lines.coefficient[:, 1:] * lines.reach
+    d = lines.coefficient[:, :1] + lines.coefficient[:, 1:] * lines.extent
     true_d = d - (rig.left.cx - rig.right.cx)
     points = rig.triangulate(pixel, pixel[..., 0] - d)
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -369,13 +395,13 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
         across = np.stack([-t[..., 1] * scale, t[..., 0] * scale_v, zero], axis=-1)
         length = np.linalg.norm(along, axis=-1, keepdims=True)
         direction = along / length
-        h = np.stack([np.ones_like(lines.reach), lines.reach], axis=-1)
+        h = np.stack([np.ones_like(lines.extent), lines.extent], axis=-1)
         sigma_d = np.sqrt(np.einsum('nei,nij,nej->ne', h, lines.covariance, h))
         # Along an edge that recedes its depth counts as much as its place in the picture.
         deep = (by_disparity * direction).sum(-1) * sigma_d
         err_par = 3.0 * np.sqrt(((lines.end_sigma * length[..., 0]) ** 2 + deep**2).mean(axis=1))
         sigma = left.sigma[lines.left]
-        sigma_e = np.sqrt(sigma[:, :1] ** 2 + (sigma[:, 1:] * lines.reach) ** 2)
+        sigma_e = np.sqrt(sigma[:, :1] ** 2 + (sigma[:, 1:] * lines.extent) ** 2)
         spread = np.zeros(points.shape + (3,))
         for vector, size in ((across, sigma_e), (by_disparity, sigma_d)):
             v = (vector - (vector * direction).sum(-1, keepdims=True) * direction) * size[..., None]
@@ -383,4 +409,4 @@ def to_space(lines: Lines3D, left: Pieces, rig: StereoRig) -> Segments:
         spread = np.where(np.isfinite(spread), spread, 0.0)
         # One bound for both ends: their quadratic mean, as the direction has it.
         err_per = 3.0 * np.sqrt(np.linalg.eigvalsh(spread)[..., -1].mean(axis=1))
-    return Segments(points, err_par, err_per)
+    return EdgesInSpace(points, err_par, err_per)

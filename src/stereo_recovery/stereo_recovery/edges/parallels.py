@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from ..matching.relaxation import Matches
 from . import parallel_kernels
 
@@ -34,7 +34,7 @@ WANDER, SLOPE_WANDER = 0.002, 2e-5
 CLEARLY, UNSUPPORTED = 1.5, 0.3
 # Gates, in sigma: of the image, of the edge's own evidence, and between two lenders.
 GATE = 3.0
-# How far, pixels, the ends of the pieces may lie from where the parallel edge has them.
+# How far, pixels, the ends of the segments may lie from where the parallel edge has them.
 ENDS = 3.0
 # That is for ends known so well by the match, pixels, and in proportion for others.
 SURE = 4.0
@@ -42,7 +42,7 @@ SURE = 4.0
 
 def borrow(
     matches: Matches,
-    left: Pieces,
+    left: Segments,
     coefficient: np.ndarray,
     covariance: np.ndarray,
     ends_sigma: np.ndarray,
@@ -51,13 +51,13 @@ def borrow(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: vague ones improved.
 
-    ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left piece's ends
+    ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left segment's ends
     joints : (k, 4), see :func:`.lines3d.meetings`: where edges along the rows have their depth from
     offset : pixels, disparity of infinitely far points.
     """
-    c, t, reach = left.centre[matches.left], left.direction[matches.left], left.reach[matches.left]
+    c, t, extent = left.centre[matches.left], left.direction[matches.left], left.extent[matches.left]
     slope_sigma, length = left.sigma[matches.left, 1], left.length[matches.left]
-    ends = np.stack([np.ones_like(reach), reach], axis=-1)
+    ends = np.stack([np.ones_like(extent), extent], axis=-1)
     worst = np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1)
     straight = left.arc[matches.left] < 0
     lenders = np.flatnonzero((worst < LONG_LENDER) & straight)
@@ -92,7 +92,7 @@ def borrow(
             k = int(np.argmin(noise))
             place = None
             if (((ratio - ratio[k]) * here) ** 2 < GATE**2 * (noise + noise[k])).all():
-                place = _trusted(f, joints, reach[f].mean(), length, tellers, told)
+                place = _trusted(f, joints, extent[f].mean(), length, tellers, told)
             if place is not None:
                 h = np.array([1.0, place])
                 both = np.linalg.inv(np.stack([h, rows[k]]))
@@ -110,7 +110,7 @@ def borrow(
         gain = covariance[f] @ row / (row @ covariance[f] @ row + noise[k])
         update = coefficient[f] - gain * miss
         rough = matches.disparity[f][[0, 2]]
-        if (np.abs(update[0] + update[1] * reach[f] - rough) > ENDS * np.maximum(1.0, ends_sigma[f] / SURE)).any():
+        if (np.abs(update[0] + update[1] * extent[f] - rough) > ENDS * np.maximum(1.0, ends_sigma[f] / SURE)).any():
             continue
         coefficient[f] = update
         covariance[f] = covariance[f] - np.outer(gain, row @ covariance[f])

@@ -1,4 +1,4 @@
-"""Compiled loops over the ends of pieces and the known corners, for :mod:`.vertices`."""
+"""Compiled loops over the ends of segments and the known corners, for :mod:`.vertices`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# A piece runs into a corner that is this near to its line, and this far beyond or before its end, pixels and as a share
-# of its length.
+# A segment runs into a corner that is this near to its line, and this far beyond or before its end, pixels and as a
+# share of its length.
 BESIDE, BEYOND, BEFORE, SHARE = 1.5, 10.0, 5.0, 0.5
 # A pair whose line misses the corner by more than this, pixels, and so many sigma, is none; nor do edges meet that
 # differ so much.
 MISS = 1.2
 GATE = 3.5
-# What corners of straight pieces miss each other by in an image, pixels.
+# What corners of straight segments miss each other by in an image, pixels.
 ROUNDED = 0.25
 # A line that misses a corner must come this near to it, pixels along it.
 ABSENT = 7.0
@@ -21,11 +21,11 @@ ABSENT = 7.0
 
 @njit
 def meetings(table, point, disparity, sigma, own):
-    """The corners in space that pieces of one image run into, by what other edges know of them.
+    """The corners in space that segments of one image run into, by what other edges know of them.
 
-    table : (n, 8) float64 rows of pieces: centre u, v; direction; first and last place; sigma of offset and slope
-    point (m, 2), disparity, sigma (m,) : the corners; own : (m,) the piece of the edge that knows it
-    Returns found (n, 2) bool, for both ends of each piece, and place, disparity, sigma in value (n, 2, 3).
+    table : (n, 8) float64 rows of segments: centre u, v; direction; first and last place; sigma of offset and slope
+    point (m, 2), disparity, sigma (m,) : the corners; own : (m,) the segment of the edge that knows it
+    Returns found (n, 2) bool, for both ends of each segment, and place, disparity, sigma in value (n, 2, 3).
     """
     n, m = len(table), len(point)
     found = np.zeros((n, 2), np.bool_)
@@ -67,7 +67,7 @@ def meetings(table, point, disparity, sigma, own):
 
 @njit
 def _told(point, own, first, q, k):
-    """Whether corner q is corner first, and not known from piece k."""
+    """Whether corner q is corner first, and not known from segment k."""
     du, dv = point[q, 0] - point[first, 0], point[q, 1] - point[first, 1]
     return abs(du) < 2.0 * BESIDE and abs(dv) < 2.0 * BESIDE and own[q] != k
 
@@ -76,7 +76,7 @@ def _told(point, own, first, q, k):
 def missed(own, other, found, value, table, far, edge, point, sign):
     """(n,) bool: pairs that end at a corner in one image and miss it in the other.
 
-    own, other : (n,) pieces of the pairs in the one and the other image; table, far : their rows as for
+    own, other : (n,) segments of the pairs in the one and the other image; table, far : their rows as for
     :func:`meetings`; found, value : from it, in the one image; edge (m,) ascending, point (m, 2) : the pairs that
     know a corner, and where in the one image; sign : of the disparity that leads to the other image.
     """
@@ -96,7 +96,7 @@ def missed(own, other, found, value, table, far, edge, point, sign):
                 continue
             du, dv = u + sign * value[k, end, 1] - far[j, 0], v - far[j, 1]
             s = du * far[j, 2] + dv * far[j, 3]
-            # A piece that stops before the corner need not lie on the line to it.
+            # A segment that stops before the corner need not lie on the line to it.
             if s < far[j, 4] - ABSENT or s > far[j, 5] + ABSENT:
                 continue
             variance = (value[k, end, 2] * far[j, 3]) ** 2 + far[j, 6] ** 2 + (far[j, 7] * s) ** 2 + ROUNDED**2

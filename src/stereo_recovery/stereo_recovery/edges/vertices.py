@@ -12,21 +12,22 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..detection.segmentation import Corners, Pieces, line_table, opposed
+from ..detection.junctions import Junctions
+from ..detection.segments import Segments, line_table, reversed_polarity
 from ..matching.relaxation import Matches
 from . import vertex_kernels, wireframe
 
-# An edge tells of a corner when both its pieces end in one there, heights and columns agreeing to this, pixels.
+# An edge tells of a corner when both its segments end in one there, heights and columns agreeing to this, pixels.
 SAME_HEIGHT, SAME_COLUMN = 0.8, 1.5
-# Where only one image shows the corner, the other piece ends this near to it, pixels.
+# Where only one image shows the corner, the other segment ends this near to it, pixels.
 NEAR_END = 4.0
-# A string stops this near to its corner's height, pixels.
+# A chain stops this near to its corner's height, pixels.
 STOPS = 4.0
 # Disparity known worse than this, pixels, is taken from the two corners themselves.
 VAGUE = 0.5
-# What runs into a piece this far inside its ends, pixels, says that it is more than one edge.
+# What runs into a segment this far inside its ends, pixels, says that it is more than one edge.
 INSIDE = 4.0
-# The shortest piece, pixels, that makes an edge between two corners.
+# The shortest segment, pixels, that makes an edge between two corners.
 SHORTEST = 8.0
 
 
@@ -34,7 +35,7 @@ SHORTEST = 8.0
 class Vertices:
     """m ends of matched edges that are corners in both images.
 
-    edge : (m,) int, the match, ascending; own : (2, m) int, its pieces in the left and the right image
+    edge : (m,) int, the match, ascending; own : (2, m) int, its segments in the left and the right image
     point : (2, m, 2) float64, pixels, in the left and the right image, at the left one's height
     disparity, sigma : (m,) float64, pixels
     """
@@ -48,17 +49,17 @@ class Vertices:
 
 @dataclass(frozen=True)
 class _Meeting:
-    """A piece's end that is a corner in space: place along the piece; disparity and its sigma, pixels."""
+    """A segment's end that is a corner in space: place along the segment; disparity and its sigma, pixels."""
 
-    place: float
+    abscissa: float
     disparity: float
     sigma: float
 
 
 def vertices(
     matches: Matches,
-    pieces: tuple[Pieces, Pieces],
-    met: tuple[Corners, Corners],
+    segments: tuple[Segments, Segments],
+    junctions: tuple[Junctions, Junctions],
     coefficient: np.ndarray,
     covariance: np.ndarray,
     offset_v: float,
@@ -69,14 +70,15 @@ def vertices(
     image's rows lie below the left's.
     """
     i, j = matches.left, matches.right
-    flip = opposed(pieces[0], pieces[1], i, j)
+    flip = reversed_polarity(segments[0], segments[1], i, j)
     turned = np.where(flip[:, None], [1, 0], [0, 1])
     there = [
-        np.take_along_axis(a[j], turned, axis=1) for a in (met[1].place, met[1].other, met[1].through, met[1].sigma)
+        np.take_along_axis(a[j], turned, axis=1)
+        for a in (junctions[1].abscissa, junctions[1].neighbour, junctions[1].t_junction, junctions[1].sigma)
     ]
-    here = [a[i] for a in (met[0].place, met[0].other, met[0].through, met[0].sigma)]
-    p = pieces[0].centre[i][:, None] + here[0][..., None] * pieces[0].direction[i][:, None]
-    q = pieces[1].centre[j][:, None] + there[0][..., None] * pieces[1].direction[j][:, None] - [0.0, offset_v]
+    here = [a[i] for a in (junctions[0].abscissa, junctions[0].neighbour, junctions[0].t_junction, junctions[0].sigma)]
+    p = segments[0].centre[i][:, None] + here[0][..., None] * segments[0].direction[i][:, None]
+    q = segments[1].centre[j][:, None] + there[0][..., None] * segments[1].direction[j][:, None] - [0.0, offset_v]
     row = np.stack([np.ones_like(here[0]), here[0]], axis=-1)
     own = np.einsum('nei,ni->ne', row, coefficient)
     own_sigma = np.sqrt(np.einsum('nei,nij,nej->ne', row, covariance, row))
@@ -84,7 +86,7 @@ def vertices(
     seen_sigma = np.sqrt(here[3] ** 2 + there[3] ** 2 + wireframe.CORNER_SIGMA**2)
     corner = [(index >= 0) & ~through for _, index, through, _ in (here, there)]
     vague = own_sigma > VAGUE
-    # Where only one image shows the corner, the other's piece must end there.
+    # Where only one image shows the corner, the other's segment must end there.
     ended = (
         (corner[0] | corner[1])
         & ~here[2]
@@ -98,17 +100,17 @@ def vertices(
         & (np.abs(p[..., 1] - q[..., 1]) < SAME_HEIGHT)
         & (np.abs(seen - own) < SAME_COLUMN + vertex_kernels.GATE * own_sigma)
     ) | (ended & (corner[0] ^ corner[1]))
-    good &= (pieces[0].arc[i] < 0)[:, None]
+    good &= (segments[0].arc[i] < 0)[:, None]
     p = np.where(corner[0][..., None], p, q + own[..., None] * [1.0, 0.0])
     q = np.where(corner[1][..., None], q, p - own[..., None] * [1.0, 0.0])
     # An edge along the rows is only at the same corner in both images when it meets the same edge there, or edges that
     # have no partner at that height.
-    partner = np.full(len(pieces[0]), -1)
+    partner = np.full(len(segments[0]), -1)
     partner[i[::-1]] = j[::-1]
-    owner = np.full(len(pieces[1]), -1)
+    owner = np.full(len(segments[1]), -1)
     owner[j[::-1]] = i[::-1]
-    alone = ~_at_height(pieces[1], partner[here[1]], q[..., 1] + offset_v) & ~_at_height(
-        pieces[0], owner[there[1]], p[..., 1]
+    alone = ~_at_height(segments[1], partner[here[1]], q[..., 1] + offset_v) & ~_at_height(
+        segments[0], owner[there[1]], p[..., 1]
     )
     good &= ~vague | (partner[here[1]] == there[1]) | alone
     edge, end = np.nonzero(good)
@@ -121,28 +123,28 @@ def vertices(
     )
 
 
-def _at_height(pieces: Pieces, index: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """(...) bool: whether piece ``index`` (-1: none) is seen at this height, pixels."""
-    a, b = pieces.start[index, 1], pieces.end[index, 1]
+def _at_height(segments: Segments, index: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """(...) bool: whether segment ``index`` (-1: none) is seen at this height, pixels."""
+    a, b = segments.start[index, 1], segments.end[index, 1]
     return (index >= 0) & (height > np.minimum(a, b) - STOPS) & (height < np.maximum(a, b) + STOPS)
 
 
 def line_tables(
-    pieces: tuple[Pieces, Pieces], offset_v: float, met: tuple[Corners, Corners] | None = None
+    segments: tuple[Segments, Segments], offset_v: float, junctions: tuple[Junctions, Junctions] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the pieces of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights; up to
+    """Rows of the segments of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights; up to
     their corners where these are given."""
-    left, right = line_table(pieces[0]), line_table(pieces[1])
-    if met is not None:
-        left[:, 4:6], right[:, 4:6] = met[0].place, met[1].place
+    left, right = line_table(segments[0]), line_table(segments[1])
+    if junctions is not None:
+        left[:, 4:6], right[:, 4:6] = junctions[0].abscissa, junctions[1].abscissa
     right[:, 1] -= offset_v
     return left, right
 
 
-def contradicted(matches: Matches, pieces: tuple[Pieces, Pieces], known: Vertices, offset_v: float) -> np.ndarray:
+def contradicted(matches: Matches, segments: tuple[Segments, Segments], known: Vertices, offset_v: float) -> np.ndarray:
     """(n,) bool: pairs that end at a corner in one image and miss that corner in the other."""
     wrong = np.zeros(len(matches), bool)
-    pairs, tables = (matches.left, matches.right), line_tables(pieces, offset_v)
+    pairs, tables = (matches.left, matches.right), line_tables(segments, offset_v)
     for side, sign in ((0, -1.0), (1, 1.0)):
         found, value = vertex_kernels.meetings(
             tables[side], known.point[side], known.disparity, known.sigma, known.own[side]
@@ -158,38 +160,46 @@ def contradicted(matches: Matches, pieces: tuple[Pieces, Pieces], known: Vertice
             known.point[side],
             sign,
         )
-    return wrong & (pieces[0].arc[pairs[0]] < 0) & (pieces[1].arc[pairs[1]] < 0)
+    return wrong & (segments[0].arc[pairs[0]] < 0) & (segments[1].arc[pairs[1]] < 0)
 
 
-def _is_one(pieces: Pieces, k: int, met: Corners, ends: list[_Meeting]) -> bool:
-    """Whether nothing runs into piece k between these ends: two edges may look like one line to one eye."""
-    piece, end = np.nonzero(met.other == k)
-    x = pieces.centre[piece] + met.place[piece, end, None] * pieces.direction[piece] - pieces.centre[k]
-    place = x @ pieces.direction[k]
-    return not ((place > ends[0].place + INSIDE) & (place < ends[1].place - INSIDE)).any()
+def _is_one(segments: Segments, k: int, junctions: Junctions, ends: list[_Meeting]) -> bool:
+    """Whether nothing runs into segment k between these ends: two edges may look like one line to one eye."""
+    segment, end = np.nonzero(junctions.neighbour == k)
+    x = (
+        segments.centre[segment]
+        + junctions.abscissa[segment, end, None] * segments.direction[segment]
+        - segments.centre[k]
+    )
+    place = x @ segments.direction[k]
+    return not ((place > ends[0].abscissa + INSIDE) & (place < ends[1].abscissa - INSIDE)).any()
 
 
 def between(
-    matches: Matches, pieces: tuple[Pieces, Pieces], met: tuple[Corners, Corners], known: Vertices, offset_v: float
+    matches: Matches,
+    segments: tuple[Segments, Segments],
+    junctions: tuple[Junctions, Junctions],
+    known: Vertices,
+    offset_v: float,
 ) -> list[tuple[int, int, list[_Meeting]]]:
-    """Pieces of either image that belong to no pair and run from one corner to another: image, piece, its ends."""
+    """Segments of either image that belong to no pair and run from one corner to another: image, segment, its ends."""
     result: list[tuple[int, int, list[_Meeting]]] = []
-    taken = np.stack([pieces[0].start[matches.left], pieces[0].end[matches.left]], axis=1)
-    tables = line_tables(pieces, offset_v, met)
+    taken = np.stack([segments[0].start[matches.left], segments[0].end[matches.left]], axis=1)
+    tables = line_tables(segments, offset_v, junctions)
     for side in (0, 1):
         found, value = vertex_kernels.meetings(
             tables[side], known.point[side], known.disparity, known.sigma, known.own[side]
         )
-        used = np.isin(np.arange(len(pieces[side])), matches.left if side == 0 else matches.right)
-        good = ~used & found.all(axis=1) & (pieces[side].arc < 0) & (pieces[side].length >= SHORTEST)
+        used = np.isin(np.arange(len(segments[side])), matches.left if side == 0 else matches.right)
+        good = ~used & found.all(axis=1) & (segments[side].arc < 0) & (segments[side].length >= SHORTEST)
         for k in np.flatnonzero(good & (value[:, 1, 0] - value[:, 0, 0] >= SHORTEST)):
             ends = [_Meeting(*(float(x) for x in value[k, end])) for end in (0, 1)]
-            if not _is_one(pieces[side], int(k), met[side], ends):
+            if not _is_one(segments[side], int(k), junctions[side], ends):
                 continue
             points = np.stack(
                 [
-                    pieces[side].centre[k]
-                    + end.place * pieces[side].direction[k]
+                    segments[side].centre[k]
+                    + end.abscissa * segments[side].direction[k]
                     + [end.disparity * side, -offset_v * side]
                     for end in ends
                 ]
@@ -218,26 +228,26 @@ def _same(points: np.ndarray, others: np.ndarray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Strut:
-    """k edges from corner to corner, appended to the pieces of both images.
+    """k edges from corner to corner, appended to the segments of both images.
 
-    pieces : of the left and the right image, with the edges as their last k; the rest: arrays of k rows as in
+    segments : of the left and the right image, with the edges as their last k; the rest: arrays of k rows as in
     :class:`.lines3d.Lines3D`
     """
 
-    pieces: tuple[Pieces, Pieces]
-    reach: np.ndarray
+    segments: tuple[Segments, Segments]
+    extent: np.ndarray
     coefficient: np.ndarray
     covariance: np.ndarray
     end_sigma: np.ndarray
 
 
-def struts(found: list[tuple[int, int, list[_Meeting]]], pieces: tuple[Pieces, Pieces], offset_v: float) -> Strut:
+def struts(found: list[tuple[int, int, list[_Meeting]]], segments: tuple[Segments, Segments], offset_v: float) -> Strut:
     """The edges that :func:`between` found. The line of the image that shows one is its line in both images."""
     rows: list[list[dict[str, np.ndarray]]] = [[], []]
-    reach, coefficient, covariance = [], [], []
+    extent, coefficient, covariance = [], [], []
     for side, k, ends in found:
-        source = {f.name: getattr(pieces[side], f.name)[k] for f in fields(Pieces)}
-        points = [source['centre'] + end.place * source['direction'] for end in ends]
+        source = {f.name: getattr(segments[side], f.name)[k] for f in fields(Segments)}
+        points = [source['centre'] + end.abscissa * source['direction'] for end in ends]
         for image in (0, 1):
             row = dict(source)
             if image != side:
@@ -248,33 +258,33 @@ def struts(found: list[tuple[int, int, list[_Meeting]]], pieces: tuple[Pieces, P
                 row |= {
                     'centre': 0.5 * (moved[0] + moved[1]),
                     'direction': run / length,
-                    'reach': np.array([-0.5, 0.5]) * length,
+                    'extent': np.array([-0.5, 0.5]) * length,
                     'bounds': np.zeros_like(source['bounds']),
                 }
             else:
-                row |= {'reach': np.array([end.place for end in ends])}
+                row |= {'extent': np.array([end.abscissa for end in ends])}
             rows[image].append(row)
-        places = rows[0][-1]['reach']
+        places = rows[0][-1]['extent']
         h = np.stack([np.ones(2), places], axis=1)
         inverse = np.linalg.inv(h)
         values = np.array([end.disparity for end in ends])
         coefficient.append(inverse @ values)
         covariance.append(inverse @ np.diag([end.sigma**2 + vertex_kernels.ROUNDED**2 for end in ends]) @ inverse.T)
-        reach.append(places)
+        extent.append(places)
     grown = [
-        Pieces(
+        Segments(
             **{
                 f.name: np.concatenate(
-                    [getattr(pieces[image], f.name)] + [np.asarray(row[f.name])[None] for row in rows[image]]
+                    [getattr(segments[image], f.name)] + [np.asarray(row[f.name])[None] for row in rows[image]]
                 )
-                for f in fields(Pieces)
+                for f in fields(Segments)
             }
         )
         for image in (0, 1)
     ]
     return Strut(
         (grown[0], grown[1]),
-        np.array(reach),
+        np.array(extent),
         np.array(coefficient),
         np.array(covariance),
         np.full((len(found), 2), vertex_kernels.ROUNDED),

@@ -44,17 +44,17 @@ def among(joints: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def solve_measured(
-    information: np.ndarray, vector: np.ndarray, joints: np.ndarray, reach: np.ndarray, least: float
+    information: np.ndarray, vector: np.ndarray, joints: np.ndarray, extent: np.ndarray, least: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges that measure their own depth well, solved together at the corners where they agree.
 
-    information (n, 2, 2), vector (n, 2) : what each edge's own lines say; joints : (k, 4); reach : (n, 2), pixels, the
+    information (n, 2, 2), vector (n, 2) : what each edge's own lines say; joints : (k, 4); extent : (n, 2), pixels, the
     part of each edge that counts; least : sigma of disparity at its ends, pixels, up to which an edge is well measured.
     Returns coefficient (n, 2), covariance (n, 2, 2), of the others as they measure it themselves, and known (n,) bool.
     """
     covariance = np.linalg.inv(information)
     coefficient = np.einsum('nij,nj->ni', covariance, vector)
-    ends = np.stack([np.ones_like(reach), reach], axis=-1)
+    ends = np.stack([np.ones_like(extent), extent], axis=-1)
     known = np.sqrt(np.einsum('nei,nij,nej->ne', ends, covariance, ends)).max(axis=1) < least
     both = joints[known[joints[:, 0].astype(int)] & known[joints[:, 2].astype(int)]]
     both = both[agree(both, coefficient, covariance)]

@@ -1,7 +1,7 @@
-"""Which piece of the right image shows the same edge as a piece of the left one (thesis 3.10, after PMF).
+"""Which segment of the right image shows the same edge as a segment of the left one (thesis 3.10, after PMF).
 
 Pollard, Mayhew and Frisby let candidate matches of edge points support each other when the gradient of disparity
-between them is below 0.5. Here the candidates are pairs of straight pieces of strings, so figural continuity is
+between them is below 0.5. Here the candidates are pairs of straight segments of chains, so figural continuity is
 built in and a picture has hundreds of them, not tens of thousands. Support, likeness of the two sides and uniqueness
 are iterated, so that what is unambiguous somewhere (the end of a chessboard) decides its neighbourhood.
 """
@@ -12,10 +12,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..detection.segmentation import Pieces
+from ..detection.segments import Segments
 from . import relaxation_kernels
 
-# How many neighbours a piece listens to: enough to hear of the end of a repetitive pattern in a few rounds.
+# How many neighbours a segment listens to: enough to hear of the end of a repetitive pattern in a few rounds.
 NEIGHBOURS = 48
 # Grey levels by which a side of an edge may differ before its likeness falls to 1 / e: at first, and at least, when
 # the pair's cameras agree so well; that is so many times the median over the first matches, if they are not too few.
@@ -23,7 +23,8 @@ SIDE_CONTRAST = 12.0
 LEAST_CONTRAST = 4.0
 LIKE = 6.0
 FEW = 6
-# Places along a piece at which the grey levels beside it are looked up, and those that tell of the piece as a whole.
+# Places along a segment at which the grey levels beside it are looked up, and those that tell of the segment as a
+# whole.
 SAMPLES = 8
 INNER = slice(2, 6)
 # What is left over in both images finds each other in the end. A pair less alike than the first is no match when less
@@ -35,10 +36,10 @@ FIRST_ROUNDS = 5
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """k pairs of pieces, best first.
+    """k pairs of segments, best first.
 
-    left, right : (k,) int32, indices of pieces; disparity : (k, 3) float64, pixels, at the left piece's start, middle
-    and end; rows : (k, 2) float64, common rows; belief : (k,) float64, 0..1, share of the strongest competitor
+    left, right : (k,) int32, indices of segments; disparity : (k, 3) float64, pixels, at the left segment's start,
+    middle and end; rows : (k, 2) float64, common rows; belief : (k,) float64, 0..1, share of the strongest competitor
     """
 
     left: np.ndarray
@@ -54,13 +55,14 @@ class Matches:
         return Matches(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
-def sides(grey: np.ndarray, pieces: Pieces, offset: float = 3.0) -> np.ndarray:
-    """(n, SAMPLES, 2) float64: grey level beside each piece, from its start to its end, on its dark and bright side."""
-    if len(pieces) == 0:
+def sides(grey: np.ndarray, segments: Segments, offset: float = 3.0) -> np.ndarray:
+    """(n, SAMPLES, 2) float64: grey level beside each segment, from its start to its end, on its dark and bright
+    side."""
+    if len(segments) == 0:
         return np.zeros((0, SAMPLES, 2))
     share = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    places = pieces.start[:, None] + share[:, None] * (pieces.end - pieces.start)[:, None]
-    across = offset * np.stack([-pieces.direction[:, 1], pieces.direction[:, 0]], axis=1)[:, None]
+    places = segments.start[:, None] + share[:, None] * (segments.end - segments.start)[:, None]
+    across = offset * np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)[:, None]
     points = np.stack([places - across, places + across], axis=2)
     u = np.clip(points[..., 0], 0.0, grey.shape[1] - 1.001)
     v = np.clip(points[..., 1], 0.0, grey.shape[0] - 1.001)
@@ -79,16 +81,16 @@ def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
     return float(edges[k + 1]) if pairs[k] > share * max(counts.sum(), 1) else -1000.0
 
 
-def _table(pieces: Pieces, beside: np.ndarray) -> np.ndarray:
+def _table(segments: Segments, beside: np.ndarray) -> np.ndarray:
     middle = np.median(beside[:, INNER], axis=1)
-    return np.hstack([pieces.start, pieces.end, pieces.direction, middle, pieces.magnitude[:, None]])
+    return np.hstack([segments.start, segments.end, segments.direction, middle, segments.magnitude[:, None]])
 
 
 def match(
     left_grey: np.ndarray,
     right_grey: np.ndarray,
-    left: Pieces,
-    right: Pieces,
+    left: Segments,
+    right: Segments,
     lowest: float,
     highest: float,
     radius: float,
@@ -96,10 +98,10 @@ def match(
     rounds: int = 15,
     least_belief: float = 0.6,
 ) -> Matches:
-    """Pairs of pieces.
+    """Pairs of segments.
 
     lowest, highest : allowed disparity, pixels; radius : neighbourhood of support, pixels;
-    flat_sine : pieces flatter than this are paired by their ends, since rows say nothing about them.
+    flat_sine : segments flatter than this are paired by their ends, since rows say nothing about them.
     """
     nothing = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
     if len(left) == 0 or len(right) == 0:
@@ -150,7 +152,7 @@ def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np
 
 
 def _relaxed(
-    node: np.ndarray, value: np.ndarray, left: Pieces, right: Pieces, near: tuple, flat_sine: float, rounds: int
+    node: np.ndarray, value: np.ndarray, left: Segments, right: Segments, near: tuple, flat_sine: float, rounds: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """How strong every candidate is when its turn comes, and its belief."""
     first = np.searchsorted(node[:, 0], np.arange(len(left) + 1))
@@ -169,6 +171,6 @@ def _relaxed(
 def _unique(
     node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Strongest first; a row of a piece is matched once."""
+    """Strongest first; a row of a segment is matched once."""
     order = among[np.argsort(-strength[among], kind='stable')]
     return relaxation_kernels.greedy(node, value, order, left, right)

@@ -1,4 +1,4 @@
-"""Compiled loops over pieces of strings for :mod:`.matching`."""
+"""Compiled loops over segments of chains for :mod:`.matching`."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ FARTHER = 0.5
 # A change of the contrast's sign is rare, and only believed when one side stays equal to within this.
 FLIP_CONTRAST = 8.0
 FLIPPED = 0.75
-# Two pieces that match one straight piece are parts of one line: the middle of each is off the other's line by at most
-# this, pixels, and this share of their distance.
+# Two segments that match one straight segment are parts of one line: the middle of each is off the other's line by at
+# most this, pixels, and this share of their distance.
 BREAK_OFFSET = 1.0
 BREAK_SINE = 0.05
-# Pieces that have less than this share of the shorter one's rows in common are parts of an edge that each image breaks
-# elsewhere: their lines need not agree there.
+# Segments that have less than this share of the shorter one's rows in common are parts of an edge that each image
+# breaks elsewhere: their lines need not agree there.
 LEAST_COMMON = 0.2
-# When the rows two pieces share are less than this share of the longer, only those rows are compared.
+# When the rows two segments share are less than this share of the longer, only those rows are compared.
 PART = 0.6
 # What an outline before the backdrop is worth that both images show from end to end.
 OUTLINE = 0.05
@@ -50,7 +50,7 @@ LEAST_LIKENESS = 0.04
 
 @njit
 def _beside(samples, row, first, last, side):
-    """Grey level beside a piece between two rows: samples (m, 2) from its start to its end, row (9,) of its table."""
+    """Grey level beside a segment between two rows: samples (m, 2) from its start to its end, row (9,) of its table."""
     m = len(samples)
     run = row[3] - row[1]
     a, b = (first - row[1]) / run * m, (last - row[1]) / run * m
@@ -68,14 +68,14 @@ def _beside(samples, row, first, last, side):
 
 @njit
 def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sine, backdrop, contrast):
-    """All pairs of pieces that could be one edge: same contrast sign, common rows, allowed disparity and slope.
+    """All pairs of segments that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
     left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
     side; gradient magnitude. left_beside, right_beside : (n, m, 2) float64, the grey levels on either side from start
     to end. backdrop : grey level of an even background (-1000: none); contrast : grey levels by which
     a side of an edge may differ before its likeness falls to 1 / e.
-    Pieces are directed with the bright side on one hand, so direction carries the sign.
-    Returns node (k, 2) int32 pieces; value (k, 6): disparity at the left piece's start, middle, end; first and last
+    Segments are directed with the bright side on one hand, so direction carries the sign.
+    Returns node (k, 2) int32 segments; value (k, 6): disparity at the left segment's start, middle, end; first and last
     common row; likeness 0..1.
     """
     count = 0
@@ -125,7 +125,7 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
                 if b - a < max(min(2.0, 0.5 * shorter), LEAST_COMMON * shorter):
                     continue
                 cl, cr = left[i, 4] / left[i, 5], tu / tv
-                # The piece's own disparity gradient, in cyclopean coordinates.
+                # The segment's own disparity gradient, in cyclopean coordinates.
                 gradient = abs(cl - cr) / np.sqrt(1.0 + 0.25 * (cl + cr) ** 2)
                 if gradient > STEEPEST:
                     continue
@@ -138,7 +138,7 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
             # the sign of its contrast, but its own side stays as it is.
             left_dark, left_bright, right_dark, right_bright = left[i, 6], left[i, 7], right[j, 6], right[j, 7]
             if not (flat_left or flat_right) and b - a < PART * max(bottom - top, abs(y1 - y0)):
-                # What lies beside the rest of the longer piece says nothing.
+                # What lies beside the rest of the longer segment says nothing.
                 if b - a < PART * (bottom - top):
                     left_dark = _beside(left_beside[i], left[i], a, b, 0)
                     left_bright = _beside(left_beside[i], left[i], a, b, 1)
@@ -194,7 +194,7 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
 
 @njit
 def neighbours(left, radius, most):
-    """For every left piece the ``most`` heaviest others near it.
+    """For every left segment the ``most`` heaviest others near it.
 
     Returns other (n, most) int32 (-1: none), gap (n, most) pixels between the nearest of start, middle and end, which
     of the three on either side, and weight (n, most).
@@ -293,8 +293,9 @@ def _supporters(node, value, first, other, gap, place):
 def relax(node, value, first, other, gap, place, weight, length, right_of, right_first, rounds):
     """Relaxation: a candidate is as strong as its own evidence and the support of its neighbours' candidates.
 
-    node, value : from :func:`candidates`, ordered by left piece; first (n + 1,): where each piece's candidates start;
-    right_of, right_first : the same candidates ordered by right piece. Returns strength (k,), belief (k,) 0..1.
+    node, value : from :func:`candidates`, ordered by left segment; first (n + 1,): where each segment's candidates
+        start;
+    right_of, right_first : the same candidates ordered by right segment. Returns strength (k,), belief (k,) 0..1.
     """
     k = len(node)
     belief = np.ones(k)
@@ -351,7 +352,7 @@ def standing(node, value, strength, belief, first, right_of, right_first):
 
 @njit
 def _one_edge(table, i, k, other, j):
-    """Whether pieces i and k of one image (rows as for :func:`candidates`) can both be piece j of the other.
+    """Whether segments i and k of one image (rows as for :func:`candidates`) can both be segment j of the other.
 
     Either they are parts of one line, or two edges that meet and that the other eye, in their plane, sees as one.
     """
@@ -372,7 +373,7 @@ def _one_edge(table, i, k, other, j):
 
 @njit
 def _rivals(node, value, a, b, left, right):
-    """Whether candidates a and b claim the same rows of the same piece, or different straight edges for it."""
+    """Whether candidates a and b claim the same rows of the same segment, or different straight edges for it."""
     if node[a, 0] != node[b, 0] and node[a, 1] != node[b, 1]:
         return False
     if node[a, 1] == node[b, 1] and not _one_edge(left, node[a, 0], node[b, 0], right, node[a, 1]):
@@ -389,7 +390,7 @@ def greedy(node, value, order, left, right):
     """Candidates in the given order, without those that claim what an earlier one has; (m,) int64."""
     chosen = np.empty(len(order), np.int64)
     count = 0
-    # Chains of the chosen, by left and by right piece.
+    # Chains of the chosen, by left and by right segment.
     most = 1
     for a in range(len(node)):
         most = max(most, node[a, 0] + 1, node[a, 1] + 1)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stereo_recovery.detection import edgels
-from stereo_recovery.detection.low_contrast import followed
-from stereo_recovery.detection.segmentation import Pieces, fit_pieces
+from stereo_recovery.detection.low_contrast import track_low_contrast
+from stereo_recovery.detection.segments import Segments, fit_segments
 
 SIGMA = 0.8
 NOISE = 2.0
@@ -23,8 +23,8 @@ def picture(contrast: float, bottom: int = 150) -> np.ndarray:
     return (cv2.GaussianBlur(image, (0, 0), 0.5) + noise).astype(np.float32)
 
 
-def fragments(rows: list[tuple[int, int]]) -> tuple[edgels.Edgels, Pieces]:
-    """Pieces on the step that cover these rows, the bright side on the right hand."""
+def fragments(rows: list[tuple[int, int]]) -> tuple[edgels.Edgels, Segments]:
+    """Segments on the step that cover these rows, the bright side on the right hand."""
     v = np.concatenate([np.arange(*run[::-1], -1, dtype=float) for run in rows])
     n = len(v)
     found = edgels.Edgels(
@@ -38,11 +38,11 @@ def fragments(rows: list[tuple[int, int]]) -> tuple[edgels.Edgels, Pieces]:
     )
     last = np.cumsum([b - a for a, b in rows])
     bounds = np.column_stack([np.concatenate([[0], last[:-1]]), last])
-    return found, fit_pieces(found, bounds, np.zeros(len(rows), int), SIGMA)
+    return found, fit_segments(found, bounds, np.zeros(len(rows), int), SIGMA)
 
 
-def follow(image: np.ndarray, rows: list[tuple[int, int]]) -> Pieces:
-    return followed(*fragments(rows), edgels.gradient(image, 'canny', SIGMA), GRADIENT_NOISE, SIGMA, 0.3)[1]
+def follow(image: np.ndarray, rows: list[tuple[int, int]]) -> Segments:
+    return track_low_contrast(*fragments(rows), edgels.gradient(image, 'canny', SIGMA), GRADIENT_NOISE, SIGMA, 0.3)[1]
 
 
 @pytest.mark.parametrize('contrast', [7.0, 10.0])

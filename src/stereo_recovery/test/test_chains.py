@@ -1,4 +1,4 @@
-"""Long strings of weak edgels, and joined pieces that bend."""
+"""Long chains of weak edgels, and joined segments that bend."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from stereo_recovery.detection import edgels
 from stereo_recovery.detection.chains import link, with_weak
-from stereo_recovery.detection.segmentation import split
+from stereo_recovery.detection.splitting import split
 
 SIGMA, NOISE = 0.8, 2.0
 GRADIENT_NOISE = NOISE / (np.sqrt(8.0 * np.pi) * SIGMA**2)
@@ -26,11 +26,11 @@ def test_a_long_weak_edge_is_found_and_noise_is_not(contrast):
         image = np.random.default_rng(seed).normal(80.0, NOISE, (128, 128)).astype(np.float32)
         image[:, 60:] += contrast
         every, strong = found(image, 2.7 * GRADIENT_NOISE, 7.0 * GRADIENT_NOISE)
-        strings = with_weak(strong, every, image.shape, 3.3 * GRADIENT_NOISE, 14)
-        on_edge = np.abs(strings.edgels.position[:, 0] - 59.5) < 2.0
+        chains = with_weak(strong, every, image.shape, 3.3 * GRADIENT_NOISE, 14)
+        on_edge = np.abs(chains.edgels.position[:, 0] - 59.5) < 2.0
         assert np.count_nonzero(on_edge) >= (60 if contrast else 0)
         assert np.count_nonzero(~on_edge) <= 20
-        assert strings.offsets[-1] == len(strings.edgels) and len(strings.closed) == len(strings)
+        assert chains.offsets[-1] == len(chains.edgels) and len(chains.closed) == len(chains)
 
 
 def test_two_edges_that_meet_at_a_slight_angle_are_not_joined_through_a_scrap():
@@ -41,8 +41,8 @@ def test_two_edges_that_meet_at_a_slight_angle_are_not_joined_through_a_scrap():
     image = cv2.GaussianBlur(image, (0, 0), 0.5)
     for seed in range(3):
         noisy = (image + np.random.default_rng(seed).normal(0.0, 2.0, image.shape)).astype(np.float32)
-        strings = link(edgels.detect(noisy, 'canny', SIGMA, 4.0, NOISE), image.shape, 6.0)
-        _, pieces, _ = split(strings, 0.2, SIGMA)
-        lean = np.degrees(np.arctan2(pieces.direction[:, 0], pieces.direction[:, 1]))[pieces.length > 40]
+        chains = link(edgels.detect(noisy, 'canny', SIGMA, 4.0, NOISE), image.shape, 6.0)
+        _, segments, _ = split(chains, 0.2, SIGMA)
+        lean = np.degrees(np.arctan2(segments.direction[:, 0], segments.direction[:, 1]))[segments.length > 40]
         lean = np.sort((lean + 90.0) % 180.0 - 90.0)
         assert lean == pytest.approx([0.0, 5.0], abs=0.3)

@@ -1,4 +1,4 @@
-"""Edges that blur into one string, told apart by their profile; closed form: bars of known width and place."""
+"""Edges that blur into one chain, told apart by their profile; closed form: bars of known width and place."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 
 from stereo_recovery.detection import double_edge_kernels, edgels
 from stereo_recovery.detection.chains import link
-from stereo_recovery.detection.double_edges import taken_apart
-from stereo_recovery.detection.segmentation import split
+from stereo_recovery.detection.double_edges import fit_double_steps
+from stereo_recovery.detection.splitting import split
 
 SIGMA = 0.8
 
@@ -26,18 +26,18 @@ def picture(levels, edges, lean: float = 0.0):
     return cv2.GaussianBlur(image, (0, 0), 0.5)
 
 
-def pieces_of(image, noise: float = 0.0):
+def segments_of(image, noise: float = 0.0):
     grey = (image + np.random.default_rng(3).normal(0.0, noise, image.shape) if noise else image).astype(np.float32)
     found = edgels.detect(grey, 'canny', SIGMA, 1.0)
-    strings = link(found, grey.shape, 1.6)
-    ordered, pieces, _ = split(strings, 0.2, SIGMA)
-    return grey, ordered, pieces
+    chains = link(found, grey.shape, 1.6)
+    ordered, segments, _ = split(chains, 0.2, SIGMA)
+    return grey, ordered, segments
 
 
-def places(pieces, row: float = 48.0):
-    """Columns where the upright pieces cross a row."""
+def places(segments, row: float = 48.0):
+    """Columns where the upright segments cross a row."""
     return np.sort(
-        [c[0] + (row - c[1]) * t[0] / t[1] for c, t in zip(pieces.centre, pieces.direction) if abs(t[1]) > 0.9]
+        [c[0] + (row - c[1]) * t[0] / t[1] for c, t in zip(segments.centre, segments.direction) if abs(t[1]) > 0.9]
     )
 
 
@@ -46,8 +46,8 @@ def places(pieces, row: float = 48.0):
 def test_both_edges_of_a_thin_face_are_found_where_they_are(thin, levels):
     """Among plain edges, that show how wide a step is in this picture."""
     image = picture((100, 170, *levels, levels[2] + 60), (20.4, 30.6, 45.2, 45.2 + thin, 62.3), lean=0.3)
-    grey, ordered, before = pieces_of(image, 1.0)
-    after = taken_apart(edgels.gradient(grey, 'canny', SIGMA), ordered, before, SIGMA)
+    grey, ordered, before = segments_of(image, 1.0)
+    after = fit_double_steps(edgels.gradient(grey, 'canny', SIGMA), ordered, before, SIGMA)
     found = places(after)
     for true in (20.4, 30.6, 45.2, 45.2 + thin, 62.3):
         assert np.abs(found - true).min() < 0.15
@@ -55,8 +55,8 @@ def test_both_edges_of_a_thin_face_are_found_where_they_are(thin, levels):
 
 
 def test_plain_edges_stay_as_they_are():
-    grey, ordered, before = pieces_of(picture((40, 160, 110, 30), (20.3, 45.1, 70.8), lean=0.05), 2.0)
-    after = taken_apart(edgels.gradient(grey, 'canny', SIGMA), ordered, before, SIGMA)
+    grey, ordered, before = segments_of(picture((40, 160, 110, 30), (20.3, 45.1, 70.8), lean=0.05), 2.0)
+    after = fit_double_steps(edgels.gradient(grey, 'canny', SIGMA), ordered, before, SIGMA)
     assert len(after) == len(before)
     assert np.array_equal(after.centre, before.centre)
     assert np.array_equal(after.sigma, before.sigma)
@@ -66,8 +66,8 @@ def test_an_unusual_edge_that_is_no_pair_of_steps_is_less_certain():
     """A soft edge among sharp ones: a shadow."""
     image = picture((40, 160, 110, 30), (10.3, 20.3, 70.8))
     soft = cv2.GaussianBlur(picture((0, 60), (45.0,)), (0, 0), 2.0)
-    grey, ordered, before = pieces_of(image + soft)
-    after = taken_apart(edgels.gradient(grey, 'canny', SIGMA), ordered, before, SIGMA)
+    grey, ordered, before = segments_of(image + soft)
+    after = fit_double_steps(edgels.gradient(grey, 'canny', SIGMA), ordered, before, SIGMA)
     at = [int(np.argmin(np.abs(found.centre[:, 0] - 45.0))) for found in (before, after)]
     assert len(after) == len(before)
     assert after.sigma[at[1], 0] > 0.2 > before.sigma[0, 0]
