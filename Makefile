@@ -76,6 +76,7 @@ experiments: $(READY)
 docs: $(READY)
 	$(PY) test/docs/generate.py
 	$(PY) test/docs/pictures.py
+	$(PY) test/docs/gallery.py
 
 stress: $(READY)
 	$(PY) test/stress/fuzz.py --messages 10000

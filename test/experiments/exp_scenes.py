@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from lab import Experiment, NotAvailable, Outcome, Plot, Setting, Table, mean, timed, view
 from lab import Line as L
-from thesis import MODELS, VIEWS
+from thesis import VIEWS
 
 from csg_renderer import boundary, ideal_data, load_models, model_features, render_stereo, scene_path, visible_features
+from csg_renderer.features import thesis_counts
+from csg_renderer.features.thesis_counts import MODELS
 from csg_renderer.scene.solid import FACES
 from msgs_py import FeatureKind
 
@@ -84,7 +86,7 @@ def visibility(setting: Setting) -> Outcome:
         placed = this.scene.placements[0]
         left = len(visible_features(placed.model, this.pose, this.rig.left))
         both = len(ideal_data(this.scene, this.rig).features)
-        printed, e = VIEWS[name].ideal, sum(MODELS[this.model][3:])
+        printed, e = thesis_counts.VIEWS[name].total, sum(MODELS[this.model][3:])
         table.rows.append(
             [
                 name,

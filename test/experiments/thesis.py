@@ -1,5 +1,7 @@
 """Figures printed in the thesis, with where they stand. Lengths in mm, times in seconds, rotations row-form.
 
+Counts of primitives and features stand in csg_renderer.features.thesis_counts.
+
 Only what has survived as text: figures 4.15 to 5.28 and 6.10 to 6.13 are lost except for what the text says of them.
 """
 
@@ -9,17 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csg_renderer.features.thesis_counts import SCENES
+
 
 @dataclass(frozen=True)
 class ThesisView:
     """One test view: what the thesis prints about it; None where it does not.
 
-    ideal : visible data features (Tables 5.6, 6.2); fragments : recovered ones (Tables 5.8, 6.2, 6.5)
+    fragments : recovered data features (Tables 5.8, 6.2, 6.5)
     err_par, err_per, cone_deg : Tables 5.8, 6.3, 6.6; stereo_s : Table 5.2; rotation, translation : true (5.9, 5.12,
     6.4, 6.7); found_rotation, found_translation : computed (5.10, 5.13, 6.4, 6.7)
     """
 
-    ideal: int | None
     fragments: int | None
     err_par: float | None
     err_per: float | None
@@ -57,7 +60,6 @@ def _vector(rotation: np.ndarray) -> np.ndarray:
 VIEWS: dict[str, ThesisView] = {
     'chipped_block_v1': ThesisView(
         12,
-        12,
         5,
         5,
         5,
@@ -69,7 +71,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'chipped_block_v2': ThesisView(
         9,
-        9,
         5,
         5,
         10,
@@ -80,7 +81,6 @@ VIEWS: dict[str, ThesisView] = {
         (-80.52, -48.79, 300.80),
     ),
     'chair_v1': ThesisView(
-        20,
         21,
         5,
         5,
@@ -92,7 +92,6 @@ VIEWS: dict[str, ThesisView] = {
         (9.59, -49.97, 201.93),
     ),
     'chair_v2': ThesisView(
-        21,
         20,
         5,
         5,
@@ -105,7 +104,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'computer_v1': ThesisView(
         26,
-        26,
         5,
         5,
         15,
@@ -116,7 +114,6 @@ VIEWS: dict[str, ThesisView] = {
         (69.62, -22.50, 300.91),
     ),
     'computer_v2': ThesisView(
-        17,
         18,
         5,
         5,
@@ -128,7 +125,6 @@ VIEWS: dict[str, ThesisView] = {
         (0.11, -80.62, 253.24),
     ),
     'l_shape_v1': ThesisView(
-        15,
         18,
         5,
         5,
@@ -141,7 +137,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'l_shape_v2': ThesisView(
         9,
-        9,
         5,
         5,
         5,
@@ -152,7 +147,6 @@ VIEWS: dict[str, ThesisView] = {
         None,
     ),
     'wedge_v1': ThesisView(
-        12,
         12,
         5,
         5,
@@ -165,7 +159,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'wedge_v2': ThesisView(
         8,
-        8,
         10,
         10,
         15,
@@ -176,7 +169,6 @@ VIEWS: dict[str, ThesisView] = {
         None,
     ),
     'plug_v1': ThesisView(
-        40,
         None,
         None,
         None,
@@ -189,7 +181,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'plug_v2': ThesisView(
         13,
-        13,
         None,
         None,
         None,
@@ -200,7 +191,6 @@ VIEWS: dict[str, ThesisView] = {
         (-30.41, -39.48, 121.43),
     ),
     'cylinder_box_v1': ThesisView(
-        12,
         12,
         3,
         3,
@@ -213,7 +203,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'cylinder_box_v2': ThesisView(
         12,
-        12,
         3,
         3,
         10,
@@ -224,7 +213,6 @@ VIEWS: dict[str, ThesisView] = {
         (-50.44, -19.86, 151.87),
     ),
     'lamp_v1': ThesisView(
-        20,
         20,
         3,
         3,
@@ -237,7 +225,6 @@ VIEWS: dict[str, ThesisView] = {
     ),
     'lamp_v2': ThesisView(
         18,
-        18,
         3,
         3,
         10,
@@ -248,7 +235,6 @@ VIEWS: dict[str, ThesisView] = {
         (-9.95, -50.16, 131.76),
     ),
     'tubes_v1': ThesisView(
-        11,
         11,
         5,
         5,
@@ -261,29 +247,9 @@ VIEWS: dict[str, ThesisView] = {
     ),
 }
 
-# Tables 5.1, 5.3, 6.1 and the texts of 5.11.5 and 6.9.1: primitives, half-spaces, faces (planar ones for the last
-# three), edges, curves, axes; None where not printed.
-MODELS: dict[str, tuple[int | None, int | None, int | None, int, int, int]] = {
-    'chipped_block': (2, 12, 7, 15, 0, 0),
-    'chair': (3, 18, 12, 30, 0, 0),
-    'computer': (9, 54, 14, 32, 0, 0),
-    'l_shape': (2, 12, 8, 18, 0, 0),
-    'wedge': (3, 18, 7, 15, 0, 0),
-    'plug': (8, 48, None, 54, 0, 0),
-    'cylinder_box': (None, None, 7, 12, 2, 1),
-    'lamp': (None, None, 13, 24, 3, 1),
-    'tubes': (None, None, 10, 0, 10, 5),
-    'widget': (None, None, None, 28, 3, 1),
-}
-
 # Tables 4.3 and 4.4: primitives, half-spaces, tiles of 256 rendered.
-TILING = {
-    'coverplate': (25, 93, 95),
-    'recursive_cubes': (42, 147, 93),
-    'oil_rig': (44, 264, 90),
-    'robot_arm': (63, 258, 50),
-    'geneva_wheel': (38, 147, 77),
-}
+TILES = {'coverplate': 95, 'recursive_cubes': 93, 'oil_rig': 90, 'robot_arm': 50, 'geneva_wheel': 77}
+TILING = {name: (SCENES[name].primitives, SCENES[name].halfspaces, tiles) for name, tiles in TILES.items()}
 # 4.13.3: brute force / tiling on the DAP: mean, least (Coverplate), most (Robot Arm).
 TILING_SPEEDUP = {'mean': 18.1, 'coverplate': 8.7, 'robot_arm': 31.6}
 # 4.13.3: intersections saved by tiling: more than 90 % everywhere, Robot Arm 98.1 %; nodes: more than 90 %; combines:

@@ -18,42 +18,16 @@ import numpy as np
 from msgs_py import FeatureKind
 
 from .brep.model_features import boundary
+from .features import thesis_counts
+from .features.thesis_counts import SCENES, VIEWS, ModelCounts
 from .language import SceneError, load_models, load_scene
 from .visibility.hidden_lines import visible_fragments
 
-# Thesis: primitives, half-spaces, faces (chapter 6: planar faces), edges, curves, axes. None: not stated.
-MODELS: dict[str, tuple[int | None, int | None, int | None, int, int, int]] = {
-    'chipped_block': (2, 12, 7, 15, 0, 0),
-    'chair': (3, 18, 12, 30, 0, 0),
-    'computer': (9, 54, 14, 32, 0, 0),
-    'l_shape': (2, 12, 8, 18, 0, 0),
-    'wedge': (3, 18, 7, 15, 0, 0),
-    'plug': (8, 48, None, 54, 0, 0),
-    'cylinder_box': (None, None, 7, 12, 2, 1),
-    'lamp': (None, None, 13, 24, 3, 1),
-    'tubes': (None, None, 10, 0, 10, 5),
-    'widget': (None, None, None, 28, 3, 1),
-    'oil_rig': (44, 264, None, 498, 0, 0),
-}
-# Thesis: visible edges, curves, axes of ideal data (5.6, the plug's from 5.11.5; chapter 6's data are recovered: 6.2).
-VIEWS: dict[str, tuple[int, int, int]] = {
-    'chipped_block_v1': (12, 0, 0),
-    'chipped_block_v2': (9, 0, 0),
-    'chair_v1': (20, 0, 0),
-    'chair_v2': (21, 0, 0),
-    'computer_v1': (26, 0, 0),
-    'computer_v2': (17, 0, 0),
-    'l_shape_v1': (15, 0, 0),
-    'l_shape_v2': (9, 0, 0),
-    'wedge_v1': (12, 0, 0),
-    'wedge_v2': (8, 0, 0),
-    'plug_v1': (40, 0, 0),
-    'plug_v2': (13, 0, 0),
-    'cylinder_box_v1': (9, 2, 1),
-    'cylinder_box_v2': (11, 1, 0),
-    'lamp_v1': (16, 3, 1),
-    'lamp_v2': (15, 2, 1),
-    'tubes_v1': (0, 8, 3),
+_OIL_RIG = SCENES['oil_rig']
+# The oil rig is a scene for the ray caster, of blocks alone; the thesis counts its edges to say how large it is.
+MODELS = {
+    **thesis_counts.MODELS,
+    'oil_rig': ModelCounts(_OIL_RIG.primitives, _OIL_RIG.halfspaces, None, _OIL_RIG.edges or 0, 0, 0),
 }
 
 

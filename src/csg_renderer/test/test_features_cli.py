@@ -123,7 +123,7 @@ def test_table_of_the_thesis_models(tmp_path, capsys):
     assert '| l_shape | 2 / 2 | 12 / 12 | 8 / 8 | 18 / 18 |' in capsys.readouterr().out
     rows = json.loads((tmp_path / 'table.json').read_text())
     assert set(rows['models']) == set(MODELS) and set(rows['views']) == set(VIEWS)
-    # The counts that DESIGN fixes.
+    # The counts of features that our scene files are made for.
     for name in ('chipped_block', 'chair', 'l_shape', 'wedge', 'plug', 'cylinder_box', 'lamp', 'tubes', 'widget'):
         assert tuple(rows['models'][name]['ours'][3:]) == MODELS[name][3:], name
 

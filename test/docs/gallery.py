@@ -1,4 +1,7 @@
-"""The pictures and the table of docs/scenes.md: ``python -m csg_renderer.gallery src/csg_renderer/docs``."""
+"""Draws the pictures and writes the tables of src/csg_renderer/docs/scenes.md.
+
+python test/docs/gallery.py [FOLDER]      # default: where the page stands
+"""
 
 from __future__ import annotations
 
@@ -11,70 +14,51 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from csg_renderer import Scene, load_models, load_scene, model_features, render, visible_fragments
+from csg_renderer.features import thesis_counts
+from csg_renderer.features.thesis_counts import MODELS, SCENES
+from csg_renderer.raycast.outputs import save_image
+from csg_renderer.raycast.render import scene_rig
 from msgs_py import PinholeCamera
 
-from .brep.model_features import model_features
-from .language import load_models, load_scene
-from .raycast.outputs import save_image
-from .raycast.render import render, scene_rig
-from .visibility.hidden_lines import visible_fragments
-
-# Model: title, and the thesis' primitives, half-spaces, edges, curves, axes (Tables 5.1, 5.3, 6.1; 6.9), or None.
-MODELS: dict[str, tuple[str, tuple[int | None, ...]]] = {
-    'chipped_block': ('Chipped Block', (2, 12, 15, 0, 0)),
-    'chair': ('Chair', (3, 18, 30, 0, 0)),
-    'computer': ('Computer', (9, 54, 32, 0, 0)),
-    'l_shape': ('L-shape', (2, 12, 18, 0, 0)),
-    'wedge': ('Wedge', (3, 18, 15, 0, 0)),
-    'plug': ('Plug', (8, 48, 54, 0, 0)),
-    'cylinder_box': ('CylinderBox', (None, None, 12, 2, 1)),
-    'lamp': ('Lamp', (None, None, 24, 3, 1)),
-    'tubes': ('Tubes', (None, None, 0, 10, 5)),
-    'widget': ('Widget', (None, None, 28, 3, 1)),
+SOURCE = Path(__file__).resolve().parents[2] / 'src'
+TITLES = {
+    'chipped_block': 'Chipped Block',
+    'chair': 'Chair',
+    'computer': 'Computer',
+    'l_shape': 'L-shape',
+    'wedge': 'Wedge',
+    'plug': 'Plug',
+    'cylinder_box': 'CylinderBox',
+    'lamp': 'Lamp',
+    'tubes': 'Tubes',
+    'widget': 'Widget',
+    'coverplate': 'Coverplate',
+    'recursive_cubes': 'Recursive Cubes',
+    'oil_rig': 'Oil Rig',
+    'robot_arm': 'Robot Arm',
+    'geneva_wheel': 'Geneva Wheel',
+    'table': 'Table',
 }
-# View: the thesis' visible edges, curves, axes (Tables 5.6, 6.2, 6.5).
-VIEWS: dict[str, tuple[int, int, int]] = {
-    'chipped_block_v1': (12, 0, 0),
-    'chipped_block_v2': (9, 0, 0),
-    'chair_v1': (20, 0, 0),
-    'chair_v2': (21, 0, 0),
-    'computer_v1': (26, 0, 0),
-    'computer_v2': (17, 0, 0),
-    'l_shape_v1': (15, 0, 0),
-    'l_shape_v2': (9, 0, 0),
-    'wedge_v1': (12, 0, 0),
-    'wedge_v2': (8, 0, 0),
-    'plug_v1': (40, 0, 0),
-    'plug_v2': (13, 0, 0),
-    'cylinder_box_v1': (9, 2, 1),
-    'cylinder_box_v2': (11, 1, 0),
-    'lamp_v1': (16, 3, 1),
-    'lamp_v2': (15, 2, 1),
-    'tubes_v1': (0, 8, 3),
-    'widget_v1': (15, 3, 1),
-    'widget_v2': (15, 2, 0),
-}
-# Large scene: title, and the thesis' primitives and half-spaces (Table 4.3, Plate 4.1).
-LARGE: dict[str, tuple[str, tuple[int | None, ...]]] = {
-    'coverplate': ('Coverplate', (25, 93)),
-    'recursive_cubes': ('Recursive Cubes', (42, 147)),
-    'oil_rig': ('Oil Rig', (44, 264)),
-    'robot_arm': ('Robot Arm', (63, 258)),
-    'geneva_wheel': ('Geneva Wheel', (38, 147)),
-    'table': ('Table', (100, None)),
-}
+VIEWS = {**thesis_counts.VIEWS, **thesis_counts.REAL_VIEWS}
 # Wide enough to count what is seen whatever the framing of a scene.
 WIDE = PinholeCamera.centred(8000, 8000, 703.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='gallery', description=__doc__)
-    parser.add_argument('folder', type=Path, help='where the pictures go')
+    parser.add_argument(
+        'folder',
+        type=Path,
+        nargs='?',
+        default=SOURCE / 'csg_renderer' / 'docs',
+        help='where the page and its pictures go',
+    )
     parser.add_argument('--size', type=int, default=300, help='pixels a side of one picture (300)')
     options = parser.parse_args(arguments)
     models = [tile(name, options.size, name.replace('_', ' '), flipped=True) for name in tqdm(VIEWS, desc='models')]
     save_image(options.folder / 'test_models.png', sheet(models, 5))
-    large = [tile(name, options.size, title) for name, (title, _) in tqdm(LARGE.items(), desc='large scenes')]
+    large = [tile(name, options.size, TITLES[name]) for name in tqdm(SCENES, desc='large scenes')]
     save_image(options.folder / 'large_scenes.png', sheet(large, 3))
     (options.folder / 'scenes.md').write_text(page(), encoding='utf-8')
     return 0
@@ -94,7 +78,7 @@ def tile(name: str, size: int, title: str, flipped: bool = False) -> np.ndarray:
     return out
 
 
-def framed(scene, size: int) -> PinholeCamera:
+def framed(scene: Scene, size: int) -> PinholeCamera:
     """A camera at the scene's place whose picture the objects fill."""
     frame = render(scene, PinholeCamera.centred(256, 256, 128.0))
     rows, columns = (np.nonzero(frame.mask.any(axis=axis))[0] for axis in (1, 0))
@@ -122,9 +106,8 @@ def page() -> str:
     lines = [
         '# Scenes',
         '',
-        'Written by `python -m csg_renderer.gallery src/csg_renderer/docs`. The thesis gives counts and poses of its',
-        'scenes; its dimensions are lost, these are ours. "ours (thesis)" where they differ; - where it gives no',
-        'number.',
+        'Written by `python test/docs/gallery.py`. The thesis gives counts and poses of its scenes; its dimensions are',
+        'lost, these are ours. "ours (thesis)" where they differ; - where it gives no number.',
         '',
         '![Test models](test_models.png)',
         '',
@@ -136,18 +119,20 @@ def page() -> str:
         '| model | primitives | half-spaces | edges | curves | axes |',
         '| --- | --- | --- | --- | --- | --- |',
     ]
-    for name, (title, thesis) in MODELS.items():
+    for name, counts in MODELS.items():
+        thesis = counts.primitives, counts.halfspaces, counts.edges, counts.curves, counts.axes
         (model,) = load_models(name).values()
         ours = (len(model.primitives), model.halfspaces, *np.bincount(model_features(model).kind, minlength=3).tolist())
-        lines.append(f'| {title} (`{name}`) | ' + ' | '.join(beside(a, b) for a, b in zip(ours, thesis)) + ' |')
+        lines.append(f'| {TITLES[name]} (`{name}`) | ' + ' | '.join(beside(a, b) for a, b in zip(ours, thesis)) + ' |')
     lines += ['', '| view | visible edges | curves | axes |', '| --- | --- | --- | --- |']
     for name, seen in VIEWS.items():
         lines.append(f'| `{name}` | ' + ' | '.join(beside(a, b) for a, b in zip(visible(name), seen)) + ' |')
     lines += ['', NOTES, '', '| scene | primitives | half-spaces |', '| --- | --- | --- |']
-    for name, (title, thesis) in LARGE.items():
+    for name, counts in SCENES.items():
         scene = load_scene(name)
         ours = (len(scene.primitives), sum(solid.halfspaces for solid in scene.solids))
-        lines.append(f'| {title} (`{name}`) | ' + ' | '.join(beside(a, b) for a, b in zip(ours, thesis)) + ' |')
+        thesis = counts.primitives, counts.halfspaces
+        lines.append(f'| {TITLES[name]} (`{name}`) | ' + ' | '.join(beside(a, b) for a, b in zip(ours, thesis)) + ' |')
     return '\n'.join(lines) + '\n'
 
 

@@ -1,0 +1,35 @@
+"""The page of scenes is what the script writes."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from csg_renderer import scene_names
+
+HERE = Path(__file__).resolve().parent
+DOCS = HERE.parent / 'src' / 'csg_renderer' / 'docs'
+
+
+@pytest.fixture(scope='module')
+def gallery():
+    """A module of test/docs, which is a folder of scripts and no package."""
+    spec = importlib.util.spec_from_file_location('gallery', HERE / 'docs' / 'gallery.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_table_is_up_to_date(gallery):
+    assert (DOCS / 'scenes.md').read_text(encoding='utf-8') == gallery.page()
+
+
+def test_every_scene_of_the_package_is_on_the_page(gallery):
+    assert set(scene_names()) == {*gallery.MODELS, *gallery.VIEWS, *gallery.SCENES}
+
+
+def test_pictures_are_written(gallery, tmp_path, monkeypatch):
+    monkeypatch.setattr(gallery, 'VIEWS', {'l_shape_v1': (15, 0, 0)})
+    monkeypatch.setattr(gallery, 'SCENES', {name: gallery.SCENES[name] for name in ('coverplate',)})
+    assert gallery.main([str(tmp_path), '--size', '64']) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {'scenes.md', 'test_models.png', 'large_scenes.png'}
