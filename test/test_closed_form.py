@@ -15,10 +15,11 @@ from csg_renderer import load_scene, model_features, render_stereo, scene_path
 from dap_emulator import DapError
 from model_matcher.closed_form.array_machine import roberts_through_service
 from model_matcher.closed_form.batch import brought_home, files_of, run_batch, run_far
-from model_matcher.closed_form.case import Case, Limits, result_document
+from model_matcher.closed_form.case import Case, Limits
 from model_matcher.closed_form.cli import main
 from model_matcher.closed_form.placement import case_lights, case_pose, case_rig, model_centre
 from model_matcher.closed_form.poses import SWEEPS, pose_from_angles, sweep_cases
+from model_matcher.closed_form.result import result_document
 from model_matcher.closed_form.run_library import run_library_case
 from model_matcher.closed_form.saved import load_case
 from model_matcher.closed_form.scene_files import case_scene, clutter_of
@@ -353,6 +354,6 @@ def test_a_report_without_the_array_machine_says_why(monkeypatch):
     def refuse(*arguments, **options):
         raise DapError('emulator_node: no such service within 5 s')
 
-    monkeypatch.setattr('dap_emulator.DapClient', refuse)
+    monkeypatch.setattr('model_matcher.closed_form.array_machine.DapClient', refuse)
     row = roberts_through_service(None, None, '/emulator_node', np.zeros((80, 80), np.uint8))
     assert row == {'program': 'Roberts operator', 'error': 'emulator_node: no such service within 5 s'}

@@ -18,7 +18,7 @@ import numpy as np
 import csg_renderer
 import model_matcher
 import stereo_recovery
-from model_matcher.overlay import canvas, draw_features
+from model_matcher.drawing import canvas, draw_features
 
 SOURCE = Path(__file__).resolve().parents[2] / 'src'
 EXAMPLE = SOURCE / 'model_matcher' / 'docs'

@@ -10,7 +10,8 @@ from thesis import CURVE_MEANS, VIEWS, WIDGET
 
 from csg_renderer import Placement, Scene, load_models, scene_names, scene_path
 from model_matcher import MatchParams, match
-from model_matcher.closed_form.cli import Case, Limits, result_document
+from model_matcher.closed_form.case import Case, Limits
+from model_matcher.closed_form.result import result_document
 from model_matcher.closed_form.run_graph import run_case
 from msgs_py import FeatureKind, Pose
 

@@ -102,7 +102,7 @@ def _run(options: argparse.Namespace) -> int:
     print(table([*result.interpretations, *result.rejected[: max(options.rejected, 0)]]), end='')
     print(summary(result, len(data)))
     if options.out is not None:
-        from .match_drawing import draw_overlay, draw_views
+        from .drawing import draw_overlay, draw_views
 
         models = {model.name: model.features for model in library.models}
         if camera is not None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from dap_emulator import DapClient, DapError
+
 # The thesis' first array program in spirit: one neighbour access and two differences for all pixels at once (3.7.1).
 ROBERTS = """
       ENTRY SUBROUTINE ROBERTS(IMAGE, EDGE)
@@ -28,8 +30,6 @@ def roberts_through_service(node: Any, executor: Any, emulator: str, image: np.n
 
     emulator : the emulator_node's fully qualified name. Returns the rows of the report's table.
     """
-    from dap_emulator import DapClient, DapError
-
     top, left = (max(0, (size - 64) // 2) for size in image.shape)
     part = image[top : top + 64, left : left + 64].astype(np.int64)
     try:

@@ -5,19 +5,29 @@ from __future__ import annotations
 import csv
 import html
 import json
+import multiprocessing
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import as_completed as completed
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
-from .case import Case, Limits, result_document
+from csg_renderer.language import find_scene
+
+from .case import Case, Limits
 from .report import STYLE, write_report
+from .result import CaseResult, result_document
+from .run_library import be_ready, run_library_case
+from .saved import save_case
+from .scene_files import scene_files
 
 COLUMNS = (
     'case',
@@ -74,14 +84,37 @@ def run_batch(
     quiet: bool = False,
     reports: bool = False,
 ) -> list[dict[str, Any]]:
-    """Run the cases and write summary.csv, summary.json and index.html into out; failing ones into out/failing/.
+    """Run the cases; write summary.csv, summary.json and index.html into out, and failing cases into out/failing/.
 
-    workers : processes on this machine; dask : address of a scheduler instead ('local' starts one here)
-    nodes : through the real nodes (slower); reports : a page for every case, not only for failing ones
-    Returns one document a case, in the order of the cases. Raises ValueError when dask is asked for and not installed.
+    Parameters
+    ----------
+    cases : sequence of Case
+        Each with a name of its own.
+    limits : Limits
+        Largest errors of a pass.
+    out : Path
+        Folder of the results.
+    workers : int
+        Processes on this machine.
+    dask : str, optional
+        Address of a dask scheduler to run the cases on instead; 'local' starts one here.
+    nodes : bool
+        Run the cases through the real nodes (slower) instead of the libraries.
+    quiet : bool
+        Show no progress bar.
+    reports : bool
+        Write a page for every case, not only for failing ones.
+
+    Returns
+    -------
+    list of dict
+        One document a case, in the order of the cases.
+
+    Raises
+    ------
+    ValueError
+        When dask is asked for and not installed.
     """
-    from tqdm import tqdm
-
     out.mkdir(parents=True, exist_ok=True)
     documents: list[dict[str, Any] | None] = [None] * len(cases)
     with tqdm(total=len(cases), desc='cases', unit='', disable=quiet, file=sys.stdout) as bar:
@@ -97,16 +130,22 @@ def run_batch(
     return done
 
 
+def run_through(nodes: bool) -> Callable[[Case, Path, Callable[[str], None]], CaseResult]:
+    """The function that runs a case (case, folder, progress): through the nodes, or through the libraries."""
+    if not nodes:
+        return run_library_case
+    # A run through the libraries needs no ROS.
+    from .run_graph import run_case
+
+    return lambda case, folder, progress: run_case(case, progress, folder)
+
+
 def run_one(job: Job) -> tuple[int, dict[str, Any]]:
     """One case, in whatever process; an unusable case is a document with its error as the verdict."""
-    from .run_graph import run_case
-    from .run_library import run_library_case
-    from .saved import save_case
-
     index, case, limits, out, nodes, reports = job
     folder = Path(out) / 'cases' / case.name
     try:
-        result = run_case(case, folder=folder) if nodes else run_library_case(case, folder)
+        result = run_through(nodes)(case, folder, lambda stage: None)
     except (OSError, ValueError) as error:
         return index, {'case': case.name, 'scene': case.scene, 'passed': False, 'verdict': f'error: {error}'}
     document = {'case': case.name, **result_document(result, limits)}
@@ -124,8 +163,10 @@ def run_one(job: Job) -> tuple[int, dict[str, Any]]:
 
 
 def run_far(job: Job, files: dict[str, bytes]) -> tuple[int, dict[str, Any], str, dict[str, bytes]]:
-    """As run_one, on a machine that shares no folder with this one: the scene's files come along, and what is written
-    goes back."""
+    """As run_one, on a machine that shares no folder with this one.
+
+    files : contents of the scene and what it includes, by name, the scene first; what is written is returned likewise
+    """
     index, case, limits, out, nodes, reports = job
     with tempfile.TemporaryDirectory() as folder:
         for name, data in files.items():
@@ -141,10 +182,6 @@ def run_far(job: Job, files: dict[str, bytes]) -> tuple[int, dict[str, Any], str
 
 def files_of(case: Case) -> dict[str, bytes]:
     """The contents of a case's scene and what it includes, the scene's first; nothing for an unusable one."""
-    from csg_renderer.language import find_scene
-
-    from .scene_files import scene_files
-
     try:
         (_, scene), *included = scene_files(find_scene(case.scene)).items()
         return {scene.name: scene.read_bytes(), **{name: path.read_bytes() for name, path in included}}
@@ -167,6 +204,7 @@ def brought_home(
 def _runner(workers: int, dask: str | None) -> Iterator[Any]:
     """A function that maps run_one over jobs and yields results as they come."""
     if dask is not None:
+        # dask.distributed is optional and takes half a second to import.
         try:
             from distributed import Client, LocalCluster, as_completed
         except ImportError:
@@ -184,12 +222,6 @@ def _runner(workers: int, dask: str | None) -> Iterator[Any]:
                 )
             )
     elif workers > 1:
-        import multiprocessing
-        from concurrent.futures import ProcessPoolExecutor
-        from concurrent.futures import as_completed as completed
-
-        from .run_library import be_ready
-
         be_ready()  # else every process would compile for itself
         # Fresh processes: a forked one would inherit threads of numba and of the middleware.
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context('spawn')) as pool:

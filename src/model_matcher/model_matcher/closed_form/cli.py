@@ -6,165 +6,111 @@ nodes run in one process on a real executor, over real topics; the result is a f
 ``--nodes``, the graph), in ``--workers`` processes or on a dask cluster; failing cases are saved, and ``--replay`` runs
 one again. The exit status is 0 when enough cases were recognised within the limits.
 
-This module is the command; :mod:`closed_form_run` holds the graph, :mod:`closed_form_library` the same without it,
-:mod:`closed_form_batch` many cases and :mod:`closed_form_report` the pages. All are imported late, so that the command
-answers at once.
+This module is the command line; :mod:`~model_matcher.closed_form.commands` does what the options ask for.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
-from dataclasses import replace
-from pathlib import Path
+import math
+from collections.abc import Callable
 
-from .case import Case, Limits, result_document
-
-DEMO_SCENES = ('l_shape_v1', 'chipped_block_v1')
+from .case import Case, Limits
 
 
 def main(args: list[str] | None = None) -> int:
-    """The command. Returns the exit status: 0 enough recognised, 1 too few, 2 misuse."""
-    from .options import closed_form_parser
+    """Run the command.
 
+    Parameters
+    ----------
+    args : list of str, optional
+        The arguments, ``sys.argv[1:]`` when not given.
+
+    Returns
+    -------
+    int
+        Exit status: 0 enough recognised, 1 too few, 2 bad input.
+    """
     parser = closed_form_parser()
     options = parser.parse_args(args)
-    scenes = list(options.scenes) or (list(DEMO_SCENES) if options.demo else [])
-    if not scenes and not options.replay:
+    if not (options.scenes or options.demo or options.replay):
         parser.error('name at least one scene, or use --demo DIR or --replay FOLDER')
-    out = Path(options.demo or options.out)
-    limits = Limits(options.max_rotation_deg, options.max_translation_mm * 1e-3)
-    if options.replay:
-        return _replay(options, out)
-    try:
-        cases = _named_apart([case for scene in scenes for case in _cases(scene, options)])
-    except (OSError, ValueError) as error:
-        parser.error(str(error))
-    print(f'closed-form testing of {", ".join(scenes)} into {out}/', flush=True)
-    if options.sweep or options.workers > 1 or options.dask:
-        return _batch(cases, limits, out, options)
-    passed = [_run_one(case, out / case.name, limits, options.quiet) for case in cases]
-    if options.demo:
-        _real_pair(out / 'chessboard01')
-    page = f'{cases[0].name if len(cases) == 1 else "<scene>"}/report.html'
-    print(f'{sum(passed)} of {len(passed)} scenes passed; open {out}/{page}')
-    return 0 if sum(passed) >= options.min_success * len(passed) else 1
+    # The renderer, the recovery and OpenCV take half a second to import, so the options are checked before.
+    from .commands import run
+
+    return run(options, parser.error)
 
 
-def _cases(scene: str, options: argparse.Namespace) -> list[Case]:
-    """The cases of one scene: one, or those of a sweep. Raises ValueError, naming the option or what is wrong with the
-    scene, and OSError where there is none."""
-    from .poses import pose_from_angles, sweep_cases
-    from .scene_files import check_scene
-
-    width, height = options.size or (None, None)
-    pose = None if options.pose is None else pose_from_angles(options.pose)
-    case = Case(
-        scene,
-        width,
-        height,
-        options.focal,
-        None if options.baseline is None else options.baseline * 1e-3,
-        options.antialias,
-        options.psf,
-        options.noise,
-        options.seed,
-        pose,
-        options.clutter,
-        options.time_limit,
+def closed_form_parser() -> argparse.ArgumentParser:
+    """Options in user's units: millimetres, degrees, pixels."""
+    parser = argparse.ArgumentParser(
+        prog='closed_form',
+        description='Render, recover, match, and compare with the truth.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    check_scene(case, changed=bool(options.sweep))
-    if not options.sweep:
-        return [case]
-    return sweep_cases(case, options.sweep, options.count, options.distance and options.distance * 1e-3)
+    add = parser.add_argument
+    add('scenes', nargs='*', help='scene files, or names of scenes of csg_renderer (l_shape_v1, ...)')
+    add('-o', '--out', default='closed_form_out', help='folder for the results')
+    add('--demo', metavar='DIR', help='run the demonstration (two scenes, one real pair) into DIR')
+    add('-q', '--quiet', action='store_true', help='no progress bar')
 
+    add = parser.add_argument_group('images').add_argument
+    add('--size', type=_whole(1), nargs=2, metavar=('WIDTH', 'HEIGHT'), help='image size, pixels')
+    add('--focal', type=_number(0.0, above=True), help='focal length, pixels')
+    add('--baseline', type=_number(0.0, above=True), metavar='MM', help='distance of the eyes, mm')
+    add('--antialias', type=_whole(0), default=Case.antialias, help='samples along each side of a pixel')
+    add('--psf', type=_number(0.0, 20.0), default=Case.psf, help='blur of the sensor, pixels')
+    add('--noise', type=_number(0.0, 100.0), default=Case.noise, help='noise of the sensor, grey levels')
+    add('--seed', type=_whole(0), default=Case.seed, help='seed of noise, clutter and random poses')
 
-def _named_apart(cases: list[Case]) -> list[Case]:
-    """The cases, those of one name numbered: each has a folder of its own."""
-    counts: dict[str, int] = {}
-    found = []
-    for case in cases:
-        counts[case.name] = counts.get(case.name, 0) + 1
-        found.append(case if counts[case.name] == 1 else replace(case, label=f'{case.name}_{counts[case.name]}'))
-    return found
-
-
-def _batch(cases: list[Case], limits: Limits, out: Path, options: argparse.Namespace) -> int:
-    from .batch import run_batch, summary
-
-    try:
-        documents = run_batch(
-            cases, limits, out, options.workers, options.dask, options.nodes, options.quiet, options.reports
-        )
-    except (OSError, ValueError) as error:
-        print(f'closed_form: {error}', file=sys.stderr)
-        return 2
-    totals = summary(documents)
-    print(
-        f'{totals["passed"]} of {totals["cases"]} cases passed, {totals["recognised"]} recognised; median errors '
-        f'{_figure(totals["rotation_error_deg_p50"])} deg, {_figure(totals["translation_error_mm_p50"])} mm; '
-        f'open {out}/index.html'
+    add = parser.add_argument_group('pose and surroundings').add_argument
+    add(
+        '--pose',
+        type=float,
+        nargs=6,
+        metavar=('XROT', 'YROT', 'ZROT', 'X', 'Y', 'Z'),
+        help='of the object: degrees, applied in this order, and mm',
     )
-    return 0 if totals['passed'] >= options.min_success * totals['cases'] else 1
+    add('--sweep', choices=('grid', 'random', 'turntable'), help='many poses of the object')
+    add('--count', type=_whole(1), default=36, help='poses of a sweep')
+    add('--distance', type=_number(0.0, above=True), metavar='MM', help='of the object in a sweep')
+    add('--clutter', type=_whole(0), default=Case.clutter, help='further solids beside and behind the object')
+
+    add = parser.add_argument_group('running').add_argument
+    add('--nodes', action='store_true', help='sweep or replay through the real nodes instead of the libraries')
+    add('--workers', type=_whole(1), default=1, help='processes on this machine')
+    add('--dask', metavar='ADDRESS', help='dask scheduler to run the cases on; "local" starts one here')
+    add('--time-limit', type=_number(0.0, above=True), default=Case.time_limit_s, help='of one search, seconds')
+    add('--reports', action='store_true', help='a page for every case of a sweep, not only for failing ones')
+    add('--replay', metavar='FOLDER', help='run a saved case again')
+
+    add = parser.add_argument_group('judgement').add_argument
+    add('--max-rotation-deg', type=_number(0.0), default=Limits.rotation_deg, help='limit of a pass')
+    add('--max-translation-mm', type=_number(0.0), default=1e3 * Limits.translation_m, help='limit of a pass')
+    add('--min-success', type=_number(0.0, 1.0), default=1.0, help='share of passes for exit status 0')
+    return parser
 
 
-def _replay(options: argparse.Namespace, out: Path) -> int:
-    from .saved import load_case
+def _whole(least: int) -> Callable[[str], int]:
+    """A parser of whole numbers from ``least`` on."""
 
-    try:
-        case, limits = load_case(options.replay)
-    except (OSError, ValueError) as error:
-        print(f'closed_form: {error}', file=sys.stderr)
-        return 2
-    return 0 if _run_one(case, out / case.name, limits, options.quiet, nodes=options.nodes) else 1
+    def whole(text: str) -> int:
+        value = int(text)
+        if value < least:
+            raise argparse.ArgumentTypeError(f'expected a whole number >= {least}, got {value}')
+        return value
 
-
-def _figure(value: float | None) -> str:
-    return '-' if value is None else f'{value:.3f}'
+    return whole
 
 
-def _run_one(case: Case, folder: Path, limits: Limits, quiet: bool, nodes: bool = True) -> bool:
-    from tqdm import tqdm
+def _number(least: float, most: float = math.inf, above: bool = False) -> Callable[[str], float]:
+    """A parser of numbers in least..most, or with ``above`` greater than least."""
+    wanted = f'> {least:g}' if above else f'in {least:g}..{most:g}' if most < math.inf else f'>= {least:g}'
 
-    from .report import write_report
-    from .run_graph import STAGES, run_case
-    from .run_library import run_library_case
+    def number(text: str) -> float:
+        value = float(text)
+        if not least <= value <= most or value == math.inf or (above and value == least):
+            raise argparse.ArgumentTypeError(f'expected a number {wanted}, got {text}')
+        return value
 
-    with tqdm(
-        total=len(STAGES) + 1,
-        desc=f'{case.name:<20}',
-        bar_format='{desc} {bar:20} {n}/{total} {postfix}',
-        disable=quiet,
-        file=sys.stdout,
-    ) as bar:
-
-        def progress(stage: str) -> None:
-            bar.set_postfix_str(stage)
-            bar.update()
-
-        try:
-            result = run_case(case, progress, folder) if nodes else run_library_case(case, folder, progress)
-        except (OSError, ValueError) as error:
-            bar.close()
-            print(f'{case.name}: {error}', file=sys.stderr)
-            return False
-        document = result_document(result, limits)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / 'result.json').write_text(json.dumps(document, indent=2) + '\n')
-        write_report(folder, result, document)
-        progress('report')
-        bar.set_postfix_str(document['verdict'])
-    if quiet and not document['passed']:
-        print(f'{case.name}: {document["verdict"]}')
-    return bool(document['passed'])
-
-
-def _real_pair(folder: Path) -> None:
-    from .real_pair import run_chessboard
-
-    print(run_chessboard(folder))
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return number

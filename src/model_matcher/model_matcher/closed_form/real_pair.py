@@ -17,7 +17,7 @@ from msgs_py import FeatureSet, Interpretation, Pose, StereoRig
 from stereo_recovery import recover
 from stereo_recovery.cameras.calibration import load_rig
 
-from ..overlay import GREEN, GREY, canvas, draw_features
+from ..drawing import GREEN, GREY, canvas, draw_features
 from ..params import MatchParams
 from ..pipeline import match
 from .comparison import best_pose_error, compare_edges

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import html
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, PinholeCamera
 
-from ..overlay import GREEN, GREY, RED, canvas, draw_features, side_by_side
-
-if TYPE_CHECKING:
-    from .run_graph import CaseResult
+from ..drawing import GREEN, GREY, RED, canvas, draw_features, side_by_side
+from .result import CaseResult
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #222 }

@@ -1,7 +1,7 @@
 """One closed-form test: all nodes in one process, one stereo pair, every stage compared with the truth.
 
-The nodes are the ones a user runs, on a real executor over real topics; only the context is private, so that nothing
-else on the machine hears them. Imports rclpy inside :class:`GraphRun`, so that the module itself stays pure.
+The nodes are the ones a user runs, on a real executor over real topics; the context and the namespace are private, so
+that no other process exchanges messages with them. The only module of this room that imports ROS.
 """
 
 from __future__ import annotations
@@ -9,77 +9,72 @@ from __future__ import annotations
 import random
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image, PointCloud2
+from std_srvs.srv import Trigger
 
-from csg_renderer import load_scene, model_features, render_stereo
+from csg_renderer import render_stereo
 from csg_renderer.language import find_scene
-from msgs_py import FeatureSet, Interpretation, Pose, PoseError, StereoRig
+from csg_renderer.node import RendererNode, sensor_images
+from dap_emulator.node import EmulatorNode
+from msgs_py import FeatureSet, Interpretation, StereoRig, codecs
+from stereo_recovery.node import RecoveryNode
 
 from ..model.library import safe_name
+from ..node import MatcherNode
+from .array_machine import roberts_through_service
 from .case import Case
-from .comparison import (
-    AssignmentComparison,
-    EdgeComparison,
-    best_pose_error,
-    compare_assignment,
-    compare_edges,
-    surface_residual,
-)
-from .placement import case_rig
-from .scene_files import case_scene
+from .comparison import compare_edges, surface_residual
+from .result import CaseResult, judge
+from .scene_files import prepare
 
-STAGES = ('scene', 'nodes', 'image', 'features', 'pose', 'emulator', 'comparison')
-TIMEOUT_S = 60.0
+TIMEOUT_S = 60.0  # seconds that one message or service may take before the case is given up
+SPIN_S = 0.05  # seconds that the executor waits before the awaited condition is tested again
 # Rendering, recovery and matching of the first pair include compiling; the times reported are of the pair after it.
 WARM_PAIRS = 1
-
-
-@dataclass
-class CaseResult:
-    """Everything one test found. Images are (h, w) uint8; poses camera_T_model; milliseconds a stage."""
-
-    case: Case
-    model_name: str
-    rig: StereoRig
-    true_pose: Pose
-    model: FeatureSet
-    true_features: FeatureSet
-    data: FeatureSet
-    left: np.ndarray
-    right: np.ndarray
-    edges: EdgeComparison
-    surface_residual_m: float
-    image_difference: int
-    found: Interpretation | None = None
-    pose_error: PoseError | None = None
-    assignment: AssignmentComparison | None = None
-    reason: str = ''
-    emulator: dict[str, Any] = field(default_factory=dict)
-    milliseconds: dict[str, float] = field(default_factory=dict)
 
 
 def run_case(
     case: Case, progress: Callable[[str], None] = lambda stage: None, folder: Path | None = None
 ) -> CaseResult:
-    """Run one test. Raises ValueError or OSError for an unusable scene; not being recognised is a result.
+    """Run one test through the nodes.
 
-    folder : for the scene file of a case that sets pose or clutter; a temporary one when not given
+    Parameters
+    ----------
+    case : Case
+        What to test.
+    progress : callable
+        Called with the name of each stage (:data:`~model_matcher.closed_form.case.STAGES`) that is over.
+    folder : Path, optional
+        Where the scene file of a case that sets pose or clutter is written; a temporary one when not given.
+
+    Returns
+    -------
+    CaseResult
+        Also when nothing was recognised.
+
+    Raises
+    ------
+    ValueError, OSError
+        For a scene that cannot be used, or a node that does not answer.
     """
     if folder is None:
         with tempfile.TemporaryDirectory() as temporary:
             return run_case(case, progress, Path(temporary))
-    rig = case_rig(case)
-    path = case_scene(case, rig, folder)
-    scene = load_scene(path)
-    placement = scene.placements[0]
-    model = model_features(placement.model)
-    true_pose = scene.camera_T_scene.compose(placement.pose)
+    path, rig, scene, name, model, true_pose = prepare(case, folder)
     progress('scene')
 
     with GraphRun(case, path, rig) as run:
@@ -95,7 +90,7 @@ def run_case(
     data = messages.features
     result = CaseResult(
         case,
-        placement.name,
+        name,
         rig,
         true_pose,
         model,
@@ -109,21 +104,10 @@ def run_case(
         emulator=emulator,
         milliseconds=milliseconds,
     )
-    mine = [item for item in messages.interpretations if item.model == safe_name(placement.name)]
+    mine = [item for item in messages.interpretations if item.model == safe_name(name)]
     judge(result, mine, messages.reason)
     progress('comparison')
     return result
-
-
-def judge(result: CaseResult, interpretations: Sequence[Interpretation], reason: str | None) -> None:
-    """Compare the best accepted interpretation with the truth, or keep the reason why there is none."""
-    accepted = [item for item in interpretations if item.accepted]
-    if accepted:
-        result.found = accepted[0]
-        result.pose_error = best_pose_error(accepted[0], result.true_pose)
-        result.assignment = compare_assignment(accepted[0], result.model, result.data)
-    else:
-        result.reason = reason or 'no interpretation'
 
 
 @dataclass
@@ -146,23 +130,6 @@ class GraphRun:
         self.scene, self.own_scene = str(scene), str(find_scene(case.scene))
 
     def __enter__(self) -> GraphRun:
-        import rclpy
-        from diagnostic_msgs.msg import DiagnosticArray
-        from geometry_msgs.msg import PoseArray
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.node import Node
-        from rclpy.parameter import Parameter
-        from sensor_msgs.msg import Image, PointCloud2
-        from std_srvs.srv import Trigger
-
-        from csg_renderer.node import RendererNode
-        from dap_emulator.node import EmulatorNode
-        from stereo_recovery.node import RecoveryNode
-
-        from ..node import MatcherNode
-
-        self._rclpy = rclpy
         self.context = Context()
         # A namespace of its own keeps two tests on one machine apart, whatever the domain.
         namespace = f'/closed_form_{random.SystemRandom().randrange(10**9)}'
@@ -218,14 +185,10 @@ class GraphRun:
             self.executor.remove_node(node)
             node.destroy_node()
         self.executor.shutdown()
-        self._rclpy.try_shutdown(context=self.context)
+        rclpy.try_shutdown(context=self.context)
 
     def one_pair(self, progress: Callable[[str], None] = lambda stage: None) -> PairMessages:
         """Ask for one pair and wait until the matcher has answered it."""
-        from std_srvs.srv import Trigger
-
-        from msgs_py import codecs
-
         for messages in self.received.values():
             messages.clear()
         answer = self.trigger.call_async(Trigger.Request())
@@ -260,15 +223,11 @@ class GraphRun:
 
     def emulate(self, image: np.ndarray) -> dict[str, Any]:
         """A small array program on the emulated DAP, through its service: Roberts' operator on part of the image."""
-        from .array_machine import roberts_through_service
-
         name = self.nodes['EmulatorNode'].get_fully_qualified_name()
         return roberts_through_service(self.observer, self.executor, name, image)
 
     def image_difference(self, frames: Any, messages: PairMessages) -> int:
         """Pixels in which the node's left image differs from the library's, sensor model included."""
-        from csg_renderer.node import sensor_images
-
         expected = sensor_images(frames, self.nodes['RendererNode'].config, pair_index=WARM_PAIRS)
         return int((expected[0] != messages.left).sum())
 
@@ -299,4 +258,4 @@ class GraphRun:
                     for name, node in self.nodes.items()
                 ]
                 raise ValueError(f'{self.case.scene}: waited {TIMEOUT_S:g} s for {what}; {"; ".join(problems)}')
-            self.executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=SPIN_S)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from csg_renderer import ideal_data, load_scene, model_features, render_stereo, scene_path
+from csg_renderer import ideal_data, load_scene, render_stereo, scene_path
 from csg_renderer.raycast.render import scene_rig
 from csg_renderer.raycast.sensor import SensorModel, grey
 from stereo_recovery import recover
@@ -20,9 +20,8 @@ from ..params import MatchParams
 from ..pipeline import match, warm_up
 from .case import Case
 from .comparison import compare_edges, surface_residual
-from .placement import case_rig
-from .run_graph import CaseResult, judge
-from .scene_files import case_scene
+from .result import CaseResult, judge
+from .scene_files import prepare
 
 
 @cache
@@ -35,17 +34,29 @@ def be_ready() -> None:
 
 
 def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] = lambda stage: None) -> CaseResult:
-    """Render, recover, match. folder : for the case's own scene file, if it needs one.
+    """Render a case, recover features, match them, and compare each stage with the truth.
 
-    Raises ValueError or OSError for an unusable scene; not being recognised is a result.
+    Parameters
+    ----------
+    case : Case
+        What to test.
+    folder : Path
+        Where the case's own scene file is written, when it needs one.
+    progress : callable
+        Called with the name of each stage (:data:`~model_matcher.closed_form.case.STAGES`) that is over.
+
+    Returns
+    -------
+    CaseResult
+        Also when nothing was recognised.
+
+    Raises
+    ------
+    ValueError, OSError
+        For a scene that cannot be used.
     """
     be_ready()
-    rig = case_rig(case)
-    path = case_scene(case, rig, folder)
-    scene = load_scene(path)
-    placement = scene.placements[0]
-    model = model_features(placement.model)
-    true_pose = scene.camera_T_scene.compose(placement.pose)
+    _, rig, scene, name, model, true_pose = prepare(case, folder)
     progress('scene')
     clock = [time.perf_counter()]
 
@@ -65,14 +76,14 @@ def run_library_case(case: Case, folder: Path, progress: Callable[[str], None] =
     milliseconds['recover'] = lap()
     progress('features')
     params = MatchParams(time_limit_s=case.time_limit_s)
-    matched = match(model, recovery.features, params, placement.name)
+    matched = match(model, recovery.features, params, name)
     milliseconds['match'] = lap()
     progress('pose')
     ideal = ideal_data(scene, rig)
     truth = ideal.features.select(ideal.object_index == 0)
     result = CaseResult(
         case,
-        placement.name,
+        name,
         rig,
         true_pose,
         model,

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 
 from .case import Case, Limits
-from .run_graph import CaseResult
+from .result import CaseResult
 from .scene_files import case_scene, copy_scene
 
 CASE_FILE = 'case.json'

@@ -9,21 +9,50 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from csg_renderer import Scene
+from csg_renderer import Scene, load_scene, model_features
 from csg_renderer.language import find_scene, read_scene
-from msgs_py import Pose, StereoRig
+from msgs_py import FeatureSet, Pose, StereoRig
 
 from .case import Case
-from .placement import case_lights, case_pose, load_case_scene, model_centre, stands_as_drawn
+from .placement import case_lights, case_pose, case_rig, load_case_scene, model_centre, stands_as_drawn
 
 SCENE_FILE = 'scene.csg'
 # Clutter: sizes relative to the object, distances relative to its distance.
 CLUTTER_SIZE = (0.2, 0.6)
 CLUTTER_DEPTH = (0.9, 1.5)
+
+
+class PreparedCase(NamedTuple):
+    """A case ready to be rendered.
+
+    path : its scene file; rig : its cameras; scene : what the file says; name : of the first object, whose model
+    features (model frame, metres) are ``model`` and whose left_T_model is ``true_pose``
+    """
+
+    path: Path
+    rig: StereoRig
+    scene: Scene
+    name: str
+    model: FeatureSet
+    true_pose: Pose
+
+
+def prepare(case: Case, folder: Path) -> PreparedCase:
+    """Read a case's scene, or write one of its own into ``folder``; find the object's features and its pose.
+
+    Raises ValueError or OSError for a scene that cannot be used.
+    """
+    rig = case_rig(case)
+    path = case_scene(case, rig, folder)
+    scene = load_scene(path)
+    first = scene.placements[0]
+    true_pose = scene.camera_T_scene.compose(first.pose)
+    return PreparedCase(path, rig, scene, first.name, model_features(first.model), true_pose)
 
 
 def check_scene(case: Case, changed: bool = False) -> None:
