@@ -13,9 +13,8 @@ from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
 
 from .cameras.rectification import Rectifier
-from .detection.edgels import DETECTORS
 from .drawing import draw_features
-from .params import RecoveryParams
+from .params import DETECTORS, RecoveryParams
 from .pipeline import recover, warm_up
 
 DEFAULT = RecoveryParams()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .detection.edgels import DETECTORS
+# Edge detectors that a user may choose from (thesis 3.7.1).
+DETECTORS = ('canny', 'sobel', 'roberts', 'marr-hildreth')
 
 
 @dataclass(frozen=True)

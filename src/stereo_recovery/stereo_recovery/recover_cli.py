@@ -17,9 +17,8 @@ from msgs_py import FeatureKind, FeatureSet, StereoRig
 
 from .cameras.calibration import load_cameras, load_rig
 from .cameras.rectification import Rectifier
-from .detection.edgels import DETECTORS
 from .drawing import draw_features
-from .params import RecoveryParams
+from .params import DETECTORS, RecoveryParams
 from .pipeline import recover
 
 COLUMNS = (

@@ -12,8 +12,8 @@ from stereo_recovery import recover
 from stereo_recovery.detection.edgels import Edgels
 from stereo_recovery.detection.segments import Segments, fit_segments
 from stereo_recovery.edges import broken_edges
+from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.merging import join_matched, joined_line, split_matched
-from stereo_recovery.matching.relaxation import Matches
 
 
 def segments(*ends) -> Segments:

@@ -25,7 +25,7 @@ from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.hiding import hidden_ends
 from stereo_recovery.edges.lines3d import Lines3D
 from stereo_recovery.edges.tangency import joined_ends
-from stereo_recovery.matching.relaxation import Matches
+from stereo_recovery.matching.matches import Matches
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 EYES = ((RIG.left, 0.0), (RIG.right, RIG.baseline))

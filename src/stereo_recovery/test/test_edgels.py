@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery.detection.edgels import DETECTORS, as_grey, detect, noise_level
+from stereo_recovery.detection.edgels import as_grey, detect, noise_level
+from stereo_recovery.params import DETECTORS
 
 
 def step_edge(angle: float, offset: float, size: int = 64, contrast: float = 100.0, blur: float = 1.0) -> np.ndarray:

@@ -8,7 +8,8 @@ import pytest
 from stereo_recovery.detection.junctions import Junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges import flat_edges
-from stereo_recovery.matching.relaxation import SAMPLES, Matches, relaxation_kernels
+from stereo_recovery.matching.matches import Matches
+from stereo_recovery.matching.relaxation import SAMPLES, relaxation_kernels
 
 
 def segments(*lines) -> Segments:

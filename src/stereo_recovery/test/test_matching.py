@@ -7,7 +7,8 @@ import pytest
 
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.parallels import borrow
-from stereo_recovery.matching.relaxation import Matches, match, relaxation_kernels
+from stereo_recovery.matching.matches import Matches
+from stereo_recovery.matching.relaxation import match, relaxation_kernels
 
 
 def segment(start, end):

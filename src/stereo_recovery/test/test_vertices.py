@@ -8,7 +8,7 @@ import pytest
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.lines3d import edges
-from stereo_recovery.matching.relaxation import Matches
+from stereo_recovery.matching.matches import Matches
 
 # A quadrangle of known edges and, below its lower left corner, an edge that leads to the corner of another face.
 TOP_LEFT, TOP_RIGHT, LOW_RIGHT, LOW_LEFT, DEEP, DEEP_RIGHT = (

@@ -15,7 +15,7 @@ from msgs_py.numeric.vectors import perpendicular
 
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from .curve import Curve, cross
 
 

@@ -15,7 +15,7 @@ from msgs_py import StereoRig
 
 from ..detection.segments import Segments
 from ..edges.lines3d import Lines3D
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from .curve import Curve, cross, picture
 
 # How far from the outline's line a segment may run, pixels, and how far from the rim it may start, in rim radii.

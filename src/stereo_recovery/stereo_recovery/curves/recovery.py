@@ -17,7 +17,7 @@ from ..detection.conics import Ellipse, sampson
 from ..detection.edgels import Edgels
 from ..detection.segments import Segments
 from ..edges.lines3d import Lines3D
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from . import fit_kernels
 from .curve import Curve, angles, picture
 from .fit import Axle, refine

@@ -15,9 +15,8 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from ..params import DETECTORS
 from . import edgel_kernels
-
-DETECTORS = ('canny', 'sobel', 'roberts', 'marr-hildreth')
 
 # Variance, px^2, that a camera's aperture (a unit box) and a sharp lens (0.5 px) add to the smoothing: where no picture
 # tells.

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..detection.segments import Segments
+from ..matching.matches import Matches
 from ..matching.merging import JoinedLine, joined_line, with_line
-from ..matching.relaxation import Matches
 
 # A segment flatter than the first sine has no depth of its own; one steeper than the second can tell its depth.
 FLAT, STEEP = 0.15, 0.3

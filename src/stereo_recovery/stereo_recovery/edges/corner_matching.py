@@ -11,7 +11,7 @@ import numpy as np
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from . import vertex_kernels
 from .vertices import Vertices, line_tables
 

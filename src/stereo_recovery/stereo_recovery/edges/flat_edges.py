@@ -10,7 +10,7 @@ import numpy as np
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, reversed_polarity
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from . import wireframe
 
 # Segments flatter than this (sine) have no depth of their own. Two of them are one broken line when each misses the

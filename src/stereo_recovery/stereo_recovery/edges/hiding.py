@@ -18,7 +18,7 @@ from ..curves.occluding_contours import touching
 from ..detection.conics import sampson
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 
 # An end this near to an outline's line or a rim's picture, pixels, and to the outline's segment along it, stops there.
 NEAR, ALONG = 2.5, 8.0

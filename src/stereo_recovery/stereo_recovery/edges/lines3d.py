@@ -17,7 +17,7 @@ from msgs_py import StereoRig
 
 from ..detection.junctions import Junctions
 from ..detection.segments import SAGITTA_OFFSET, SAGITTA_SLOPE, Segments, reversed_polarity
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from . import broken_edges, corner_matching, flat_edges, vertices, wireframe
 from .parallels import borrow
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..detection.segments import Segments
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from . import parallel_kernels
 
 # Sigma of disparity at an edge's ends, pixels: edges better than the first lend their direction, edges worse than

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, line_table, reversed_polarity
-from ..matching.relaxation import Matches
+from ..matching.matches import Matches
 from . import vertex_kernels, wireframe
 
 # An edge tells of a corner when both its segments end in one there, heights and columns agreeing to this, pixels.

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..detection.edgels import Edgels
 from ..detection.segments import LEVEL, SAGITTA_OFFSET, SAGITTA_SLOPE, Segments, fit_segments
-from .relaxation import Matches
+from .matches import Matches
 
 # Two segments are parts of one edge when their directions differ by less than this (sine), when no end of theirs is off
 # the line through both by more than so many pixels, and when the gap between them is at most this share of both.

@@ -8,12 +8,11 @@ are iterated, so that what is unambiguous somewhere (the end of a chessboard) de
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
 import numpy as np
 
 from ..detection.segments import Segments
 from . import relaxation_kernels
+from .matches import Matches, match_of
 
 # How many neighbours a segment listens to: enough to hear of the end of a repetitive pattern in a few rounds.
 NEIGHBOURS = 48
@@ -32,27 +31,6 @@ INNER = slice(2, 6)
 UNALIKE, ALONE = 0.3, 0.15
 # Rounds of relaxation that only serve to learn that.
 FIRST_ROUNDS = 5
-
-
-@dataclass(frozen=True, eq=False)
-class Matches:
-    """k pairs of segments, best first.
-
-    left, right : (k,) int32, indices of segments; disparity : (k, 3) float64, pixels, at the left segment's start,
-    middle and end; rows : (k, 2) float64, common rows; belief : (k,) float64, 0..1, share of the strongest competitor
-    """
-
-    left: np.ndarray
-    right: np.ndarray
-    disparity: np.ndarray
-    rows: np.ndarray
-    belief: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.left)
-
-    def select(self, index: np.ndarray) -> Matches:
-        return Matches(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 def sides(grey: np.ndarray, segments: Segments, offset: float = 3.0) -> np.ndarray:
@@ -103,7 +81,7 @@ def match(
     lowest, highest : allowed disparity, pixels; radius : neighbourhood of support, pixels;
     flat_sine : segments flatter than this are paired by their ends, since rows say nothing about them.
     """
-    nothing = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+    nothing = Matches.empty()
     if len(left) == 0 or len(right) == 0:
         return nothing
     beside, right_beside = sides(left_grey, left), sides(right_grey, right)
@@ -141,9 +119,7 @@ def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
 def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np.ndarray:
     """(k,) float64: the share of an edge's neighbourhood that has been matched with disparities like its own."""
     other, gap, place, weight = (a[left] for a in near)
-    match_of = np.full(count, -1)
-    match_of[left[::-1]] = np.arange(len(left))[::-1]
-    theirs = np.where(other >= 0, match_of[other], -1)
+    theirs = np.where(other >= 0, match_of(left, count)[other], -1)
     weight = np.where(theirs >= 0, weight, 0.0)
     difference = np.take_along_axis(value[:, :3], place[..., 0].astype(int), axis=1) - value[theirs, place[..., 1]]
     agrees = np.abs(difference) - relaxation_kernels.SLACK < relaxation_kernels.GRADIENT_END * (gap + 1.0)

@@ -1,0 +1,121 @@
+"""Pairs of segments of the two images that show the same edge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """k pairs of segments, best first.
+
+    Attributes
+    ----------
+    left, right : (k,) int32
+        Indices of segments of the left and the right image.
+    disparity : (k, 3) float64, pixels
+        At the left segment's start, middle and end.
+    rows : (k, 2) float64, pixels
+        First and last row that both segments cover.
+    belief : (k,) float64, 0..1
+        Share of the strength of the strongest competing pair; 1 when nothing is stronger.
+    """
+
+    left: Int32Array
+    right: Int32Array
+    disparity: FloatArray
+    rows: FloatArray
+    belief: FloatArray
+
+    @classmethod
+    def empty(cls) -> Matches:
+        """No pairs."""
+        return cls(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def select(self, index: IntArray | BoolArray) -> Matches:
+        """A subset or reordering: (m,) indices or (k,) bool."""
+        return Matches(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+def match_of(segment: Int32Array, count: int) -> IntArray:
+    """The best pair that each segment of one image is in.
+
+    Parameters
+    ----------
+    segment : (k,) int
+        The segments of the pairs in that image, best pair first: ``matches.left`` or ``matches.right``.
+    count : int
+        How many segments that image has.
+
+    Returns
+    -------
+    (count,) int64
+        Index of the pair, or -1.
+
+    Examples
+    --------
+    >>> match_of(np.array([2, 0, 2]), 4).tolist()
+    [1, -1, 0, -1]
+    """
+    result = np.full(count, -1)
+    result[segment[::-1]] = np.arange(len(segment))[::-1]
+    return result
+
+
+def partner_of(matches: Matches, count: int, of_right: bool = False) -> IntArray:
+    """The segment of the other image that each segment of one image is matched with.
+
+    Parameters
+    ----------
+    matches : Matches
+        Best pair first; of a segment in several pairs the first counts.
+    count : int
+        How many segments the image has.
+    of_right : bool
+        The partners of the right image's segments, instead of the left one's.
+
+    Returns
+    -------
+    (count,) int64
+        Index of a segment of the other image, or -1.
+
+    Examples
+    --------
+    >>> pairs = Matches(np.array([2, 0]), np.array([5, 1]), np.zeros((2, 3)), np.zeros((2, 2)), np.ones(2))
+    >>> partner_of(pairs, 3).tolist()
+    [1, -1, 5]
+    >>> partner_of(pairs, 6, of_right=True).tolist()
+    [-1, 0, -1, -1, -1, 2]
+    """
+    own, other = (matches.right, matches.left) if of_right else (matches.left, matches.right)
+    result = np.full(count, -1)
+    result[own[::-1]] = other[::-1]
+    return result
+
+
+def end_order(flip: BoolArray) -> IntArray:
+    """Which end of the right segment shows the same end of the edge as the left segment's first and last end.
+
+    Parameters
+    ----------
+    flip : (k,) bool
+        Pairs whose segments run against each other, see :func:`.segments.reversed_polarity`.
+
+    Returns
+    -------
+    (k, 2) int64
+        0 for the right segment's first end, 1 for its last one.
+
+    Examples
+    --------
+    >>> end_order(np.array([False, True])).tolist()
+    [[0, 1], [1, 0]]
+    """
+    return np.where(flip[:, None], [1, 0], [0, 1])
