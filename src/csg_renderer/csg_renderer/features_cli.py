@@ -48,7 +48,9 @@ def _parser() -> argparse.ArgumentParser:
         description='Edges, planar curves and axes of a model, exactly from '
         'its CSG tree, or of a mesh within the error of its facets.',
     )
-    parser.add_argument('model', help='a scene (.csg; also the name of an installed one) or a mesh (.stl, .obj, .ply)')
+    parser.add_argument(
+        'model', help='a scene (.csg; also the name of an installed one) or a mesh (.stl, .obj, .ply, .off)'
+    )
     parser.add_argument(
         '-o',
         '--output',

@@ -57,8 +57,9 @@ def test_every_output(scene, tmp_path, capsys):
     assert len(FeatureSet.load(tmp_path / 'out' / 'part.npz')) == 15
 
 
-def test_mesh(tmp_path, capsys):
-    path = tmp_path / 'drum.stl'
+@pytest.mark.parametrize('suffix', ['stl', 'off'])
+def test_mesh(tmp_path, capsys, suffix):
+    path = tmp_path / f'drum.{suffix}'
     trimesh.creation.cylinder(20, 50, sections=48).export(path)
     assert main([str(path), '--scale', '0.001', '-o', str(tmp_path / 'drum.png')]) == 0
     assert 'drum: 0 edges, 2 curves, 1 axes' in capsys.readouterr().out

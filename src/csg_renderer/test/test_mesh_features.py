@@ -108,7 +108,7 @@ def test_the_axis_of_a_shaft_runs_through_its_bulge():
     np.testing.assert_allclose(np.sort([axis.start[0], axis.end[0]], axis=0), [[0, 0, 0], [0, 0, 2 + np.pi]], atol=1e-6)
 
 
-@pytest.mark.parametrize('suffix', ['stl', 'obj', 'ply'])
+@pytest.mark.parametrize('suffix', ['stl', 'obj', 'ply', 'off'])
 def test_files(tmp_path, suffix):
     path = tmp_path / f'drum.{suffix}'
     trimesh.creation.cylinder(20, 50, sections=SIDES).export(path)

@@ -1,4 +1,4 @@
-"""One way in for every tool and node that takes a model: scene files and CAD meshes alike."""
+"""The features of model files of all kinds: the one way in for tools and nodes that take a model."""
 
 from __future__ import annotations
 
@@ -11,13 +11,46 @@ from ..brep.model_features import model_features
 from ..language import load_models
 from .mesh_features import MESH_SUFFIXES, features_from_mesh
 
+SCENE_SUFFIX = '.csg'
+FEATURE_SUFFIX = '.npz'
+MODEL_SUFFIXES = (SCENE_SUFFIX, FEATURE_SUFFIX, *MESH_SUFFIXES)
+
 
 def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0) -> dict[str, FeatureSet]:
-    """The features of every model in a .csg, .stl, .obj or .ply file, by the model's name; model frame, metres.
+    """Read the matching features of every model in a file.
 
-    A mesh is one model with the file's name; mesh_scale is its metres per unit.
-    Raises FileNotFoundError, SceneError for a scene file, ValueError for a mesh; each names the file.
+    Parameters
+    ----------
+    path : str or path
+        A scene file (.csg) or the name of a scene of this package, which gives one model for each object that it
+        draws; a mesh (.stl, .obj, .ply, .off) or a feature file (.npz, of :meth:`FeatureSet.save`), which is one
+        model with the file's name.
+    mesh_scale : float
+        Metres per unit of a mesh, whose file does not say what its unit is. Scenes and feature files need none.
+
+    Returns
+    -------
+    dict of str to FeatureSet
+        Features by the model's name, model frame, metres.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such file or scene.
+    SceneError
+        A scene file has a mistake; the error has its line and column.
+    ValueError
+        A mesh or a feature file cannot be used; the message begins with its name.
+
+    Examples
+    --------
+    >>> features = load_model_features('l_shape')['l_shape']
+    >>> len(features), round(float(features.lengths.max()), 3)
+    (18, 0.056)
     """
-    if Path(path).suffix.lower() in MESH_SUFFIXES:
+    suffix = Path(path).suffix.lower()
+    if suffix in MESH_SUFFIXES:
         return {Path(path).stem: features_from_mesh(path, scale=mesh_scale)}
+    if suffix == FEATURE_SUFFIX:
+        return {Path(path).stem: FeatureSet.load(path)}
     return {name: model_features(solid) for name, solid in load_models(path).items()}

@@ -18,7 +18,7 @@ from msgs_py.numeric.grouping import linked_groups
 from ..brep.surfaces import cluster
 from .mesh_curves import COLLINEAR, Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
 
-MESH_SUFFIXES = ('.stl', '.obj', '.ply')
+MESH_SUFFIXES = ('.stl', '.obj', '.ply', '.off')
 CREASE_ANGLE = np.radians(30.0)
 # Vertices closer than this part of the mesh's size are one.
 WELD = 2e-6
@@ -30,7 +30,7 @@ SAME_AXIS = 1e-3
 def features_from_mesh(
     path: str | os.PathLike[str], crease_angle: float = CREASE_ANGLE, scale: float = 1.0
 ) -> FeatureSet:
-    """Edges, planar curves and axes of an STL, OBJ or PLY file; metres, uncertainty zero.
+    """Edges, planar curves and axes of an STL, OBJ, PLY or OFF file; metres, uncertainty zero.
 
     crease_angle : radians, neighbouring triangles that turn by more meet in a crease; it must be larger than the angle
     between the facets of a round surface. scale : metres per unit of the file, which says nothing of its unit.
@@ -51,8 +51,10 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         raise FileNotFoundError(f'{path}: no such file')
     if file.suffix.lower() not in MESH_SUFFIXES:
         raise ValueError(f'{path}: expected a mesh ({", ".join(MESH_SUFFIXES)}), got {file.suffix or "no suffix"}')
-    import trimesh
-
+    try:
+        import trimesh  # optional, and half a second of import that scene files do not need
+    except ImportError:
+        raise ValueError(f'{path}: meshes need the optional library trimesh (pip install trimesh)') from None
     try:
         mesh: Any = trimesh.load(str(file), force='mesh', process=False)
         vertices, triangles = np.array(mesh.vertices, float), np.array(mesh.faces, int)

@@ -7,18 +7,13 @@ import re
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from msgs_py import FeatureSet
+from csg_renderer import load_model_features
+from csg_renderer.features.library import MODEL_SUFFIXES
+from csg_renderer.language import find_scene
 
 from .index import ModelIndex, index_model
-
-SCENE_SUFFIX = '.csg'
-FEATURE_SUFFIX = '.npz'
-MESH_SUFFIXES = ('.stl', '.obj', '.ply', '.off')
-SUFFIXES = (SCENE_SUFFIX, FEATURE_SUFFIX, *MESH_SUFFIXES)
 
 
 @dataclass(frozen=True)
@@ -72,33 +67,16 @@ def load_library(paths: Iterable[str]) -> Library:
         for path in found:
             files[path] = changed_at(path)
             try:
-                for name, features in load_features(path).items():
+                with warnings.catch_warnings():
+                    warnings.simplefilter('ignore')  # a scene's useless statements do not matter to the matcher
+                    loaded = load_model_features(path)
+                for name, features in loaded.items():
                     name = _unique(safe_name(name), taken)
                     models.append(index_model(features, name))
                     taken.add(name)
             except Exception as error:  # a parser, a mesh reader or the geometry: whatever it is, the rest must load
                 problems.append(f'{given}: {error}' if str(path.name) in str(given) else f'{path.name}: {error}')
     return Library(tuple(models), tuple(problems), files)
-
-
-def load_features(path: str | os.PathLike[str]) -> dict[str, FeatureSet]:
-    """The models of one file, by name, in the model frame, metres.
-
-    Raises ValueError (a SceneError for a scene file) or FileNotFoundError.
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix == FEATURE_SUFFIX:
-        return {path.stem: FeatureSet.load(path)}
-    if suffix in MESH_SUFFIXES:
-        csg_renderer: Any = import_module('csg_renderer')
-        return {path.stem: csg_renderer.features_from_mesh(path)}
-    from csg_renderer.brep.model_features import model_features
-    from csg_renderer.language import load_models
-
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # what a scene draws in vain is no concern of the matcher
-        return {name: model_features(solid) for name, solid in load_models(path).items()}
 
 
 def safe_name(name: str) -> str:
@@ -110,16 +88,14 @@ def safe_name(name: str) -> str:
 def _files(given: str) -> list[Path]:
     path = Path(given).expanduser()
     if path.is_dir():
-        found = sorted(item for item in path.iterdir() if item.suffix.lower() in SUFFIXES)
+        found = sorted(item for item in path.iterdir() if item.suffix.lower() in MODEL_SUFFIXES)
         if not found:
-            raise ValueError(f'the folder holds no model ({", ".join(SUFFIXES)})')
+            raise ValueError(f'the folder holds no model ({", ".join(MODEL_SUFFIXES)})')
         return found
     if path.is_file():
-        if path.suffix.lower() not in SUFFIXES:
-            raise ValueError(f'not a model file, expected one of {", ".join(SUFFIXES)}')
+        if path.suffix.lower() not in MODEL_SUFFIXES:
+            raise ValueError(f'not a model file, expected one of {", ".join(MODEL_SUFFIXES)}')
         return [path]
-    from csg_renderer.language import find_scene
-
     return [find_scene(given)]
 
 
