@@ -8,21 +8,38 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import ByteArray
+
 from .arrays import DapArray
 from .dap import Dap
 from .kinds import bits
 
 
-def sobel(dap: Dap, image: np.ndarray, mapping: str | None = None) -> DapArray:
-    """|gx| + |gy| of the separable 3 x 3 Sobel operator (thesis 3.7.1) on 8-bit pixels; zeros lie beyond the border.
+def sobel(dap: Dap, image: ByteArray, mapping: str | None = None) -> DapArray:
+    """Magnitude |gx| + |gy| of the separable 3 x 3 Sobel operator, by nine operations of 8 to 12 bits a pixel.
 
-    dap : made with level='apal'; image : (h, w) uint8; mapping : sheet, crinkled or combined
-    Nine arithmetic operations of 8 to 12 bits a pixel: what Reddaway timed (thesis 3.5.1).
+    Parameters
+    ----------
+    dap : Dap
+        Made with level='apal'.
+    image : (h, w) uint8 array
+        Grey values; zeros lie beyond the border.
+    mapping : {'sheet', 'crinkled', 'combined'}, optional
+        The machine's mapping when not given.
+
+    Returns
+    -------
+    DapArray
+        (h, w) INTEGER of 12 bits.
+
+    References
+    ----------
+    Thesis 3.7.1 for the operator, 3.5.1 for Reddaway's times.
     """
     pixels = dap.matrix(np.asarray(image, dtype=np.uint8), bits(8), mapping)
     gradients = []
     for axis in (0, 1):
-        # Smooth along one axis, 1 2 1 (doubling is a plane's shift of address), and difference along the other.
+        # Smooth along one axis by 1 2 1, where doubling is a change of address; difference along the other.
         doubled = pixels.like(bits(9), pixels.values.astype(np.uint16) * 2)
         pair = pixels.neighbour(-1, axis).plus(pixels.neighbour(1, axis), bits(9))
         smooth = pair.plus(doubled, bits(10))

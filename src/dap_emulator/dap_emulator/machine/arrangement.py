@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, BoolArray
+
 from .arrays import DapArray, Operand, Scalar
 from .kinds import LOGICAL, Kind, integer, real
 from .machine import Machine
@@ -20,7 +22,23 @@ _WAYS = {'N': 'up', 'S': 'down', 'W': 'to the left', 'E': 'to the right', 'L': '
 
 
 def checked_array(value: Any, name: str, rank: int | None = None, logical: bool | None = None) -> DapArray:
-    """value, checked: a parallel array of this rank, LOGICAL or numeric. Raises ValueError starting with name."""
+    """Return a value that must be a parallel array.
+
+    Parameters
+    ----------
+    value : object
+    name : str
+        Beginning of the error's text.
+    rank : {1, 2}, optional
+        Vector or matrix; either when not given.
+    logical : bool, optional
+        LOGICAL or numeric; either when not given.
+
+    Raises
+    ------
+    ValueError
+        When it is something else.
+    """
     if not isinstance(value, DapArray):
         raise ValueError(f'{name}: expected a parallel array, got {value!r}')
     if rank is not None and value.rank != rank:
@@ -30,13 +48,13 @@ def checked_array(value: Any, name: str, rank: int | None = None, logical: bool 
     return value
 
 
-def column_order(values: np.ndarray) -> np.ndarray:
-    """Elements as a long vector, down the columns."""
+def column_order(values: AnyArray) -> AnyArray:
+    """Elements of a matrix in the order of a long vector, which is down its columns; a vector as it is."""
     return values.T.reshape(-1) if values.ndim == 2 else values
 
 
 def matr(v: Any, rows: int | None = None) -> DapArray:
-    """MATR(v) or MATR(v, rows): the matrix whose every row is v; as many rows as v is long when not said."""
+    """MATR(v) or MATR(v, rows): the matrix whose every row is v; by default as many rows as v has elements."""
     source = checked_array(v, 'MATR', rank=1)
     out = source.like(
         source.kind,
@@ -62,6 +80,7 @@ def matc(v: Any, columns: int | None = None) -> DapArray:
 
 
 def _extent(name: str, value: int) -> int:
+    """An extent, checked. Raises ValueError starting with name."""
     if not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f'{name}: expected an extent of at least 1, got {value!r}')
     return int(value)
@@ -98,7 +117,16 @@ def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
 
 
 def filled(dap: Machine, value: Scalar, shape: tuple[int, ...], kind: Kind | None = None) -> DapArray:
-    """An array whose every element is one scalar; costs nothing by itself."""
+    """An array whose every element is one scalar. Charges nothing.
+
+    Parameters
+    ----------
+    dap : Machine
+    value : bool, int or float
+    shape : tuple of int
+    kind : Kind, optional
+        LOGICAL, INTEGER*4 or REAL*4 after the value's class when not given.
+    """
     if kind is None:
         kind = LOGICAL if isinstance(value, (bool, np.bool_)) else real(4) if isinstance(value, float) else integer(4)
     return DapArray(dap, kind, np.full(shape, kind.scalar(value), dtype=kind.dtype))
@@ -110,6 +138,7 @@ def tran(x: Any) -> DapArray:
 
 
 def _reversed(name: str, x: Any, rank: int, axis: int) -> DapArray:
+    """The elements in reverse order along an axis."""
     source = checked_array(x, name, rank=rank)
     source.charge('transpose', source.kind)
     return source.like(source.kind, np.ascontiguousarray(np.flip(source.values, axis)))
@@ -130,20 +159,23 @@ def revc(x: Any) -> DapArray:
     return _reversed('REVC', x, 2, 1)
 
 
-# Logical patterns. n rows (columns, elements); ES when not said.
+# Logical patterns of so many rows, columns or elements; ES where no extent is given.
 
 
-def _pattern(dap: Machine, values: np.ndarray) -> DapArray:
+def _pattern(dap: Machine, values: BoolArray) -> DapArray:
+    """A LOGICAL array that the control unit writes from its registers."""
     out = DapArray(dap, LOGICAL, values)
     out.charge('pattern', LOGICAL)
     return out
 
 
 def _shape(dap: Machine, rows: int | None, columns: int | None) -> tuple[int, int]:
+    """Extents of a matrix; ES where none is given."""
     return _extent('extent', rows or dap.es), _extent('extent', columns or dap.es)
 
 
-def _within(extent: int, first: int, last: int) -> np.ndarray:
+def _within(extent: int, first: int, last: int) -> BoolArray:
+    """(extent,) bool: true in the places first to last, counted from 1."""
     index = np.arange(1, extent + 1)
     return (index >= first) & (index <= last)
 
@@ -180,8 +212,10 @@ def els(dap: Machine, first: int, last: int, n: int | None = None) -> DapArray:
     return _pattern(dap, _within(_extent('ELS', n or dap.es), first, last))
 
 
-def _alternate(extent: int, run: int) -> np.ndarray:
-    return np.arange(extent) // _extent('ALT', run) % 2 == 1
+def _alternate(extent: int, run: int) -> BoolArray:
+    """(extent,) bool: runs of so many falses and trues in turn."""
+    odd_runs: BoolArray = np.arange(extent) // _extent('ALT', run) % 2 == 1
+    return odd_runs
 
 
 def alt(dap: Machine, run: int, n: int | None = None) -> DapArray:
@@ -223,10 +257,13 @@ def index_vector(dap: Machine, n: int | None = None) -> DapArray:
     return out
 
 
-# Shifts: SH, the way the data moves (north: to lower rows, west and left: to lower columns), Planar or Cyclic.
+# Shifts are named SH, the direction in which the data moves (north is to lower rows, west and left to lower columns),
+# and P or C for planar or cyclic.
 
 
 def _shift(name: str, rank: int, axis: int, step: int, cyclic: bool) -> Callable[..., DapArray]:
+    """One of the shift functions: the data moves against ``step`` along the axis."""
+
     def apply(x: Any, distance: int = 1) -> DapArray:
         source = checked_array(x, name, rank=rank)
         if distance < 0:

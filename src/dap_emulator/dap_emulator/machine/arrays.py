@@ -1,7 +1,7 @@
 """Parallel arrays: the vectors and matrices of Fortran-Plus as Python values.
 
 Every operation is computed with numpy (or, for LOGICAL, on packed bit-planes), cut to the word length, and charged to
-the machine's cost model. Python indices start at 0; the language's start at 1.
+the machine's cost model. Indices in Python start at 0, those of the language at 1.
 """
 
 from __future__ import annotations
@@ -10,11 +10,14 @@ from typing import Any, Union
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, WordArray
+
 from . import planes
 from .drawing import html_plane
 from .kinds import LOGICAL, Kind, common_kind, parse_kind, real
 from .machine import Machine
 from .operands import checked_scalar, moved, scalar_kind
+from .settings import BIT_SERIAL_WORD
 
 Scalar = Union[bool, int, float]  # noqa: UP007  (evaluated at run time)
 Operand = Union['DapArray', Scalar]
@@ -32,12 +35,44 @@ _LOGIC = {'and': np.bitwise_and, 'or': np.bitwise_or, 'neqv': np.bitwise_xor}
 
 
 class DapArray:
-    """A parallel vector or matrix on one machine.
+    """A parallel vector or matrix on one machine; ``Dap.vector`` and ``Dap.matrix`` make them.
 
-    kind : its type; shape : (n,) or (rows, columns); mapping : how it lies on the PEs; values : numpy array of the
-    kind's dtype (a view for reading: change an array with ``a[mask] = ...`` or ``assign``).
-    Operators + - * / // % ** & | ^ ~ and comparisons work element by element; a scalar takes the word length of the
-    array it meets, and must fit. Mixing two machines, mappings or shapes raises ValueError.
+    Operators + - * / % ** & | ^ ~ and comparisons work element by element. A scalar takes the word length of the array
+    it meets, and must fit; mixing two machines, mappings or shapes raises ValueError.
+
+    Parameters
+    ----------
+    dap : Machine
+    kind : Kind
+    values : array of ``kind.dtype``, or None
+    shape : tuple of int, optional
+        Extents of an array that is given as words.
+    words : (words,) uint64 array, optional
+        The packed bit-plane of a LOGICAL, instead of values.
+    mapping : str, optional
+        How it lies on the PEs; the machine's mapping when not given.
+    owned : bool
+        Whether the array takes store of its own; a view does not.
+
+    Attributes
+    ----------
+    fresh : bool
+        Whether the array is the result of an expression, which may be moved into a variable without a copy.
+
+    Raises
+    ------
+    OutOfStore
+        When too few bit-planes are free.
+
+    Examples
+    --------
+    >>> from dap_emulator import Dap
+    >>> a = Dap.model('510').vector([1, 2, 3])
+    >>> (2 * a - 1).values.tolist()
+    [1, 3, 5]
+    >>> a[a > 1] = 0
+    >>> a.values.tolist()
+    [1, 0, 0]
     """
 
     __slots__ = ('dap', 'kind', 'shape', 'mapping', '_values', '_words', '_planes', 'fresh', '__weakref__')
@@ -47,20 +82,18 @@ class DapArray:
         self,
         dap: Machine,
         kind: Kind,
-        values: np.ndarray | None,
+        values: AnyArray | None,
         *,
         shape: tuple[int, ...] | None = None,
-        words: np.ndarray | None = None,
+        words: WordArray | None = None,
         mapping: str | None = None,
         owned: bool = True,
     ) -> None:
-        """values of kind.dtype, or for LOGICAL packed words with a shape. owned: takes store (a view does not)."""
         self._planes = 0
         self.dap, self.kind = dap, kind
         self._values, self._words = values, words
         self.shape: tuple[int, ...] = values.shape if values is not None else tuple(shape or ())
         self.mapping = mapping or dap.mapping
-        # An expression's result may be moved into a variable; anything else must be copied.
         self.fresh = owned
         if owned:
             wanted = kind.bits * dap.layout(self.shape, self.mapping).blocks
@@ -74,14 +107,15 @@ class DapArray:
     # What is in it.
 
     @property
-    def values(self) -> np.ndarray:
+    def values(self) -> AnyArray:
+        """Values as a numpy array of ``kind.dtype``, for reading: ``a[mask] = ...`` and ``assign`` change an array."""
         if self._values is None:
             assert self._words is not None
             self._values = planes.unpack(self._words, self.size).reshape(self.shape)
         return self._values
 
     @property
-    def words(self) -> np.ndarray:
+    def words(self) -> WordArray:
         """(words,) uint64: the packed bit-plane of a LOGICAL, elements in row order."""
         if self._words is None:
             assert self._values is not None
@@ -89,7 +123,7 @@ class DapArray:
         return self._words
 
     def count_true(self) -> int:
-        """Number of trues of a LOGICAL, by whichever form it is held in. Charges nothing."""
+        """Number of trues of a LOGICAL. Charges nothing."""
         if self._words is None:
             return int(np.count_nonzero(self.values))
         return planes.count_true(self._words)
@@ -100,25 +134,28 @@ class DapArray:
 
     @property
     def size(self) -> int:
+        """Number of elements."""
         return int(np.prod(self.shape))
 
     @property
     def rank(self) -> int:
+        """1 for a vector, 2 for a matrix."""
         return len(self.shape)
 
     @property
     def blocks(self) -> int:
+        """Blocks of ES x ES elements that it covers."""
         return self.dap.layout(self.shape, self.mapping).blocks
 
-    def numpy(self) -> np.ndarray:
-        """A copy for the host."""
+    def numpy(self) -> AnyArray:
+        """Copy the values to the host, at the cost of a transfer."""
         self.charge('host', self.kind)
         return self.values.copy()
 
-    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+    def __array__(self, dtype: Any = None, copy: Any = None) -> AnyArray:
         return self.values.astype(dtype) if dtype is not None else self.values.copy()
 
-    def planes(self) -> np.ndarray:
+    def planes(self) -> WordArray:
         """(bits, words) uint64: the packed bit-planes of a LOGICAL or INTEGER, plane 0 the least significant."""
         if self.kind.name == 'LOGICAL':
             return self.words[None]
@@ -129,14 +166,15 @@ class DapArray:
     # Charging and making results.
 
     def charge(self, operation: str, kind: Kind, detail: int = 1, axis: int = 0, times: int = 1) -> None:
-        """Charge an operation on this array to the machine's counters."""
+        """Charge an operation on this array to the machine's counters; arguments as for ``Machine.charge``."""
         self.dap.charge(operation, kind, self.shape, self.mapping, detail, axis, times)
 
-    def like(self, kind: Kind, values: np.ndarray) -> DapArray:
-        """A new array on the same machine and mapping."""
+    def like(self, kind: Kind, values: AnyArray) -> DapArray:
+        """Make an array of these values on the same machine and mapping. Charges nothing."""
         return DapArray(self.dap, kind, values, mapping=self.mapping)
 
-    def _logical(self, words: np.ndarray) -> DapArray:
+    def _logical(self, words: WordArray) -> DapArray:
+        """A LOGICAL of this array's shape from packed words."""
         return DapArray(self.dap, LOGICAL, None, shape=self.shape, words=words, mapping=self.mapping)
 
     def _other(self, other: Operand, what: str) -> tuple[Any, Kind]:
@@ -151,8 +189,25 @@ class DapArray:
             return other, common_kind(self.kind, other.kind)
         return other, scalar_kind(self.kind, other, what)
 
-    def common_values(self, other: Operand, what: str) -> tuple[np.ndarray, Any, Kind]:
-        """Both operands' values in their common kind."""
+    def common_values(self, other: Operand, what: str) -> tuple[AnyArray, Any, Kind]:
+        """Values of two numeric operands in their common kind.
+
+        Parameters
+        ----------
+        other : DapArray, int or float
+        what : str
+            The operation, named in errors.
+
+        Returns
+        -------
+        mine, theirs : arrays of ``kind.dtype``; theirs is a numpy scalar when ``other`` is a scalar
+        kind : Kind
+
+        Raises
+        ------
+        ValueError
+            When they do not go together.
+        """
         _, kind = self._other(other, what)
         if (
             not kind.is_numeric
@@ -168,7 +223,8 @@ class DapArray:
             return mine, other._widened(kind), kind
         return mine, kind.dtype.type(kind.scalar(other)), kind
 
-    def _widened(self, kind: Kind) -> np.ndarray:
+    def _widened(self, kind: Kind) -> AnyArray:
+        """The values in a longer word or as REAL; only the latter costs cycles."""
         if self.kind == kind:
             return self.values
         if kind.name == 'REAL' and self.kind.name == 'INTEGER':
@@ -178,7 +234,17 @@ class DapArray:
     # Arithmetic.
 
     def binary(self, operation: str, other: Operand, swapped: bool = False, kind: Kind | None = None) -> DapArray:
-        """add, subtract, multiply, divide or remainder. kind: of the result, when not the operands' common kind."""
+        """Arithmetic on two operands.
+
+        Parameters
+        ----------
+        operation : {'add', 'subtract', 'multiply', 'divide', 'remainder'}
+        other : DapArray, int or float
+        swapped : bool
+            ``other`` is the first operand.
+        kind : Kind, optional
+            Of the result; the operands' common kind when not given.
+        """
         a, b, common = self.common_values(other, operation)
         target = kind or common
         if target != common:
@@ -187,7 +253,12 @@ class DapArray:
             a, b = b, a
         charged = 'divide' if operation == 'remainder' else operation
         self.charge(charged, target)
-        if self.dap.bit_serial and target.name == 'INTEGER' and target.bits <= 16 and operation in _ARITHMETIC:
+        if (
+            self.dap.bit_serial
+            and target.name == 'INTEGER'
+            and target.bits <= BIT_SERIAL_WORD
+            and operation in _ARITHMETIC
+        ):
             return self.like(target, self._serial(operation, a, b, target))
         with np.errstate(all='ignore'):
             if operation in _ARITHMETIC:
@@ -198,8 +269,8 @@ class DapArray:
                 result = self._integer_divide(operation, a, b)
         return self.like(target, target.fit(result))
 
-    def _serial(self, operation: str, a: np.ndarray, b: np.ndarray, kind: Kind) -> np.ndarray:
-        """The same plane by plane, on packed planes."""
+    def _serial(self, operation: str, a: AnyArray, b: AnyArray, kind: Kind) -> AnyArray:
+        """Add, subtract or multiply plane by plane, on packed planes."""
         p, q = (planes.to_planes(np.broadcast_to(side, self.shape), kind) for side in (a, b))
         full = planes.ones(self.size)
         if operation == 'add':
@@ -208,24 +279,28 @@ class DapArray:
             result = planes.subtract(p, q, full) if operation == 'subtract' else planes.multiply(p, q)
         return planes.from_planes(result, kind, self.shape)
 
-    def _integer_divide(self, operation: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Toward zero, as Fortran divides. Division by zero gives 0 and is counted as a fault."""
+    def _integer_divide(self, operation: str, a: AnyArray, b: AnyArray) -> AnyArray:
+        """Quotient toward zero, or remainder, as in Fortran. Division by zero gives 0 and is counted as a fault."""
         zero = b == 0
         faults = int(np.count_nonzero(np.broadcast_to(zero, self.shape)))
         if faults:
             self.dap.faults += faults
             b = np.where(zero, b.dtype.type(1), b)
         if operation == 'remainder':
-            rest = np.fmod(a, b)
+            rest: AnyArray = np.fmod(a, b)
             return np.where(zero, b.dtype.type(0), rest) if faults else rest
-        if a.dtype.itemsize <= 4:  # exact: such quotients are far enough from the next whole number
+        quotient: AnyArray
+        if a.dtype.itemsize <= 4:  # exact: 32-bit quotients are far enough from the next whole number
             quotient = np.true_divide(a, b, dtype=np.float64).astype(np.int64).astype(a.dtype, copy=False)
         else:
             quotient = np.floor_divide(a - np.fmod(a, b), b)
         return np.where(zero, b.dtype.type(0), quotient) if faults else quotient
 
     def power(self, exponent: Operand) -> DapArray:
-        """Integer powers by multiplication, real powers by exp and log."""
+        """Raise to a power: whole powers by multiplication, others by exp and log.
+
+        Of two INTEGER arrays the result is REAL.
+        """
         if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool) and exponent >= 0:
             self.charge('power', self.kind, detail=max(1, int(exponent)))
             with np.errstate(all='ignore'):
@@ -244,11 +319,11 @@ class DapArray:
             return self.like(kind, kind.fit(np.power(a, b).astype(kind.dtype, copy=False)))
 
     def plus(self, other: Operand, kind: Kind) -> DapArray:
-        """self + other in a word length of your choice: an APAL programmer lets sums grow a plane at a time."""
+        """self + other in a word of this kind: in assembly a sum may grow by one plane at a time."""
         return self.binary('add', other, kind=kind)
 
     def minus(self, other: Operand, kind: Kind) -> DapArray:
-        """self - other in a word length of your choice."""
+        """self - other in a word of this kind."""
         return self.binary('subtract', other, kind=kind)
 
     def __add__(self, other: Operand) -> DapArray:
@@ -293,6 +368,7 @@ class DapArray:
         return self.like(self.kind, self.kind.fit(np.abs(self.values)))
 
     def _number(self) -> Kind:
+        """The kind, which must be numeric."""
         if not self.kind.is_numeric:
             raise ValueError(f'expected numbers, got {self.kind}')
         return self.kind
@@ -300,16 +376,28 @@ class DapArray:
     # Comparison and logic.
 
     def compare(self, relation: str, other: Operand) -> DapArray:
-        """lt, le, gt, ge, eq or ne: a LOGICAL array."""
+        """Compare with an array or scalar.
+
+        Parameters
+        ----------
+        relation : {'lt', 'le', 'gt', 'ge', 'eq', 'ne'}
+        other : DapArray or scalar
+
+        Returns
+        -------
+        DapArray
+            LOGICAL.
+        """
         if isinstance(other, DapArray) and other.kind.name == self.kind.name == 'LOGICAL' and relation in ('eq', 'ne'):
             return self.logic('eqv' if relation == 'eq' else 'neqv', other)
         a, b, kind = self.common_values(other, 'comparison')
         self.charge('compare', kind)
-        if self.dap.bit_serial and kind.name == 'INTEGER' and kind.bits <= 16:
+        if self.dap.bit_serial and kind.name == 'INTEGER' and kind.bits <= BIT_SERIAL_WORD:
             return self._logical(self._serial_compare(relation, a, b, kind))
         return self.like(LOGICAL, _COMPARE[relation](a, b))
 
-    def _serial_compare(self, relation: str, a: np.ndarray, b: np.ndarray, kind: Kind) -> np.ndarray:
+    def _serial_compare(self, relation: str, a: AnyArray, b: AnyArray, kind: Kind) -> WordArray:
+        """A comparison plane by plane, as packed words."""
         p, q = (planes.to_planes(np.broadcast_to(side, self.shape), kind) for side in (a, b))
         full = planes.ones(self.size)
         if relation in ('eq', 'ne'):
@@ -321,7 +409,18 @@ class DapArray:
         return smaller if relation in ('lt', 'gt') else ~smaller & full
 
     def logic(self, operation: str, other: Operand) -> DapArray:
-        """and, or, eqv or neqv of LOGICALs, on packed planes."""
+        """Combine LOGICALs.
+
+        Parameters
+        ----------
+        operation : {'and', 'or', 'eqv', 'neqv'}
+        other : DapArray or bool
+
+        Returns
+        -------
+        DapArray
+            LOGICAL.
+        """
         self._other(other, operation)
         self.charge('logic', LOGICAL)
         mine = self._truth()
@@ -333,7 +432,8 @@ class DapArray:
             return self._logical(planes.invert(mine ^ theirs, self.size))
         return self._logical(_LOGIC[operation](mine, theirs))
 
-    def _truth(self) -> np.ndarray:
+    def _truth(self) -> WordArray:
+        """Packed words of an array, which must be LOGICAL."""
         if self.kind.name != 'LOGICAL':
             raise ValueError(f'expected LOGICAL, got {self.kind}')
         return self.words
@@ -379,7 +479,13 @@ class DapArray:
     # Types, copies, masked assignment, elements.
 
     def astype(self, kind: Kind | str) -> DapArray:
-        """Another kind: FLOAT, FIX and LENGTH of the language."""
+        """Convert numbers to another kind, as FLOAT, FIX and LENGTH of the language do.
+
+        Raises
+        ------
+        ValueError
+            From or to LOGICAL.
+        """
         target = parse_kind(kind)
         if target.name == 'LOGICAL' or self.kind.name == 'LOGICAL':
             if target == self.kind:
@@ -389,18 +495,31 @@ class DapArray:
         return self.like(target, target.convert(self.values))
 
     def copy(self) -> DapArray:
+        """Copy the array within the store."""
         self.charge('copy', self.kind)
         return self.like(self.kind, self.values.copy())
 
     def remapped(self, mapping: str) -> DapArray:
-        """The same values lying another way on the PEs."""
+        """Copy the array to another mapping onto the PEs: 'sheet', 'crinkled' or 'combined'."""
         result = DapArray(self.dap, self.kind, self.values.copy(), mapping=mapping)
         if mapping != self.mapping:
             self.charge('remap', self.kind)
         return result
 
     def assign(self, value: Operand, mask: DapArray | None = None) -> None:
-        """value into every element, or where the mask is true. The cost is the same whatever the mask says."""
+        """Assign to every element, or where a mask is true; the cost is the same, because inactive PEs wait.
+
+        Parameters
+        ----------
+        value : DapArray or scalar
+        mask : DapArray, optional
+            LOGICAL of the same shape.
+
+        Raises
+        ------
+        ValueError
+            When they do not go together.
+        """
         if isinstance(value, DapArray):
             self._other(value, 'assignment')
             source: Any = value.values if value.kind == self.kind else value.converted(self.kind)
@@ -421,12 +540,12 @@ class DapArray:
             np.copyto(target, source, where=mask.values)
         self._values, self._words = target, None
 
-    def replace(self, values: np.ndarray) -> None:
-        """Take over values of this shape, converted to this kind. Charges nothing: it is the host that does it."""
+    def replace(self, values: AnyArray) -> None:
+        """Replace the values by others of this shape, converted to this kind. Charges nothing."""
         self._values, self._words = self.kind.convert(values), None
 
-    def converted(self, kind: Kind) -> np.ndarray:
-        """The values as another kind, with what the conversion costs."""
+    def converted(self, kind: Kind) -> AnyArray:
+        """Values as another kind, at the cost of the conversion."""
         return self.astype(kind).values
 
     def __setitem__(self, where: Any, value: Operand) -> None:
@@ -442,12 +561,14 @@ class DapArray:
             self._values, self._words = target, None
 
     def __getitem__(self, where: Any) -> Scalar:
-        """One element, fetched into the control unit."""
+        """Fetch one element into the control unit."""
         index = self._index(where)
         self.charge('fetch', self.kind)
-        return self.values[index].item()
+        element: Scalar = self.values[index].item()
+        return element
 
     def _index(self, where: Any) -> tuple[int, ...]:
+        """Whole numbers within the shape, as a numpy index."""
         index = where if isinstance(where, tuple) else (where,)
         if len(index) != self.rank or not all(isinstance(i, (int, np.integer)) for i in index):
             raise IndexError(f'index: expected {self.rank} whole numbers or a LOGICAL mask, got {where!r}')
@@ -456,9 +577,20 @@ class DapArray:
         return tuple(int(i) for i in index)
 
     def neighbour(self, distance: int, axis: int = 0, cyclic: bool = False) -> DapArray:
-        """The element ``distance`` places further along an axis, in every place: X(+,) is neighbour(1, axis=0).
+        """In every place the element ``distance`` places further along an axis: X(+,) is neighbour(1, axis=0).
 
-        Planar geometry puts zero (false) beyond the edge; cyclic wraps around.
+        Parameters
+        ----------
+        distance : int
+            May be negative.
+        axis : int
+        cyclic : bool
+            Wrap around, instead of zero (false) beyond the edge.
+
+        Raises
+        ------
+        ValueError
+            For an axis that the array does not have.
         """
         if not 0 <= axis < self.rank:
             raise ValueError(f'axis: expected 0 to {self.rank - 1}, got {axis}')
@@ -467,11 +599,11 @@ class DapArray:
 
     @property
     def T(self) -> DapArray:
+        """Transpose of a matrix."""
         if self.rank != 2:
             raise ValueError('transpose: expected a matrix')
         self.charge('transpose', self.kind)
-        mapping = self.mapping
-        return DapArray(self.dap, self.kind, np.ascontiguousarray(self.values.T), mapping=mapping)
+        return DapArray(self.dap, self.kind, np.ascontiguousarray(self.values.T), mapping=self.mapping)
 
     @property
     def title(self) -> str:

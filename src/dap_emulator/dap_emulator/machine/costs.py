@@ -18,7 +18,7 @@ from .mapping import Layout
 
 @dataclass(frozen=True)
 class Constant:
-    """One number of the model. source says where it is from; confidence is high, medium or low."""
+    """One number of the model, with its unit, the source it is from, and the confidence in it: high, medium or low."""
 
     name: str
     value: float
@@ -122,10 +122,29 @@ _ADDITIVE = frozenset({'add', 'subtract'})
 
 
 class CostTable:
-    """The model of one machine.
+    """The cost model of one machine.
 
-    coprocessor : arithmetic on 8-bit co-processors; level : 'fortran' or 'apal', which overhead H applies
-    overrides : constant name to value; an unknown name raises ValueError
+    Parameters
+    ----------
+    coprocessor : bool
+        Arithmetic runs on 8-bit co-processors.
+    level : {'fortran', 'apal'}
+        Which overhead H is charged.
+    overrides : mapping of str to float, optional
+        Names of constants and the values that replace those of the table.
+
+    Raises
+    ------
+    ValueError
+        For another level, an unknown constant, or a value that is negative or not finite.
+
+    Examples
+    --------
+    >>> from dap_emulator.machine.kinds import integer
+    >>> from dap_emulator.machine.mapping import Layout
+    >>> table = CostTable(level='apal', overrides={'overhead_apal': 0})
+    >>> table.cycles('add', integer(2), Layout((32, 32), es=32))  # three cycles for each of 16 planes
+    48
     """
 
     def __init__(
@@ -148,9 +167,22 @@ class CostTable:
         return self.constants[name].value
 
     def _cycles(self, operation: str, kind: Kind, layout: Layout, detail: int = 1, axis: int = 0) -> int:
-        """Cycles of one operation on an array of this kind and layout.
+        """Cycles of one operation on an array of this kind and layout; ``cycles`` is the same with a memory.
 
-        detail : distance of a shift, power of two or length where an operation has one; axis : of a shift
+        Parameters
+        ----------
+        operation : str
+        kind : Kind
+        layout : Layout
+        detail : int
+            Distance of a shift, or exponent of a power.
+        axis : int
+            Axis of a shift or of a sum along one dimension.
+
+        Raises
+        ------
+        ValueError
+            For an operation that is not in the model.
         """
         n, blocks = kind.bits, layout.blocks
         if operation in ('sum', 'sum_axis'):
@@ -198,6 +230,7 @@ class CostTable:
         raise ValueError(f'operation: {operation!r} is not in the cost model')
 
     def _arithmetic(self, operation: str, kind: Kind, detail: int) -> tuple[float, bool]:
+        """Cycles of arithmetic on one block, and whether the overhead H is already in them."""
         n = kind.bits
         if operation == 'power':  # by repeated squaring
             times = max(1, detail.bit_length() - 1 + bin(detail).count('1') - 1)
@@ -215,12 +248,13 @@ class CostTable:
         return self._integer(operation, n), False
 
     def _integer(self, operation: str, n: int) -> float:
+        """Cycles of INTEGER arithmetic with n bits, on 1-bit PEs."""
         if operation in _ADDITIVE:
             return self['integer_add'] * n
         return (self['integer_multiply'] if operation == 'multiply' else self['integer_divide']) * n * n
 
     def _real(self, operation: str, m: int) -> float:
-        """REAL with m bits of significand, on 1-bit PEs."""
+        """Cycles of REAL arithmetic with m bits of significand, on 1-bit PEs."""
         if operation in _ADDITIVE:
             steps = math.ceil(math.log2(m + 1))
             return round(self['real_add_slope'] * m + self['real_add_align'] * m * steps + self['real_add_fixed'])
@@ -230,7 +264,7 @@ class CostTable:
         return self['real_divide' if operation == 'divide' else 'real_sqrt'] * m * m + self['real_divide_fixed']
 
     def _neighbour(self, n: int, layout: Layout, distance: int, axis: int) -> float:
-        """Reading n planes from an element this many places away along an axis."""
+        """Cycles of reading n planes from an element this many places away along an axis."""
         tiles = layout.grid[axis] if len(layout.shape) == 2 else 1
         if tiles == 1:
             return self['shift'] * n * (min(distance, layout.es) + 1)
@@ -239,7 +273,10 @@ class CostTable:
         return self['sheet_neighbour'] * n * min(distance, layout.es)
 
     def _reduction(self, kind: Kind, layout: Layout, axis: int | None) -> float:
-        """Add up the blocks in place, then shift by 1, 2, 4, ... and add. A LOGICAL grows a bit at each stage."""
+        """Cycles of a sum: add up the blocks in place, then shift by 1, 2, 4, ... and add.
+
+        A LOGICAL becomes a count, which grows by a bit at each stage.
+        """
         stages = max(1, round(math.log2(layout.es)))
         axes = (0, 1) if axis is None else (axis,)
         down, across = layout.grid

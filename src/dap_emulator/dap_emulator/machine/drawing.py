@@ -7,17 +7,47 @@ import html
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
+from .settings import DOTS_PER_INCH, FINE_GRID, FRAMES_IN_A_STRIP, FRAMES_PER_SECOND, NOTEBOOK_PIXELS
+
 SUFFIXES = ('.png', '.gif')
-# Grid lines between single PEs are drawn up to this many elements a side.
-FINE_GRID = 80
-FRAMES_PER_SECOND = 5
+# The name of an array, its values, and a title such as CALL DISPLAY gives.
+DrawnFrame: TypeAlias = tuple[str, AnyArray, str]
 
 
-def grid_of(values: np.ndarray, es: int) -> np.ndarray:
-    """(rows, columns): a matrix as it is; a vector folded down the columns of ES x ES blocks, blocks side by side."""
+class _Scale(NamedTuple):
+    """Shared by all frames of a picture: PEs along an edge, values drawn darkest and lightest, number of frames."""
+
+    es: int
+    low: float
+    high: float
+    frames: int
+
+
+def grid_of(values: AnyArray, es: int) -> AnyArray:
+    """An array as rows and columns of a picture.
+
+    Parameters
+    ----------
+    values : (rows, columns) or (n,) array
+    es : int
+        PEs along an edge of the array of PEs.
+
+    Returns
+    -------
+    (rows, columns) array
+        A matrix as it is; a vector folded down the columns of ES x ES blocks, blocks side by side.
+
+    Raises
+    ------
+    ValueError
+        For more than two dimensions.
+    """
     values = np.asarray(values)
     if values.ndim == 2:
         return values
@@ -31,40 +61,65 @@ def grid_of(values: np.ndarray, es: int) -> np.ndarray:
     return padded.reshape(columns, es).T[: min(es, len(flat))]
 
 
-def draw(frames: Sequence[tuple[str, np.ndarray, str]], path: str | Path, es: int = 32) -> None:
-    """Write (name, values, title) frames: a PNG of the last (with a strip of earlier ones), or a GIF of all.
+def draw(frames: Sequence[DrawnFrame], path: str | Path, es: int = 32) -> None:
+    """Write frames to a picture: a PNG of the last with a strip of earlier ones, or an animated GIF of all.
 
-    Raises ValueError for another suffix or no frames.
+    Parameters
+    ----------
+    frames : sequence of (name, values, title)
+    path : str or Path
+        Ends in .png or .gif.
+    es : int
+        PEs along an edge: red lines are drawn where blocks of ES x ES elements meet.
+
+    Raises
+    ------
+    ValueError
+        For another suffix, no frames, or an array of more than two dimensions.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f'show: expected a file name ending in {" or ".join(SUFFIXES)}, got {path.name!r}')
     if not frames:
         raise ValueError('show: there is nothing to draw')
-    import matplotlib
+    grids = [grid_of(values, es) for _, values, _ in frames]
+    scale = _Scale(es, *_range(grids), len(frames))
+    if path.suffix.lower() == '.png':
+        _draw_strip(frames, grids, scale, path)
+    else:
+        _draw_animation(frames, grids, scale, path)
+
+
+def _draw_strip(frames: Sequence[DrawnFrame], grids: Sequence[AnyArray], scale: _Scale, path: Path) -> None:
+    """A PNG with the last frame and some of the earlier ones side by side."""
+    # matplotlib takes 0.4 s to import, and only pictures need it.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    grids = [grid_of(values, es) for _, values, _ in frames]
-    low, high = _range(grids)
-    if path.suffix.lower() == '.png':
-        chosen = _spread(len(frames), 6)
-        figure = Figure(figsize=(1.0 + 3.6 * len(chosen), 4.2), layout='constrained')
-        FigureCanvasAgg(figure)
-        for place, index in enumerate(chosen):
-            axes = figure.add_subplot(1, len(chosen), place + 1)
-            _draw_one(axes, frames[index], grids[index], es, low, high, index, len(frames))
-        figure.savefig(path, dpi=110)
-        return
+    chosen = _spread(len(frames), FRAMES_IN_A_STRIP)
+    figure = Figure(figsize=(1.0 + 3.6 * len(chosen), 4.2), layout='constrained')
+    FigureCanvasAgg(figure)
+    for place, index in enumerate(chosen):
+        axes = figure.add_subplot(1, len(chosen), place + 1)
+        _draw_one(axes, frames[index], grids[index], index, scale)
+    figure.savefig(path, dpi=DOTS_PER_INCH)
+
+
+def _draw_animation(frames: Sequence[DrawnFrame], grids: Sequence[AnyArray], scale: _Scale, path: Path) -> None:
+    """An animated GIF of all frames."""
+    # matplotlib takes 0.4 s to import, and only pictures need it.
+    import matplotlib
     from matplotlib.animation import FuncAnimation, PillowWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(4.6, 4.6))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
 
-    def show(index: int) -> list:
+    def show(index: int) -> list[Any]:
         axes.clear()
-        _draw_one(axes, frames[index], grids[index], es, low, high, index, len(frames))
+        _draw_one(axes, frames[index], grids[index], index, scale)
         return []
 
     with matplotlib.rc_context({'animation.embed_limit': 100}):
@@ -74,11 +129,12 @@ def draw(frames: Sequence[tuple[str, np.ndarray, str]], path: str | Path, es: in
 
 
 def _spread(count: int, most: int) -> list[int]:
-    """At most so many indices, first and last among them."""
+    """At most so many indices, evenly spread, first and last among them."""
     return sorted({round(place) for place in np.linspace(0, count - 1, min(count, most))})
 
 
-def _range(grids: Sequence[np.ndarray]) -> tuple[float, float]:
+def _range(grids: Sequence[AnyArray]) -> tuple[float, float]:
+    """Smallest and largest finite value of all grids, never equal."""
     finite = [grid[np.isfinite(grid.astype(float))] for grid in grids]
     numbers = [values.astype(float) for values in finite if values.size]
     if not numbers:
@@ -87,17 +143,15 @@ def _range(grids: Sequence[np.ndarray]) -> tuple[float, float]:
     return float(low), float(high if high > low else low + 1.0)
 
 
-def _draw_one(
-    axes, frame: tuple[str, np.ndarray, str], grid: np.ndarray, es: int, low: float, high: float, index: int, count: int
-) -> None:
+def _draw_one(axes: Any, frame: DrawnFrame, grid: AnyArray, index: int, scale: _Scale) -> None:
     """One grid: light is high; red lines are the borders of blocks, thin ones those of PEs."""
     name, values, title = frame
     logical = np.asarray(values).dtype == bool
     axes.imshow(
         grid.astype(float),
         cmap='gray' if logical else 'viridis',
-        vmin=0 if logical else low,
-        vmax=1 if logical else high,
+        vmin=0 if logical else scale.low,
+        vmax=1 if logical else scale.high,
         interpolation='nearest',
     )
     rows, columns = grid.shape
@@ -106,15 +160,15 @@ def _draw_one(
             for place in range(1, limit):
                 line(place - 0.5, color='0.5', linewidth=0.25)
     for limit, line in ((columns, axes.axvline), (rows, axes.axhline)):
-        for place in range(es, limit, es):
+        for place in range(scale.es, limit, scale.es):
             line(place - 0.5, color='red', linewidth=0.9)
-    number = f'  {index + 1}/{count}' if count > 1 else ''
+    number = f'  {index + 1}/{scale.frames}' if scale.frames > 1 else ''
     axes.set_title(f'{name} {title}{number}'.strip(), fontsize=10)
     axes.set_xticks([])
     axes.set_yticks([])
 
 
-def html_plane(values: np.ndarray, title: str, es: int, size: int = 192) -> str:
+def html_plane(values: AnyArray, title: str, es: int, size: int = NOTEBOOK_PIXELS) -> str:
     """HTML of an array for a notebook: its title, and its values as grey levels, about ``size`` pixels high."""
     # matplotlib takes 0.4 s to import, and only pictures need it.
     from matplotlib.image import imsave

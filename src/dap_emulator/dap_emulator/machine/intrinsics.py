@@ -1,8 +1,8 @@
 """The functions of Fortran-Plus, as Python functions on parallel arrays.
 
-ELN, MINP, MERGE, SUM, MATR, MAX and FLOAT are in the thesis (appendices, 3.2); the others are recalled from the DAP
-literature (research notes), so where a definition had to be chosen it is stated. Positions count from 1, and 0 means
-"none". Elements of a matrix are ordered down the columns, as Fortran arrays are.
+ELN, MINP, MERGE, SUM, MATR, MAX and FLOAT are in the thesis (appendices, 3.2). The others are recalled from the DAP
+literature; where a definition had to be chosen its docstring states it. Positions count from 1, and 0 means "none".
+Elements of a matrix are ordered down the columns, as Fortran arrays are.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
+from msgs_py.numeric.typed import BoolArray
 
 from .arrangement import (
     SHIFTS,
@@ -47,7 +49,11 @@ from .operands import checked_scalar, scalar_kind
 # Element by element.
 
 
-def _elementwise(name: str, function: Callable, scalar: Callable, cost: str = 'function') -> Callable[[Operand], Any]:
+def _elementwise(
+    name: str, function: Callable[..., Any], scalar: Callable[[Any], float], cost: str = 'function'
+) -> Callable[[Operand], Any]:
+    """A REAL function of one argument, from numpy's function of arrays and math's of scalars."""
+
     def apply(x: Operand) -> Any:
         if not isinstance(x, DapArray):
             try:
@@ -124,7 +130,9 @@ def _pair(name: str, a: Operand, b: Operand) -> tuple[Any, Any, Kind]:
     return left, right, kind
 
 
-def _extreme_of_two(name: str, function: Callable, scalar: Callable) -> Callable[..., Any]:
+def _extreme_of_two(name: str, function: Callable[..., Any], scalar: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    """MAX or MIN, from numpy's function of two arrays and Python's of two scalars."""
+
     def apply(a: Operand, *rest: Operand) -> Any:
         result: Any = a
         for b in rest:
@@ -136,10 +144,7 @@ def _extreme_of_two(name: str, function: Callable, scalar: Callable) -> Callable
                 result = array.like(kind, function(x, y))
             else:
                 result = scalar(result, b)
-        return result if rest else _only(result, name)
-
-    def _only(x: Any, called: str) -> Any:
-        return _extreme_value(called, x)
+        return result if rest else _extreme_value(name, result)
 
     apply.__name__ = name.lower()
     apply.__doc__ = (
@@ -149,7 +154,7 @@ def _extreme_of_two(name: str, function: Callable, scalar: Callable) -> Callable
 
 
 def _extreme_value(name: str, x: Any, mask: Any = None) -> Any:
-    """The largest or smallest element (where mask is true). An empty mask gives the worst value of the kind."""
+    """The largest or smallest element where the mask is true; for an empty mask the worst value of the kind."""
     source = checked_array(x, name, logical=False)
     source.charge('extreme_value', source.kind)
     values = source.values if mask is None else source.values[_masked(source, mask)]
@@ -160,7 +165,8 @@ def _extreme_value(name: str, x: Any, mask: Any = None) -> Any:
     return (values.max() if highest else values.min()).item()
 
 
-def _masked(source: DapArray, mask: Any) -> np.ndarray:
+def _masked(source: DapArray, mask: Any) -> BoolArray:
+    """Values of a mask, which must have the array's shape."""
     flags = checked_array(mask, 'mask', logical=True)
     if flags.shape != source.shape:
         raise ValueError(f'mask: shape {flags.shape} differs from {source.shape}')
@@ -222,6 +228,7 @@ def merge(a: Operand, b: Operand, mask: Any) -> Any:
 
 
 def _merged_kind(a: Operand, b: Operand) -> Kind:
+    """The kind that holds either operand of a MERGE."""
     if isinstance(a, DapArray) and isinstance(b, DapArray):
         if (a.kind.name == 'LOGICAL') != (b.kind.name == 'LOGICAL'):
             raise ValueError(f'MERGE: {a.kind} and {b.kind} do not mix')
@@ -254,15 +261,18 @@ def any_(mask: Any) -> bool:
 
 def maxv(x: Any, mask: Any = None) -> Scalar:
     """MAXV(x) or MAXV(x, mask): the largest element. No element chosen: the kind's lowest value."""
-    return _extreme_value('MAXV', x, mask)
+    value: Scalar = _extreme_value('MAXV', x, mask)
+    return value
 
 
 def minv(x: Any, mask: Any = None) -> Scalar:
     """MINV(x) or MINV(x, mask): the smallest element. No element chosen: the kind's highest value."""
-    return _extreme_value('MINV', x, mask)
+    value: Scalar = _extreme_value('MINV', x, mask)
+    return value
 
 
 def _positions(name: str, x: Any, mask: Any) -> DapArray:
+    """Every place of the largest or smallest element where the mask is true."""
     source = checked_array(x, name, logical=False)
     source.charge('extreme', source.kind)
     values = source.values
@@ -297,6 +307,7 @@ def sum_(x: Any, mask: Any = None) -> Scalar:
 
 
 def _sum_kind(kind: Kind) -> Kind:
+    """The kind of a sum of numbers: an INTEGER has at least 4 bytes."""
     if kind.name == 'REAL':
         return kind
     return integer(max(4, kind.length))
@@ -341,6 +352,7 @@ def frst(mask: Any) -> DapArray:
 
 
 def _sum_axis(name: str, x: Any, axis: int) -> DapArray:
+    """Sums of a matrix along one axis; of a LOGICAL, counts of its trues."""
     source = checked_array(x, name, rank=2)
     source.charge('sum_axis', source.kind, axis=axis)
     kind = integer(4) if source.kind.name == 'LOGICAL' else _sum_kind(source.kind)

@@ -13,13 +13,37 @@ from typing import Any
 
 import numpy as np
 
-# A REAL*n has 8n - 8 bits of significand (REAL*4: 24), as far as a float64 can hold them.
-MAX_MANTISSA = 53
+from msgs_py.numeric.typed import AnyArray
+
+# Bits of significand of IEEE 754 numbers, the hidden one included. A REAL*n has 8n - 8 (REAL*4: 24), as far as a
+# float64 can hold them.
+FLOAT32_MANTISSA = 24
+FLOAT64_MANTISSA = 53
+# Reals beyond this magnitude are cut to it before they become integers: int64 holds it with room to spare.
+LARGEST_CONVERTED = 2.0**62
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A type. name : LOGICAL, INTEGER, REAL or CHARACTER; bits : word length; signed : of an INTEGER."""
+    """A data type: a class of number and a word length.
+
+    Parameters
+    ----------
+    name : {'LOGICAL', 'INTEGER', 'REAL', 'CHARACTER'}
+    bits : int
+        Word length, which is the number of bit-planes.
+    signed : bool
+        Of an INTEGER.
+
+    Examples
+    --------
+    >>> str(integer(2)), integer(2).range
+    ('INTEGER*2', (-32768, 32767))
+    >>> integer(2).scalar(40000)
+    -25536
+    >>> str(common_kind(integer(4), real(3)))
+    'REAL*3'
+    """
 
     name: str
     bits: int
@@ -34,6 +58,7 @@ class Kind:
 
     @property
     def is_numeric(self) -> bool:
+        """Whether it is INTEGER or REAL."""
         return self.name in ('INTEGER', 'REAL')
 
     @property
@@ -44,10 +69,10 @@ class Kind:
     @property
     def mantissa(self) -> int:
         """Bits of significand of a REAL."""
-        return min(self.bits - 8, MAX_MANTISSA)
+        return min(self.bits - 8, FLOAT64_MANTISSA)
 
     @property
-    def dtype(self) -> np.dtype:
+    def dtype(self) -> np.dtype[Any]:
         """The numpy type whose values hold this kind exactly."""
         return _dtype(self)
 
@@ -58,20 +83,41 @@ class Kind:
             return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
         return 0, (1 << self.bits) - 1
 
-    def fit(self, values: np.ndarray) -> np.ndarray:
-        """Values already of the container type, cut to the word length: integers wrap, reals round to nearest even."""
+    def fit(self, values: AnyArray) -> AnyArray:
+        """Cut values to the word length: integers wrap, reals round to nearest even.
+
+        Parameters
+        ----------
+        values : array of ``dtype``
+
+        Returns
+        -------
+        array of the same shape and type
+            The array itself where nothing had to be cut.
+        """
         if self.name == 'INTEGER':
             spare = 8 * values.dtype.itemsize - self.bits
             if not spare:
                 return values
-            return np.right_shift(np.left_shift(values, spare), spare)
+            fitted: AnyArray = np.right_shift(np.left_shift(values, spare), spare)
+            return fitted
         if self.name == 'REAL':
-            full = 24 if values.dtype == np.float32 else 53
+            full = FLOAT32_MANTISSA if values.dtype == np.float32 else FLOAT64_MANTISSA
             return values if self.mantissa >= full else _round(values, full - self.mantissa)
         return values
 
-    def convert(self, values: np.ndarray) -> np.ndarray:
-        """Any values as this kind. To INTEGER truncates toward zero and wraps; not-a-number becomes 0."""
+    def convert(self, values: AnyArray) -> AnyArray:
+        """Values of any numeric type as this kind.
+
+        Parameters
+        ----------
+        values : array
+
+        Returns
+        -------
+        array of ``dtype`` and the same shape
+            To INTEGER, reals are truncated toward zero and wrap; not-a-number becomes 0.
+        """
         source = np.asarray(values)
         if source.dtype == self.dtype:
             return self.fit(source)
@@ -79,13 +125,14 @@ class Kind:
             low, high = (float(source.min()), float(source.max())) if source.size else (0.0, 0.0)
             if low > -(2.0**31) and high < 2.0**31:  # false for NaN
                 return self.fit(source.astype(np.int32).astype(self.dtype, copy=False))
-            whole = np.nan_to_num(np.trunc(source), nan=0.0, posinf=2.0**62, neginf=-(2.0**62))
-            return self.fit(np.clip(whole, -(2.0**62), 2.0**62).astype(np.int64).astype(self.dtype))
+            most = LARGEST_CONVERTED
+            whole = np.nan_to_num(np.trunc(source), nan=0.0, posinf=most, neginf=-most)
+            return self.fit(np.clip(whole, -most, most).astype(np.int64).astype(self.dtype))
         with np.errstate(over='ignore', invalid='ignore'):
             return self.fit(source.astype(self.dtype))
 
     def scalar(self, value: bool | int | float) -> bool | int | float:
-        """One value as this kind, as a plain Python number."""
+        """One value as this kind: a plain Python number that the word can hold."""
         if self.name == 'LOGICAL':
             return bool(value)
         if self.name == 'INTEGER':
@@ -108,7 +155,7 @@ CHARACTER = Kind('CHARACTER', 8)
 
 @cache
 def integer(length: int = 4) -> Kind:
-    """INTEGER*length, 1..8."""
+    """INTEGER of this many bytes, 1 to 8; ValueError otherwise."""
     if length not in range(1, 9):
         raise ValueError(f'INTEGER*{length}: the word length is 1 to 8 bytes')
     return Kind('INTEGER', 8 * length)
@@ -116,21 +163,41 @@ def integer(length: int = 4) -> Kind:
 
 @cache
 def real(length: int = 4) -> Kind:
-    """REAL*length, 3..8."""
+    """REAL of this many bytes, 3 to 8; ValueError otherwise."""
     if length not in range(3, 9):
         raise ValueError(f'REAL*{length}: the word length is 3 to 8 bytes')
     return Kind('REAL', 8 * length)
 
 
 def bits(count: int, signed: bool = False) -> Kind:
-    """An integer of any number of bit-planes, 1..64: what an APAL programmer would use."""
+    """An integer of any number of bit-planes, 1 to 64, as in assembly (APAL); ValueError otherwise."""
     if not 1 <= count <= 64:
         raise ValueError(f'bits: expected 1 to 64 planes, got {count}')
     return Kind('INTEGER', count, signed)
 
 
 def parse_kind(text: str | Kind) -> Kind:
-    """'LOGICAL', 'INTEGER', 'INTEGER*2', 'REAL*4', ... Raises ValueError naming the text."""
+    """Read the name of a kind.
+
+    Parameters
+    ----------
+    text : str or Kind
+        'LOGICAL', 'INTEGER', 'INTEGER*2', 'REAL*4', ...; a Kind is returned as it is.
+
+    Returns
+    -------
+    Kind
+
+    Raises
+    ------
+    ValueError
+        Naming the text.
+
+    Examples
+    --------
+    >>> parse_kind('integer*2')
+    Kind(name='INTEGER', bits=16, signed=True)
+    """
     if isinstance(text, Kind):
         return text
     found = re.fullmatch(r'\s*(LOGICAL|INTEGER|REAL)\s*(?:\*\s*(\d+))?\s*', str(text), re.IGNORECASE)
@@ -140,8 +207,24 @@ def parse_kind(text: str | Kind) -> Kind:
     return LOGICAL if name == 'LOGICAL' else integer(length) if name == 'INTEGER' else real(length)
 
 
-def kind_of(values: np.ndarray, plain: bool = False) -> Kind:
-    """The kind that holds a numpy array's values. plain: from a Python list, so numbers take the default length 4."""
+def kind_of(values: AnyArray, plain: bool = False) -> Kind:
+    """The kind that holds the values of a numpy array.
+
+    Parameters
+    ----------
+    values : array of truths, integers or reals
+    plain : bool
+        The values come from a Python list, which has no word length: numbers take the default of 4 bytes.
+
+    Returns
+    -------
+    Kind
+
+    Raises
+    ------
+    ValueError
+        For other types.
+    """
     dtype = values.dtype
     if dtype.kind == 'b':
         return LOGICAL
@@ -168,18 +251,19 @@ def common_kind(a: Kind, b: Kind) -> Kind:
 
 
 @cache
-def _dtype(kind: Kind) -> np.dtype:
+def _dtype(kind: Kind) -> np.dtype[Any]:
+    """The smallest numpy type that holds every value of a kind."""
     if kind.name == 'LOGICAL':
         return np.dtype(bool)
     if kind.name == 'REAL':
-        return np.dtype(np.float32 if kind.mantissa <= 24 else np.float64)
+        return np.dtype(np.float32 if kind.mantissa <= FLOAT32_MANTISSA else np.float64)
     if kind.name == 'INTEGER':
         size = next(size for size in (1, 2, 4, 8) if 8 * size >= kind.bits)
         return np.dtype(f'{"i" if kind.signed else "u"}{size}')
     return np.dtype(object)
 
 
-def _round(values: np.ndarray, drop: int) -> np.ndarray:
+def _round(values: AnyArray, drop: int) -> AnyArray:
     """Round a float's significand to nearest, ties to even, dropping this many bits."""
     unsigned: Any = np.uint32 if values.dtype == np.float32 else np.uint64
     pattern = np.ascontiguousarray(values).view(unsigned)

@@ -1,7 +1,7 @@
-"""The machine: its models, its store, its counters.
+"""The machine without its arrays: models, store, cost model, counters and trace.
 
-Thesis 3.2: ES x ES one-bit processing elements with 32 Kbit to 1 Mbit of store each, a control unit (MCU) that does
-scalar work, row and column highways. Cycles are computed from costs.py, not simulated.
+The machine has ES x ES one-bit processing elements (PEs) with 32 Kbit to 1 Mbit of store each, a control unit (MCU) for
+scalar work, and row and column highways (thesis 3.2). Cycles are computed from costs.py, not simulated.
 """
 
 from __future__ import annotations
@@ -11,22 +11,38 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from .costs import CostTable
 from .kinds import Kind, parse_kind
 from .mapping import MAPPINGS, Layout, layout
-
-TRACE_LENGTH = 10_000
+from .settings import TRACE_LENGTH
 
 
 class OutOfStore(MemoryError):
-    """An array asked for more bit-planes than are free."""
+    """An array needs more bit-planes than are free."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """name; es : PEs along an edge; clock_s : seconds a cycle; coprocessor : 8-bit chips fitted"""
+    """One model of the machine.
+
+    Parameters
+    ----------
+    name : str
+    es : int
+        PEs along an edge of the array of PEs.
+    clock_s : float
+        Length of a cycle, seconds.
+    coprocessor : bool
+        Whether every PE has an 8-bit co-processor (the models whose names end in C).
+    memory_bits_per_pe : int
+        Store of one PE, bits: the number of bit-planes.
+
+    References
+    ----------
+    Thesis 3.2.1 and 3.2.4.
+    """
 
     name: str
     es: int
@@ -46,7 +62,28 @@ MODELS: dict[str, Model] = {
 
 
 class Store:
-    """Bit-planes of the array store: how many exist, how many are in use, the most there ever were."""
+    """Bit-planes of the array store, counted; safe to use from several threads.
+
+    Parameters
+    ----------
+    planes : int
+        Bit-planes that exist.
+
+    Attributes
+    ----------
+    used, peak : int
+        Bit-planes in use, and the most that were in use at one time.
+
+    Examples
+    --------
+    >>> store = Store(100)
+    >>> store.take(60)
+    >>> store.free
+    40
+    >>> store.take(60, 'a matrix')
+    Traceback (most recent call last):
+    dap_emulator.machine.machine.OutOfStore: out of store: a matrix asks for 60 bit-planes, 40 of 100 are free
+    """
 
     def __init__(self, planes: int) -> None:
         self.planes, self.used, self.peak = planes, 0, 0
@@ -54,10 +91,23 @@ class Store:
 
     @property
     def free(self) -> int:
+        """Bit-planes that are not in use."""
         return self.planes - self.used
 
     def take(self, planes: int, what: str = 'an array') -> None:
-        """Raises OutOfStore."""
+        """Take bit-planes into use.
+
+        Parameters
+        ----------
+        planes : int
+        what : str
+            What they are for, named in the error.
+
+        Raises
+        ------
+        OutOfStore
+            When fewer are free.
+        """
         with self._lock:
             if planes > self.planes - self.used:
                 raise OutOfStore(
@@ -68,12 +118,13 @@ class Store:
             self.peak = max(self.peak, self.used)
 
     def give_back(self, planes: int) -> None:
+        """Return bit-planes that were taken."""
         with self._lock:
             self.used -= planes
 
 
 class TraceEntry(NamedTuple):
-    """One charged operation. line : of the source program, 0 outside one."""
+    """One charged operation; ``line`` is that of the source program, 0 outside one."""
 
     operation: str
     kind: str
@@ -88,13 +139,30 @@ class TraceEntry(NamedTuple):
         )
 
 
-def _accumulate(table: dict, key: object, count: int, spent: int) -> None:
+_Key = TypeVar('_Key')
+
+
+def _accumulate(table: dict[_Key, tuple[int, int]], key: _Key, count: int, spent: int) -> None:
+    """Add to the (count, cycles) of an entry."""
     before = table.get(key, (0, 0))
     table[key] = (before[0] + count, before[1] + spent)
 
 
 class Stats:
-    """Counts and cycles, computed (not simulated). operations and lines map a name or line to (count, cycles)."""
+    """What was computed, and what it cost.
+
+    Attributes
+    ----------
+    cycles : int
+    seconds : float
+        Predicted by the cost model, not simulated.
+    peak_planes, planes : int
+        Most bit-planes in use at one time, and bit-planes that exist.
+    operations : dict of str to (int, int)
+        Operation and kind, for example 'add REAL*4', to how often it was done and its cycles; the most expensive first.
+    lines : dict of int to (int, int)
+        The same for the lines of the source program.
+    """
 
     def __init__(self, counts: Mapping[tuple[int, str], list[int]], cycles: int, seconds: float, store: Store) -> None:
         self.cycles, self.seconds = cycles, seconds
@@ -135,10 +203,40 @@ class Stats:
 class Machine:
     """An array processor without its arrays: PEs, store, cost model, counters and trace. ``Dap`` adds the arrays.
 
-    model : Model; memory_bits_per_pe : store of one PE, 32 Kbit to 1 Mbit on the AMT machines
-    mapping : how matrices lie, unless an array says otherwise; level : 'fortran' or 'apal' overhead
-    costs : overrides of cost constants; clock_s : overrides the model's; tracing : keep the last operations in trace
-    bit_serial : run INTEGER*1 and *2 arithmetic plane by plane, as the PEs do (slow; the same answers)
+    Parameters
+    ----------
+    model : Model
+    memory_bits_per_pe : int, optional
+        Store of one PE, bits; 32 Kbit to 1 Mbit on the AMT machines. The model's when not given.
+    mapping : {'sheet', 'crinkled', 'combined'}
+        How matrices lie on the PEs, unless an array has another mapping.
+    level : {'fortran', 'apal'}
+        Whose overhead for starting an operation is charged: compiled Fortran-Plus, or assembly.
+    costs : mapping of str to float, optional
+        Constants of the cost model that replace those of the table.
+    clock_s : float, optional
+        Length of a cycle, seconds. The model's when not given.
+    tracing : bool
+        Keep the last operations in ``trace``.
+    bit_serial : bool
+        Compute INTEGER*1 and INTEGER*2 plane by plane, as the PEs do: slow, with the same answers.
+
+    Attributes
+    ----------
+    cycles : int
+        Everything charged so far.
+    faults : int
+        Divisions of integers by zero so far.
+    line : int
+        Line of the source program that work is charged to, 0 outside one.
+    trace : deque of TraceEntry
+    store : Store
+    costs : CostTable
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is not usable.
     """
 
     def __init__(
@@ -195,10 +293,23 @@ class Machine:
 
     @property
     def memory_bytes(self) -> int:
+        """Array store, bytes."""
         return self.store.planes * self.pes // 8
 
     def rate(self, operation: str, kind: Kind | str) -> float:
-        """Operations a second of this kind with every PE busy, for example rate('add', 'REAL*4')."""
+        """Operations a second with every PE busy.
+
+        Parameters
+        ----------
+        operation : str
+            An operation of the cost model: 'add', 'multiply', 'sqrt', ...
+        kind : Kind or str
+            Type of its operands, for example 'REAL*4'.
+
+        Returns
+        -------
+        float
+        """
         cycles = self.costs.cycles(operation, parse_kind(kind), self.layout((self.es, self.es)))
         return self.pes / (cycles * self.clock_s)
 
@@ -219,7 +330,25 @@ class Machine:
         axis: int = 0,
         times: int = 1,
     ) -> None:
-        """Charge a parallel operation to the counters."""
+        """Charge a parallel operation to the counters.
+
+        Parameters
+        ----------
+        operation : str
+            A name of the cost model.
+        kind : Kind
+            Type of the operands.
+        shape : tuple of int
+            Extents of the array.
+        mapping : str, optional
+            How it lies on the PEs; the machine's mapping when not given.
+        detail : int
+            Distance of a shift, or exponent of a power.
+        axis : int
+            Axis of a shift or of a sum along one dimension.
+        times : int
+            How often the operation is done.
+        """
         where = layout(shape, self.es, mapping or self.mapping)
         cycles = times * self.costs.cycles(operation, kind, where, detail, axis)
         self._add(f'{operation} {kind}', cycles, times)
@@ -242,10 +371,11 @@ class Machine:
             entry[1] += cycles
 
     def stats(self) -> Stats:
+        """Counts, cycles and seconds of everything charged so far."""
         return Stats(self._counts, self.cycles, self.seconds, self.store)
 
     def reset(self) -> None:
-        """Counters, trace and the store's high-water mark; arrays stay."""
+        """Set counters to zero, empty the trace, and forget the store's peak; arrays stay."""
         self.cycles = self.faults = 0
         self._counts.clear()
         self.trace.clear()
@@ -255,7 +385,10 @@ class Machine:
     def measured(self) -> Iterator[Callable[[], Stats]]:
         """Count what happens inside by itself; afterwards it is added to what was counted before.
 
-        Yields a function that returns the Stats of what has happened inside so far.
+        Yields
+        ------
+        callable
+            Returns the Stats of what has happened inside so far.
         """
         cycles, counts, peak = self.cycles, self._counts, self.store.peak
         self._counts, self.store.peak = {}, self.store.used
@@ -276,7 +409,7 @@ class Machine:
 
     @contextmanager
     def at_line(self, line: int) -> Iterator[None]:
-        """Charge what happens inside to this source line."""
+        """Charge what happens inside to this line of the source program."""
         before, self.line = self.line, line
         try:
             yield
@@ -284,6 +417,7 @@ class Machine:
             self.line = before
 
     def layout(self, shape: tuple[int, ...], mapping: str | None = None) -> Layout:
+        """How an array of this shape lies on this machine."""
         return layout(tuple(shape), self.es, mapping or self.mapping)
 
     def __repr__(self) -> str:

@@ -13,6 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, IntArray
+
+from .settings import LAYOUTS_CACHED
+
 MAPPINGS = ('sheet', 'crinkled', 'combined')
 
 
@@ -20,8 +24,32 @@ MAPPINGS = ('sheet', 'crinkled', 'combined')
 class Layout:
     """Where the elements of one array lie.
 
-    shape : parallel extents, () one scalar, (n,) vector, (rows, columns) matrix; es : PEs along an edge
-    mapping : one of MAPPINGS (a vector has only one)
+    Parameters
+    ----------
+    shape : tuple of int
+        Parallel extents: () of one scalar, (n,) of a vector, (rows, columns) of a matrix.
+    es : int
+        PEs along an edge of the array of PEs.
+    mapping : {'sheet', 'crinkled', 'combined'}
+        How a matrix is cut into blocks; a vector has one mapping only.
+
+    Raises
+    ------
+    ValueError
+        For an unknown mapping, more than two extents, or an extent below 1.
+
+    References
+    ----------
+    Thesis 3.5.1.
+
+    Examples
+    --------
+    >>> Layout((100, 40), es=32).grid
+    (4, 2)
+    >>> Layout((4, 4), es=2, mapping='sheet').places()[0].tolist()
+    [[0, 0, 1, 1], [0, 0, 1, 1], [2, 2, 3, 3], [2, 2, 3, 3]]
+    >>> Layout((4, 4), es=2, mapping='crinkled').places()[0].tolist()
+    [[0, 1, 0, 1], [2, 3, 2, 3], [0, 1, 0, 1], [2, 3, 2, 3]]
     """
 
     shape: tuple[int, ...]
@@ -43,7 +71,7 @@ class Layout:
 
     @property
     def blocks(self) -> int:
-        """Every parallel operation is repeated this many times."""
+        """Number of blocks: every parallel operation is repeated this many times."""
         down, across = self.grid
         return down * across
 
@@ -51,14 +79,20 @@ class Layout:
         """Whether neighbours along this axis of a matrix mostly share a PE."""
         return self.mapping == 'crinkled' or (self.mapping == 'combined' and axis == 0)
 
-    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(block, PE row, PE column) of every element, each int64 of the array's shape."""
+    def places(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Place of every element.
+
+        Returns
+        -------
+        block, row, column : int64 arrays of the array's shape
+            Number of the block, and row and column of the PE within the array of PEs, all from 0.
+        """
         es = self.es
         if len(self.shape) != 2:
             index = np.arange(self.shape[0] if self.shape else 1)
             # Long vectors run down the columns of a block, as Fortran arrays do.
             return index // es**2, index % es, index % es**2 // es
-        along: list[tuple[np.ndarray, np.ndarray]] = []
+        along: list[tuple[IntArray, IntArray]] = []
         for axis, extent in enumerate(self.shape):
             index = np.arange(extent)
             tile = self.grid[axis]
@@ -71,14 +105,24 @@ class Layout:
             np.broadcast_to(pe_column[None, :], self.shape).copy(),
         )
 
-    def to_blocks(self, values: np.ndarray) -> np.ndarray:
-        """(blocks, ES, ES): the values as the PEs hold them, zero where no element lies."""
+    def to_blocks(self, values: AnyArray) -> AnyArray:
+        """Values as the PEs hold them.
+
+        Parameters
+        ----------
+        values : array of the layout's shape
+
+        Returns
+        -------
+        (blocks, es, es) array of the same type
+            Zero where no element lies.
+        """
         out = np.zeros((self.blocks, self.es, self.es), dtype=values.dtype)
         out[self.places()] = values
         return out
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=LAYOUTS_CACHED)
 def layout(shape: tuple[int, ...], es: int, mapping: str = 'sheet') -> Layout:
-    """A cached Layout."""
+    """``Layout(shape, es, mapping)``, made once for each set of arguments."""
     return Layout(shape, es, mapping)

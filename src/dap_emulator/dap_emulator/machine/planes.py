@@ -8,18 +8,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, BoolArray, WordArray
+
 from .kinds import Kind
+
+WORD_BITS = 64
 
 
 def words_for(count: int) -> int:
     """64-bit words that hold one bit of each of count elements."""
-    return -(-count // 64)
+    return -(-count // WORD_BITS)
 
 
-def pack(flags: np.ndarray) -> np.ndarray:
-    """(..., count) bool to (..., words) uint64; unused bits are 0."""
+def pack(flags: BoolArray) -> WordArray:
+    """(..., count) bool to (..., words) uint64; unused bits are 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pack(np.array([True, False, True])).tolist()
+    [5]
+    """
     count = flags.shape[-1]
-    packed = np.packbits(flags, axis=-1, bitorder='little')
+    packed = np.packbits(flags, axis=-1, bitorder='little')  # numpy packs eight to a byte
     size = 8 * words_for(count)
     if packed.shape[-1] != size:
         padded = np.zeros(packed.shape[:-1] + (size,), dtype=np.uint8)
@@ -28,35 +39,35 @@ def pack(flags: np.ndarray) -> np.ndarray:
     return packed.view(np.uint64)
 
 
-def unpack(words: np.ndarray, count: int) -> np.ndarray:
+def unpack(words: WordArray, count: int) -> BoolArray:
     """(..., words) uint64 to (..., count) bool."""
     return np.unpackbits(words.view(np.uint8), axis=-1, count=count, bitorder='little').view(bool)
 
 
-def ones(count: int) -> np.ndarray:
+def ones(count: int) -> WordArray:
     """(words,) uint64: a plane that is 1 for every element and 0 in the unused bits."""
     words = np.full(words_for(count), ~np.uint64(0))
-    if count % 64:
-        words[-1] = np.uint64((1 << (count % 64)) - 1)
+    if count % WORD_BITS:
+        words[-1] = np.uint64((1 << (count % WORD_BITS)) - 1)
     return words
 
 
-def invert(words: np.ndarray, count: int) -> np.ndarray:
+def invert(words: WordArray, count: int) -> WordArray:
     """(words,) plane: NOT; the unused bits stay 0."""
     out = ~words
-    if count % 64:
-        out[-1] &= np.uint64((1 << (count % 64)) - 1)
+    if count % WORD_BITS:
+        out[-1] &= np.uint64((1 << (count % WORD_BITS)) - 1)
     return out
 
 
-def count_true(words: np.ndarray) -> int:
-    """Number of ones."""
+def count_true(words: WordArray) -> int:
+    """Number of ones in packed words."""
     if hasattr(np, 'bitwise_count'):
         return int(np.bitwise_count(words).sum())
     return int(np.unpackbits(words.view(np.uint8)).sum())
 
 
-def to_planes(values: np.ndarray, kind: Kind) -> np.ndarray:
+def to_planes(values: AnyArray, kind: Kind) -> WordArray:
     """Integers of any shape to (bits, words) uint64, plane 0 the least significant."""
     flat = np.ascontiguousarray(values).reshape(-1)
     flat = flat.astype(np.int64) if flat.dtype != np.uint64 else flat
@@ -64,18 +75,18 @@ def to_planes(values: np.ndarray, kind: Kind) -> np.ndarray:
     return pack(np.stack([(flat >> flat.dtype.type(bit)) & one for bit in range(kind.bits)]).astype(bool))
 
 
-def from_planes(planes: np.ndarray, kind: Kind, shape: tuple[int, ...]) -> np.ndarray:
-    """The inverse of to_planes."""
+def from_planes(planes: WordArray, kind: Kind, shape: tuple[int, ...]) -> AnyArray:
+    """(bits, words) uint64 to integers of this shape: the inverse of to_planes."""
     flags = unpack(planes, int(np.prod(shape)))
     total = np.zeros(flags.shape[1], dtype=np.uint64)
     for bit in range(kind.bits):
         total |= flags[bit].astype(np.uint64) << np.uint64(bit)
-    if kind.signed and kind.bits < 64:
+    if kind.signed and kind.bits < WORD_BITS:
         total |= np.where(flags[kind.bits - 1], ~np.uint64((1 << kind.bits) - 1), np.uint64(0))
     return total.astype(kind.dtype if not kind.signed else np.int64).astype(kind.dtype).reshape(shape)
 
 
-def add(a: np.ndarray, b: np.ndarray, carry: np.ndarray) -> np.ndarray:
+def add(a: WordArray, b: WordArray, carry: WordArray) -> WordArray:
     """a + b + carry modulo the word length, by rippling the carry: two loads and a store for every plane."""
     out = np.empty_like(a)
     for bit in range(len(a)):
@@ -85,12 +96,12 @@ def add(a: np.ndarray, b: np.ndarray, carry: np.ndarray) -> np.ndarray:
     return out
 
 
-def subtract(a: np.ndarray, b: np.ndarray, all_ones: np.ndarray) -> np.ndarray:
+def subtract(a: WordArray, b: WordArray, all_ones: WordArray) -> WordArray:
     """a - b: add the complement and one."""
     return add(a, ~b & all_ones, all_ones)
 
 
-def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def multiply(a: WordArray, b: WordArray) -> WordArray:
     """a * b modulo the word length: add a, shifted up, where b's bit is set."""
     out = np.zeros_like(a)
     none = np.zeros_like(a[0])
@@ -99,9 +110,9 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-def less(a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
-    """(words,) plane: a < b. The last differing bit decides; a sign bit decides the other way round."""
-    result = np.zeros_like(a[0])
+def less(a: WordArray, b: WordArray, signed: bool) -> WordArray:
+    """(words,) plane: a < b. The highest differing bit decides; a sign bit decides the other way round."""
+    result: WordArray = np.zeros_like(a[0])
     for bit in range(len(a)):
         differ = a[bit] ^ b[bit]
         winner = a[bit] if signed and bit == len(a) - 1 else b[bit]
@@ -109,9 +120,9 @@ def less(a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
     return result
 
 
-def equal(a: np.ndarray, b: np.ndarray, all_ones: np.ndarray) -> np.ndarray:
+def equal(a: WordArray, b: WordArray, all_ones: WordArray) -> WordArray:
     """(words,) plane: a == b."""
-    result = all_ones.copy()
+    result: WordArray = all_ones.copy()
     for bit in range(len(a)):
         result &= ~(a[bit] ^ b[bit])
     return result
