@@ -10,7 +10,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHONUNBUFFERED := 1
 TEST_WORKERS ?= 2
 
-.PHONY: help setup demo test test-oldest coverage lint bench experiments docs stress colcon clean
+.PHONY: help setup demo test test-oldest coverage lint bench experiments docs site stress colcon clean
 
 help:
 	@echo 'make demo         render, recover, match: two scenes and a real stereo pair, into demo_out/'
@@ -20,7 +20,8 @@ help:
 	@echo 'make lint         ruff and mypy'
 	@echo 'make bench        speed, beside the tools you might use instead'
 	@echo 'make experiments  the tables of the thesis, beside ours'
-	@echo 'make docs         tables, parameter files and pictures of the pages, from the code'
+	@echo 'make docs         tables, parameter files and pictures of the pages, from the code; then the site'
+	@echo 'make site         the HTML site alone, with the reference, into out/site/html'
 	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts'
 	@echo 'make colcon       colcon build of src/ inside the virtual environment'
 
@@ -77,6 +78,16 @@ docs: $(READY)
 	$(PY) test/docs/generate.py
 	$(PY) test/docs/pictures.py
 	$(PY) test/docs/gallery.py
+	$(MAKE) site
+
+DOCS_READY := .venv/.docs-ready
+
+$(DOCS_READY): $(READY) requirements-docs.txt
+	$(PY) -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
+	@touch $@
+
+site: $(DOCS_READY)
+	NO_MKDOCS_2_WARNING=1 $(PY) test/docs/site.py
 
 stress: $(READY)
 	$(PY) test/stress/fuzz.py --messages 10000

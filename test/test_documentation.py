@@ -18,7 +18,7 @@ import stereo_recovery
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'test' / 'docs'
 PAGES = [
-    ROOT / 'README.md',
+    *sorted(ROOT.glob('*.md')),
     *sorted((ROOT / 'src').glob('*/README.md')),
     *sorted((ROOT / 'src').glob('*/docs/*.md')),
     ROOT / 'test' / 'README.md',

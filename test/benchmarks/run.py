@@ -199,9 +199,13 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str:
-    done = subprocess.run(
-        ['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+    """The commit that is measured; 'unknown' without git, and in a source archive."""
+    try:
+        done = subprocess.run(
+            ['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, cwd=ROOT, check=False
+        )
+    except FileNotFoundError:
+        return 'unknown'
     return done.stdout.strip() or 'unknown'
 
 

@@ -3,13 +3,14 @@
     python test/docs/generate.py            # write
     python test/docs/generate.py --check    # exit code 1, naming the files, when they are not what the code says
 
-In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written; the rest is
-left alone. config/<node>.yaml is written whole.
+In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written, and in
+ARCHITECTURE.md the table of rooms; the rest is left alone. config/<node>.yaml is written whole.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from stereo_recovery.node import RecoveryNode
 
 ROOT = Path(__file__).resolve().parents[2]
 BEGIN, END = '<!-- node:begin (written by test/docs/generate.py) -->', '<!-- node:end -->'
+ROOMS_BEGIN, ROOMS_END = '<!-- rooms:begin (written by test/docs/generate.py) -->', '<!-- rooms:end -->'
 
 # What the code cannot say: the meaning of a topic or service. A missing or an idle entry is an error.
 MEANING = {
@@ -198,6 +200,24 @@ def config_file(found: Interface) -> str:
     return '\n'.join(lines) + '\n'
 
 
+def rooms() -> str:
+    """Every room with its one sentence, in the order of imports that the layer test holds."""
+    source = ast.parse((ROOT / 'test' / 'test_layers.py').read_text(encoding='utf-8'))
+    order: dict[str, tuple[str, ...]] = next(
+        ast.literal_eval(node.value)
+        for node in source.body
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], 'id', '') == 'ROOMS'
+    )
+    lines = [ROOMS_BEGIN, '', '| room | what it is for |', '| --- | --- |']
+    for package, names in order.items():
+        for name in names:
+            face = ROOT / 'src' / package / package / name / '__init__.py'
+            if face.exists():
+                words = ast.get_docstring(ast.parse(face.read_text(encoding='utf-8'))) or ''
+                lines.append(f'| `{package}.{name}` | {words.splitlines()[0]} |')
+    return '\n'.join([*lines, '', ROOMS_END])
+
+
 def expected_files() -> dict[Path, str]:
     """Every generated file and what it must hold. Raises ValueError for a page without its marks, a topic without a
     meaning and a meaning without a topic."""
@@ -216,6 +236,8 @@ def expected_files() -> dict[Path, str]:
         before, rest = page.split(BEGIN, 1)
         files[documented.page] = before + tables(found) + rest.split(END, 1)[1]
         files[documented.yaml] = config_file(found)
+    page = (ROOT / 'ARCHITECTURE.md').read_text(encoding='utf-8')
+    files[ROOT / 'ARCHITECTURE.md'] = page.split(ROOMS_BEGIN)[0] + rooms() + page.split(ROOMS_END)[1]
     idle = set(MEANING) - used
     if idle:
         raise ValueError(f'meanings of topics that no node has: {", ".join(sorted(idle))}')
