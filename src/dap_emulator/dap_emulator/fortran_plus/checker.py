@@ -16,7 +16,22 @@ _BUILTIN_CALLS = {'DISPLAY': (1, 2)}
 
 
 def check(units: list[Unit]) -> dict[str, CheckedUnit]:
-    """All units by name. Raises FortranError."""
+    """Check all units of a program.
+
+    Parameters
+    ----------
+    units : list of Unit
+
+    Returns
+    -------
+    dict of str to CheckedUnit
+        By name; their trees now carry types and meanings.
+
+    Raises
+    ------
+    FortranError
+        With the place of the first mistake.
+    """
     checked: dict[str, CheckedUnit] = {}
     for unit in units:
         if unit.name in checked:
@@ -36,9 +51,11 @@ class _Body:
         self.item, self.units, self.node = item, units, item.unit.header
 
     def fail(self, at: int, reason: str) -> FortranError:
+        """An error at an offset of the statement that is being checked."""
         return located(self.node.source, at, reason)
 
     def run(self) -> None:
+        """Check the statements in order. Raises FortranError."""
         for symbol in list(self.item.symbols.values()):
             for dimension in symbol.dimensions:
                 if dimension.extent is not None:
@@ -58,6 +75,7 @@ class _Body:
                 raise self.fail(0, f'DATA: {symbol.name} must be a local scalar or serial array')
 
     def _statement(self, node: Node, labels: set[int]) -> None:
+        """Check one statement by the method of its name."""
         handler = getattr(self, '_' + node.what, None)
         if node.what == 'goto' and node.target not in labels:
             raise self.fail(node.at, f'GOTO {node.target}: there is no such label in {self.item.unit.name}')
@@ -81,6 +99,7 @@ class _Body:
             raise self.fail(node.value.at, 'cannot assign a vector to a matrix')
 
     def _selects(self, target: Reference) -> bool:
+        """Whether rows or columns of the target are selected by a mask."""
         return any(getattr(item, 'type', None) == Type(LOGICAL, 1) for item in target.items or [])
 
     def _assignable(self, place: Type, value: Type, at: int) -> None:
@@ -152,7 +171,7 @@ class _Body:
     # Expressions.
 
     def type_of(self, node: Any) -> Type:
-        """The type of an expression, also noted in it. Raises FortranError."""
+        """Find the type of an expression, and note it there. Raises FortranError."""
         if node.__class__ is Constant:
             node.type = Type(node.kind)
         elif isinstance(node, Reference):
@@ -166,18 +185,13 @@ class _Body:
                 raise self.fail(node.at, str(error)) from None
         else:
             raise self.fail(getattr(node, 'at', 0), 'expected a value')
-        return node.type
+        found: Type = node.type
+        return found
 
     def _operation(self, node: Any) -> Type:
+        """The type of an operation. Raises ValueError when its operands do not go together."""
         if isinstance(node, Unary):
-            inner = self._value(node.operand)
-            if node.operator == '.NOT.':
-                if inner.kind != LOGICAL:
-                    raise ValueError(f'.NOT. of {inner}')
-                return inner
-            if not inner.kind.is_numeric:
-                raise ValueError(f'sign of {inner}')
-            return inner
+            return self._unary(node)
         left, right = self._value(node.left), self._value(node.right)
         if node.operator in RELATIONS:
             return Type(LOGICAL, self._related(node.operator, left, right))
@@ -193,6 +207,15 @@ class _Body:
                 return Type(real(4) if result.kind.bits <= 32 else real(8), result.rank)
         return result
 
+    def _unary(self, node: Unary) -> Type:
+        inner = self._value(node.operand)
+        if node.operator == '.NOT.':
+            if inner.kind != LOGICAL:
+                raise ValueError(f'.NOT. of {inner}')
+        elif not inner.kind.is_numeric:
+            raise ValueError(f'sign of {inner}')
+        return inner
+
     def _related(self, operator: str, left: Type, right: Type) -> int:
         if left.kind.name == right.kind.name == 'CHARACTER' and not left.rank and not right.rank:
             return 0
@@ -201,6 +224,7 @@ class _Body:
         return combined(left, right).rank
 
     def _value(self, node: Any) -> Type:
+        """The type of an expression that must not be an array with serial dimensions."""
         found = self.type_of(node)
         if found.serial:
             raise self.fail(node.at, f'{found} cannot be used as a whole in an expression')
@@ -231,6 +255,7 @@ class _Body:
         return self._variable(node).type
 
     def _intrinsic(self, node: Reference) -> Type:
+        """The type of a call of an intrinsic function."""
         node.meaning = 'intrinsic'
         function = FUNCTIONS[node.name]
         items = node.items or []
@@ -254,13 +279,14 @@ class _Body:
             raise self.fail(node.at, f'{node.name}: {error}') from None
 
     def _length(self, items: list[Any], types: list[Type]) -> Type:
+        """The type of LENGTH(x, n), whose word length must be a constant."""
         if not isinstance(items[1], Constant) or not isinstance(items[1].value, int) or not types[0].kind.is_numeric:
             raise ValueError('expected a number and a constant word length')
         n = items[1].value
         return Type(real(n) if types[0].kind.name == 'REAL' else integer(n), types[0].rank)
 
     def _variable(self, node: Reference) -> Symbol:
-        """The symbol of a name; an undeclared scalar is declared by its first letter."""
+        """Find the symbol of a name; an undeclared scalar is declared by its first letter."""
         symbol = self.item.symbols.get(node.name)
         if symbol is None:
             if node.items is not None:
@@ -269,13 +295,13 @@ class _Body:
                 raise self.fail(node.at, f'{node.name} is not declared')
             if node.name in self.units:
                 raise self.fail(node.at, f'{node.name} is a subroutine or function, not a variable')
-            symbol = Symbol(node.name, Type(implicit_kind(node.name)), [], declared=False)
+            symbol = Symbol(node.name, Type(implicit_kind(node.name)), [])
             symbol.slot = 1 + sum(other.slot > 0 for other in self.item.symbols.values())
             self.item.symbols[node.name] = symbol
         return symbol
 
     def _indexed(self, node: Reference, symbol: Symbol, target: bool) -> Type:
-        """The type of a variable, alone or indexed."""
+        """Find the type of a variable, alone or indexed, and note it there."""
         node.meaning = 'variable'
         full, items = symbol.type, node.items
         if items is None:
@@ -295,12 +321,12 @@ class _Body:
         if single:
             left = self._single(node, items[0], target)
         else:
-            left = sum(self._keeps(node, item, rank, target) for item in items[:rank])
-        node.type = Type(full.kind, left)
-        return node.type
+            left = sum(self._keeps(node, item, target) for item in items[:rank])
+        found = node.type = Type(full.kind, left)
+        return found
 
     def _single(self, node: Reference, item: Any, target: bool) -> int:
-        """A matrix with one index: a mask, or an element in long-vector order."""
+        """Rank that is left of a matrix with one index, which is a mask or an element in long-vector order."""
         found = None if isinstance(item, (Whole, Step)) else self._value(item)
         if found is not None and found.kind == LOGICAL and found.rank == 2:
             return 2 if target else 0
@@ -308,8 +334,8 @@ class _Body:
             return 0
         raise self.fail(node.at, f'{node.name}: expected a LOGICAL matrix or an INTEGER scalar as the only index')
 
-    def _keeps(self, node: Reference, item: Any, rank: int, target: bool) -> int:
-        """1 when an index keeps its parallel dimension, 0 when it selects within it."""
+    def _keeps(self, node: Reference, item: Any, target: bool) -> int:
+        """Rank that an index leaves: 1 when it keeps its parallel dimension, 0 when it selects within it."""
         if isinstance(item, Step) and target:
             raise self.fail(item.at, f'{node.name}: a neighbour cannot be assigned to')
         if isinstance(item, (Whole, Step)):

@@ -13,8 +13,17 @@ from .syntax import Node
 class Step:
     """One step of a unit.
 
-    what : 'plain' (node), 'jump', 'jump_unless' (condition), 'do_start', 'do_next'; target : step to go to
-    loop : number of the DO loop, for the two DO steps
+    Parameters
+    ----------
+    what : {'plain', 'jump', 'jump_unless', 'do_start', 'do_next'}
+    node : Node
+        The statement.
+    target : int
+        Position of the step to jump to.
+    condition : expression, optional
+        Of a jump_unless: the jump is taken when it is false.
+    loop : int
+        Number of the DO loop, of a do_start or do_next.
     """
 
     what: str
@@ -36,11 +45,29 @@ class _Open:
 
 
 def flatten(body: list[Node]) -> tuple[list[Step], int]:
-    """The steps of a checked unit and its number of DO loops. Raises FortranError for unmatched blocks."""
+    """Turn the statements of a checked unit into steps.
+
+    Parameters
+    ----------
+    body : list of Node
+
+    Returns
+    -------
+    steps : list of Step
+    loops : int
+        Number of DO loops.
+
+    Raises
+    ------
+    FortranError
+        For blocks that are not closed, or closed twice.
+    """
     return _Flattener(body).run()
 
 
 class _Flattener:
+    """Steps, open blocks, labels and jumps of one unit; each kind of statement has a method of its name."""
+
     def __init__(self, body: list[Node]) -> None:
         self.body = body
         self.steps: list[Step] = []

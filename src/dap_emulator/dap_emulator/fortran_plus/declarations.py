@@ -20,7 +20,24 @@ from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Type, 
 
 @dataclass
 class Symbol:
-    """A name of a unit. slot : its place in a frame; argument : its position, or None; common : (block, position)"""
+    """A name of a unit.
+
+    Parameters
+    ----------
+    name : str
+    type : Type
+    dimensions : list of Dimension
+    slot : int
+        Its place in a frame; 0 for a constant.
+    argument : int, optional
+        Its position among the arguments.
+    common : (str, int), optional
+        COMMON block, and position in it.
+    constant : optional
+        Value of a PARAMETER.
+    initial : list, optional
+        Values of a DATA statement.
+    """
 
     name: str
     type: Type
@@ -30,12 +47,27 @@ class Symbol:
     common: tuple[str, int] | None = None
     constant: Any = None
     initial: list[Any] | None = None
-    declared: bool = True
 
 
 @dataclass
 class CheckedUnit:
-    """A unit whose tree is complete: symbols by name, executable nodes, which names it changes."""
+    """A unit whose tree is complete.
+
+    Parameters
+    ----------
+    unit : Unit
+    symbols : dict of str to Symbol
+    body : list of Node
+        Executable statements.
+    changed : set of str
+        Names that the unit may assign to.
+    geometry : (bool, bool)
+        Whether neighbours wrap around, along the rows and along the columns.
+    result : Type, optional
+        Of a function.
+    implicit : bool
+        Whether undeclared scalars take their type from their first letter.
+    """
 
     unit: Unit
     symbols: dict[str, Symbol] = field(default_factory=dict)
@@ -47,15 +79,30 @@ class CheckedUnit:
 
     @property
     def arguments(self) -> list[Symbol]:
+        """Arguments, in order."""
         return [self.symbols[name] for name in self.unit.arguments]
 
 
 def implicit_kind(name: str) -> Kind:
+    """The kind of an undeclared name: INTEGER for I to N, otherwise REAL."""
     return integer(4) if 'I' <= name[0] <= 'N' else real(4)
 
 
 def declared_kind(text: str, length: int | None) -> Kind:
-    """'REAL*4' and a length from the name. Raises ValueError."""
+    """The kind of a declaration.
+
+    Parameters
+    ----------
+    text : str
+        For example 'REAL*4'.
+    length : int, optional
+        Word length that stands behind the name and replaces that of the type.
+
+    Raises
+    ------
+    ValueError
+        For a word length that the type does not have.
+    """
     found = re.fullmatch(r'([A-Z]+)(?:\*(\d+))?', text)
     assert found is not None
     name, number = found[1], length if length is not None else int(found[2] or 0)
@@ -69,7 +116,7 @@ def declared_kind(text: str, length: int | None) -> Kind:
 
 
 class Declarations:
-    """The declarations at the head of a unit, into its symbols."""
+    """Turns the declarations at the head of a unit into its symbols; each statement has a method of its name."""
 
     def __init__(self, item: CheckedUnit) -> None:
         self.item, self.node = item, item.unit.header
@@ -82,9 +129,11 @@ class Declarations:
         self.declared: list[str] = []
 
     def fail(self, at: int, reason: str) -> FortranError:
+        """An error at an offset of the statement that is being read."""
         return located(self.node.source, at, reason)
 
     def run(self) -> None:
+        """Read the declarations, and hand the executable statements on. Raises FortranError."""
         unit = self.item.unit
         executable = False
         for node in unit.body:
@@ -112,6 +161,7 @@ class Declarations:
         self.item.implicit = not self.implicit_none
 
     def _untyped(self, name: str, at: int) -> None:
+        """Give a name without a type the type of its first letter."""
         if name not in self.kinds:
             if self.implicit_none:
                 raise self.fail(at, f'{name} is not declared')
@@ -129,6 +179,7 @@ class Declarations:
         self.item.result = Type(self.kinds[name], len(self.dimensions[name]))
 
     def _symbol(self, name: str) -> None:
+        """Make the symbol of a name from all that was declared of it."""
         if name in self.item.symbols:
             return
         dimensions = self.dimensions.get(name, [])
@@ -148,6 +199,7 @@ class Declarations:
         self.item.symbols[name] = symbol
 
     def _note(self, entity: Entity) -> None:
+        """Note a declared name and its dimensions."""
         if entity.name not in self.declared:
             self.declared.append(entity.name)
         if entity.dimensions is None:
@@ -187,7 +239,7 @@ class Declarations:
     def _parameter(self, node: Node) -> None:
         for name, expression, at in node.constants:
             value, kind = self._fold(expression)
-            self._untyped(name, at) if name not in self.kinds else None
+            self._untyped(name, at)
             declared = self.kinds.get(name, kind)
             if name in self.declared:
                 self.declared.remove(name)
@@ -200,7 +252,7 @@ class Declarations:
             )
 
     def _fold(self, node: Any) -> tuple[Any, Kind]:
-        """A constant expression's value. Raises FortranError."""
+        """Compute a constant expression; return its value and kind. Raises FortranError."""
         if isinstance(node, Constant):
             return node.value, node.kind
         if isinstance(node, Reference) and node.items is None and node.name in self.item.symbols:

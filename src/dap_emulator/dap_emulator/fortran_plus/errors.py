@@ -6,9 +6,23 @@ from ..machine.machine import OutOfStore
 
 
 class FortranError(ValueError):
-    """A program that cannot be compiled or run.
+    """A program cannot be compiled or run.
 
-    line, column : from 1; text : the source line; reason : what is wrong
+    Parameters
+    ----------
+    reason : str
+        What is wrong.
+    line, column : int
+        Where, from 1; 0 where no place is known.
+    text : str
+        The source line.
+
+    Examples
+    --------
+    >>> print(FortranError('a name is missing', 3, 5, 'X = )'))
+    line 3, column 5: a name is missing
+      X = )
+          ^
     """
 
     def __init__(self, reason: str, line: int = 0, column: int = 0, text: str = '') -> None:

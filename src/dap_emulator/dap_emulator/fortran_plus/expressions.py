@@ -40,17 +40,31 @@ _ARITHMETIC = {'+': 'add', '-': 'subtract', '*': 'multiply', '/': 'divide'}
 
 
 class Expressions:
-    """Closures for the expressions of one unit; integers, reals and functions count its scalar operations."""
+    """Closures for the expressions of one unit.
+
+    Parameters
+    ----------
+    item : CheckedUnit
+        The unit that the expressions stand in.
+    units : dict of str to CheckedUnit
+        All units of the program, by name.
+
+    Attributes
+    ----------
+    integers, reals, functions : int
+        Scalar operations of the statement that is being compiled.
+    """
 
     def __init__(self, item: CheckedUnit, units: dict[str, CheckedUnit]) -> None:
         self.item, self.units = item, units
         self.integers = self.reals = self.functions = 0
 
     def arguments(self, name: str, actuals: list[Any]) -> Callable[[Frame], Frame]:
-        """A call of a unit, as a closure that gives its frame."""
+        """Make a call of a unit: a closure that returns its frame."""
         raise NotImplementedError
 
     def load(self, symbol: Symbol) -> Evaluate:
+        """Read a variable or constant."""
         if symbol.slot == 0:
             value = symbol.constant
             return lambda frame: value
@@ -67,12 +81,14 @@ class Expressions:
         return lambda frame, variable: variable.place(tuple([index(frame) for index in indices]))
 
     def _count(self, kind: Kind) -> None:
+        """Count one scalar operation."""
         if kind.name == 'REAL':
             self.reals += 1
         else:
             self.integers += 1
 
     def expression(self, node: Any) -> Evaluate:
+        """Make the closure of an expression whose types have been checked."""
         if isinstance(node, Constant):
             value = node.value if node.kind.name in ('CHARACTER', 'LOGICAL') else node.kind.scalar(node.value)
             return lambda frame: value
@@ -162,7 +178,7 @@ class Expressions:
             return lambda frame: call(frame)[slot]
 
         def parallel(frame: Frame) -> DapArray:
-            value = call(frame)[slot].read(())
+            value: DapArray = call(frame)[slot].read(())
             return value.like(value.kind, value.values)
 
         return parallel
@@ -191,7 +207,7 @@ class Expressions:
         if all(isinstance(item, Whole) for item in items):
 
             def whole(frame: Frame) -> DapArray:
-                variable = load(frame)
+                variable: ArrayVariable = load(frame)
                 return variable.read(place(frame, variable))
 
             return whole
@@ -207,7 +223,7 @@ class Expressions:
         ]
 
         def neighbour(frame: Frame) -> DapArray:
-            variable = load(frame)
+            variable: ArrayVariable = load(frame)
             array = variable.read(place(frame, variable))
             for step, axis, cyclic in moves:
                 array = array.neighbour(step, axis, cyclic)
@@ -237,12 +253,14 @@ class Expressions:
 
 
 def position_in(index: int, extent: int) -> int:
+    """An index of the language, from 1, as one of Python, from 0. Raises IndexError when it is outside."""
     if not 1 <= index <= extent:
         raise IndexError(f'index {index} is outside 1 to {extent}')
     return index - 1
 
 
 def _first_true(mask: DapArray) -> int:
+    """Position of the first true element, from 1. Raises ValueError when there is none."""
     where = intrinsics.eln(mask)
     if where == 0:
         raise ValueError('the selecting mask is false everywhere')
@@ -250,7 +268,22 @@ def _first_true(mask: DapArray) -> int:
 
 
 def select_part(shape: tuple[int, ...], chosen: list[Any]) -> tuple[Any, ...]:
-    """numpy indices from the language's: None is a whole dimension; one index of a matrix counts down its columns."""
+    """Indices of the language as numpy indices.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Extents of the array.
+    chosen : list of int or None
+        From 1; None is a whole dimension. A single index of a matrix counts down its columns.
+
+    Examples
+    --------
+    >>> select_part((3, 4), [2, None])
+    (1, slice(None, None, None))
+    >>> select_part((3, 4), [5])
+    (1, 1)
+    """
     if len(chosen) == 1 and len(shape) == 2:
         position = position_in(chosen[0], shape[0] * shape[1])
         return position % shape[0], position // shape[0]

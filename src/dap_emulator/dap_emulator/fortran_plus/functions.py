@@ -17,7 +17,21 @@ Rule = Callable[[Sequence[Type]], Type]
 
 @dataclass(frozen=True)
 class Function:
-    """least, most : number of arguments; result : type from the arguments' types; run(dap, *values)"""
+    """An intrinsic function.
+
+    Parameters
+    ----------
+    least, most : int
+        Number of arguments.
+    result : callable
+        Type of the result, from the types of the arguments; raises ValueError when they are not accepted.
+    run : callable
+        ``run(dap, *values)`` computes it.
+    is_real_work : bool
+        Whether a scalar call costs the control unit as much as an elementary function of a REAL.
+    description : str
+        Its documentation, when not that of ``run``.
+    """
 
     least: int
     most: int
@@ -28,14 +42,31 @@ class Function:
 
     @property
     def doc(self) -> str:
-        """What it does, in one paragraph."""
+        """Documentation in one paragraph."""
         return ' '.join((self.description or self.run.__doc__ or '').split())
 
 
 def combined(a: Type, b: Type) -> Type:
-    """The type of an operation on two numbers: a scalar takes the word length of the array it meets.
+    """The type of an operation on two numbers.
 
-    Raises ValueError.
+    Parameters
+    ----------
+    a, b : Type
+        A scalar takes the word length of the array it meets.
+
+    Returns
+    -------
+    Type
+
+    Raises
+    ------
+    ValueError
+        For operands that are not numbers, or of different ranks.
+
+    Examples
+    --------
+    >>> str(combined(Type(integer(2), rank=2), Type(integer(4))))
+    'INTEGER*2 matrix'
     """
     if not (a.kind.is_numeric and b.kind.is_numeric):
         raise ValueError(f'expected numbers, got {a} and {b}')
@@ -43,6 +74,7 @@ def combined(a: Type, b: Type) -> Type:
 
 
 def combined_kind(a: Type, b: Type) -> Kind:
+    """The kind of an operation on two numbers."""
     if bool(a.rank) == bool(b.rank):
         return common_kind(a.kind, b.kind)
     array, scalar = (a, b) if a.rank else (b, a)
@@ -52,18 +84,21 @@ def combined_kind(a: Type, b: Type) -> Kind:
 
 
 def combined_rank(a: Type, b: Type) -> int:
+    """The rank of an operation on two values. Raises ValueError when a vector meets a matrix."""
     if a.rank and b.rank and a.rank != b.rank:
         raise ValueError(f'a {("vector", "matrix")[a.rank - 1]} meets a {("vector", "matrix")[b.rank - 1]}')
     return max(a.rank, b.rank)
 
 
 def _number(t: Type) -> Type:
+    """A type that must be numeric."""
     if not t.kind.is_numeric:
         raise ValueError(f'expected numbers, got {t}')
     return t
 
 
 def _parallel(t: Type, rank: int | None = None, logical: bool | None = None) -> Type:
+    """A type that must be an array, of this rank and class where they are given."""
     if not t.rank or (rank and t.rank != rank):
         raise ValueError(f'expected a {("vector", "matrix")[rank - 1] if rank else "vector or matrix"}, got {t}')
     if logical is not None and (t.kind.name == 'LOGICAL') != logical:
@@ -102,6 +137,7 @@ def _merge(types: Sequence[Type]) -> Type:
 
 
 def _mask_of(types: Sequence[Type], result: Callable[[Type], Type]) -> Type:
+    """The result for an array with an optional mask of its rank."""
     source = _parallel(types[0])
     if len(types) > 1 and (types[1].kind.name != 'LOGICAL' or types[1].rank != source.rank):
         raise ValueError(f'the mask is {types[1]}, expected LOGICAL of the same rank')
@@ -109,6 +145,7 @@ def _mask_of(types: Sequence[Type], result: Callable[[Type], Type]) -> Type:
 
 
 def _summed(t: Type) -> Kind:
+    """The kind of a sum; of a LOGICAL it is a count."""
     if t.kind.name == 'REAL':
         return t.kind
     return integer(max(4, t.kind.length)) if t.kind.name == 'INTEGER' else integer(4)
@@ -133,6 +170,7 @@ def _logical_to(kind: Kind, rank: int | None = None, keep: bool = False) -> Rule
 
 
 def _integers(types: Sequence[Type], first: int = 0) -> None:
+    """Arguments from this one on must be INTEGER scalars."""
     for t in types[first:]:
         if t.rank or t.kind.name != 'INTEGER':
             raise ValueError(f'expected an INTEGER scalar, got {t}')
@@ -175,7 +213,8 @@ def _convert(kind: Kind) -> Rule:
 
 
 def _length(types: Sequence[Type]) -> Type:
-    raise ValueError('the word length must be a constant')  # the checker sees to the constant case
+    # The checker has the constant's value, and finds the type of LENGTH itself.
+    raise ValueError('the word length must be a constant')
 
 
 def _int_of_two(types: Sequence[Type]) -> Type:
@@ -196,45 +235,47 @@ def _size(dap: Machine, x: DapArray, axis: int = 0) -> int:
 
 
 def _without_dap(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of values as one of machine and values."""
     return lambda dap, *values: function(*values)
 
 
-def _plain(least: int, most: int, rule: Rule, function: Callable[..., Any], is_real_work: bool = False) -> Function:
+def _of_values(least: int, most: int, rule: Rule, function: Callable[..., Any], is_real_work: bool = False) -> Function:
+    """An intrinsic function that needs no machine but that of its arguments."""
     return Function(least, most, rule, _without_dap(function), is_real_work, function.__doc__ or '')
 
 
 FUNCTIONS: dict[str, Function] = {
-    'ABS': _plain(1, 1, lambda t: Type(_number(t[0]).kind, t[0].rank), f.absolute),
-    'FIX': _plain(1, 1, _convert(integer(4)), f.fix),
-    'INT': _plain(1, 1, _convert(integer(4)), f.fix),
-    'FLOAT': _plain(1, 1, _convert(real(4)), f.float_),
-    'LENGTH': _plain(2, 2, _length, f.length),
-    'MAX': _plain(1, 9, _all_combined, f.maximum),
-    'MIN': _plain(1, 9, _all_combined, f.minimum),
-    'MOD': _plain(2, 2, _int_of_two, f.mod),
-    'SIGN': _plain(2, 2, _int_of_two, f.sign),
-    'MERGE': _plain(3, 3, _merge, f.merge),
-    'ALL': _plain(1, 1, _logical_to(LOGICAL), f.all_),
-    'ANY': _plain(1, 1, _logical_to(LOGICAL), f.any_),
-    'MAXV': _plain(1, 2, _extreme, f.maxv),
-    'MINV': _plain(1, 2, _extreme, f.minv),
-    'MAXP': _plain(1, 2, _places, f.maxp),
-    'MINP': _plain(1, 2, _places, f.minp),
-    'SUM': _plain(1, 2, _sum, f.sum_),
-    'SUMR': _plain(1, 1, _axis_sum, f.sumr),
-    'SUMC': _plain(1, 1, _axis_sum, f.sumc),
-    'ELN': _plain(1, 1, _logical_to(integer(4)), f.eln),
-    'ROWN': _plain(1, 1, _logical_to(integer(4), 2), f.rown),
-    'COLN': _plain(1, 1, _logical_to(integer(4), 2), f.coln),
-    'FRST': _plain(1, 1, _logical_to(LOGICAL, keep=True), f.frst),
-    'MATR': _plain(1, 2, _reshape(1, 2), f.matr),
-    'MATC': _plain(1, 2, _reshape(1, 2), f.matc),
+    'ABS': _of_values(1, 1, lambda t: Type(_number(t[0]).kind, t[0].rank), f.absolute),
+    'FIX': _of_values(1, 1, _convert(integer(4)), f.fix),
+    'INT': _of_values(1, 1, _convert(integer(4)), f.fix),
+    'FLOAT': _of_values(1, 1, _convert(real(4)), f.float_),
+    'LENGTH': _of_values(2, 2, _length, f.length),
+    'MAX': _of_values(1, 9, _all_combined, f.maximum),
+    'MIN': _of_values(1, 9, _all_combined, f.minimum),
+    'MOD': _of_values(2, 2, _int_of_two, f.mod),
+    'SIGN': _of_values(2, 2, _int_of_two, f.sign),
+    'MERGE': _of_values(3, 3, _merge, f.merge),
+    'ALL': _of_values(1, 1, _logical_to(LOGICAL), f.all_),
+    'ANY': _of_values(1, 1, _logical_to(LOGICAL), f.any_),
+    'MAXV': _of_values(1, 2, _extreme, f.maxv),
+    'MINV': _of_values(1, 2, _extreme, f.minv),
+    'MAXP': _of_values(1, 2, _places, f.maxp),
+    'MINP': _of_values(1, 2, _places, f.minp),
+    'SUM': _of_values(1, 2, _sum, f.sum_),
+    'SUMR': _of_values(1, 1, _axis_sum, f.sumr),
+    'SUMC': _of_values(1, 1, _axis_sum, f.sumc),
+    'ELN': _of_values(1, 1, _logical_to(integer(4)), f.eln),
+    'ROWN': _of_values(1, 1, _logical_to(integer(4), 2), f.rown),
+    'COLN': _of_values(1, 1, _logical_to(integer(4), 2), f.coln),
+    'FRST': _of_values(1, 1, _logical_to(LOGICAL, keep=True), f.frst),
+    'MATR': _of_values(1, 2, _reshape(1, 2), f.matr),
+    'MATC': _of_values(1, 2, _reshape(1, 2), f.matc),
     'MAT': Function(1, 3, _spread(2), f.mat),
     'VEC': Function(1, 2, _spread(1), f.vec),
-    'TRAN': _plain(1, 1, _reshape(2, 2), f.tran),
-    'REV': _plain(1, 1, _reshape(1, 1), f.rev),
-    'REVR': _plain(1, 1, _reshape(2, 2), f.revr),
-    'REVC': _plain(1, 1, _reshape(2, 2), f.revc),
+    'TRAN': _of_values(1, 1, _reshape(2, 2), f.tran),
+    'REV': _of_values(1, 1, _reshape(1, 1), f.rev),
+    'REVR': _of_values(1, 1, _reshape(2, 2), f.revr),
+    'REVC': _of_values(1, 1, _reshape(2, 2), f.revc),
     'ROW': Function(1, 3, _pattern(2), f.row),
     'ROWS': Function(2, 4, _pattern(2), f.rows_),
     'COL': Function(1, 3, _pattern(2), f.col),
@@ -251,8 +292,8 @@ FUNCTIONS: dict[str, Function] = {
     'SIZE': Function(1, 2, _sized, _size),
 }
 for _name in ('EXP', 'LOG', 'SIN', 'COS', 'TAN', 'ATAN', 'ASIN', 'ACOS', 'SQRT'):
-    FUNCTIONS[_name] = _plain(1, 1, _as_real, getattr(f, _name.lower()), is_real_work=True)
-FUNCTIONS['ATAN2'] = _plain(2, 2, _combined_real, f.atan2, is_real_work=True)
+    FUNCTIONS[_name] = _of_values(1, 1, _as_real, getattr(f, _name.lower()), is_real_work=True)
+FUNCTIONS['ATAN2'] = _of_values(2, 2, _combined_real, f.atan2, is_real_work=True)
 for _name, _shift in f.SHIFTS.items():
     _rank = 1 if _name[2] in 'LR' else 2
-    FUNCTIONS[_name] = _plain(1, 2, _reshape(_rank, _rank), _shift)
+    FUNCTIONS[_name] = _of_values(1, 2, _reshape(_rank, _rank), _shift)

@@ -18,13 +18,21 @@ from .declarations import CheckedUnit, Symbol
 from .errors import FortranError, FortranStoreError
 from .expressions import Expressions, position_in, select_part
 from .parser import located
-from .running import MAX_DEPTH, MAX_DISPLAYS, Evaluate, Frame, Run, StopProgram
+from .running import Evaluate, Execute, Frame, Run, StopProgram, Store
+from .settings import MAX_DEPTH, MAX_DISPLAYS, STEPS_PER_CHECK
 from .storage import ArrayVariable
 from .syntax import Constant, Node, Reference, Whole
 
 
 class CompiledUnit:
-    """A unit as closures. call(run, arguments) runs it and gives its frame."""
+    """A subroutine or function as closures.
+
+    Parameters
+    ----------
+    item : CheckedUnit
+    units : dict of str to CheckedUnit
+        All units of the program, by name.
+    """
 
     def __init__(self, item: CheckedUnit, units: dict[str, CheckedUnit]) -> None:
         self.item = item
@@ -38,7 +46,7 @@ class CompiledUnit:
         self.code = [compiler.step(step) for step in self.steps]
 
     def call(self, run: Run, arguments: list[Any]) -> Frame:
-        """arguments: scalars and ArrayVariables, in order."""
+        """Run it with scalars and ArrayVariables in the order of its arguments; return its frame afterwards."""
         frame: Frame = [None] * self.frame_size
         frame[0] = run
         for symbol, value in zip(self.item.arguments, arguments):
@@ -60,12 +68,13 @@ class CompiledUnit:
         return frame
 
     def _execute(self, run: Run, frame: Frame) -> None:
+        """Step through the code until its end or a RETURN."""
         dap, code, lines = run.dap, self.code, self.lines
         position, end = 0, len(code)
         try:
             while position < end:
                 run.ticks += 1
-                if not run.ticks & 63:
+                if not run.ticks & (STEPS_PER_CHECK - 1):
                     run.check()
                 dap.line = lines[position]
                 target = code[position](frame)
@@ -73,9 +82,10 @@ class CompiledUnit:
         except (ValueError, IndexError, ArithmeticError, OutOfStore) as error:
             if isinstance(error, FortranError):
                 raise
-            raise self._failure(self.steps[position].node, error) from error
+            raise self.failure(self.steps[position].node, error) from error
 
-    def _failure(self, node: Node, error: Exception) -> FortranError:
+    def failure(self, node: Node, error: Exception) -> FortranError:
+        """The error that happened at a statement, with its place in the source."""
         where = located(node.source, node.at, str(error))
         kind = FortranStoreError if isinstance(error, OutOfStore) else FortranError
         return kind(where.reason, where.line, where.column, where.text)
@@ -91,53 +101,60 @@ class _Compiler(Expressions):
     # Variables.
 
     def preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
-        """What makes a local or COMMON variable when its unit is called."""
+        """Make a local or COMMON variable when its unit is called."""
+        return self._array_preparation(symbol) if symbol.dimensions else self._scalar_preparation(symbol)
+
+    def _scalar_preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
+        slot, kind, initial, common = symbol.slot, symbol.type.kind, symbol.initial, symbol.common
+        start: Any = {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
+        if initial is not None:
+            start = initial[0] if kind.name == 'CHARACTER' else kind.scalar(initial[0])
+
+        def prepare(frame: Frame) -> None:
+            if common is None:
+                frame[slot] = start
+            else:
+                frame[0].commons.setdefault(common, start)
+
+        return prepare
+
+    def _array_preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
         slot, kind, initial = symbol.slot, symbol.type.kind, symbol.initial
-        if not symbol.dimensions:
-            start: Any = {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
-            if initial is not None:
-                start = initial[0] if kind.name == 'CHARACTER' else kind.scalar(initial[0])
-            common = symbol.common
-
-            def prepare_scalar(frame: Frame) -> None:
-                if common is None:
-                    frame[slot] = start
-                else:
-                    frame[0].commons.setdefault(common, start)
-
-            return prepare_scalar
         shape = self.extents(symbol)
 
-        def prepare_array(frame: Frame) -> None:
-            run = frame[0]
-            if symbol.common is not None and symbol.common in run.commons:
-                variable = run.commons[symbol.common]
-                parallel, serial = shape(frame)
-                if (variable.kind, variable.parallel, variable.serial) != (kind, parallel, serial):
-                    raise ValueError(f'COMMON /{symbol.common[0]}/: {symbol.name} differs between subroutines')
-            else:
-                parallel, serial = shape(frame)
-                variable = ArrayVariable(run.dap, kind, parallel, serial, name=symbol.name)
-                if initial is not None:
-                    if len(initial) != variable.data.size:
-                        raise ValueError(f'DATA: {symbol.name} has {variable.data.size} elements, {len(initial)} given')
-                    variable.data[...] = np.asarray(initial, dtype=variable.data.dtype).reshape(serial, order='F')
-                if symbol.common is not None:
-                    run.commons[symbol.common] = variable
-            frame[slot] = variable
+        def new_array(frame: Frame) -> ArrayVariable:
+            parallel, serial = shape(frame)
+            variable = ArrayVariable(frame[0].dap, kind, parallel, serial, name=symbol.name)
+            if initial is not None:
+                if len(initial) != variable.data.size:
+                    raise ValueError(f'DATA: {symbol.name} has {variable.data.size} elements, {len(initial)} given')
+                variable.data[...] = np.asarray(initial, dtype=variable.data.dtype).reshape(serial, order='F')
+            return variable
+
+        def common_array(frame: Frame) -> ArrayVariable:
+            commons = frame[0].commons
+            if symbol.common not in commons:
+                commons[symbol.common] = new_array(frame)
+            variable: ArrayVariable = commons[symbol.common]
+            if (variable.kind, variable.parallel, variable.serial) != (kind, *shape(frame)):
+                assert symbol.common is not None
+                raise ValueError(f'COMMON /{symbol.common[0]}/: {symbol.name} differs between subroutines')
+            return variable
+
+        make = new_array if symbol.common is None else common_array
 
         def prepare(frame: Frame) -> None:
             try:
-                prepare_array(frame)
+                frame[slot] = make(frame)
             except (ValueError, OutOfStore) as error:
                 if isinstance(error, FortranError):
                     raise
-                raise self.unit._failure(self.item.unit.header, error) from error
+                raise self.unit.failure(self.item.unit.header, error) from error
 
         return prepare
 
     def extents(self, symbol: Symbol) -> Callable[[Frame], tuple[tuple[int, ...], tuple[int, ...]]]:
-        """Parallel and serial extents of an array; an omitted parallel extent is ES."""
+        """Find the parallel and serial extents of an array when it is made; an omitted parallel extent is ES."""
         parts = [
             (dimension.parallel, None if dimension.extent is None else self.expression(dimension.extent))
             for dimension in symbol.dimensions
@@ -154,7 +171,8 @@ class _Compiler(Expressions):
 
         return shape
 
-    def store_scalar(self, symbol: Symbol) -> Callable[[Frame, Any], None]:
+    def store_scalar(self, symbol: Symbol) -> Store:
+        """Assign to a scalar variable."""
         slot, common, kind = symbol.slot, symbol.common, symbol.type.kind
         convert: Callable[[Any], Any] = (lambda value: value) if kind.name in ('CHARACTER', 'LOGICAL') else kind.scalar
 
@@ -168,8 +186,8 @@ class _Compiler(Expressions):
 
     # Statements.
 
-    def step(self, step: Step) -> Callable[[Frame], int | None]:
-        """A step's closure: the next position, or None for the following one."""
+    def step(self, step: Step) -> Execute:
+        """Make a step's closure, which charges the scalar work of its statement."""
         self.integers = self.reals = self.functions = 0
         run = getattr(self, '_step_' + step.what)(step)
         return self._with_scalar_work(run, branches=step.what != 'plain')
@@ -188,18 +206,19 @@ class _Compiler(Expressions):
 
         return charged
 
-    def _step_plain(self, step: Step) -> Callable[[Frame], int | None]:
-        return getattr(self, '_' + step.node.what)(step.node)
+    def _step_plain(self, step: Step) -> Execute:
+        execute: Execute = getattr(self, '_' + step.node.what)(step.node)
+        return execute
 
-    def _step_jump(self, step: Step) -> Callable[[Frame], int | None]:
+    def _step_jump(self, step: Step) -> Execute:
         target = step.target
         return lambda frame: target
 
-    def _step_jump_unless(self, step: Step) -> Callable[[Frame], int | None]:
+    def _step_jump_unless(self, step: Step) -> Execute:
         condition, target = self.expression(step.condition), step.target
         return lambda frame: None if condition(frame) else target
 
-    def _step_do_start(self, step: Step) -> Callable[[Frame], int | None]:
+    def _step_do_start(self, step: Step) -> Execute:
         node = step.node
         store = self.store_scalar(self.item.symbols[node.variable.name])
         first, last = self.expression(node.first), self.expression(node.last)
@@ -217,7 +236,7 @@ class _Compiler(Expressions):
 
         return run
 
-    def _step_do_next(self, step: Step) -> Callable[[Frame], int | None]:
+    def _step_do_next(self, step: Step) -> Execute:
         symbol = self.item.symbols[step.node.variable.name]
         load, store = self.load(symbol), self.store_scalar(symbol)
         slot, target = self.unit.loop_base + step.loop, step.target
@@ -230,17 +249,17 @@ class _Compiler(Expressions):
 
         return run
 
-    def _return(self, node: Node) -> Callable[[Frame], int | None]:
+    def _return(self, node: Node) -> Execute:
         end = len(self.unit.steps)
         return lambda frame: end
 
-    def _stop(self, node: Node) -> Callable[[Frame], int | None]:
+    def _stop(self, node: Node) -> Execute:
         def run(frame: Frame) -> int | None:
             raise StopProgram
 
         return run
 
-    def _call(self, node: Node) -> Callable[[Frame], int | None]:
+    def _call(self, node: Node) -> Execute:
         if node.name == 'DISPLAY' and node.name not in self.units:
             return self._display(node)
         bind = self.arguments(node.name, node.arguments)
@@ -250,7 +269,7 @@ class _Compiler(Expressions):
 
         return run
 
-    def _display(self, node: Node) -> Callable[[Frame], int | None]:
+    def _display(self, node: Node) -> Execute:
         value = self.expression(node.arguments[0])
         title = self.expression(node.arguments[1]) if len(node.arguments) > 1 else None
         first = node.arguments[0]
@@ -269,7 +288,7 @@ class _Compiler(Expressions):
         dummies = self.units[name].arguments
         changed = self.units[name].changed
         makers = [self._actual(actual, dummy) for actual, dummy in zip(actuals, dummies)]
-        backs: list[tuple[int, Callable[[Frame, Any], None]]] = []
+        backs: list[tuple[int, Store]] = []
         for dummy, actual in zip(dummies, actuals):
             if (
                 not dummy.dimensions
@@ -283,7 +302,7 @@ class _Compiler(Expressions):
         def call(frame: Frame) -> Frame:
             run = frame[0]
             run.dap.charge_mcu('call', round(run.dap.costs['mcu_call']))
-            inner = run.units[name].call(run, [make(frame) for make in makers])
+            inner: Frame = run.units[name].call(run, [make(frame) for make in makers])
             for slot, store in backs:
                 store(frame, inner[slot])
             return inner
@@ -291,6 +310,7 @@ class _Compiler(Expressions):
         return call
 
     def _actual(self, actual: Any, dummy: Symbol) -> Evaluate:
+        """An argument as its unit receives it: arrays by reference, expressions as temporary variables."""
         if not dummy.dimensions:
             value, kind = self.expression(actual), dummy.type.kind
             return value if kind.name in ('CHARACTER', 'LOGICAL') else lambda frame: kind.scalar(value(frame))
@@ -319,7 +339,7 @@ class _Compiler(Expressions):
         return self._same_shape(temporary, dummy)
 
     def _same_shape(self, make: Evaluate, dummy: Symbol) -> Evaluate:
-        """Checks the extents a dummy array states as constants."""
+        """Check the extents that the declaration of a dummy array gives as constants."""
         stated = [
             (axis, dimension.extent.value)
             for axis, dimension in enumerate(dummy.dimensions)
@@ -329,7 +349,7 @@ class _Compiler(Expressions):
             return make
 
         def checked(frame: Frame) -> ArrayVariable:
-            variable = make(frame)
+            variable: ArrayVariable = make(frame)
             shape = variable.parallel + variable.serial
             for axis, extent in stated:
                 if shape[axis] != extent:
@@ -341,7 +361,7 @@ class _Compiler(Expressions):
 
         return checked
 
-    def _assign(self, node: Node) -> Callable[[Frame], int | None]:
+    def _assign(self, node: Node) -> Execute:
         value, store = self.expression(node.value), self.target(node.target)
         if not node.target.type.rank:
             self._count(node.target.type.kind)
@@ -351,8 +371,8 @@ class _Compiler(Expressions):
 
         return run
 
-    def target(self, node: Reference) -> Callable[[Frame, Any], None]:
-        """Where an assignment goes."""
+    def target(self, node: Reference) -> Store:
+        """Store into the target of an assignment."""
         symbol = self.item.symbols[node.name]
         rank, serial = symbol.type.rank, symbol.type.serial
         if not symbol.dimensions:
@@ -377,7 +397,8 @@ class _Compiler(Expressions):
         masked = any(getattr(item, 'type', None) is not None and item.type.rank for item in items)
         return self._store_masked(load, place, items) if masked else self._store_part(load, place, items, rank)
 
-    def _store_all(self, load: Evaluate, symbol: Symbol) -> Callable[[Frame, Any], None]:
+    def _store_all(self, load: Evaluate, symbol: Symbol) -> Store:
+        """X = ..., over the serial dimensions too."""
         if not symbol.type.serial:
             return lambda frame, value: load(frame).write((), value)
 
@@ -391,7 +412,7 @@ class _Compiler(Expressions):
 
         return every
 
-    def _store_masked(self, load: Evaluate, place: Any, items: list[Any]) -> Callable[[Frame, Any], None]:
+    def _store_masked(self, load: Evaluate, place: Any, items: list[Any]) -> Store:
         """X(mask) = ..., X(rows,) = ... and X(,columns) = ..."""
         parts = [None if isinstance(item, Whole) else self.expression(item) for item in items]
 
@@ -426,7 +447,7 @@ class _Compiler(Expressions):
 
         return store
 
-    def _store_part(self, load: Evaluate, place: Any, items: list[Any], rank: int) -> Callable[[Frame, Any], None]:
+    def _store_part(self, load: Evaluate, place: Any, items: list[Any], rank: int) -> Store:
         """X(i,j) = ..., X(i,) = ..., X(,j) = ..., X(k) = ..."""
         parts = [None if isinstance(item, Whole) else self.expression(item) for item in items]
 

@@ -1,4 +1,4 @@
-"""The programs that come with the package, and program files of one's own."""
+"""The programs that come with the package, and program files of users."""
 
 from __future__ import annotations
 
@@ -6,32 +6,56 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
-from . import Program, compile
+from .program import Program, compile
+from .settings import PROGRAMS_CACHED
 
 SUFFIX = '.fpp'
 
 
 def program_names() -> list[str]:
-    """Names of the library's programs."""
+    """Names of the library's programs, sorted.
+
+    Examples
+    --------
+    >>> 'life' in program_names()
+    True
+    """
     folder = resources.files('dap_emulator').joinpath('programs')
     return sorted(item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX))
 
 
 def program_source(name: str) -> str:
-    """Source text of a library program. Raises ValueError naming what there is."""
+    """Source text of a library program. Raises ValueError that lists the names."""
     if name not in program_names():
         raise ValueError(f'library: {name!r} is not there, expected one of {", ".join(program_names())}')
     return resources.files('dap_emulator').joinpath('programs').joinpath(name + SUFFIX).read_text(encoding='utf-8')
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=PROGRAMS_CACHED)
 def compiled(source: str) -> Program:
-    """A program, compiled once for each text."""
+    """Compile a program, once for each text. Raises FortranError."""
     return compile(source)
 
 
 def load_program(name_or_path: str) -> Program:
-    """A library program by name, or a file (.fpp, or .f for fixed form). Raises ValueError or OSError."""
+    """Compile a library program or a file.
+
+    Parameters
+    ----------
+    name_or_path : str
+        A name of the library, or a path: .fpp, or .f and .for for fixed form.
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    ValueError
+        When it is neither; FortranError, which is one, when it cannot be compiled.
+    OSError
+        When the file cannot be read.
+    """
     if name_or_path in program_names():
         return compiled(program_source(name_or_path))
     path = Path(name_or_path)

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib import resources
-from typing import Any
+from typing import Any, cast
 
 from lark import Lark, Token, Transformer, v_args
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
 
 from ..machine.kinds import CHARACTER, LOGICAL, integer, real
 from .errors import FortranError
+from .settings import MAX_EXPECTED
 from .source import Statement, statements
 from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Step, Unary, Unit, Whole
 
-# How a terminal is called in an error message.
+# Names of the grammar's terminals in error messages.
 _READABLE = {
     'NAME': 'a name',
     'INT': 'a whole number',
@@ -41,12 +42,13 @@ _READABLE = {
 
 
 def _at(token: Token) -> int:
+    """Offset of a token in its statement."""
     return (token.column or 1) - 1
 
 
 @v_args(inline=True)
-class _Builder(Transformer):
-    """Tree nodes straight from the grammar's rules."""
+class _Builder(Transformer):  # type: ignore[type-arg]  # one argument in lark 0.12, two in 1.1
+    """Makes tree nodes; each method has the name of a rule of the grammar."""
 
     def start(self, label: Token | None, node: Node) -> Node:
         node.label = int(label) if label is not None else None
@@ -230,24 +232,41 @@ _OPERATORS = {'==': '.EQ.', '/=': '.NE.', '<': '.LT.', '<=': '.LE.', '>': '.GT.'
 
 
 def _squeezed(token: Token) -> str:
+    """Text in upper case without blanks."""
     return ''.join(token.upper().split())
 
 
 def _arguments(items: list[Any] | None) -> list[Any]:
-    """CALL F() has no argument, though its brackets hold one empty item."""
+    """Arguments of a call; those of CALL F() are none, though the brackets hold one empty item."""
     return [] if items is None or (len(items) == 1 and isinstance(items[0], Whole)) else items
 
 
 @lru_cache(maxsize=1)
 def _parser() -> Lark:
+    """The parser of statements, made once."""
     text = resources.files(__package__).joinpath('grammar.lark').read_text(encoding='utf-8')
     return Lark(text, parser='lalr', transformer=_Builder(), maybe_placeholders=True)
 
 
 def parse_statement(statement: Statement) -> Node:
-    """One statement. Raises FortranError with line, column and the offending text."""
+    """Parse one statement.
+
+    Parameters
+    ----------
+    statement : Statement
+
+    Returns
+    -------
+    Node
+
+    Raises
+    ------
+    FortranError
+        With line, column and the offending text.
+    """
     try:
-        node: Any = _parser().parse(statement.text)
+        # The transformer makes a Node of every statement; lark's own type of a result is a tree.
+        node = cast(Node, _parser().parse(statement.text))
     except UnexpectedToken as error:
         raise _unexpected(statement, error, str(getattr(error, 'token', '')), error.expected) from None
     except UnexpectedCharacters as error:
@@ -267,7 +286,15 @@ def parse_statement(statement: Statement) -> Node:
 
 
 def located(statement: Statement, offset: int, reason: str) -> FortranError:
-    """An error at a character of a statement; shows the source statement."""
+    """Make an error at a character of a statement, which shows the source line.
+
+    Parameters
+    ----------
+    statement : Statement
+    offset : int
+        Of the character in the statement's text.
+    reason : str
+    """
     line, column = statement.place(offset)
     piece = [piece for piece in statement.pieces if piece[1] == line][-1]
     following = [other[0] for other in statement.pieces if other[0] > piece[0]]
@@ -276,19 +303,43 @@ def located(statement: Statement, offset: int, reason: str) -> FortranError:
 
 
 def _unexpected(statement: Statement, error: UnexpectedInput, found: str, expected: Any) -> FortranError:
+    """The error for a token or character that the grammar does not allow here."""
     token: Any = getattr(error, 'token', None)  # characters that start no token have none
     ended = found == '' or getattr(token, 'type', '') == '$END'
     offset = len(statement.text.rstrip()) if ended else max(0, (error.column or 1) - 1)
     names = sorted({_READABLE.get(name, name) for name in expected})
-    hint = f'; expected {" or ".join(names)}' if 0 < len(names) <= 6 else ''
+    hint = f'; expected {" or ".join(names)}' if 0 < len(names) <= MAX_EXPECTED else ''
     what = 'the statement ends too early' if ended else f'unexpected {found.strip()!r}'
     if not ended and getattr(token, 'type', '') == 'NAME' and offset == 0 and not hint:
         what = f'not a statement: {found!r}'
     return located(statement, offset, what + hint)
 
 
+def _unit(header: Node) -> Unit:
+    """A unit without statements, from its first line."""
+    if header.what == 'function':
+        return Unit(header.name, header.arguments, False, True, header.type, header.rank, header)
+    return Unit(header.name, header.arguments, header.entry, False, None, 0, header)
+
+
 def parse(source: str, form: str = 'auto') -> list[Unit]:
-    """The units of a program. Statements outside any unit make an ENTRY SUBROUTINE MAIN. Raises FortranError."""
+    """Parse a program.
+
+    Parameters
+    ----------
+    source : str
+    form : {'auto', 'free', 'fixed'}
+
+    Returns
+    -------
+    list of Unit
+        Its subroutines and functions; statements outside any of them make an ENTRY SUBROUTINE MAIN.
+
+    Raises
+    ------
+    FortranError
+        With line, column and the offending text.
+    """
     units: list[Unit] = []
     current: Unit | None = None
     loose: list[Node] = []
@@ -297,16 +348,7 @@ def parse(source: str, form: str = 'auto') -> list[Unit]:
         if node.what in ('subroutine', 'function'):
             if current is not None:
                 raise located(statement, node.at, f'{current.name} has no END before this')
-            is_function = node.what == 'function'
-            current = Unit(
-                node.name,
-                node.arguments,
-                not is_function and node.entry,
-                is_function,
-                node.type if is_function else None,
-                node.rank if is_function else 0,
-                node,
-            )
+            current = _unit(node)
         elif node.what == 'end':
             if current is None and not loose:
                 raise located(statement, node.at, 'END without a subroutine or function')

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..machine.arrays import DapArray
+from ..machine.drawing import DrawnFrame
 from ..machine.machine import Machine, Stats
 from .checker import check
 from .declarations import CheckedUnit, Symbol
@@ -21,28 +22,37 @@ from .syntax import Constant
 
 
 class Result(Mapping[str, Any]):
-    """What a run left in the entry's arguments (numpy arrays or scalars, by upper-case name), and what it cost.
+    """The entry's arguments after a run, by upper-case name, and what the run cost.
 
-    cycles, seconds, stats : of this run, computed (not simulated); displays : (name, values, title) of CALL DISPLAY
+    Parameters
+    ----------
+    values : dict of str to array or scalar
+        In the language's order of dimensions.
+    stats : Stats
+        Of this run alone.
+    displays : list of (name, values, title)
+        What CALL DISPLAY has shown.
+    source : str
+        The program's text.
     """
 
-    def __init__(
-        self, values: dict[str, Any], stats: Stats, displays: list[tuple[str, np.ndarray, str]], source: str
-    ) -> None:
+    def __init__(self, values: dict[str, Any], stats: Stats, displays: list[DrawnFrame], source: str) -> None:
         self._values, self.stats, self.displays, self._source = values, stats, displays, source
 
     @property
     def cycles(self) -> int:
+        """Cycles of the machine: computed, not simulated."""
         return self.stats.cycles
 
     @property
     def seconds(self) -> float:
+        """Predicted time on the machine, seconds."""
         return self.stats.seconds
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name.upper()]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(self._values)
 
     def __contains__(self, name: object) -> bool:
@@ -52,7 +62,7 @@ class Result(Mapping[str, Any]):
         return len(self._values)
 
     def listing(self) -> str:
-        """The source with times run, cycles and share of every line."""
+        """Return the source text, every line with the times it was run, its cycles and their share."""
         total = max(1, self.cycles)
         rows = [f'{"times":>9} {"cycles":>12} {"share":>6}  line']
         for number, text in enumerate(self._source.splitlines(), 1):
@@ -74,7 +84,25 @@ class Result(Mapping[str, Any]):
 
 
 class Program:
-    """A checked program. units by name; entries : names callable from the host."""
+    """A compiled program.
+
+    Parameters
+    ----------
+    source : str
+    form : {'auto', 'free', 'fixed'}
+
+    Attributes
+    ----------
+    units : dict of str to CheckedUnit
+        Subroutines and functions by name.
+    entries : list of str
+        Names of those that the host may call.
+
+    Raises
+    ------
+    FortranError
+        With the place of the first mistake.
+    """
 
     def __init__(self, source: str, form: str = 'auto') -> None:
         self.source = source
@@ -86,7 +114,7 @@ class Program:
         self.entries = [name for name, item in self.units.items() if item.unit.entry]
 
     def entry(self, name: str | None = None) -> CheckedUnit:
-        """The entry of this name, or the only one. Raises ValueError."""
+        """Find the entry of this name, or the only one. Raises ValueError."""
         if name is None:
             if len(self.entries) != 1:
                 raise ValueError(
@@ -104,11 +132,30 @@ class Program:
     def run(self, dap: Machine, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
         """Run an entry.
 
-        arguments : by name, any case; numbers, texts and arrays in the language's order of dimensions. A DapArray is
-        passed by reference: it holds what the program left in it; numpy arrays are copied. One that is left out
-        starts as zeros; its omitted extents are then those of the arrays given with as many parallel dimensions, or
-        ES.
-        Raises FortranError (FortranStoreError when out of store), Stopped, or ValueError naming the argument.
+        Parameters
+        ----------
+        dap : Machine
+        entry : str, optional
+            Name of the ENTRY SUBROUTINE; may be left out when there is one only.
+        limits : Limits, optional
+        **arguments
+            By name, in any case: numbers, texts, and arrays in the language's order of dimensions. A DapArray is passed
+            by reference and holds afterwards what the program left in it; numpy arrays are copied. An argument that is
+            left out starts as zeros; its omitted extents are those of the given arrays with as many parallel
+            dimensions, or ES.
+
+        Returns
+        -------
+        Result
+
+        Raises
+        ------
+        FortranError
+            When the program fails; FortranStoreError when the store is exhausted.
+        Stopped
+            When a limit is reached or the run is cancelled.
+        ValueError
+            Naming an argument that does not fit.
         """
         unit = self.entry(entry)
         given = {name.upper(): value for name, value in arguments.items()}
@@ -140,16 +187,44 @@ class Program:
 
 
 def compile(source: str, form: str = 'auto') -> Program:
-    """Compile a Fortran-Plus program. form : 'free', 'fixed' or 'auto'. Raises FortranError."""
+    """Compile a Fortran-Plus program.
+
+    Parameters
+    ----------
+    source : str
+    form : {'auto', 'free', 'fixed'}
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    FortranError
+        With the place of the first mistake.
+
+    Examples
+    --------
+    >>> from dap_emulator import Dap
+    >>> program = compile('''
+    ...       ENTRY SUBROUTINE DOUBLE(A)
+    ...       INTEGER A(*,)
+    ...       A = 2 * A
+    ...       END
+    ... ''')
+    >>> program.run(Dap.model('510'), a=[[1, 2], [3, 4]])['A'].tolist()
+    [[2, 4], [6, 8]]
+    """
     return Program(source, form)
 
 
 def _host_value(value: Any) -> Any:
+    """An argument as the host sees it: a numpy array or a scalar."""
     return value.to_numpy() if isinstance(value, ArrayVariable) else value
 
 
 def _bind(dap: Machine, unit: CheckedUnit, given: dict[str, Any]) -> dict[str, Any]:
-    """The entry's arguments as scalars and variables."""
+    """Turn the host's arguments into scalars and variables, by name."""
     values: dict[str, Any] = {}
     for symbol in unit.arguments:
         if not symbol.dimensions:
@@ -174,6 +249,7 @@ def _bind(dap: Machine, unit: CheckedUnit, given: dict[str, Any]) -> dict[str, A
 
 
 def _scalar(symbol: Symbol, value: Any) -> Any:
+    """A scalar argument in its kind; zero where none is given. Raises ValueError."""
     kind = symbol.type.kind
     if value is None:
         return {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
@@ -209,7 +285,7 @@ def _shape(
     symbol: Symbol,
     extents: list[int | None],
     given: dict[str, Any],
-    shapes: dict[str, tuple],
+    shapes: dict[str, tuple[int, ...]],
     unit: CheckedUnit,
 ) -> tuple[int, ...]:
     if symbol.name in given:

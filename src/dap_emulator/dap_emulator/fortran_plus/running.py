@@ -10,19 +10,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias
 
-import numpy as np
-
+from ..machine.drawing import DrawnFrame
 from ..machine.machine import Machine
 from .errors import Stopped
+from .settings import FRAMES_PER_CALL, MAX_DEPTH, SPARE_FRAMES
 
 # One call of a subroutine or function: [the Run, symbol 1, symbol 2, ..., loop counters].
 Frame: TypeAlias = list[Any]
+# An expression's value.
 Evaluate: TypeAlias = Callable[[Frame], Any]
-
-MAX_DEPTH = 2000
-MAX_DISPLAYS = 500
-# Python frames that one call of a Fortran unit may take: a closure for every level of its expressions.
-_FRAMES_PER_CALL = 8
+# A statement: the position of the next step, or None for the following one.
+Execute: TypeAlias = Callable[[Frame], 'int | None']
+# Where a value is stored.
+Store: TypeAlias = Callable[[Frame, Any], None]
 
 _deep = threading.Lock()
 _deep_runs: list[int] = []
@@ -30,10 +30,10 @@ _deep_runs: list[int] = []
 
 @contextmanager
 def deep_recursion() -> Iterator[None]:
-    """Python's recursion limit raised to what MAX_DEPTH needs, for as long as any run goes on."""
+    """Raise Python's recursion limit to what MAX_DEPTH needs, for as long as any run goes on."""
     with _deep:
         _deep_runs.append(sys.getrecursionlimit())
-        sys.setrecursionlimit(max(_FRAMES_PER_CALL * MAX_DEPTH + 1000, _deep_runs[0]))
+        sys.setrecursionlimit(max(FRAMES_PER_CALL * MAX_DEPTH + SPARE_FRAMES, _deep_runs[0]))
     try:
         yield
     finally:
@@ -46,7 +46,17 @@ def deep_recursion() -> Iterator[None]:
 
 @dataclass
 class Limits:
-    """What a run may use. None: no limit. cancelled : set it from another thread to stop the run."""
+    """What a run may use; None is no limit.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        Time on this computer.
+    cycles : int, optional
+        Cycles of the emulated machine.
+    cancelled : threading.Event, optional
+        Stops the run when another thread sets it.
+    """
 
     seconds: float | None = None
     cycles: int | None = None
@@ -62,20 +72,38 @@ class CallableUnit(Protocol):
 
 @dataclass
 class Run:
-    """One execution: its machine, COMMON blocks, limits and what it displayed."""
+    """One execution of a program.
+
+    Parameters
+    ----------
+    dap : Machine
+    units : mapping of str to CallableUnit
+        Subroutines and functions by name.
+    limits : Limits
+    commons : dict
+        Values of COMMON variables, by block and position.
+    displays : list of (name, values, title)
+        What CALL DISPLAY has shown.
+    depth, ticks : int
+        Calls that are open, and steps done.
+    started : float
+        Time of the start, seconds of a steady clock.
+    first_cycle : int
+        The machine's counter at the start.
+    """
 
     dap: Machine
     units: Mapping[str, CallableUnit]
     limits: Limits
     commons: dict[tuple[str, int], Any] = field(default_factory=dict)
-    displays: list[tuple[str, np.ndarray, str]] = field(default_factory=list)
+    displays: list[DrawnFrame] = field(default_factory=list)
     depth: int = 0
     ticks: int = 0
     started: float = 0.0
     first_cycle: int = 0
 
     def check(self) -> None:
-        """Raises Stopped when a limit is reached."""
+        """Raise Stopped when a limit is reached."""
         limits = self.limits
         if limits.cancelled is not None and limits.cancelled.is_set():
             raise Stopped('cancelled')

@@ -11,6 +11,7 @@ from ..machine.kinds import Kind
 
 
 def _integer_divide(a: int, b: int) -> int:
+    """Quotient toward zero."""
     if b == 0:
         raise ZeroDivisionError('division of an INTEGER by zero')
     quotient = abs(a) // abs(b)
@@ -18,8 +19,9 @@ def _integer_divide(a: int, b: int) -> int:
 
 
 def _real_divide(a: float, b: float) -> float:
+    """IEEE quotient, also by zero."""
     if b == 0:
-        return math.nan if a == 0 or a != a else math.copysign(math.inf, a) * math.copysign(1.0, b)
+        return math.nan if a == 0 or math.isnan(a) else math.copysign(math.inf, a) * math.copysign(1.0, b)
     return a / b
 
 
@@ -31,6 +33,7 @@ def _integer_power(a: int, b: int) -> int:
 
 
 def _real_power(a: float, b: float) -> float:
+    """Power of reals: infinite on overflow, not a number where it would be complex."""
     try:
         result = a**b
     except (OverflowError, ZeroDivisionError):
@@ -39,7 +42,27 @@ def _real_power(a: float, b: float) -> float:
 
 
 def scalar_operation(symbol: str, kind: Kind) -> Callable[[Any, Any], Any]:
-    """+ - * / ** of two scalars in a word of this kind."""
+    """Make an operation on two scalars.
+
+    Parameters
+    ----------
+    symbol : {'+', '-', '*', '/', '**'}
+    kind : Kind
+        INTEGER or REAL; the result is cut to its word.
+
+    Returns
+    -------
+    callable
+        Of two numbers. Division of integers by zero raises ZeroDivisionError.
+
+    Examples
+    --------
+    >>> from dap_emulator.machine.kinds import integer
+    >>> scalar_operation('/', integer(2))(-7, 2)
+    -3
+    >>> scalar_operation('*', integer(2))(300, 300)
+    24464
+    """
     whole = kind.name == 'INTEGER'
     raw: Callable[[Any, Any], Any] = {
         '+': operator.add,
@@ -55,7 +78,7 @@ def scalar_operation(symbol: str, kind: Kind) -> Callable[[Any, Any], Any]:
     size = 1 << kind.bits
 
     def run(a: int, b: int) -> int:
-        result = raw(a, b)
+        result: int = raw(a, b)
         return result if low <= result <= high else (result - low) % size + low
 
     return run

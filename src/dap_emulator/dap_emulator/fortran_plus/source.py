@@ -13,14 +13,22 @@ from dataclasses import dataclass, field
 from .errors import FortranError
 
 FORMS = ('auto', 'free', 'fixed')
+# Columns of Fortran's fixed form: the label's, and the last that counts.
+LABEL_COLUMNS = 5
+LAST_COLUMN = 72
+TAB_STOP = 8
 _COMMENT_C = re.compile(r'[Cc*](?:\s*$|[^A-Za-z0-9_]*\*|\s+(?![=(\s])|-)')
 
 
 @dataclass
 class Statement:
-    """One statement's text and where each of its pieces stands in the source.
+    """The text of one statement, and where each of its pieces stands in the source.
 
-    pieces : (offset in text, line, column) of every source line it came from
+    Parameters
+    ----------
+    text : str
+    pieces : list of (int, int, int)
+        Offset in the text, line and column, of every source line that it came from.
     """
 
     text: str
@@ -28,19 +36,43 @@ class Statement:
 
     @property
     def line(self) -> int:
+        """Line of its beginning, from 1."""
         return self.pieces[0][1]
 
     def place(self, offset: int) -> tuple[int, int]:
-        """(line, column), from 1, of a character of the text."""
+        """Line and column, from 1, of the character at an offset of the text."""
         start, line, column = [piece for piece in self.pieces if piece[0] <= max(0, offset)][-1]
         return line, column + max(0, offset) - start
 
 
 def statements(source: str, form: str = 'auto') -> list[Statement]:
-    """The statements of a source text. Raises FortranError."""
+    """Cut a source text into statements.
+
+    Parameters
+    ----------
+    source : str
+    form : {'auto', 'free', 'fixed'}
+        Form of its lines; 'auto' takes the text for fixed form when every line keeps to the columns of that.
+
+    Returns
+    -------
+    list of Statement
+
+    Raises
+    ------
+    FortranError
+        For a character or a line that belongs to no statement.
+    ValueError
+        For another form.
+
+    Examples
+    --------
+    >>> [statement.text for statement in statements('A = 1 &\\n    + 2 ! a sum\\nB = A')]
+    ['A = 1  + 2 ', 'B = A']
+    """
     if form not in FORMS:
         raise ValueError(f'form: expected one of {", ".join(FORMS)}, got {form!r}')
-    lines = source.expandtabs(8).splitlines()
+    lines = source.expandtabs(TAB_STOP).splitlines()
     for number, line in enumerate(lines, 1):
         odd = re.search(r'[^\x20-\x7e]', line.split('!')[0])
         if odd and not _COMMENT_C.match(line):
@@ -50,49 +82,55 @@ def statements(source: str, form: str = 'auto') -> list[Statement]:
 
 
 def _looks_fixed(lines: list[str]) -> bool:
-    """Every line keeps to fixed form's columns, and at least one line is a statement or a comment of it."""
+    """Whether every line keeps to the columns of fixed form, and at least one is a statement."""
     found = False
     for line in lines:
         if not line.strip() or line[0] in 'Cc*!':
             continue
-        if not re.fullmatch(r'[ \d]{5}.*', line) or (line[5:6].strip() and line[:5].strip()):
+        label, sign = line[:LABEL_COLUMNS], line[LABEL_COLUMNS : LABEL_COLUMNS + 1]
+        if not re.fullmatch(r'[ \d]{5}', label) or (sign.strip() and label.strip()):
             return False
         found = True
     return found and not any(line.rstrip().endswith('&') for line in lines)
 
 
 def _add(found: list[Statement], text: str, line: int, column: int) -> None:
+    """Begin a statement."""
     found.append(Statement(text, [(0, line, column)]))
 
 
 def _extend(found: list[Statement], text: str, line: int, column: int) -> None:
+    """Continue the last statement."""
     last = found[-1]
     last.pieces.append((len(last.text), line, column))
     last.text += text
 
 
 def _fixed(lines: list[str]) -> list[Statement]:
+    """Statements of lines in fixed form."""
     found: list[Statement] = []
     for number, line in enumerate(lines, 1):
         if not line.strip() or line[0] in 'Cc*!':
             continue
-        body = _without_comment(line[:72])
+        body = _without_comment(line[:LAST_COLUMN])
         if not body.strip():
             continue
-        if body[5:6].strip() and body[5] != '0':
-            if body[:5].strip():
+        label, sign, rest = body[:LABEL_COLUMNS], body[LABEL_COLUMNS : LABEL_COLUMNS + 1], body[LABEL_COLUMNS + 1 :]
+        if sign.strip() and sign != '0':
+            if label.strip():
                 raise FortranError('a continuation line has a label', number, 1, line)
             if not found:
-                raise FortranError('a continuation line continues nothing', number, 6, line)
-            _extend(found, body[6:].rstrip() + ' ', number, 7)
+                raise FortranError('a continuation line continues nothing', number, LABEL_COLUMNS + 1, line)
+            _extend(found, rest.rstrip() + ' ', number, LABEL_COLUMNS + 2)
             continue
-        if not re.fullmatch(r'[ \d]*', body[:5]):
+        if not re.fullmatch(r'[ \d]*', label):
             raise FortranError('columns 1 to 5 hold a label or blanks in fixed form', number, 1, line)
-        _add(found, body[:5] + ' ' + body[6:].rstrip(), number, 1)
+        _add(found, label + ' ' + rest.rstrip(), number, 1)
     return found
 
 
 def _free(lines: list[str]) -> list[Statement]:
+    """Statements of lines in free form."""
     found: list[Statement] = []
     continued = False
     for number, line in enumerate(lines, 1):

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, BoolArray
+
 from ..machine import planes
 from ..machine.arrays import DapArray
 from ..machine.kinds import LOGICAL, Kind
@@ -16,10 +18,32 @@ Place = tuple[int, ...]
 
 
 class ArrayVariable:
-    """An array of a program.
+    """An array variable of a program.
 
-    kind; parallel : parallel extents, (), (n,) or (rows, columns); serial : serial extents
-    data : packed words (serial..., words) uint64 for a parallel LOGICAL, else values (serial..., parallel...)
+    Parameters
+    ----------
+    dap : Machine
+    kind : Kind
+    parallel : tuple of int
+        Parallel extents: (), (n,) or (rows, columns).
+    serial : tuple of int
+        Serial extents.
+    data : array, optional
+        Of a part of another variable, whose store it shares. Otherwise the variable takes store of its own.
+    name : str
+        Named when the store is exhausted.
+
+    Attributes
+    ----------
+    data : array
+        Packed words (serial..., words) uint64 of a parallel LOGICAL, otherwise values (serial..., parallel...).
+    packed : bool
+        Whether data are packed words.
+
+    Raises
+    ------
+    OutOfStore
+        When too few bit-planes are free.
     """
 
     __slots__ = ('dap', 'kind', 'parallel', 'serial', 'data', 'packed', '_taken')
@@ -30,10 +54,9 @@ class ArrayVariable:
         kind: Kind,
         parallel: Place,
         serial: Place,
-        data: np.ndarray | None = None,
+        data: AnyArray | None = None,
         name: str = 'an array',
     ) -> None:
-        """data given: a part of another variable, which pays for it."""
         self.dap, self.kind, self.parallel, self.serial = dap, kind, tuple(parallel), tuple(serial)
         self.packed = kind == LOGICAL and bool(parallel)
         self._taken = 0
@@ -58,30 +81,30 @@ class ArrayVariable:
             self.dap.store.give_back(self._taken)
 
     def place(self, indices: tuple[int, ...]) -> Place:
-        """Serial indices from 1, checked, as numpy indices."""
+        """Serial indices, from 1, as numpy indices. Raises IndexError when one is outside."""
         for index, extent in zip(indices, self.serial):
             if not 1 <= index <= extent:
                 raise IndexError(f'serial index {index} is outside 1 to {extent}')
         return tuple(index - 1 for index in indices)
 
     def read(self, place: Place) -> DapArray:
-        """The parallel array at a serial place: a view."""
+        """Read the parallel array at a serial place, as a view."""
         if self.packed:
             return DapArray(self.dap, LOGICAL, None, shape=self.parallel, words=self.data[place], owned=False)
         return DapArray(self.dap, self.kind, self.data[place] if place else self.data, owned=False)
 
     def part(self, place: Place) -> ArrayVariable:
-        """The parallel array at a serial place as a variable of its own, sharing its store."""
+        """Make the parallel array at a serial place a variable of its own, which shares the store."""
         return ArrayVariable(self.dap, self.kind, self.parallel, (), self.data[place])
 
     def scalar(self, value: Any) -> Any:
-        """A scalar that will be stored, converted to this kind."""
+        """Convert a scalar that will be stored to this kind."""
         if self.kind.name == 'LOGICAL' or isinstance(value, bool):
             return checked_scalar(self.kind, value, 'assignment')
         return self.kind.scalar(value)
 
     def write(self, place: Place, value: Any) -> None:
-        """A parallel array or a scalar over the whole parallel array."""
+        """Write a parallel array or a scalar over the whole parallel array at a serial place."""
         target = self.data[place] if place else self.data
         if not isinstance(value, DapArray):
             scalar = self.scalar(value)
@@ -100,8 +123,17 @@ class ArrayVariable:
             self.dap.charge('copy', self.kind, self.parallel)
         target[...] = value.words if self.packed else value.values
 
-    def write_where(self, place: Place, value: Any, mask: np.ndarray) -> None:
-        """A parallel array or scalar, where a numpy mask (of the parallel shape, or broadcast to it) is true."""
+    def write_where(self, place: Place, value: Any, mask: BoolArray) -> None:
+        """Write a parallel array or a scalar where a mask is true.
+
+        Parameters
+        ----------
+        place : tuple of int
+            Serial place, from 0.
+        value : DapArray or scalar
+        mask : bool array
+            Of the parallel shape, or broadcast to it.
+        """
         target = self.data[place] if place else self.data
         self.dap.charge('masked_copy', self.kind, self.parallel)
         source: Any
@@ -119,7 +151,16 @@ class ArrayVariable:
             np.copyto(target, source, where=mask, casting='unsafe')
 
     def write_part(self, place: Place, where: tuple[Any, ...], value: Any) -> None:
-        """A scalar, or a vector, into the part that numpy indices (ints and whole slices) select."""
+        """Write a scalar or a vector into the part that numpy indices select.
+
+        Parameters
+        ----------
+        place : tuple of int
+            Serial place, from 0.
+        where : tuple of int or slice
+            An element, a row or a column of the parallel array.
+        value : DapArray or scalar
+        """
         element = all(isinstance(index, int) for index in where)
         self.dap.charge('store_element' if element else 'broadcast', self.kind, self.parallel)
         source = value
@@ -132,15 +173,16 @@ class ArrayVariable:
             target[where] = source
         elif element:
             flat = int(np.ravel_multi_index(where, self.parallel))
-            bit = np.uint64(1 << (flat % 64))
-            target[flat // 64] = target[flat // 64] | bit if source else target[flat // 64] & ~bit
+            bit = np.uint64(1 << (flat % planes.WORD_BITS))
+            word = flat // planes.WORD_BITS
+            target[word] = target[word] | bit if source else target[word] & ~bit
         else:
             flags = planes.unpack(target, int(np.prod(self.parallel))).reshape(self.parallel)
             flags[where] = source
             target[...] = planes.pack(flags.reshape(-1))
 
     def to_numpy(self) -> Any:
-        """Values in the language's order of dimensions: parallel first, then serial."""
+        """Return the values in the language's order of dimensions, parallel before serial; a text of CHARACTERs."""
         if self.kind.name == 'CHARACTER':
             return ''.join(self.data) if self.data.ndim == 1 else self.data.copy()
         values = self.data
@@ -150,7 +192,13 @@ class ArrayVariable:
         return np.ascontiguousarray(values.transpose(axes))
 
     def load(self, values: Any, name: str) -> None:
-        """Values in the language's order of dimensions, from the host. Raises ValueError naming the variable."""
+        """Take values from the host, in the language's order of dimensions.
+
+        Raises
+        ------
+        ValueError
+            Naming the variable, for another shape or class of values.
+        """
         if self.kind.name == 'CHARACTER':
             text = list(values)
             if self.data.shape != (len(text),):

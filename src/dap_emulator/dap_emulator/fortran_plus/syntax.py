@@ -1,4 +1,4 @@
-"""The tree of a program: what the parser makes, the checker completes and the interpreter runs.
+"""The tree of a program: the parser makes it, the checker completes it, the interpreter compiles it.
 
 ``at`` is the offset of a node in its statement's text. ``type`` is filled in by the checker.
 """
@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Union
+from typing import Any
 
 from ..machine.kinds import Kind
 from .source import Statement
@@ -14,7 +14,7 @@ from .source import Statement
 
 @dataclass(frozen=True)
 class Type:
-    """kind; rank : parallel dimensions 0..2; serial : serial dimensions"""
+    """Type of an expression: a kind, the number of parallel dimensions (rank, 0 to 2) and of serial ones."""
 
     kind: Kind
     rank: int = 0
@@ -27,6 +27,8 @@ class Type:
 
 @dataclass
 class Constant:
+    """A number, truth or text."""
+
     value: Any
     kind: Kind
     at: int
@@ -61,6 +63,8 @@ class Step:
 
 @dataclass
 class Unary:
+    """A sign or .NOT. and its operand."""
+
     operator: str
     operand: Any
     at: int
@@ -69,6 +73,8 @@ class Unary:
 
 @dataclass
 class Binary:
+    """An operation on two operands."""
+
     operator: str
     left: Any
     right: Any
@@ -76,12 +82,9 @@ class Binary:
     type: Any = None
 
 
-Expression = Union[Constant, Reference, Unary, Binary]  # noqa: UP007  (evaluated at run time)
-
-
 @dataclass
 class Dimension:
-    """parallel; extent : expression, or None when omitted"""
+    """One dimension of an array: parallel or serial, and its extent as an expression (None when omitted)."""
 
     parallel: bool
     extent: Any
@@ -89,7 +92,7 @@ class Dimension:
 
 @dataclass
 class Entity:
-    """A declared name. length : of NAME*n; dimensions : None when it has no brackets"""
+    """A declared name, the word length of NAME*n, and its dimensions (None when it has no brackets)."""
 
     name: str
     length: int | None
@@ -99,7 +102,10 @@ class Entity:
 
 @dataclass
 class Node:
-    """A statement: what it is, its parts by name, its label and its source."""
+    """A statement: its class (for example 'assign'), its parts by name, its label and its source.
+
+    Parts are read as attributes: ``node.target`` is ``node.parts['target']``.
+    """
 
     what: str
     parts: dict[str, Any]
@@ -116,7 +122,24 @@ class Node:
 
 @dataclass
 class Unit:
-    """A subroutine or function. entry : callable from the host; result : declared type text and rank of a function"""
+    """A subroutine or function.
+
+    Parameters
+    ----------
+    name : str
+    arguments : list of str
+    entry : bool
+        Whether the host may call it.
+    is_function : bool
+    result_type : str, optional
+        Declared type of a function, for example 'REAL*4'.
+    result_rank : int
+        Rank of a function's value.
+    header : Node
+        Its first statement.
+    body : list of Node
+        Declarations and statements.
+    """
 
     name: str
     arguments: list[str]

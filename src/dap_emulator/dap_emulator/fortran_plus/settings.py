@@ -1,0 +1,21 @@
+"""Named numbers of the language room: limits of compiling and running a program."""
+
+from __future__ import annotations
+
+# Deepest nesting of calls of subroutines and functions. Recursion of the thesis' programs is below 100; the limit stops
+# a program that calls itself for ever.
+MAX_DEPTH = 2000
+# Python frames that one call of a subroutine or function may take: one closure for every level of its expressions.
+FRAMES_PER_CALL = 8
+# Python frames left for the caller and for numpy.
+SPARE_FRAMES = 1000
+
+# Steps of a program between two looks at its limits (time, cycles, cancellation); a power of two.
+STEPS_PER_CHECK = 64
+# Frames that CALL DISPLAY keeps; later ones are left out.
+MAX_DISPLAYS = 500
+
+# Compiled programs kept for reuse, by their text.
+PROGRAMS_CACHED = 64
+# Longest list of what was expected, in an error message; a longer one says nothing to a reader.
+MAX_EXPECTED = 6
