@@ -23,7 +23,7 @@ from .frame import Frame, RenderOptions, RenderStats
 from .kernels.image import Plan, Target, product_spans, render_tiles, smooth_rows
 from .kernels.rows import CUTTER_PARTS, CUTTERS, STRIDE
 from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS, Deep
-from .kernels.shade import Look, Workspace
+from .kernels.shade import Materials, Workspace
 from .kernels.terrain import Ground
 from .kernels.tree import DOUBT, Eye, Trees
 from .products import products_of
@@ -46,7 +46,7 @@ class Prepared:
 
     program: Program
     trees: Trees
-    look: Look
+    materials: Materials
     ground: Ground | None
     child_products: np.ndarray
     listed: np.ndarray
@@ -118,7 +118,7 @@ class _Job:
             parts,
             ready.trees,
             self.eye,
-            ready.look,
+            ready.materials,
             self.plan,
             self.target,
             self.works[thread],
@@ -135,7 +135,7 @@ class _Job:
             threads,
             ready.trees,
             self.eye,
-            ready.look,
+            ready.materials,
             self.plan,
             self.target,
             self.works[thread],
@@ -241,7 +241,7 @@ def prepare(program: Program) -> Prepared:
         _spheres(program),
         HALFSPACES[program.kind],
     )
-    look = Look(
+    materials = Materials(
         program.colours,
         program.material,
         _flat_normals(program),
@@ -254,7 +254,7 @@ def prepare(program: Program) -> Prepared:
     return Prepared(
         program,
         trees,
-        look,
+        materials,
         _ground(program),
         child_products,
         listed,

@@ -140,7 +140,7 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
 
 
 @kernel
-def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
+def colour_row(work, m, y, trees, materials, plan, deep, ground, coloured):
     """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row.
 
     deep : a Deep for shadows and more levels, or None, which compiles without all that
@@ -153,7 +153,11 @@ def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
     while j < stop and s[HIT + np.uint64(j)] < 0.0:
         j += 1
     for k in range(ZERO, np.uint64(m)):
-        s[RED + k], s[GREEN + k], s[BLUE + k] = look.background[0], look.background[1], look.background[2]
+        s[RED + k], s[GREEN + k], s[BLUE + k] = (
+            materials.background[0],
+            materials.background[1],
+            materials.background[2],
+        )
     begin = np.uint64(j)
     points_row(s, begin, np.uint64(stop), y, plan.rotation)
     while j < stop:
@@ -166,21 +170,19 @@ def colour_row(work, m, y, trees, look, plan, deep, ground, coloured):
             continue
         leaf = int(hit / LEAF_STEP)
         face = int(hit - leaf * LEAF_STEP) // 2
-        normals_run(s, j0, j1, leaf, face, trees.kind[leaf], trees.inverse, look.flat)
+        normals_run(s, j0, j1, leaf, face, trees.kind[leaf], trees.inverse, materials.flat_normals)
         if ground is not None:  # noqa: SIM102
             if trees.kind[leaf] == TERRAIN:
                 ground_normals(s, j0, j1, leaf, ground, trees.inverse)
         if coloured and deep is None:
-            light_run(
-                s, j0, j1, leaf, face, look.colours, look.material, look.lights, look.light_colours, look.ambient_light
-            )
+            light_run(s, j0, j1, leaf, face, materials)
         else:
             for k in range(j0, j1):
                 s[RED + k], s[GREEN + k], s[BLUE + k] = 0.0, 0.0, 0.0
     # Two conditions: the first is settled when compiling, and with None the rest is left out.
     if deep is not None:  # noqa: SIM102
         if coloured:
-            deep_row(s, begin, np.uint64(stop), trees, look, work, deep, ground)
+            deep_row(s, begin, np.uint64(stop), trees, materials, work, deep, ground)
     for k in range(ZERO, np.uint64(m)):
         s[RED + k] = min(max(s[RED + k], 0.0), 1.0)
         s[GREEN + k] = min(max(s[GREEN + k], 0.0), 1.0)
@@ -215,7 +217,7 @@ def byte(value):
 
 
 @kernel
-def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, ground, object_of):
+def render_tiles(thread, threads, trees, eye, materials, plan, target, work, deep, ground, object_of):
     """Every threads-th tile, starting with number ``thread``, of a target that holds background. Returns how many tiles
     were not empty."""
     s = work.row
@@ -247,7 +249,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, gr
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
             hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
-            colour_row(work, m, y, trees, look, plan, deep, ground, plan.box == 0)
+            colour_row(work, m, y, trees, materials, plan, deep, ground, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
                 n = plan.box
@@ -257,7 +259,7 @@ def render_tiles(thread, threads, trees, eye, look, plan, target, work, deep, gr
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
                     hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
-                    colour_row(work, m, y, trees, look, plan, deep, ground, plan.box > 0)
+                    colour_row(work, m, y, trees, materials, plan, deep, ground, plan.box > 0)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
                         work.colours[1, j] += s[GREEN + j]
@@ -287,7 +289,7 @@ def on_boundary(target, row, column):
 
 
 @njit(error_model='numpy', nogil=True)
-def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, ground, weights, offsets):
+def smooth_rows(thread, threads, trees, eye, materials, plan, target, work, deep, ground, weights, offsets):
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row
     height, width = target.depth.shape
@@ -327,7 +329,7 @@ def smooth_rows(thread, threads, trees, eye, look, plan, target, work, deep, gro
                     plan,
                     ground,
                 )
-                colour_row(work, 3 * count, y, trees, look, plan, deep, ground, plan.box == 0)
+                colour_row(work, 3 * count, y, trees, materials, plan, deep, ground, plan.box == 0)
                 for pixel in range(count):
                     for u in range(3):
                         ray = np.uint64(3 * pixel + u)

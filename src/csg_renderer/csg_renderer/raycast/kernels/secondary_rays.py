@@ -241,7 +241,7 @@ def ends(s, n):
 
 
 @kernel
-def arriving_light(s, n, trees, look, work, deep, ground):
+def arriving_light(s, n, trees, materials, work, deep, ground):
     """LIGHT *= transparencies of what rays OX, DX meet before their REACH (the distance less the departure)."""
     tolerance, departure = deep.tolerance, deep.departure
     invert_rays(s, n)
@@ -255,7 +255,7 @@ def arriving_light(s, n, trees, look, work, deep, ground):
             leaf_rays(s, j0, j1, trees.kind[leaf], leaf, trees.inverse)
             work.counts[0] += np.int64(j1 - j0) * trees.halfspaces[leaf]
             work.counts[1] += np.int64(j1 - j0)
-            clear = look.material[leaf, 5]
+            clear = materials.coefficients[leaf, 5]
             for j in range(j0, j1):
                 near, far = s[NEAR + j], s[FAR_ + j]
                 blocked = (far - near > tolerance) & (near < s[REACH + j]) & (far > departure)
@@ -283,7 +283,7 @@ def arriving_light(s, n, trees, look, work, deep, ground):
             )
             for i in range(0, count, 2):
                 if work.times[i] < s[REACH + j] and work.times[i + 1] > departure:
-                    s[LIGHT + j] *= look.material[int(work.hits[i] / LEAF_STEP), 5]
+                    s[LIGHT + j] *= materials.coefficients[int(work.hits[i] / LEAF_STEP), 5]
     if ground is not None:
         for g in range(ground.leaf.shape[0]):
             leaf = ground.leaf[g]
@@ -305,11 +305,11 @@ def arriving_light(s, n, trees, look, work, deep, ground):
                     )
                     < INF
                 ):
-                    s[LIGHT + j] *= look.material[leaf, 5]
+                    s[LIGHT + j] *= materials.coefficients[leaf, 5]
 
 
 @kernel
-def light_batch(s, n, row, trees, look, work, deep, ground):
+def light_batch(s, n, row, trees, materials, work, deep, ground):
     """Add the light of a batch of surface points to RED, GREEN, BLUE of their pixels in ``row``.
 
     Places are in OX, viewing rays (unit) in VX, normals in NORMAL; WEIGHT is each ray's share of its pixel.
@@ -318,12 +318,12 @@ def light_batch(s, n, row, trees, look, work, deep, ground):
         leaf = int(s[HIT + j] / LEAF_STEP)
         face = int(s[HIT + j] - leaf * LEAF_STEP) // 2
         k = np.uint64(s[PIXEL + j])
-        share = s[WEIGHT + j] * look.material[leaf, 0]
-        row[RED + k] += share * look.colours[leaf, face, 0] * look.ambient_light[0]
-        row[GREEN + k] += share * look.colours[leaf, face, 1] * look.ambient_light[1]
-        row[BLUE + k] += share * look.colours[leaf, face, 2] * look.ambient_light[2]
-    for light in range(look.lights.shape[0]):
-        lx, ly, lz = look.lights[light, 0], look.lights[light, 1], look.lights[light, 2]
+        share = s[WEIGHT + j] * materials.coefficients[leaf, 0]
+        row[RED + k] += share * materials.colours[leaf, face, 0] * materials.ambient_light[0]
+        row[GREEN + k] += share * materials.colours[leaf, face, 1] * materials.ambient_light[1]
+        row[BLUE + k] += share * materials.colours[leaf, face, 2] * materials.ambient_light[2]
+    for light in range(materials.lights.shape[0]):
+        lx, ly, lz = materials.lights[light, 0], materials.lights[light, 1], materials.lights[light, 2]
         for j in range(ZERO, n):
             dx, dy, dz = lx - s[OX + j], ly - s[OX + ONE + j], lz - s[OX + ONE + ONE + j]
             distance = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -337,16 +337,20 @@ def light_batch(s, n, row, trees, look, work, deep, ground):
             # What faces away needs no feeler: one that reaches nowhere meets nothing.
             s[REACH + j] = distance - deep.departure if lit else -INF
         if deep.shadows:
-            arriving_light(s, n, trees, look, work, deep, ground)
-        lr, lg, lb = look.light_colours[light, 0], look.light_colours[light, 1], look.light_colours[light, 2]
+            arriving_light(s, n, trees, materials, work, deep, ground)
+        lr, lg, lb = (
+            materials.light_colours[light, 0],
+            materials.light_colours[light, 1],
+            materials.light_colours[light, 2],
+        )
         for j in range(ZERO, n):
             arriving = s[LIGHT + j] * s[WEIGHT + j]
             if arriving == 0.0:
                 continue
             leaf = int(s[HIT + j] / LEAF_STEP)
             face = int(s[HIT + j] - leaf * LEAF_STEP) // 2
-            shade, glint = arriving * look.material[leaf, 1] * s[FACING + j], 0.0
-            specular = look.material[leaf, 2]
+            shade, glint = arriving * materials.coefficients[leaf, 1] * s[FACING + j], 0.0
+            specular = materials.coefficients[leaf, 2]
             if specular > 0.0:
                 nx, ny, nz = s[NORMAL + j], s[NORMAL + ONE + j], s[NORMAL + ONE + ONE + j]
                 vx, vy, vz = s[VX + j], s[VX + ONE + j], s[VX + ONE + ONE + j]
@@ -357,15 +361,15 @@ def light_batch(s, n, row, trees, look, work, deep, ground):
                     + (vz - slope * nz) * s[DX + ONE + ONE + j]
                 )
                 if towards > 0.0:
-                    glint = arriving * specular * power(towards, look.material[leaf, 3])
+                    glint = arriving * specular * power(towards, materials.coefficients[leaf, 3])
             k = np.uint64(s[PIXEL + j])
-            row[RED + k] += (shade * look.colours[leaf, face, 0] + glint) * lr
-            row[GREEN + k] += (shade * look.colours[leaf, face, 1] + glint) * lg
-            row[BLUE + k] += (shade * look.colours[leaf, face, 2] + glint) * lb
+            row[RED + k] += (shade * materials.colours[leaf, face, 0] + glint) * lr
+            row[GREEN + k] += (shade * materials.colours[leaf, face, 1] + glint) * lg
+            row[BLUE + k] += (shade * materials.colours[leaf, face, 2] + glint) * lb
 
 
 @kernel
-def branch(s, n, look, deep, pending):
+def branch(s, n, materials, deep, pending):
     """Push the mirrored and transmitted rays of a batch, and take their share off its WEIGHT.
 
     Returns how many rays are pending. Deeper rays lie higher on the stack, which bounds it: see engine_native._deep.
@@ -375,7 +379,7 @@ def branch(s, n, look, deep, pending):
         if s[LEVEL + j] >= deep.levels:
             continue
         leaf = int(s[HIT + j] / LEAF_STEP)
-        mirror, clear = look.material[leaf, 4], look.material[leaf, 5]
+        mirror, clear = materials.coefficients[leaf, 4], materials.coefficients[leaf, 5]
         if mirror == 0.0 and clear == 0.0:
             continue
         weight = s[WEIGHT + j]
@@ -399,7 +403,7 @@ def branch(s, n, look, deep, pending):
 
 
 @kernel
-def deep_row(row, j0, j1, trees, look, work, deep, ground):
+def deep_row(row, j0, j1, trees, materials, work, deep, ground):
     """Colours, not clipped, of the visible points of a row (HIT, PX.., VX.., NX..), added to its RED, GREEN, BLUE.
 
     The pixels that show something must come in black, the others as background.
@@ -418,8 +422,8 @@ def deep_row(row, j0, j1, trees, look, work, deep, ground):
         n += np.uint64(1)
     pending = 0
     while True:
-        pending = branch(s, n, look, deep, pending)
-        light_batch(s, n, row, trees, look, work, deep, ground)
+        pending = branch(s, n, materials, deep, pending)
+        light_batch(s, n, row, trees, materials, work, deep, ground)
         if pending == 0:
             return
         count = min(pending, STRIDE)
@@ -434,9 +438,9 @@ def deep_row(row, j0, j1, trees, look, work, deep, ground):
         for j in range(ZERO, np.uint64(count)):
             if s[MET + j] < 0.0:
                 k = np.uint64(s[PIXEL + j])
-                row[RED + k] += s[WEIGHT + j] * look.background[0]
-                row[GREEN + k] += s[WEIGHT + j] * look.background[1]
-                row[BLUE + k] += s[WEIGHT + j] * look.background[2]
+                row[RED + k] += s[WEIGHT + j] * materials.background[0]
+                row[GREEN + k] += s[WEIGHT + j] * materials.background[1]
+                row[BLUE + k] += s[WEIGHT + j] * materials.background[2]
                 continue
             # Those that met something close ranks.
             t = s[BEST + j]
@@ -455,7 +459,7 @@ def deep_row(row, j0, j1, trees, look, work, deep, ground):
                 last += np.uint64(1)
             leaf = int(hit / LEAF_STEP)
             face = int(hit - leaf * LEAF_STEP) // 2
-            normals_run(s, first, last, leaf, face, trees.kind[leaf], trees.inverse, look.flat)
+            normals_run(s, first, last, leaf, face, trees.kind[leaf], trees.inverse, materials.flat_normals)
             if ground is not None:  # noqa: SIM102
                 if trees.kind[leaf] == TERRAIN:
                     ground_normals(s, first, last, leaf, ground, trees.inverse)

@@ -12,12 +12,17 @@ from ..reference import APEX
 from .rows import BASE, BLUE, DEPTH, GLINT, GREEN, NX, NY, NZ, PX, PY, PZ, RED, SHADE, VX, VY, VZ, X, kernel
 
 
-class Look(NamedTuple):
-    """Surfaces and lights (see program.Program). flat : (n, 6, 3) float64, unit normals of flat faces, scene frame."""
+class Materials(NamedTuple):
+    """Surfaces and lights of a scene. n leaves, l lights.
+
+    colours : (n, 6, 3) float64, linear RGB of each face; coefficients : (n, 6) float64: ambient, diffuse, specular,
+        shininess, reflection, transparency; flat_normals : (n, 6, 3) float64, unit, of flat faces, scene frame
+    lights : (l, 3) float64, metres, scene frame; light_colours : (l, 3); ambient_light, background : (3,) linear RGB
+    """
 
     colours: np.ndarray
-    material: np.ndarray
-    flat: np.ndarray
+    coefficients: np.ndarray
+    flat_normals: np.ndarray
     lights: np.ndarray
     light_colours: np.ndarray
     ambient_light: np.ndarray
@@ -88,11 +93,13 @@ def normals_run(s, j0, j1, leaf, face, kind, inverse, flat):
 
 
 @kernel
-def light_run(s, j0, j1, leaf, face, colours, material, lights, light_colours, ambient_light):
+def light_run(s, j0, j1, leaf, face, materials):
     """Colours, not clipped, of a run of pixels that show one face, into RED, GREEN, BLUE: no shadows, no mirrors."""
+    colours, coefficients = materials.colours, materials.coefficients
+    lights, light_colours, ambient_light = materials.lights, materials.light_colours, materials.ambient_light
     red, green, blue = colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2]
-    ambient, diffuse = material[leaf, 0], material[leaf, 1]
-    specular, shininess = material[leaf, 2], material[leaf, 3]
+    ambient, diffuse = coefficients[leaf, 0], coefficients[leaf, 1]
+    specular, shininess = coefficients[leaf, 2], coefficients[leaf, 3]
     ar, ag, ab = ambient * red * ambient_light[0], ambient * green * ambient_light[1], ambient * blue * ambient_light[2]
     for j in range(j0, j1):
         s[RED + j], s[GREEN + j], s[BLUE + j] = ar, ag, ab
