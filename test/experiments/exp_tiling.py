@@ -55,8 +55,8 @@ def preparation(scene: Scene, camera: PinholeCamera) -> float:
 
     def prepare() -> None:
         view = view_of(ready.program, scene.camera_T_scene)
-        sight = engine_native.look_through(ready, view, scene.camera_T_scene)
-        engine_native.plan_of(ready, view, sight, camera, RenderOptions())
+        view_data = engine_native.look_through(ready, view, scene.camera_T_scene)
+        engine_native.plan_of(ready, view, view_data, camera, RenderOptions())
 
     return timed(prepare, 5)[1]
 

@@ -100,7 +100,7 @@ class _Job:
     ) -> None:
         self.ready, self.camera, self.camera_T_scene, self.options = ready, camera, camera_T_scene, options
         self.view = view_of(ready.program, camera_T_scene)
-        self.sight = look_through(ready, self.view, camera_T_scene)
+        self.view_data = look_through(ready, self.view, camera_T_scene)
         self.works = [_workspace(ready) for _ in range(threads)]
         self.deeps = [_deep(self.view, options) for _ in range(threads)]
         self.active = [0] * threads
@@ -108,7 +108,7 @@ class _Job:
     def begin(self) -> None:
         """What takes long of getting ready and leaves other threads alone: clearing the frame, and the spans."""
         self.frame, self.target = _new_frame(self.camera, self.camera_T_scene, self.ready.program.background)
-        self.eye, self.plan = plan_of(self.ready, self.view, self.sight, self.camera, self.options)
+        self.eye, self.plan = plan_of(self.ready, self.view, self.view_data, self.camera, self.options)
 
     def tiles(self, thread: int, part: int, parts: int) -> None:
         """This thread does one of several equal parts of the tiles, and counts those that were not empty."""
@@ -284,7 +284,7 @@ def _whole(numbers: list[int]) -> np.ndarray:
     return np.array(numbers, dtype=np.int64)
 
 
-class Sight(NamedTuple):
+class ViewData(NamedTuple):
     """What a view sees of the leaves, small arrays. n leaves, p outline points.
 
     origin, limit : as in Eye; points : (p, 3) outlines and sphere : (n, 4), camera frame
@@ -299,7 +299,7 @@ class Sight(NamedTuple):
     chosen: np.ndarray
 
 
-def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> Sight:
+def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> ViewData:
     """What depends on the camera and is no work."""
     program, trees, local = ready.program, ready.trees, view.local
     home = local[:, :, 3]
@@ -318,11 +318,11 @@ def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> Sight:
     sphere = np.empty_like(trees.sphere)
     sphere[:, :3] = camera_T_scene.apply(trees.sphere[:, :3])
     sphere[:, 3] = trees.sphere[:, 3] * camera_T_scene.scale**2
-    return Sight(np.ascontiguousarray(origin), limit, camera_T_scene.apply(program.outline), sphere, listed, chosen)
+    return ViewData(np.ascontiguousarray(origin), limit, camera_T_scene.apply(program.outline), sphere, listed, chosen)
 
 
 def plan_of(
-    ready: Prepared, view: View, sight: Sight, camera: PinholeCamera, options: RenderOptions
+    ready: Prepared, view: View, view_data: ViewData, camera: PinholeCamera, options: RenderOptions
 ) -> tuple[Eye, Plan]:
     """Spans of rows, and the order front to back."""
     program, trees = ready.program, ready.trees
@@ -330,7 +330,7 @@ def plan_of(
     whole = not options.tiling
     size = options.tile_size if options.tiling else STRIDE
     products, bands = len(trees.positive), -(-h // size)
-    chosen = sight.chosen
+    chosen = view_data.chosen
     near = np.zeros(products)
     if whole:
         leaf_span, span, band = (np.zeros((1, 1, 2), dtype=np.int32) for _ in range(3))
@@ -338,7 +338,7 @@ def plan_of(
         leaf_span = np.empty((len(program.kind), h, 2), dtype=np.int32)
         leaf_depth = np.empty(len(program.kind))
         leaf_spans(
-            sight.points,
+            view_data.points,
             program.outline_start,
             view.departure or 1e-9,
             camera.fx,
@@ -355,7 +355,9 @@ def plan_of(
             chosen, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size, span, band, near
         )
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
-    eye = Eye(view.local, sight.origin, sight.limit, sight.sphere, leaf_span, near, sight.listed, chosen)
+    eye = Eye(
+        view.local, view_data.origin, view_data.limit, view_data.sphere, leaf_span, near, view_data.listed, chosen
+    )
     plan = Plan(
         (np.arange(w) - camera.cx) / camera.fx,
         (np.arange(h) - camera.cy) / camera.fy,
