@@ -25,7 +25,7 @@ from .kernels.rows import CUTTER_PARTS, CUTTERS, STRIDE
 from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS, Deep
 from .kernels.shade import Materials, Workspace
 from .kernels.terrain import Ground
-from .kernels.tree import DOUBT, Eye, Trees
+from .kernels.tree import DOUBT, CameraData, Trees
 from .products import products_of
 from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program, View, program_of, view_of
 from .reference import PARALLEL
@@ -92,7 +92,7 @@ class _Job:
 
     frame: Frame
     target: Target
-    eye: Eye
+    camera_data: CameraData
     plan: Plan
 
     def __init__(
@@ -108,7 +108,7 @@ class _Job:
     def begin(self) -> None:
         """What takes long of getting ready and leaves other threads alone: clearing the frame, and the spans."""
         self.frame, self.target = _new_frame(self.camera, self.camera_T_scene, self.ready.program.background)
-        self.eye, self.plan = plan_of(self.ready, self.view, self.view_data, self.camera, self.options)
+        self.camera_data, self.plan = plan_of(self.ready, self.view, self.view_data, self.camera, self.options)
 
     def tiles(self, thread: int, part: int, parts: int) -> None:
         """This thread does one of several equal parts of the tiles, and counts those that were not empty."""
@@ -117,7 +117,7 @@ class _Job:
             part,
             parts,
             ready.trees,
-            self.eye,
+            self.camera_data,
             ready.materials,
             self.plan,
             self.target,
@@ -134,7 +134,7 @@ class _Job:
             thread,
             threads,
             ready.trees,
-            self.eye,
+            self.camera_data,
             ready.materials,
             self.plan,
             self.target,
@@ -287,7 +287,7 @@ def _whole(numbers: list[int]) -> np.ndarray:
 class ViewData(NamedTuple):
     """What a view sees of the leaves, small arrays. n leaves, p outline points.
 
-    origin, limit : as in Eye; points : (p, 3) outlines and sphere : (n, 4), camera frame
+    origin, limit : as in CameraData; points : (p, 3) outlines and sphere : (n, 4), camera frame
     listed : children to evaluate by lists; chosen : products to evaluate
     """
 
@@ -323,7 +323,7 @@ def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> ViewData:
 
 def plan_of(
     ready: Prepared, view: View, view_data: ViewData, camera: PinholeCamera, options: RenderOptions
-) -> tuple[Eye, Plan]:
+) -> tuple[CameraData, Plan]:
     """Spans of rows, and the order front to back."""
     program, trees = ready.program, ready.trees
     h, w = camera.height, camera.width
@@ -355,7 +355,7 @@ def plan_of(
             chosen, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size, span, band, near
         )
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
-    eye = Eye(
+    camera_data = CameraData(
         view.local, view_data.origin, view_data.limit, view_data.sphere, leaf_span, near, view_data.listed, chosen
     )
     plan = Plan(
@@ -371,7 +371,7 @@ def plan_of(
         whole,
         options.box,
     )
-    return eye, plan
+    return camera_data, plan
 
 
 def _jumps(code: np.ndarray) -> list[int]:

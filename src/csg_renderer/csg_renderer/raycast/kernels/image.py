@@ -79,7 +79,7 @@ def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_dept
 
 
 @kernel
-def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, plan, ground):
+def hit_row(work, m, row, y, first, last, offset, products, count, trees, camera, plan, ground):
     """Nearest hits of the rays (s[X + j], y, 1), j < m, into DEPTH and HIT.
 
     first, last : the pixels of this row that the rays lie in. offset : the pixel of ray 0 when rays are one a pixel,
@@ -106,7 +106,7 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
         j0, j1 = np.uint64(low), np.uint64(high)
         if drawn:
             # Front to back: a product all behind what is there already adds nothing.
-            nearest = eye.near[q] - 2.0 * plan.tolerance
+            nearest = camera.near[q] - 2.0 * plan.tolerance
             open_pixels = 0
             for j in range(j0, j1):
                 open_pixels += 1 if s[DEPTH + j] > nearest else 0
@@ -123,20 +123,31 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, eye, p
             y,
             plan.tolerance,
             trees,
-            eye,
+            camera,
             plan.whole,
             work.counts,
         )
         drawn = True
         doubtful |= trees.doubt[q] > 0.0
     if doubtful:
-        settle_row(s, m, y, plan.tolerance, trees, eye, work.times, work.hits, work.starts, work.counts)
-    for k in range(eye.listed.shape[0]):
+        settle_row(s, m, y, plan.tolerance, trees, camera, work.times, work.hits, work.starts, work.counts)
+    for k in range(camera.listed.shape[0]):
         list_row(
-            s, ZERO, end, eye.listed[k], y, plan.tolerance, trees, eye, work.times, work.hits, work.starts, work.counts
+            s,
+            ZERO,
+            end,
+            camera.listed[k],
+            y,
+            plan.tolerance,
+            trees,
+            camera,
+            work.times,
+            work.hits,
+            work.starts,
+            work.counts,
         )
     if ground is not None:
-        ground_row(s, end, y, ground, eye.local, plan.tolerance)
+        ground_row(s, end, y, ground, camera.local, plan.tolerance)
 
 
 @kernel
@@ -217,7 +228,7 @@ def byte(value):
 
 
 @kernel
-def render_tiles(thread, threads, trees, eye, materials, plan, target, work, deep, ground, object_of):
+def render_tiles(thread, threads, trees, camera, materials, plan, target, work, deep, ground, object_of):
     """Every threads-th tile, starting with number ``thread``, of a target that holds background. Returns how many tiles
     were not empty."""
     s = work.row
@@ -232,12 +243,12 @@ def render_tiles(thread, threads, trees, eye, materials, plan, target, work, dee
         right, bottom = min(left + plan.size, width), min(top + plan.size, height)
         # A plain 0 would be a type of its own to begin with, for which hit_row would be compiled once more.
         count = np.int64(0)
-        for i in range(eye.chosen.shape[0]):
-            q = eye.chosen[i]
+        for i in range(camera.chosen.shape[0]):
+            q = camera.chosen[i]
             if plan.whole or (plan.band[q, b, 0] < right and plan.band[q, b, 1] >= left):
                 products[count] = q
                 count += 1
-        idle = count == 0 and eye.listed.shape[0] == 0
+        idle = count == 0 and camera.listed.shape[0] == 0
         if ground is not None:
             idle = False
         if idle:
@@ -248,7 +259,7 @@ def render_tiles(thread, threads, trees, eye, materials, plan, target, work, dee
             y = plan.ys[row]
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
-            hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
+            hit_row(work, m, row, y, left, right - 1, left, products, count, trees, camera, plan, ground)
             colour_row(work, m, y, trees, materials, plan, deep, ground, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
@@ -258,7 +269,7 @@ def render_tiles(thread, threads, trees, eye, materials, plan, target, work, dee
                     y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
-                    hit_row(work, m, row, y, left, right - 1, left, products, count, trees, eye, plan, ground)
+                    hit_row(work, m, row, y, left, right - 1, left, products, count, trees, camera, plan, ground)
                     colour_row(work, m, y, trees, materials, plan, deep, ground, plan.box > 0)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
@@ -289,7 +300,7 @@ def on_boundary(target, row, column):
 
 
 @njit(error_model='numpy', nogil=True)
-def smooth_rows(thread, threads, trees, eye, materials, plan, target, work, deep, ground, weights, offsets):
+def smooth_rows(thread, threads, trees, camera, materials, plan, target, work, deep, ground, weights, offsets):
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row
     height, width = target.depth.shape
@@ -322,10 +333,10 @@ def smooth_rows(thread, threads, trees, eye, materials, plan, target, work, deep
                     columns[0],
                     columns[count - 1],
                     -1,
-                    eye.chosen,
-                    eye.chosen.shape[0],
+                    camera.chosen,
+                    camera.chosen.shape[0],
                     trees,
-                    eye,
+                    camera,
                     plan,
                     ground,
                 )

@@ -67,7 +67,7 @@ class Trees(NamedTuple):
     halfspaces: np.ndarray
 
 
-class Eye(NamedTuple):
+class CameraData(NamedTuple):
     """Leaves seen by a camera. n leaves.
 
     local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
@@ -88,7 +88,7 @@ class Eye(NamedTuple):
 
 
 @kernel
-def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole, counts):
+def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, camera, whole, counts):
     """Merge the first entries of product q, on rays (s[X + j], y, 1) for j0 <= j < j1, into DEPTH and HIT.
 
     first, last, row : the pixels that the rays lie in, for the spans of the cutters; whole : ignore the spans
@@ -104,7 +104,7 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole,
         s[CODE + j] = NOTHING
     for f in range(begin, split):
         leaf = trees.factors[f]
-        leaf_row(s, j0, j1, trees.kind[leaf], leaf, eye.local, eye.origin, eye.limit, y)
+        leaf_row(s, j0, j1, trees.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
         counts[0] += n * trees.halfspaces[leaf]
         code = leaf * LEAF_STEP
         for j in range(j0, j1):
@@ -135,9 +135,9 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, eye, whole,
     slots = np.uint64(0)
     for f in range(split, end):
         leaf = trees.factors[f]
-        if not whole and (eye.span[leaf, row, 0] > last or eye.span[leaf, row, 1] < first):
+        if not whole and (camera.span[leaf, row, 0] > last or camera.span[leaf, row, 1] < first):
             continue
-        leaf_row(s, j0, j1, trees.kind[leaf], leaf, eye.local, eye.origin, eye.limit, y)
+        leaf_row(s, j0, j1, trees.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
         counts[0] += n * trees.halfspaces[leaf]
         counts[1] += 2 * n
         counts[2] += n
@@ -285,11 +285,25 @@ def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, toleranc
 
 
 @kernel
-def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, counts):
+def list_row(s, j0, j1, child, y, tolerance, trees, camera, times, hits, starts, counts):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
     for j in range(j0, j1):
         count = child_list(
-            trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts, counts
+            trees,
+            camera.local,
+            camera.sphere,
+            child,
+            0.0,
+            0.0,
+            0.0,
+            s[X + j],
+            y,
+            1.0,
+            tolerance,
+            times,
+            hits,
+            starts,
+            counts,
         )
         for k in range(count):
             if tolerance < times[k] < 0.5 * FAR:
@@ -300,7 +314,7 @@ def list_row(s, j0, j1, child, y, tolerance, trees, eye, times, hits, starts, co
 
 
 @kernel
-def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
+def settle_row(s, m, y, tolerance, trees, camera, times, hits, starts, counts):
     """Ask the trees where products were in doubt.
 
     Where several faces coincide, the products of a tree may disagree with it on whose face bounds the solid: what
@@ -314,7 +328,21 @@ def settle_row(s, m, y, tolerance, trees, eye, times, hits, starts, counts):
         s[HIT + j] = np.floor(hit)
         child = trees.child_of[int(hit / LEAF_STEP)]
         count = child_list(
-            trees, eye.local, eye.sphere, child, 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, times, hits, starts, counts
+            trees,
+            camera.local,
+            camera.sphere,
+            child,
+            0.0,
+            0.0,
+            0.0,
+            s[X + j],
+            y,
+            1.0,
+            tolerance,
+            times,
+            hits,
+            starts,
+            counts,
         )
         for i in range(0, count, 2):
             if times[i] > tolerance:
