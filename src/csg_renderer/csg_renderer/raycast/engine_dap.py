@@ -363,7 +363,7 @@ class _Tracer:
                 through = self._transmission(points, to_light, distance)
                 arriving = arriving * through
             shade = look['diffuse'] * arriving
-            glint = None
+            highlight = None
             if glossy:
                 along = self._dot(mirrored, to_light)
                 shining = f.merge(
@@ -371,9 +371,9 @@ class _Tracer:
                 )
                 if self.options.shadows and f.any_(lit):
                     shining = shining * through
-                glint = look['specular'] * shining
+                highlight = look['specular'] * shining
             for index, channel in enumerate(look['colour']):
-                value = shade * channel if glint is None else shade * channel + glint
+                value = shade * channel if highlight is None else shade * channel + highlight
                 result[index] = result[index] + value * float(light[index])
         return result, mirrored
 

@@ -21,11 +21,11 @@ from ..scene.terrain import Terrain
 from .engine_reference import CROW_OFFSETS, CROW_WEIGHTS
 from .frame import Frame, RenderOptions, RenderStats
 from .kernels.image import Plan, Target, product_spans, render_tiles, smooth_rows
-from .kernels.rows import CUTTER_PARTS, CUTTERS, STRIDE
-from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS, Deep
+from .kernels.rows import STRIDE, SUBTRACTED, SUBTRACTED_PARTS
+from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS, SecondaryRayWorkspace
 from .kernels.shade import Materials, Workspace
-from .kernels.terrain import Ground
-from .kernels.tree import DOUBT, CameraData, Trees
+from .kernels.terrain import TerrainGrids
+from .kernels.tree import DOUBT, CameraData, CsgPrograms
 from .products import products_of
 from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program, View, program_of, view_of
 from .reference import PARALLEL
@@ -41,17 +41,17 @@ class Prepared:
 
     child_products : first and last + 1 product of every child, equal when it must be evaluated by lists
     listed, chosen : the children to evaluate by lists, and the products, for a camera outside all of them
-    factors_most : most cutters of a product; child_inside : postfix evaluation of "is this point inside"
+    most_subtracted : the largest number of subtracted primitives of a product
     """
 
     program: Program
-    trees: Trees
+    csg: CsgPrograms
     materials: Materials
-    ground: Ground | None
+    terrains: TerrainGrids | None
     child_products: np.ndarray
     listed: np.ndarray
     chosen: np.ndarray
-    cutters_most: int
+    most_subtracted: int
 
 
 _prepared: WeakKeyDictionary[Program, Prepared] = WeakKeyDictionary()
@@ -102,7 +102,7 @@ class _Job:
         self.view = view_of(ready.program, camera_T_scene)
         self.view_data = look_through(ready, self.view, camera_T_scene)
         self.works = [_workspace(ready) for _ in range(threads)]
-        self.deeps = [_deep(self.view, options) for _ in range(threads)]
+        self.secondaries = [_secondary_workspace(self.view, options) for _ in range(threads)]
         self.active = [0] * threads
 
     def begin(self) -> None:
@@ -116,14 +116,14 @@ class _Job:
         self.active[thread] += render_tiles(
             part,
             parts,
-            ready.trees,
+            ready.csg,
             self.camera_data,
             ready.materials,
             self.plan,
             self.target,
             self.works[thread],
-            self.deeps[thread],
-            ready.ground,
+            self.secondaries[thread],
+            ready.terrains,
             ready.program.object_of,
         )
 
@@ -133,14 +133,14 @@ class _Job:
         smooth_rows(
             thread,
             threads,
-            ready.trees,
+            ready.csg,
             self.camera_data,
             ready.materials,
             self.plan,
             self.target,
             self.works[thread],
-            self.deeps[thread],
-            ready.ground,
+            self.secondaries[thread],
+            ready.terrains,
             CROW_WEIGHTS,
             np.array(CROW_OFFSETS),
         )
@@ -204,7 +204,7 @@ def prepare(program: Program) -> Prepared:
     code_starts: list[int] = [0]
     simple = np.full(len(program.children), -1, dtype=np.int64)
     box = np.empty((6, len(program.children)))
-    cutters = [0]
+    subtracted = [0]
     doubt: list[float] = []
     child_of = np.zeros(len(program.kind), dtype=np.int64)
     bounds = _leaf_boxes(program)
@@ -214,7 +214,7 @@ def prepare(program: Program) -> Prepared:
             factors += sorted(inside) + sorted(outside)
             starts.append(len(factors))
             positive.append(len(inside))
-            cutters.append(len(outside))
+            subtracted.append(len(outside))
         child_products[child, 1] = len(positive)
         several = len(positive) - child_products[child, 0] > 1
         doubt += [DOUBT if several else 0.0] * (len(positive) - len(doubt))
@@ -225,7 +225,7 @@ def prepare(program: Program) -> Prepared:
         if len(code) == 1:
             simple[child] = code[0]
         box[:, child] = _child_box(code, bounds)
-    trees = Trees(
+    csg = CsgPrograms(
         _whole(starts),
         _whole(positive),
         np.array(doubt),
@@ -253,22 +253,22 @@ def prepare(program: Program) -> Prepared:
     listed = np.flatnonzero(child_products[:, 0] == child_products[:, 1])
     return Prepared(
         program,
-        trees,
+        csg,
         materials,
-        _ground(program),
+        _terrain_grids(program),
         child_products,
         listed,
         np.arange(len(positive), dtype=np.int64),
-        max(cutters),
+        max(subtracted),
     )
 
 
-def _ground(program: Program) -> Ground | None:
+def _terrain_grids(program: Program) -> TerrainGrids | None:
     if not program.terrains:
         return None
     grids = [cast(Terrain, program.leaves[leaf]) for leaf in program.terrains]
     sizes = [grid.heights.size for grid in grids]
-    return Ground(
+    return TerrainGrids(
         np.array(program.terrains),
         np.concatenate([grid.heights.ravel() for grid in grids]),
         np.cumsum([0, *sizes[:-1]]),
@@ -301,7 +301,7 @@ class ViewData(NamedTuple):
 
 def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> ViewData:
     """What depends on the camera and is no work."""
-    program, trees, local = ready.program, ready.trees, view.local
+    program, csg, local = ready.program, ready.csg, view.local
     home = local[:, :, 3]
     nearest = np.round(home)
     origin = np.where(np.abs(home - nearest) < PARALLEL * (1.0 + np.abs(home)), nearest, home)
@@ -315,9 +315,9 @@ def look_through(ready: Prepared, view: View, camera_T_scene: Pose) -> ViewData:
         chosen = _whole(
             [q for child, (first, last) in enumerate(spans) if not inside[child] for q in range(first, last)]
         )
-    sphere = np.empty_like(trees.sphere)
-    sphere[:, :3] = camera_T_scene.apply(trees.sphere[:, :3])
-    sphere[:, 3] = trees.sphere[:, 3] * camera_T_scene.scale**2
+    sphere = np.empty_like(csg.sphere)
+    sphere[:, :3] = camera_T_scene.apply(csg.sphere[:, :3])
+    sphere[:, 3] = csg.sphere[:, 3] * camera_T_scene.scale**2
     return ViewData(np.ascontiguousarray(origin), limit, camera_T_scene.apply(program.outline), sphere, listed, chosen)
 
 
@@ -325,11 +325,11 @@ def plan_of(
     ready: Prepared, view: View, view_data: ViewData, camera: PinholeCamera, options: RenderOptions
 ) -> tuple[CameraData, Plan]:
     """Spans of rows, and the order front to back."""
-    program, trees = ready.program, ready.trees
+    program, csg = ready.program, ready.csg
     h, w = camera.height, camera.width
     whole = not options.tiling
     size = options.tile_size if options.tiling else STRIDE
-    products, bands = len(trees.positive), -(-h // size)
+    products, bands = len(csg.positive), -(-h // size)
     chosen = view_data.chosen
     near = np.zeros(products)
     if whole:
@@ -352,7 +352,7 @@ def plan_of(
         span = np.empty((products, h, 2), dtype=np.int32)
         band = np.empty((products, bands, 2), dtype=np.int32)
         product_spans(
-            chosen, trees.product_start, trees.positive, trees.factors, leaf_span, leaf_depth, size, span, band, near
+            chosen, csg.product_start, csg.positive, csg.factors, leaf_span, leaf_depth, size, span, band, near
         )
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
     camera_data = CameraData(
@@ -466,7 +466,8 @@ def _contains_origin(program: Program, origin: np.ndarray) -> list[bool]:
             if op >= 0:
                 stack.append(bool(inside[op]))
             else:
-                # A cutter whose surface the camera touches may not cover it: rather too many lists than a wrong image.
+                # A subtracted primitive whose surface the camera touches is not counted: the child is then evaluated by
+                # lists, which is slower and right in either case.
                 right, left = stack.pop(), stack.pop()
                 stack.append(left and right if op == INTERSECT else left if op == DIFFERENCE else left or right)
         answers.append(stack[0])
@@ -477,23 +478,25 @@ def _workspace(ready: Prepared) -> Workspace:
     longest = max((len(code) for code in ready.program.children), default=1)
     room = np.empty(4 * longest + 4)
     return Workspace(
-        np.empty(int(CUTTERS) + max(1, ready.cutters_most) * int(CUTTER_PARTS)),
+        np.empty(int(SUBTRACTED) + max(1, ready.most_subtracted) * int(SUBTRACTED_PARTS)),
         room,
         np.empty_like(room),
         np.empty(longest + 2, dtype=np.int64),
-        np.empty(len(ready.trees.positive) + 1, dtype=np.int64),
+        np.empty(len(ready.csg.positive) + 1, dtype=np.int64),
         np.zeros((3, STRIDE)),
         np.zeros(3, dtype=np.int64),
     )
 
 
-def _deep(view: View, options: RenderOptions) -> Deep | None:
+def _secondary_workspace(view: View, options: RenderOptions) -> SecondaryRayWorkspace | None:
     """Memory of ray tracing, or None when ray casting will do."""
     if options.levels == 1 and not options.shadows:
         return None
     # A batch leaves at most two rays for each of its own, and only so many batches are ever unfinished.
     stack = np.empty(((2 * options.levels + 2) * STRIDE, RAY_PARTS))
-    return Deep(np.empty(BATCH_PARTS * STRIDE), stack, options.levels, options.shadows, view.departure, view.tolerance)
+    return SecondaryRayWorkspace(
+        np.empty(BATCH_PARTS * STRIDE), stack, options.levels, options.shadows, view.departure, view.tolerance
+    )
 
 
 def _new_frame(camera: PinholeCamera, camera_T_scene: Pose, background: np.ndarray) -> tuple[Frame, Target]:

@@ -79,8 +79,8 @@ class Frame:
     image : (h, w, 3) uint8, RGB, linear (no gamma)
     depth : (h, w) float32, camera z in metres, NaN = background
     primitive_id, face_id, object_id : (h, w) int32, -1 = background. primitive_id indexes Scene.primitives; on a cut
-        face it is the cutter's leaf. face_id is in the order of thesis Table 4.1 (csg_renderer.scene.solid.FACES).
-        object_id indexes Scene.solids.
+        face it is the leaf of the subtracted primitive. face_id is in the order of thesis Table 4.1
+        (csg_renderer.scene.solid.FACES). object_id indexes Scene.solids.
     normal : (h, w, 3) float32, outward unit normal of the resulting solid, scene frame, NaN = background
     camera, camera_T_scene : the view; stats : RenderStats
     Ids, depth and normals belong to the ray through the pixel's centre, whatever the anti-aliasing.

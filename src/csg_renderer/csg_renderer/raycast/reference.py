@@ -4,7 +4,8 @@ Every child of the scene (see program.py) is evaluated for a bundle of rays by w
 pushes its entry and exit along each ray, an operator merges the two lists on top of the stack (thesis 4.8,
 appendix B; Roth 1982). Boundaries closer together than the view's tolerance count as one place: it is a boundary of
 the result only if the result differs before and after it, and it belongs to the lowest leaf index there. So touching
-blocks have no seam, a face removed exactly by its cutter leaves no skin, and a ray that only touches a solid misses it.
+blocks have no seam, a face removed exactly by a subtracted primitive leaves no skin, and a ray that only touches
+a solid misses it.
 """
 
 from __future__ import annotations

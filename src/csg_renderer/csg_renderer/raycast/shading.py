@@ -34,10 +34,10 @@ def illuminate(
         to_light = unit(position - points)
         facing = np.einsum('ni,ni->n', normal, to_light)
         arriving = np.where(facing > 0.0, 1.0 if transmitted is None else transmitted[:, index], 0.0)
-        glint = np.einsum('ni,ni->n', mirrored, to_light)
-        glint = np.where(glint > 0.0, np.maximum(glint, 0.0) ** shininess, 0.0)
+        highlight = np.einsum('ni,ni->n', mirrored, to_light)
+        highlight = np.where(highlight > 0.0, np.maximum(highlight, 0.0) ** shininess, 0.0)
         result += (arriving * diffuse * facing)[:, None] * colour * light
-        result += (arriving * specular * glint)[:, None] * light
+        result += (arriving * specular * highlight)[:, None] * light
     return result
 
 

@@ -11,9 +11,9 @@ from msgs_py.numeric.compiled import njit
 
 from ..program import TERRAIN
 from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
-from .secondary_rays import deep_row
+from .secondary_rays import secondary_row
 from .shade import light_run, normals_run, points_row
-from .terrain import ground_normals, ground_row
+from .terrain import terrain_normals, terrain_row
 from .tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
 
 INF = math.inf
@@ -79,12 +79,12 @@ def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_dept
 
 
 @kernel
-def hit_row(work, m, row, y, first, last, offset, products, count, trees, camera, plan, ground):
+def hit_row(work, m, row, y, first, last, offset, products, count, csg, camera, plan, terrains):
     """Nearest hits of the rays (s[X + j], y, 1), j < m, into DEPTH and HIT.
 
     first, last : the pixels of this row that the rays lie in. offset : the pixel of ray 0 when rays are one a pixel,
     or -1 when they are scattered over first..last. products[:count] are considered.
-    ground : the terrains, or None, which compiles without them
+    terrains : the terrains, or None, which compiles without them
     """
     s = work.row
     end = np.uint64(m)
@@ -122,15 +122,15 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, camera
             row,
             y,
             plan.tolerance,
-            trees,
+            csg,
             camera,
             plan.whole,
             work.counts,
         )
         drawn = True
-        doubtful |= trees.doubt[q] > 0.0
+        doubtful |= csg.doubt[q] > 0.0
     if doubtful:
-        settle_row(s, m, y, plan.tolerance, trees, camera, work.times, work.hits, work.starts, work.counts)
+        settle_row(s, m, y, plan.tolerance, csg, camera, work.times, work.hits, work.starts, work.counts)
     for k in range(camera.listed.shape[0]):
         list_row(
             s,
@@ -139,22 +139,22 @@ def hit_row(work, m, row, y, first, last, offset, products, count, trees, camera
             camera.listed[k],
             y,
             plan.tolerance,
-            trees,
+            csg,
             camera,
             work.times,
             work.hits,
             work.starts,
             work.counts,
         )
-    if ground is not None:
-        ground_row(s, end, y, ground, camera.local, plan.tolerance)
+    if terrains is not None:
+        terrain_row(s, end, y, terrains, camera.local, plan.tolerance)
 
 
 @kernel
-def colour_row(work, m, y, trees, materials, plan, deep, ground, coloured):
+def colour_row(work, m, y, csg, materials, plan, secondary, terrains, coloured):
     """Normals of the hits of a row, and their colours (0..1, clipped) if ``coloured``, into work.row.
 
-    deep : a Deep for shadows and more levels, or None, which compiles without all that
+    secondary : a SecondaryRayWorkspace for shadows and more levels, or None, which compiles without all that
     """
     s = work.row
     # Nothing is worked out for the background at both ends.
@@ -181,19 +181,19 @@ def colour_row(work, m, y, trees, materials, plan, deep, ground, coloured):
             continue
         leaf = int(hit / LEAF_STEP)
         face = int(hit - leaf * LEAF_STEP) // 2
-        normals_run(s, j0, j1, leaf, face, trees.kind[leaf], trees.inverse, materials.flat_normals)
-        if ground is not None:  # noqa: SIM102
-            if trees.kind[leaf] == TERRAIN:
-                ground_normals(s, j0, j1, leaf, ground, trees.inverse)
-        if coloured and deep is None:
+        normals_run(s, j0, j1, leaf, face, csg.kind[leaf], csg.inverse, materials.flat_normals)
+        if terrains is not None:  # noqa: SIM102
+            if csg.kind[leaf] == TERRAIN:
+                terrain_normals(s, j0, j1, leaf, terrains, csg.inverse)
+        if coloured and secondary is None:
             light_run(s, j0, j1, leaf, face, materials)
         else:
             for k in range(j0, j1):
                 s[RED + k], s[GREEN + k], s[BLUE + k] = 0.0, 0.0, 0.0
     # Two conditions: the first is settled when compiling, and with None the rest is left out.
-    if deep is not None:  # noqa: SIM102
+    if secondary is not None:  # noqa: SIM102
         if coloured:
-            deep_row(s, begin, np.uint64(stop), trees, materials, work, deep, ground)
+            secondary_row(s, begin, np.uint64(stop), csg, materials, work, secondary, terrains)
     for k in range(ZERO, np.uint64(m)):
         s[RED + k] = min(max(s[RED + k], 0.0), 1.0)
         s[GREEN + k] = min(max(s[GREEN + k], 0.0), 1.0)
@@ -228,7 +228,7 @@ def byte(value):
 
 
 @kernel
-def render_tiles(thread, threads, trees, camera, materials, plan, target, work, deep, ground, object_of):
+def render_tiles(thread, threads, csg, camera, materials, plan, target, work, secondary, terrains, object_of):
     """Every threads-th tile, starting with number ``thread``, of a target that holds background. Returns how many tiles
     were not empty."""
     s = work.row
@@ -249,7 +249,7 @@ def render_tiles(thread, threads, trees, camera, materials, plan, target, work, 
                 products[count] = q
                 count += 1
         idle = count == 0 and camera.listed.shape[0] == 0
-        if ground is not None:
+        if terrains is not None:
             idle = False
         if idle:
             continue  # the frame came filled with background
@@ -259,8 +259,8 @@ def render_tiles(thread, threads, trees, camera, materials, plan, target, work, 
             y = plan.ys[row]
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
-            hit_row(work, m, row, y, left, right - 1, left, products, count, trees, camera, plan, ground)
-            colour_row(work, m, y, trees, materials, plan, deep, ground, plan.box == 0)
+            hit_row(work, m, row, y, left, right - 1, left, products, count, csg, camera, plan, terrains)
+            colour_row(work, m, y, csg, materials, plan, secondary, terrains, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
                 n = plan.box
@@ -269,8 +269,8 @@ def render_tiles(thread, threads, trees, camera, materials, plan, target, work, 
                     y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
-                    hit_row(work, m, row, y, left, right - 1, left, products, count, trees, camera, plan, ground)
-                    colour_row(work, m, y, trees, materials, plan, deep, ground, plan.box > 0)
+                    hit_row(work, m, row, y, left, right - 1, left, products, count, csg, camera, plan, terrains)
+                    colour_row(work, m, y, csg, materials, plan, secondary, terrains, plan.box > 0)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
                         work.colours[1, j] += s[GREEN + j]
@@ -300,7 +300,7 @@ def on_boundary(target, row, column):
 
 
 @njit(error_model='numpy', nogil=True)
-def smooth_rows(thread, threads, trees, camera, materials, plan, target, work, deep, ground, weights, offsets):
+def smooth_rows(thread, threads, csg, camera, materials, plan, target, work, secondary, terrains, weights, offsets):
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row
     height, width = target.depth.shape
@@ -335,12 +335,12 @@ def smooth_rows(thread, threads, trees, camera, materials, plan, target, work, d
                     -1,
                     camera.chosen,
                     camera.chosen.shape[0],
-                    trees,
+                    csg,
                     camera,
                     plan,
-                    ground,
+                    terrains,
                 )
-                colour_row(work, 3 * count, y, trees, materials, plan, deep, ground, plan.box == 0)
+                colour_row(work, 3 * count, y, csg, materials, plan, secondary, terrains, plan.box == 0)
                 for pixel in range(count):
                     for u in range(3):
                         ray = np.uint64(3 * pixel + u)

@@ -31,13 +31,13 @@ part = njit(inline='always')
 # faces; entry, end and code of the product at hand; depth and code of the nearest hit so far.
 STRIDE = 256
 # Unsigned: for signed indices numba adds the handling of negative ones, and the loops would not vectorise.
-X, NEAR, FAR_, FACE_IN, FACE_OUT, ENTRY, END, CODE, DEPTH, HIT = (np.uint64(STRIDE * k) for k in range(10))
+X, LEAF_IN, LEAF_OUT, FACE_IN, FACE_OUT, ENTRY, END, CODE, DEPTH, HIT = (np.uint64(STRIDE * k) for k in range(10))
 # Of the visible points: unit viewing ray, place, unit normal on the viewer's side, colour, two rows for the highlight.
-VX, VY, VZ, PX, PY, PZ, NX, NY, NZ, RED, GREEN, BLUE, BASE, GLINT, SHADE = (
+VX, VY, VZ, PX, PY, PZ, NX, NY, NZ, RED, GREEN, BLUE, SPECULAR_BASE, SPECULAR, DIFFUSE = (
     np.uint64(STRIDE * k) for k in range(10, 25)
 )
-CUTTERS = np.uint64(STRIDE * 25)
-CUTTER_PARTS = np.uint64(3 * STRIDE)
+SUBTRACTED = np.uint64(STRIDE * 25)
+SUBTRACTED_PARTS = np.uint64(3 * STRIDE)
 
 
 @part
@@ -188,7 +188,7 @@ def leaf_span(kind, ox, oy, oz, dx, dy, dz):
 def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
     """Boundaries of a leaf for the rays (s[X + j], y, 1) of the camera, j0 <= j < j1.
 
-    They go into NEAR, FAR_, FACE_IN and FACE_OUT. j0, j1 : uint64; matrices : (n, 3, 4) camera to unit frame;
+    They go into LEAF_IN, LEAF_OUT, FACE_IN and FACE_OUT. j0, j1 : uint64; matrices : (n, 3, 4) camera to unit frame;
     origins, limits : (n, 3) local origins, and below what a direction component is zero
     """
     m, o, limit = matrices[leaf], origins[leaf], limits[leaf]
@@ -204,7 +204,7 @@ def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
             dy = TINY if abs(dy) < ly else dy
             dz = TINY if abs(dz) < lz else dz
             near, far, face_in, face_out = block_span(ox, oy, oz, dx, dy, dz)
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == CYLINDER:
         for j in range(j0, j1):
             x = s[X + j]
@@ -213,13 +213,13 @@ def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
             dy = TINY if abs(dy) < ly else dy
             dz = TINY if abs(dz) < lz else dz
             near, far, face_in, face_out = cylinder_span(ox, oy, oz, dx, dy, dz)
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == SPHERE:
         for j in range(j0, j1):
             x = s[X + j]
             dx, dy, dz = ax * x + bx, ay * x + by, az * x + bz
             near, far = sphere_span(ox, oy, oz, dx, dy, dz)
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
     elif kind == CONE:
         for j in range(j0, j1):
             x = s[X + j]
@@ -228,10 +228,10 @@ def leaf_row(s, j0, j1, kind, leaf, matrices, origins, limits, y):
             dy = TINY if abs(dy) < ly else dy
             dz = TINY if abs(dz) < lz else dz
             near, far, face_in, face_out = cone_span(ox, oy, oz, dx, dy, dz)
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     else:
         for j in range(j0, j1):
             dz = az * s[X + j] + bz
             dz = TINY if abs(dz) < lz else dz
             near, far = plane_span(oz, dz)
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0

@@ -17,10 +17,10 @@ from .rows import (
     BLUE,
     FACE_IN,
     FACE_OUT,
-    FAR_,
     GREEN,
     HIT,
-    NEAR,
+    LEAF_IN,
+    LEAF_OUT,
     NX,
     PX,
     RED,
@@ -34,17 +34,17 @@ from .rows import (
     sphere_span,
 )
 from .shade import normals_run, power
-from .terrain import ground_normals, ground_ray
+from .terrain import terrain_normals, terrain_ray
 from .tree import FACE_STEP, LEAF_STEP, NOTHING, child_list
 
 INF = math.inf
 ZERO = np.uint64(0)
 ONE = np.uint64(STRIDE)  # from x to y to z of a vector
 
-# The batch uses the row's offsets for what a row has too: NEAR..FACE_OUT, HIT, VX.. (ray), PX.. (place), NX.. (normal),
-# so that normals_run serves both. Its own: ray that is being cast, one over it, how far it reaches; what the ray met;
-# weight, level and pixel; how much light arrives; whether the box of the child at hand is met; cosine to the light;
-# and the normals again, because leaf_rays uses PX.. and NX.. for rays in a unit frame.
+# The batch uses the row's offsets for what a row has too: LEAF_IN..FACE_OUT, HIT, VX.. (ray), PX.. (place), NX..
+# (normal), so that normals_run serves both. Its own: ray that is being cast, one over it, how far it reaches;
+# what the ray met; weight, level and pixel; how much light arrives; whether the box of the child at hand
+# is met; cosine to the light; and the normals again, because leaf_rays uses PX.. and NX.. for rays in a unit frame.
 OX, DX, IX = (np.uint64(STRIDE * k) for k in (25, 28, 31))
 REACH, BEST, MET, WEIGHT, LEVEL, PIXEL, LIGHT, INSIDE, FACING = (np.uint64(STRIDE * k) for k in range(34, 43))
 NORMAL = np.uint64(STRIDE * 43)
@@ -53,7 +53,7 @@ BATCH_PARTS = 46
 RAY_PARTS = 9
 
 
-class Deep(NamedTuple):
+class SecondaryRayWorkspace(NamedTuple):
     """Memory and options of ray tracing. batch : (BATCH_PARTS * STRIDE,); stack : (rays, RAY_PARTS); levels : see
     RenderOptions; shadows : bool; departure, tolerance : see program.View"""
 
@@ -67,7 +67,7 @@ class Deep(NamedTuple):
 
 @kernel
 def leaf_rays(s, j0, j1, kind, leaf, inverse):
-    """Boundaries of a leaf for rays OX, DX of the scene frame, j0 <= j < j1, into NEAR, FAR_, FACE_IN and FACE_OUT."""
+    """Boundaries of a leaf for rays OX, DX of the scene frame, j0 <= j < j1, into LEAF_IN .. FACE_OUT."""
     m00, m01, m02, m03 = inverse[leaf, 0, 0], inverse[leaf, 0, 1], inverse[leaf, 0, 2], inverse[leaf, 0, 3]
     m10, m11, m12, m13 = inverse[leaf, 1, 0], inverse[leaf, 1, 1], inverse[leaf, 1, 2], inverse[leaf, 1, 3]
     m20, m21, m22, m23 = inverse[leaf, 2, 0], inverse[leaf, 2, 1], inverse[leaf, 2, 2], inverse[leaf, 2, 3]
@@ -96,29 +96,29 @@ def leaf_rays(s, j0, j1, kind, leaf, inverse):
             near, far, face_in, face_out = block_span(
                 s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
             )
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == CYLINDER:
         for j in range(j0, j1):
             near, far, face_in, face_out = cylinder_span(
                 s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
             )
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     elif kind == SPHERE:
         for j in range(j0, j1):
             near, far = sphere_span(
                 s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
             )
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
     elif kind == CONE:
         for j in range(j0, j1):
             near, far, face_in, face_out = cone_span(
                 s[PX + j], s[PX + ONE + j], s[PX + ONE + ONE + j], s[NX + j], s[NX + ONE + j], s[NX + ONE + ONE + j]
             )
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, face_in, face_out
     else:
         for j in range(j0, j1):
             near, far = plane_span(s[PX + ONE + ONE + j], s[NX + ONE + ONE + j])
-            s[NEAR + j], s[FAR_ + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
+            s[LEAF_IN + j], s[LEAF_OUT + j], s[FACE_IN + j], s[FACE_OUT + j] = near, far, 0.0, 0.0
 
 
 @kernel
@@ -155,26 +155,26 @@ def meet_box(s, n, box, child, near):
 
 
 @kernel
-def cast_rays(s, n, trees, work, deep, ground):
+def cast_rays(s, n, csg, work, secondary, terrains):
     """The first entries of rays OX, DX beyond the departure: places into BEST, codes into MET (NOTHING on a miss)."""
-    tolerance, departure = deep.tolerance, deep.departure
+    tolerance, departure = secondary.tolerance, secondary.departure
     invert_rays(s, n)
     for j in range(ZERO, n):
         s[BEST + j], s[MET + j], s[REACH + j] = INF, NOTHING, INF
-    for child in range(trees.box.shape[1]):
-        met = meet_box(s, n, trees.box, child, departure)
+    for child in range(csg.box.shape[1]):
+        met = meet_box(s, n, csg.box, child, departure)
         if met == 0:
             continue
-        leaf = trees.simple[child]
+        leaf = csg.simple[child]
         if leaf >= 0:
             j0, j1 = ends(s, n)
-            leaf_rays(s, j0, j1, trees.kind[leaf], leaf, trees.inverse)
-            work.counts[0] += np.int64(j1 - j0) * trees.halfspaces[leaf]
+            leaf_rays(s, j0, j1, csg.kind[leaf], leaf, csg.inverse)
+            work.counts[0] += np.int64(j1 - j0) * csg.halfspaces[leaf]
             work.counts[1] += np.int64(j1 - j0)
             code = leaf * LEAF_STEP
             for j in range(j0, j1):
-                entry, best, hit, here = s[NEAR + j], s[BEST + j], s[MET + j], code + FACE_STEP * s[FACE_IN + j]
-                seen = (s[FAR_ + j] - entry > tolerance) & (entry > departure)
+                entry, best, hit, here = s[LEAF_IN + j], s[BEST + j], s[MET + j], code + FACE_STEP * s[FACE_IN + j]
+                seen = (s[LEAF_OUT + j] - entry > tolerance) & (entry > departure)
                 better = (entry < best - tolerance) | ((entry <= best + tolerance) & (here < hit))
                 take = seen & better
                 s[BEST + j] = entry if take else best
@@ -185,9 +185,9 @@ def cast_rays(s, n, trees, work, deep, ground):
             if s[INSIDE + j] == 0.0:
                 continue
             count = child_list(
-                trees,
-                trees.inverse,
-                trees.sphere,
+                csg,
+                csg.inverse,
+                csg.sphere,
                 child,
                 s[OX + j],
                 s[OX + ONE + j],
@@ -207,15 +207,15 @@ def cast_rays(s, n, trees, work, deep, ground):
                     if entry < s[BEST + j] - tolerance or (entry <= s[BEST + j] + tolerance and here < s[MET + j]):
                         s[BEST + j], s[MET + j], s[REACH + j] = entry, here, entry + tolerance
                     break
-    if ground is not None:
-        for g in range(ground.leaf.shape[0]):
-            leaf = ground.leaf[g]
+    if terrains is not None:
+        for g in range(terrains.leaf.shape[0]):
+            leaf = terrains.leaf[g]
             here = leaf * LEAF_STEP
             for j in range(ZERO, n):
-                entry = ground_ray(
-                    ground,
+                entry = terrain_ray(
+                    terrains,
                     g,
-                    trees.inverse[leaf],
+                    csg.inverse[leaf],
                     s[OX + j],
                     s[OX + ONE + j],
                     s[OX + ONE + ONE + j],
@@ -241,23 +241,23 @@ def ends(s, n):
 
 
 @kernel
-def arriving_light(s, n, trees, materials, work, deep, ground):
+def arriving_light(s, n, csg, materials, work, secondary, terrains):
     """LIGHT *= transparencies of what rays OX, DX meet before their REACH (the distance less the departure)."""
-    tolerance, departure = deep.tolerance, deep.departure
+    tolerance, departure = secondary.tolerance, secondary.departure
     invert_rays(s, n)
-    for child in range(trees.box.shape[1]):
-        met = meet_box(s, n, trees.box, child, departure)
+    for child in range(csg.box.shape[1]):
+        met = meet_box(s, n, csg.box, child, departure)
         if met == 0:
             continue
-        leaf = trees.simple[child]
+        leaf = csg.simple[child]
         if leaf >= 0:
             j0, j1 = ends(s, n)
-            leaf_rays(s, j0, j1, trees.kind[leaf], leaf, trees.inverse)
-            work.counts[0] += np.int64(j1 - j0) * trees.halfspaces[leaf]
+            leaf_rays(s, j0, j1, csg.kind[leaf], leaf, csg.inverse)
+            work.counts[0] += np.int64(j1 - j0) * csg.halfspaces[leaf]
             work.counts[1] += np.int64(j1 - j0)
             clear = materials.coefficients[leaf, 5]
             for j in range(j0, j1):
-                near, far = s[NEAR + j], s[FAR_ + j]
+                near, far = s[LEAF_IN + j], s[LEAF_OUT + j]
                 blocked = (far - near > tolerance) & (near < s[REACH + j]) & (far > departure)
                 s[LIGHT + j] *= clear if blocked else 1.0
             continue
@@ -265,9 +265,9 @@ def arriving_light(s, n, trees, materials, work, deep, ground):
             if s[INSIDE + j] == 0.0 or s[LIGHT + j] == 0.0:
                 continue
             count = child_list(
-                trees,
-                trees.inverse,
-                trees.sphere,
+                csg,
+                csg.inverse,
+                csg.sphere,
                 child,
                 s[OX + j],
                 s[OX + ONE + j],
@@ -284,16 +284,16 @@ def arriving_light(s, n, trees, materials, work, deep, ground):
             for i in range(0, count, 2):
                 if work.times[i] < s[REACH + j] and work.times[i + 1] > departure:
                     s[LIGHT + j] *= materials.coefficients[int(work.hits[i] / LEAF_STEP), 5]
-    if ground is not None:
-        for g in range(ground.leaf.shape[0]):
-            leaf = ground.leaf[g]
+    if terrains is not None:
+        for g in range(terrains.leaf.shape[0]):
+            leaf = terrains.leaf[g]
             for j in range(ZERO, n):
                 if (
                     s[LIGHT + j] > 0.0
-                    and ground_ray(
-                        ground,
+                    and terrain_ray(
+                        terrains,
                         g,
-                        trees.inverse[leaf],
+                        csg.inverse[leaf],
                         s[OX + j],
                         s[OX + ONE + j],
                         s[OX + ONE + ONE + j],
@@ -309,7 +309,7 @@ def arriving_light(s, n, trees, materials, work, deep, ground):
 
 
 @kernel
-def light_batch(s, n, row, trees, materials, work, deep, ground):
+def light_batch(s, n, row, csg, materials, work, secondary, terrains):
     """Add the light of a batch of surface points to RED, GREEN, BLUE of their pixels in ``row``.
 
     Places are in OX, viewing rays (unit) in VX, normals in NORMAL; WEIGHT is each ray's share of its pixel.
@@ -335,9 +335,9 @@ def light_batch(s, n, row, trees, materials, work, deep, ground):
             s[FACING + j] = facing if lit else 0.0
             s[LIGHT + j] = 1.0 if lit else 0.0
             # What faces away needs no feeler: one that reaches nowhere meets nothing.
-            s[REACH + j] = distance - deep.departure if lit else -INF
-        if deep.shadows:
-            arriving_light(s, n, trees, materials, work, deep, ground)
+            s[REACH + j] = distance - secondary.departure if lit else -INF
+        if secondary.shadows:
+            arriving_light(s, n, csg, materials, work, secondary, terrains)
         lr, lg, lb = (
             materials.light_colours[light, 0],
             materials.light_colours[light, 1],
@@ -349,7 +349,7 @@ def light_batch(s, n, row, trees, materials, work, deep, ground):
                 continue
             leaf = int(s[HIT + j] / LEAF_STEP)
             face = int(s[HIT + j] - leaf * LEAF_STEP) // 2
-            shade, glint = arriving * materials.coefficients[leaf, 1] * s[FACING + j], 0.0
+            shade, highlight = arriving * materials.coefficients[leaf, 1] * s[FACING + j], 0.0
             specular = materials.coefficients[leaf, 2]
             if specular > 0.0:
                 nx, ny, nz = s[NORMAL + j], s[NORMAL + ONE + j], s[NORMAL + ONE + ONE + j]
@@ -361,22 +361,23 @@ def light_batch(s, n, row, trees, materials, work, deep, ground):
                     + (vz - slope * nz) * s[DX + ONE + ONE + j]
                 )
                 if towards > 0.0:
-                    glint = arriving * specular * power(towards, materials.coefficients[leaf, 3])
+                    highlight = arriving * specular * power(towards, materials.coefficients[leaf, 3])
             k = np.uint64(s[PIXEL + j])
-            row[RED + k] += (shade * materials.colours[leaf, face, 0] + glint) * lr
-            row[GREEN + k] += (shade * materials.colours[leaf, face, 1] + glint) * lg
-            row[BLUE + k] += (shade * materials.colours[leaf, face, 2] + glint) * lb
+            row[RED + k] += (shade * materials.colours[leaf, face, 0] + highlight) * lr
+            row[GREEN + k] += (shade * materials.colours[leaf, face, 1] + highlight) * lg
+            row[BLUE + k] += (shade * materials.colours[leaf, face, 2] + highlight) * lb
 
 
 @kernel
-def branch(s, n, materials, deep, pending):
+def branch(s, n, materials, secondary, pending):
     """Push the mirrored and transmitted rays of a batch, and take their share off its WEIGHT.
 
-    Returns how many rays are pending. Deeper rays lie higher on the stack, which bounds it: see engine_native._deep.
+    Returns how many rays are pending. Rays of higher levels lie higher on the stack, which bounds it
+    (engine_native._secondary_workspace).
     """
-    stack = deep.stack
+    stack = secondary.stack
     for j in range(ZERO, n):
-        if s[LEVEL + j] >= deep.levels:
+        if s[LEVEL + j] >= secondary.levels:
             continue
         leaf = int(s[HIT + j] / LEAF_STEP)
         mirror, clear = materials.coefficients[leaf, 4], materials.coefficients[leaf, 5]
@@ -403,12 +404,12 @@ def branch(s, n, materials, deep, pending):
 
 
 @kernel
-def deep_row(row, j0, j1, trees, materials, work, deep, ground):
+def secondary_row(row, j0, j1, csg, materials, work, secondary, terrains):
     """Colours, not clipped, of the visible points of a row (HIT, PX.., VX.., NX..), added to its RED, GREEN, BLUE.
 
     The pixels that show something must come in black, the others as background.
     """
-    s = deep.batch
+    s = secondary.batch
     n = ZERO
     for pixel in range(j0, j1):
         if row[HIT + pixel] < 0.0:
@@ -422,18 +423,18 @@ def deep_row(row, j0, j1, trees, materials, work, deep, ground):
         n += np.uint64(1)
     pending = 0
     while True:
-        pending = branch(s, n, materials, deep, pending)
-        light_batch(s, n, row, trees, materials, work, deep, ground)
+        pending = branch(s, n, materials, secondary, pending)
+        light_batch(s, n, row, csg, materials, work, secondary, terrains)
         if pending == 0:
             return
         count = min(pending, STRIDE)
         pending -= count
         for i in range(count):
-            slot, ray = np.uint64(i), deep.stack[pending + i]
+            slot, ray = np.uint64(i), secondary.stack[pending + i]
             s[OX + slot], s[OX + ONE + slot], s[OX + ONE + ONE + slot] = ray[0], ray[1], ray[2]
             s[DX + slot], s[DX + ONE + slot], s[DX + ONE + ONE + slot] = ray[3], ray[4], ray[5]
             s[WEIGHT + slot], s[LEVEL + slot], s[PIXEL + slot] = ray[6], ray[7], ray[8]
-        cast_rays(s, np.uint64(count), trees, work, deep, ground)
+        cast_rays(s, np.uint64(count), csg, work, secondary, terrains)
         n = ZERO
         for j in range(ZERO, np.uint64(count)):
             if s[MET + j] < 0.0:
@@ -459,10 +460,10 @@ def deep_row(row, j0, j1, trees, materials, work, deep, ground):
                 last += np.uint64(1)
             leaf = int(hit / LEAF_STEP)
             face = int(hit - leaf * LEAF_STEP) // 2
-            normals_run(s, first, last, leaf, face, trees.kind[leaf], trees.inverse, materials.flat_normals)
-            if ground is not None:  # noqa: SIM102
-                if trees.kind[leaf] == TERRAIN:
-                    ground_normals(s, first, last, leaf, ground, trees.inverse)
+            normals_run(s, first, last, leaf, face, csg.kind[leaf], csg.inverse, materials.flat_normals)
+            if terrains is not None:  # noqa: SIM102
+                if csg.kind[leaf] == TERRAIN:
+                    terrain_normals(s, first, last, leaf, terrains, csg.inverse)
             first = last
         for j in range(ZERO, n):
             s[NORMAL + j], s[NORMAL + ONE + j], s[NORMAL + ONE + ONE + j] = (

@@ -9,7 +9,26 @@ import numpy as np
 
 from ..program import CONE, CYLINDER, SPHERE
 from ..reference import APEX
-from .rows import BASE, BLUE, DEPTH, GLINT, GREEN, NX, NY, NZ, PX, PY, PZ, RED, SHADE, VX, VY, VZ, X, kernel
+from .rows import (
+    BLUE,
+    DEPTH,
+    DIFFUSE,
+    GREEN,
+    NX,
+    NY,
+    NZ,
+    PX,
+    PY,
+    PZ,
+    RED,
+    SPECULAR,
+    SPECULAR_BASE,
+    VX,
+    VY,
+    VZ,
+    X,
+    kernel,
+)
 
 
 class Materials(NamedTuple):
@@ -115,29 +134,29 @@ def light_run(s, j0, j1, leaf, face, materials):
             facing = nx * dx + ny * dy + nz * dz
             slope = 2.0 * (vx * nx + vy * ny + vz * nz)
             towards = (vx - slope * nx) * dx + (vy - slope * ny) * dy + (vz - slope * nz) * dz
-            s[SHADE + j] = diffuse * facing if facing > 0.0 else 0.0
+            s[DIFFUSE + j] = diffuse * facing if facing > 0.0 else 0.0
             lit = (facing > 0.0) & (towards > 0.0)
-            s[BASE + j] = towards if lit else 0.0
-            s[GLINT + j] = specular if lit else 0.0
+            s[SPECULAR_BASE + j] = towards if lit else 0.0
+            s[SPECULAR + j] = specular if lit else 0.0
         if specular > 0.0:
             if whole == shininess:
                 exponent = whole
                 while exponent > 0:
                     if exponent & 1:
                         for j in range(j0, j1):
-                            s[GLINT + j] *= s[BASE + j]
+                            s[SPECULAR + j] *= s[SPECULAR_BASE + j]
                     exponent >>= 1
                     if exponent > 0:
                         for j in range(j0, j1):
-                            s[BASE + j] *= s[BASE + j]
+                            s[SPECULAR_BASE + j] *= s[SPECULAR_BASE + j]
             else:
                 for j in range(j0, j1):
-                    s[GLINT + j] *= s[BASE + j] ** shininess
+                    s[SPECULAR + j] *= s[SPECULAR_BASE + j] ** shininess
         for j in range(j0, j1):
-            shade, glint = s[SHADE + j], s[GLINT + j]
-            s[RED + j] += (shade * red + glint) * lr
-            s[GREEN + j] += (shade * green + glint) * lg
-            s[BLUE + j] += (shade * blue + glint) * lb
+            shade, highlight = s[DIFFUSE + j], s[SPECULAR + j]
+            s[RED + j] += (shade * red + highlight) * lr
+            s[GREEN + j] += (shade * green + highlight) * lg
+            s[BLUE + j] += (shade * blue + highlight) * lb
 
 
 @kernel

@@ -14,7 +14,7 @@ INF = math.inf
 ZERO, ONE = np.uint64(0), np.uint64(STRIDE)
 
 
-class Ground(NamedTuple):
+class TerrainGrids(NamedTuple):
     """The terrains of a program. g grids.
 
     leaf : (g,) int64; heights : (sum of points,) float64, row by row; start, rows, columns : (g,) int64
@@ -33,7 +33,7 @@ class Ground(NamedTuple):
 
 @kernel
 def crossing_in_cell(a, b, c, d, bilinear, fx, fy, z, u, v, w, length):
-    """Smallest s in 0..length where a ray meets a cell's ground, else inf. It starts at (fx, fy, z) of the cell."""
+    """Smallest s in 0..length where a ray meets a cell's terrains, else inf. It starts at (fx, fy, z) of the cell."""
     start = z - a - (b - a) * fx - (c - a) * fy
     if bilinear:
         k = a - b - c + d
@@ -78,15 +78,15 @@ def crossing_in_cell(a, b, c, d, bilinear, fx, fy, z, u, v, w, length):
 
 
 @kernel
-def walk(ground, g, ox, oy, oz, u, v, w, nearest, farthest):
+def walk(terrains, g, ox, oy, oz, u, v, w, nearest, farthest):
     """Where a ray of the grid frame first meets the ground between nearest and farthest, inf if nowhere."""
-    rows, columns, base = ground.rows[g], ground.columns[g], ground.start[g]
+    rows, columns, base = terrains.rows[g], terrains.columns[g], terrains.start[g]
     enter, leave = nearest, farthest
     for axis in range(3):
         o = ox if axis == 0 else oy if axis == 1 else oz
         d = u if axis == 0 else v if axis == 1 else w
-        low = 0.0 if axis < 2 else ground.low[g]
-        high = columns - 1.0 if axis == 0 else rows - 1.0 if axis == 1 else ground.high[g]
+        low = 0.0 if axis < 2 else terrains.low[g]
+        high = columns - 1.0 if axis == 0 else rows - 1.0 if axis == 1 else terrains.high[g]
         slack = 1e-9 * (1.0 + abs(low) + abs(high)) if axis == 2 else 0.0
         if d == 0.0:
             if o < low - slack or o > high + slack:
@@ -107,11 +107,11 @@ def walk(ground, g, ox, oy, oz, u, v, w, nearest, farthest):
         if stop >= t:
             k = base + j * columns + i
             found = crossing_in_cell(
-                ground.heights[k],
-                ground.heights[k + 1],
-                ground.heights[k + columns],
-                ground.heights[k + columns + 1],
-                ground.bilinear[g],
+                terrains.heights[k],
+                terrains.heights[k + 1],
+                terrains.heights[k + columns],
+                terrains.heights[k + columns + 1],
+                terrains.bilinear[g],
                 ox + t * u - i,
                 oy + t * v - j,
                 oz + t * w,
@@ -134,10 +134,10 @@ def walk(ground, g, ox, oy, oz, u, v, w, nearest, farthest):
 
 
 @kernel
-def ground_ray(ground, g, m, ox, oy, oz, dx, dy, dz, nearest, farthest):
+def terrain_ray(terrains, g, m, ox, oy, oz, dx, dy, dz, nearest, farthest):
     """As walk, for a ray of the frame that m (3, 4) takes to the grid frame."""
     return walk(
-        ground,
+        terrains,
         g,
         m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz + m[0, 3],
         m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz + m[1, 3],
@@ -151,14 +151,14 @@ def ground_ray(ground, g, m, ox, oy, oz, dx, dy, dz, nearest, farthest):
 
 
 @kernel
-def ground_row(s, end, y, ground, local, tolerance):
+def terrain_row(s, end, y, terrains, local, tolerance):
     """Merge the ground into DEPTH and HIT of a row of camera rays."""
-    for g in range(ground.leaf.shape[0]):
-        leaf = ground.leaf[g]
+    for g in range(terrains.leaf.shape[0]):
+        leaf = terrains.leaf[g]
         code = leaf * LEAF_STEP
         for j in range(ZERO, end):
             depth = s[DEPTH + j]
-            t = ground_ray(ground, g, local[leaf], 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, depth + tolerance)
+            t = terrain_ray(terrains, g, local[leaf], 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, depth + tolerance)
             if (
                 t < depth - tolerance
                 or (t <= depth + tolerance and code < s[HIT + j])
@@ -168,23 +168,23 @@ def ground_row(s, end, y, ground, local, tolerance):
 
 
 @kernel
-def ground_normals(s, j0, j1, leaf, ground, inverse):
+def terrain_normals(s, j0, j1, leaf, terrains, inverse):
     """As normals_run, for a run of pixels that show the ground."""
     m = inverse[leaf]
     g = 0
-    while ground.leaf[g] != leaf:
+    while terrains.leaf[g] != leaf:
         g += 1
-    columns, rows = ground.columns[g], ground.rows[g]
+    columns, rows = terrains.columns[g], terrains.rows[g]
     for k in range(j0, j1):
         px, py, pz = s[PX + k], s[PX + ONE + k], s[PX + ONE + ONE + k]
         x = m[0, 0] * px + m[0, 1] * py + m[0, 2] * pz + m[0, 3]
         y = m[1, 0] * px + m[1, 1] * py + m[1, 2] * pz + m[1, 3]
         i, j = int(min(max(math.floor(x), 0.0), columns - 2.0)), int(min(max(math.floor(y), 0.0), rows - 2.0))
         fx, fy = x - i, y - j
-        at = ground.start[g] + j * columns + i
-        a, b = ground.heights[at], ground.heights[at + 1]
-        c, d = ground.heights[at + columns], ground.heights[at + columns + 1]
-        if ground.bilinear[g]:
+        at = terrains.start[g] + j * columns + i
+        a, b = terrains.heights[at], terrains.heights[at + 1]
+        c, d = terrains.heights[at + columns], terrains.heights[at + columns + 1]
+        if terrains.bilinear[g]:
             sx, sy = (b - a) + (a - b - c + d) * fy, (c - a) + (a - b - c + d) * fx
         elif fx + fy <= 1.0:
             sx, sy = b - a, c - a

@@ -14,16 +14,17 @@ from ..program import INTERSECT, UNION
 from ..reference import FAR, PARALLEL, TINY
 from .rows import (
     CODE,
-    CUTTER_PARTS,
-    CUTTERS,
     DEPTH,
     END,
     ENTRY,
     FACE_IN,
     FACE_OUT,
-    FAR_,
     HIT,
-    NEAR,
+    LEAF_IN,
+    LEAF_OUT,
+    STRIDE,
+    SUBTRACTED,
+    SUBTRACTED_PARTS,
     X,
     kernel,
     leaf_row,
@@ -38,7 +39,7 @@ DOUBT = 1.0 / 1024.0
 NOTHING = -1.0
 
 
-class Trees(NamedTuple):
+class CsgPrograms(NamedTuple):
     """The children of a program, flattened. c children, q products.
 
     product_start : (q + 1,) into factors, the leaves of each product, its ``positive`` (q,) positives first
@@ -71,7 +72,7 @@ class CameraData(NamedTuple):
     """Leaves seen by a camera. n leaves.
 
     local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
-    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in Trees, camera frame
+    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in CsgPrograms, camera frame
     span : (n, h, 2) int32, first and last pixel of each image row that the leaf may touch; first > last: none
     near : (q,) least depth of each product
     listed : (k,) children to evaluate by lists; chosen : (p,) products to evaluate, front to back
@@ -88,29 +89,29 @@ class CameraData(NamedTuple):
 
 
 @kernel
-def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, camera, whole, counts):
+def product_row(s, j0, j1, q, first, last, row, y, tolerance, csg, camera, whole, counts):
     """Merge the first entries of product q, on rays (s[X + j], y, 1) for j0 <= j < j1, into DEPTH and HIT.
 
-    first, last, row : the pixels that the rays lie in, for the spans of the cutters; whole : ignore the spans
+    first, last, row : the pixels that the rays lie in, for the spans of subtracted primitives; whole : ignore the spans
     counts : (3,) int64: intersections, nodes, combines are added
     """
-    begin, end = trees.product_start[q], trees.product_start[q + 1]
-    split = begin + trees.positive[q]
-    mark = trees.doubt[q]
+    begin, end = csg.product_start[q], csg.product_start[q + 1]
+    split = begin + csg.positive[q]
+    mark = csg.doubt[q]
     n = np.int64(j1 - j0)
     for j in range(j0, j1):
         s[ENTRY + j] = -INF
         s[END + j] = INF
         s[CODE + j] = NOTHING
     for f in range(begin, split):
-        leaf = trees.factors[f]
-        leaf_row(s, j0, j1, trees.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
-        counts[0] += n * trees.halfspaces[leaf]
+        leaf = csg.factors[f]
+        leaf_row(s, j0, j1, csg.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
+        counts[0] += n * csg.halfspaces[leaf]
         code = leaf * LEAF_STEP
         for j in range(j0, j1):
-            near, entry, here = s[NEAR + j], s[ENTRY + j], code + FACE_STEP * s[FACE_IN + j]
+            near, entry, here = s[LEAF_IN + j], s[ENTRY + j], code + FACE_STEP * s[FACE_IN + j]
             # A touch is no hit: a span thinner than the tolerance is none.
-            far = s[FAR_ + j]
+            far = s[LEAF_OUT + j]
             far = far if far - near > tolerance else -INF
             before = s[CODE + j]
             later = near > entry + tolerance
@@ -134,30 +135,30 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, camera, who
         return
     slots = np.uint64(0)
     for f in range(split, end):
-        leaf = trees.factors[f]
+        leaf = csg.factors[f]
         if not whole and (camera.span[leaf, row, 0] > last or camera.span[leaf, row, 1] < first):
             continue
-        leaf_row(s, j0, j1, trees.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
-        counts[0] += n * trees.halfspaces[leaf]
+        leaf_row(s, j0, j1, csg.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
+        counts[0] += n * csg.halfspaces[leaf]
         counts[1] += 2 * n
         counts[2] += n
-        base = CUTTERS + slots * CUTTER_PARTS
+        base = SUBTRACTED + slots * SUBTRACTED_PARTS
         slots += np.uint64(1)
         code = leaf * LEAF_STEP
         for j in range(j0, j1):
-            near, far = s[NEAR + j], s[FAR_ + j]
+            near, far = s[LEAF_IN + j], s[LEAF_OUT + j]
             s[base + j] = near
-            s[base + X_FAR + j] = far if far - near > tolerance else -INF
-            s[base + X_CODE + j] = code + FACE_STEP * s[FACE_OUT + j]
-    # Each pass moves entries on through cutters that cover them; the last one changes nothing.
+            s[base + SUBTRACTED_OUT + j] = far if far - near > tolerance else -INF
+            s[base + SUBTRACTED_CODE + j] = code + FACE_STEP * s[FACE_OUT + j]
+    # Each pass moves an entry that a subtracted primitive covers to where the ray leaves that primitive.
     moved = 1
     while moved > 0:
         moved = 0
         for slot in range(np.uint64(0), slots):
-            base = CUTTERS + slot * CUTTER_PARTS
+            base = SUBTRACTED + slot * SUBTRACTED_PARTS
             for j in range(j0, j1):
                 entry, code = s[ENTRY + j], s[CODE + j]
-                near, far, here = s[base + j], s[base + X_FAR + j], s[base + X_CODE + j]
+                near, far, here = s[base + j], s[base + SUBTRACTED_OUT + j], s[base + SUBTRACTED_CODE + j]
                 covers = (near <= entry + tolerance) & (far > entry + tolerance)
                 tied = (near < entry - tolerance) & (far >= entry - tolerance) & (not covers) & (code != here)
                 s[ENTRY + j] = far if covers else entry
@@ -175,7 +176,8 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, trees, camera, who
         s[HIT + j] = (code if take else hit) + (mark if seen & tied & (code != hit) else 0.0)
 
 
-X_FAR, X_CODE = NEAR, FAR_  # offsets of a cutter's second and third part: one and two strides
+# Offsets of the second and third part of a subtracted primitive: one and two rows.
+SUBTRACTED_OUT, SUBTRACTED_CODE = np.uint64(STRIDE), np.uint64(2 * STRIDE)
 
 
 @kernel
@@ -244,7 +246,7 @@ def combine(op, times, hits, start, middle, end, tolerance):
 
 
 @kernel
-def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
+def child_list(csg, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
     """All boundaries of a child along a ray, into times and hits; how many is returned.
 
     matrices : (n, 3, 4) from the ray's frame to the unit frames; spheres : (n, 4) about the leaves in the ray's frame,
@@ -253,10 +255,10 @@ def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, toleranc
     depth = 0
     end = 0
     square = dx * dx + dy * dy + dz * dz
-    i = trees.code_start[child]
-    stop = trees.code_start[child + 1]
+    i = csg.code_start[child]
+    stop = csg.code_start[child + 1]
     while i < stop:
-        op = trees.code[i]
+        op = csg.code[i]
         counts[1] += 1
         if op >= 0:
             starts[depth] = end
@@ -265,8 +267,8 @@ def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, toleranc
             along = cx * dx + cy * dy + cz * dz
             near, far, face_in, face_out = INF, -INF, 0.0, 0.0
             if (cx * cx + cy * cy + cz * cz - spheres[op, 3]) * square <= along * along:
-                near, far, face_in, face_out = local_span(trees.kind[op], matrices[op], ox, oy, oz, dx, dy, dz)
-                counts[0] += trees.halfspaces[op]
+                near, far, face_in, face_out = local_span(csg.kind[op], matrices[op], ox, oy, oz, dx, dy, dz)
+                counts[0] += csg.halfspaces[op]
             if far - near > tolerance:
                 times[end], hits[end] = near, op * LEAF_STEP + FACE_STEP * face_in
                 times[end + 1], hits[end + 1] = far, op * LEAF_STEP + FACE_STEP * face_out
@@ -278,18 +280,18 @@ def child_list(trees, matrices, spheres, child, ox, oy, oz, dx, dy, dz, toleranc
             elif op == INTERSECT:
                 end = starts[depth - 2]
             depth -= 1
-        while trees.jump[i] > 0 and end == starts[depth - 1]:
-            i = trees.jump[i] - 1
+        while csg.jump[i] > 0 and end == starts[depth - 1]:
+            i = csg.jump[i] - 1
         i += 1
     return end
 
 
 @kernel
-def list_row(s, j0, j1, child, y, tolerance, trees, camera, times, hits, starts, counts):
+def list_row(s, j0, j1, child, y, tolerance, csg, camera, times, hits, starts, counts):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
     for j in range(j0, j1):
         count = child_list(
-            trees,
+            csg,
             camera.local,
             camera.sphere,
             child,
@@ -314,8 +316,8 @@ def list_row(s, j0, j1, child, y, tolerance, trees, camera, times, hits, starts,
 
 
 @kernel
-def settle_row(s, m, y, tolerance, trees, camera, times, hits, starts, counts):
-    """Ask the trees where products were in doubt.
+def settle_row(s, m, y, tolerance, csg, camera, times, hits, starts, counts):
+    """Ask the programs where products were in doubt.
 
     Where several faces coincide, the products of a tree may disagree with it on whose face bounds the solid: what
     bounds one product may be inside the next. The place is certain, and a list of boundaries names the face.
@@ -326,9 +328,9 @@ def settle_row(s, m, y, tolerance, trees, camera, times, hits, starts, counts):
         if hit < 0.0 or hit == np.floor(hit):
             continue
         s[HIT + j] = np.floor(hit)
-        child = trees.child_of[int(hit / LEAF_STEP)]
+        child = csg.child_of[int(hit / LEAF_STEP)]
         count = child_list(
-            trees,
+            csg,
             camera.local,
             camera.sphere,
             child,
