@@ -46,7 +46,7 @@ STAGES = (
     'pairs',
     'matches',
     'joined',
-    'no outline',
+    'no contour',
     'no contradiction',
     'lines',
     'kept',
@@ -100,7 +100,7 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
         trace.pairs['joined'] = (result[0].left, result[0].right, result[1], result[2])
 
     def of_lines(args: tuple, result: Any) -> None:
-        trace.pairs.setdefault('no outline', (args[0].left, args[0].right, args[1], args[2]))
+        trace.pairs.setdefault('no contour', (args[0].left, args[0].right, args[1], args[2]))
         lines, left_segments, right_segments = result
         trace.lines = lines
         trace.pairs['lines'] = (lines.left, lines.right, left_segments, right_segments)
@@ -114,7 +114,7 @@ def traced(left: np.ndarray, right: np.ndarray, rig: StereoRig) -> Trace:
 
     with ExitStack() as stack:
         for patch in (
-            after(pipeline, '_detected', segmented),
+            after(pipeline, 'detect_view', segmented),
             after(pipeline, 'match', matched),
             after(relaxation_kernels, 'candidates', paired),
             after(pipeline, 'join_matched', joined),

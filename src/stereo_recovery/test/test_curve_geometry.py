@@ -12,23 +12,24 @@ from hypothesis import strategies as st
 
 from msgs_py import PinholeCamera, Pose, StereoRig
 from stereo_recovery.curves.axes import find_axes
-from stereo_recovery.curves.curve import Curve, picture, turned
-from stereo_recovery.curves.fit import Axle, refine
-from stereo_recovery.curves.initialisation import circles_of, mirrored
-from stereo_recovery.curves.occluding_contours import contours, tangents
+from stereo_recovery.curves.axis_constraint import AxisConstraint
+from stereo_recovery.curves.curve import Curve, camera_views, flipped, image_conic
+from stereo_recovery.curves.fit import refine
+from stereo_recovery.curves.initialisation import circles_of_ellipse, mirrored
+from stereo_recovery.curves.observations import StereoEdgels
+from stereo_recovery.curves.occluding_contours import CurvedSurface, on_contours, tangents
 from stereo_recovery.curves.opposite_rims import distinct
-from stereo_recovery.curves.orientation import on_faces
+from stereo_recovery.curves.orientation import oriented_by_faces
 from stereo_recovery.detection.conics import Ellipse, sampson
 from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.hiding import hidden_ends
-from stereo_recovery.edges.lines3d import Lines3D
 from stereo_recovery.edges.tangency import joined_ends
 from stereo_recovery.matching.matches import Matches
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
-EYES = ((RIG.left, 0.0), (RIG.right, RIG.baseline))
+VIEWS = camera_views(RIG)
 NONE = np.zeros(0, bool)
 WHOLE = (0.0, 2.0 * np.pi)
 
@@ -54,10 +55,10 @@ def points_of(c: Curve, count: int, arc=WHOLE) -> np.ndarray:
     return c.centre + np.cos(angle)[:, None] * c.radii[0] * c.first + np.sin(angle)[:, None] * c.radii[1] * c.second
 
 
-def edgels_of(c: Curve, camera, eye, count=120, arc=WHOLE, noise=0.0, seed=0) -> Edgels:
+def edgels_of(c: Curve, view, count=120, arc=WHOLE, noise=0.0, seed=0) -> Edgels:
     """Edgels exactly on the curve's picture, or off it by Gaussian noise."""
-    at = camera.project(points_of(c, count, arc) - [eye, 0, 0])
-    conic = picture(c, camera.matrix, eye)
+    at = view.camera.project(points_of(c, count, arc) - view.centre)
+    conic = image_conic(c, view)
     h = at @ conic[:2, :2] + conic[:2, 2]
     across = h / np.linalg.norm(h, axis=1, keepdims=True)
     at = at + noise * np.random.default_rng(seed).normal(size=(count, 1)) * across
@@ -67,8 +68,9 @@ def edgels_of(c: Curve, camera, eye, count=120, arc=WHOLE, noise=0.0, seed=0) ->
     )
 
 
-def both(c: Curve, **options) -> tuple[Edgels, Edgels]:
-    return edgels_of(c, *EYES[0], seed=2, **options), edgels_of(c, *EYES[1], seed=3, **options)
+def both(c: Curve, **options) -> StereoEdgels:
+    left, right = (edgels_of(c, view, seed=seed, **options) for seed, view in zip((2, 3), VIEWS))
+    return StereoEdgels(left, right, RIG, 0.0)
 
 
 def segments_of(drawn) -> Segments:
@@ -106,7 +108,7 @@ def test_an_exact_circle_is_recovered_exactly_from_a_rough_start(normal, radius,
     true = curve([0.02, 0.01, depth], normal, radius)
     tilted = true.normal + [0.15, -0.1, 0.0]
     start = curve(true.centre * 1.03, tilted, 1.1 * radius)
-    found = refine(start, *both(true), RIG, 0.0, circle=True, rounds=30)
+    found = refine(start, both(true), circle=True, rounds=30)
     assert found is not None
     assert np.linalg.norm(found.centre - true.centre) < 1e-6
     assert angle_between(found.normal, true.normal) < 1e-3
@@ -118,7 +120,7 @@ def test_an_exact_circle_is_recovered_exactly_from_a_rough_start(normal, radius,
 def test_an_exact_ellipse_in_space_is_recovered_with_its_axes(normal, ratio):
     true = curve([0.02, 0.0, 0.25], normal, 0.018, 0.018 * ratio)
     start = replace(true, centre=true.centre * 1.01, radii=true.radii * [1.05, 0.97])
-    found = refine(start, *both(true), RIG, 0.0, circle=False, rounds=30)
+    found = refine(start, both(true), circle=False, rounds=30)
     assert found is not None
     assert np.allclose(found.radii, true.radii, rtol=1e-4)
     assert angle_between(found.first, true.first) < 0.05
@@ -127,7 +129,7 @@ def test_an_exact_ellipse_in_space_is_recovered_with_its_axes(normal, ratio):
 
 def test_a_circle_is_not_taken_for_an_ellipse():
     true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0])
-    assert refine(true, *both(true, noise=0.03), RIG, 0.0, circle=False) is None
+    assert refine(true, both(true, noise=0.03), circle=False) is None
 
 
 def test_stated_errors_of_a_fit_are_true():
@@ -136,11 +138,8 @@ def test_stated_errors_of_a_fit_are_true():
     true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0])
     ratio = []
     for seed in range(60):
-        mine = [
-            edgels_of(true, camera, eye, arc=(0.3, 3.5), noise=0.05, seed=2 * seed + k)
-            for k, (camera, eye) in enumerate(EYES)
-        ]
-        found = refine(true, *mine, RIG, 0.0, circle=True)
+        mine = [edgels_of(true, view, arc=(0.3, 3.5), noise=0.05, seed=2 * seed + k) for k, view in enumerate(VIEWS)]
+        found = refine(true, StereoEdgels(*mine, RIG, 0.0), circle=True)
         assert found is not None
         ratio.append(np.radians(angle_between(found.normal, true.normal)) / found.tilt)
     assert np.mean(np.array(ratio) < 3.0) > 0.97
@@ -153,8 +152,8 @@ def test_the_mirror_image_of_a_circle_looks_alike_to_one_eye_only():
     assert angle_between(other.normal, true.normal) > 30.0
     assert np.allclose(mirrored(other).normal, true.normal)
     off = [
-        np.abs(sampson(picture(other, camera.matrix, eye), camera.project(points_of(true, 50) - [eye, 0, 0]))).max()
-        for camera, eye in EYES
+        np.abs(sampson(image_conic(other, view), view.camera.project(points_of(true, 50) - view.centre))).max()
+        for view in VIEWS
     ]
     assert off[0] < 0.8
     assert off[1] > 2.0 * off[0]
@@ -163,10 +162,10 @@ def test_the_mirror_image_of_a_circle_looks_alike_to_one_eye_only():
 def test_an_arc_that_says_little_is_held_by_the_axis_of_a_known_rim():
     true = curve([0.02, 0.01, 0.25], [0.1, 0.6, -1.0])
     short = both(true, arc=(0.5, 0.6), noise=0.04, count=40)
-    alone = refine(true, *short, RIG, 0.0, circle=True)
+    alone = refine(true, short, circle=True)
     assert alone is not None and np.degrees(alone.tilt) > 2.0
-    axle = Axle(true.centre + 0.03 * true.normal, true.normal, 1e-12 * np.eye(3), np.radians(0.02))
-    held = refine(true, *short, RIG, 0.0, circle=True, axle=axle)
+    axis = AxisConstraint(true.centre + 0.03 * true.normal, true.normal, 1e-12 * np.eye(3), np.radians(0.02))
+    held = refine(true, short, circle=True, axis=axis)
     assert held is not None and np.degrees(held.tilt) < 0.05
     assert angle_between(held.normal, true.normal) < 3.0 * np.degrees(held.tilt)
     assert np.linalg.norm(held.centre - true.centre) < 0.5e-3
@@ -174,9 +173,9 @@ def test_an_arc_that_says_little_is_held_by_the_axis_of_a_known_rim():
 
 @given(directions, st.floats(0.02, 0.05))
 @settings(max_examples=25, deadline=None)
-def test_outlines_touch_the_rim_and_pass_the_apex(normal, height):
+def test_contours_touch_the_rim_and_pass_the_apex(normal, height):
     rim = curve([0.01, 0.02, 0.3], normal)
-    conic = picture(rim, RIG.left.matrix, 0.0)
+    conic = image_conic(rim, VIEWS[0])
     apex = RIG.left.matrix @ (rim.centre + height * np.cross(rim.normal, [1.0, 0.0, 0.2]))
     lines = tangents(conic, apex)
     assert len(lines) in (0, 2)
@@ -186,53 +185,43 @@ def test_outlines_touch_the_rim_and_pass_the_apex(normal, height):
         assert abs(line @ dual @ line) < 1e-9 * abs(dual).max() * (line @ line)
 
 
-def outline_of_cylinder(rim: Curve, length: float, camera, eye: float) -> list[np.ndarray]:
-    """The two outline segments in an image: where the surface's normal is square to the line of sight."""
-    towards = np.array([eye, 0.0, 0.0]) - rim.centre
+def contours_of_cylinder(rim: Curve, length: float, view) -> list[np.ndarray]:
+    """The two contour segments in an image: where the surface's normal is square to the line of sight."""
+    towards = view.centre - rim.centre
     a, b = towards @ rim.first, towards @ rim.second
     middle, half = np.arctan2(b, a), np.arccos(rim.radii[0] / np.hypot(a, b))
     result = []
     for angle in (middle + half, middle - half):
         foot = rim.centre + rim.radii[0] * (np.cos(angle) * rim.first + np.sin(angle) * rim.second)
-        result.append(camera.project(np.stack([foot, foot + length * rim.normal]) - [eye, 0.0, 0.0]))
+        result.append(view.camera.project(np.stack([foot, foot + length * rim.normal]) - view.centre))
     return result
 
 
 @pytest.mark.parametrize(
-    ('moved', 'is_outline'),
+    ('moved', 'is_contour'),
     [
         ((0.0, 0.0), True),
-        ((0.0, 2.5), True),  # the right image's segment is a neighbour, but the left one is an outline beyond doubt
+        ((0.0, 2.5), True),  # the right image's segment is a neighbour, but the left one is an contour beyond doubt
         ((2.5, 2.5), False),
         ((0.0, 9.0), False),
     ],
 )
-def test_outlines_of_a_rims_surface_are_no_edges(moved, is_outline):
+def test_contours_of_a_rims_surface_are_no_edges(moved, is_contour):
     rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
-    sides = [outline_of_cylinder(rim, 0.03, camera, eye)[0] + [off, 0.0] for (camera, eye), off in zip(EYES, moved)]
+    sides = [contours_of_cylinder(rim, 0.03, view)[0] + [off, 0.0] for view, off in zip(VIEWS, moved)]
     segments = []
     for side in (segments_of([line]) for line in sides):
         # Where most edgels are need not be the middle.
         shift = 0.4 * side.length[:, None]
         segments.append(replace(side, centre=side.centre + shift * side.direction, extent=side.extent - shift))
-    zero = np.zeros(1, np.int32)
-    lines = Lines3D(
-        zero,
-        zero,
-        segments[0].extent,
-        np.zeros((1, 2)),
-        np.zeros((1, 2, 2)),
-        np.ones((1, 2)),
-        np.zeros((1, 2), bool),
-        np.zeros(1, bool),
-    )
-    found = contours(lines, (segments[0], segments[1]), [(rim, np.append(rim.normal, 0.0))], RIG)
-    assert list(found) == [is_outline]
+    first = np.zeros(1, np.int32)
+    found = on_contours((first, first), (segments[0], segments[1]), [CurvedSurface.cylinder(rim)], RIG)
+    assert list(found) == [is_contour]
 
 
-def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
+def test_the_axis_of_a_cylinder_from_one_rim_and_its_contour():
     rim = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5])
-    # The rim's normal is known to a degree only; the outlines know better.
+    # The rim's normal is known to a degree only; the contours know better.
     off = Pose.from_rotation_vector([0.01, 0.0, 0.008]).rotation
     seen = replace(
         rim,
@@ -240,7 +229,7 @@ def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
         first=off @ rim.first,
         covariance=np.diag([1e-5, 1e-5, 1e-5, 0.01, 0.01, 1e-5]) ** 2,
     )
-    segments = tuple(segments_of(outline_of_cylinder(rim, 0.03, camera, eye)) for camera, eye in EYES)
+    segments = tuple(segments_of(contours_of_cylinder(rim, 0.03, view)) for view in VIEWS)
     axes, _ = find_axes([seen], segments, RIG)
     assert len(axes) == 1
     run = axes[0].end - axes[0].start
@@ -249,14 +238,14 @@ def test_the_axis_of_a_cylinder_from_one_rim_and_its_outline():
     assert np.linalg.norm(np.cross(axes[0].end - rim.centre, rim.normal)) < axes[0].err_per
 
 
-def test_the_apex_of_a_cone_from_its_base_and_outlines():
+def test_the_apex_of_a_cone_from_its_base_and_contours():
     base = curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.6], 0.018)
     apex = base.centre - 0.035 * base.normal
     drawn = []
-    for camera, eye in EYES:
-        lines = tangents(picture(base, camera.matrix, eye), camera.matrix @ (apex - [eye, 0, 0]))
-        touch = np.linalg.solve(picture(base, camera.matrix, eye), lines.T).T
-        tip = camera.project((apex - [eye, 0, 0])[None])[0]
+    for view in VIEWS:
+        lines = tangents(image_conic(base, view), view.matrix @ (apex - view.centre))
+        touch = np.linalg.solve(image_conic(base, view), lines.T).T
+        tip = view.camera.project((apex - view.centre)[None])[0]
         drawn.append([np.stack([t[:2] / t[2] + 0.02 * (tip - t[:2] / t[2]), tip]) for t in touch])
     axes, surfaces = find_axes([base], (segments_of(drawn[0]), segments_of(drawn[1])), RIG)
     assert len(axes) == 1
@@ -299,23 +288,23 @@ def near_half() -> Curve:
 def test_a_foot_faces_us_when_its_plane_is_seen_behind_it(behind, faces_us):
     rim = near_half()
     edge = np.array([[[-0.03, 0.05, 0.25 + behind], [0.03, 0.05, 0.25 + behind]]])
-    normal = on_faces([rim], edge, np.array([1e-4]))[0].normal
+    normal = oriented_by_faces([rim], edge, np.array([1e-4]))[0].normal
     assert (normal @ rim.centre < 0.0) == faces_us
 
 
 def test_an_edge_in_another_plane_says_nothing_of_a_rims_face():
     rim = near_half()
     edge = np.array([[[-0.03, 0.06, 0.28], [0.03, 0.06, 0.28]]])
-    assert on_faces([rim], edge, np.array([1e-4]))[0].normal @ rim.centre > 0.0
+    assert oriented_by_faces([rim], edge, np.array([1e-4]))[0].normal @ rim.centre > 0.0
 
 
 def test_turning_a_curve_over_keeps_its_points():
     true = curve([0.02, 0.0, 0.25], [0.2, 0.5, -1.0], 0.02, 0.01)
     part = replace(true, arc=(0.4, 1.2))
-    other = turned(part)
+    other = flipped(part)
     assert np.allclose(other.normal, -part.normal)
     assert np.allclose(points_of(other, 30, other.arc), points_of(part, 30, part.arc)[::-1])
-    assert np.allclose(turned(other).covariance, part.covariance)
+    assert np.allclose(flipped(other).covariance, part.covariance)
 
 
 def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
@@ -343,8 +332,8 @@ def test_neither_blur_nor_the_edgels_fit_make_a_circle_smaller(radius, blur):
     pair = [detect(disc(middle, radius, blur), sigma=0.8, threshold=5.0) for middle in ((40.3, 39.6), (40.1, 39.6))]
     depth = 400.0 * 0.0002 / 0.2
     start = curve([0.0, 0.0, depth], [0.0, 0.0, -1.0], radius * depth / 400.0)
-    held = Axle(start.centre, start.normal, 1e-4 * np.eye(3), 1e-6)
-    found = refine(start, *pair, rig, blur_variance(pair), circle=True, axle=held)
+    axis = AxisConstraint(start.centre, start.normal, 1e-4 * np.eye(3), 1e-6)
+    found = refine(start, StereoEdgels(*pair, rig, blur_variance(pair)), circle=True, axis=axis)
     assert found is not None
     assert abs(found.radii[0] / found.centre[2] * 400.0 - radius) < 0.012
 
@@ -397,8 +386,7 @@ def test_one_of_the_two_circles_that_look_like_an_ellipse_is_the_true_one(is_rig
     points = points_of(true, 9, (0.3, 2.0))
     at = RIG.left.project(points)
     samples = np.column_stack([at, RIG.left.fx * RIG.baseline / points[:, 2]])
-    camera, eye = EYES[is_right]
-    found = circles_of(Ellipse(picture(true, camera.matrix, eye), 0.0), samples, RIG, is_right)
+    found = circles_of_ellipse(Ellipse(image_conic(true, VIEWS[is_right]), 0.0), samples, RIG, is_right)
     best = min(found, key=lambda c: angle_between(c.normal, true.normal))
     assert angle_between(best.normal, true.normal) < 0.01
     assert np.linalg.norm(best.centre - true.centre) < 1e-6
@@ -408,7 +396,7 @@ def test_one_of_the_two_circles_that_look_like_an_ellipse_is_the_true_one(is_rig
 def _edge(low, high) -> tuple[Matches, tuple[Segments, Segments]]:
     """An edge between two points in space, as both eyes see it, and the matches: it alone."""
     ends = np.array([low, high])
-    pixels = [camera.project(ends - [eye, 0, 0]) for camera, eye in EYES]
+    pixels = [view.camera.project(ends - view.centre) for view in VIEWS]
     d = RIG.left.fx * RIG.baseline / ends[:, 2]
     matches = Matches(
         np.array([0], np.int32),
@@ -422,7 +410,7 @@ def _edge(low, high) -> tuple[Matches, tuple[Segments, Segments]]:
 
 def _hidden(true: Curve, low, high) -> np.ndarray:
     matches, segments = _edge(low, high)
-    surfaces = [(true, np.append(true.normal, 0.0))]
+    surfaces = [CurvedSurface.cylinder(true)]
     junctions = hidden_ends(
         matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])), [true], surfaces, RIG
     )
@@ -443,7 +431,7 @@ def test_an_edge_that_ends_on_a_rim_of_its_own_face_has_a_corner_there():
         assert not _hidden(rim, on_rim + away, on_rim).any()
 
 
-def test_an_edge_that_stops_at_an_outline_has_no_corner_there():
+def test_an_edge_that_stops_at_an_contour_has_no_corner_there():
     rim = curve([0.0, 0.0, 0.25], [0.0, -1.0, -0.4])
     stem = [
         RIG.left.project(
@@ -451,24 +439,24 @@ def test_an_edge_that_stops_at_an_outline_has_no_corner_there():
         )
         for s in (1.0, -1.0)
     ]
-    conic = picture(rim, RIG.left.matrix, 0.0)
+    conic = image_conic(rim, VIEWS[0])
     lines = tangents(conic, RIG.left.matrix @ rim.normal)
-    # The outlines themselves: from the touching point along the tangent.
-    outline = []
+    # The contours themselves: from the touching point along the tangent.
+    contour = []
     for line, (top, bottom) in zip(lines[np.argsort([abs(l @ np.append(stem[0][0], 1.0)) for l in lines])], stem):
         along = np.array([-line[1], line[0]])
         foot = [p - line[:2] * (line @ np.append(p, 1.0)) for p in (top, bottom)]
-        outline.append(foot if (foot[1] - foot[0]) @ along != 0.0 else foot[::-1])
-    middle = 0.5 * (outline[0][0] + outline[0][1])
-    out = np.sign(middle - 0.5 * (outline[1][0] + outline[1][1]))
-    segments = segments_of([*outline, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
+        contour.append(foot if (foot[1] - foot[0]) @ along != 0.0 else foot[::-1])
+    middle = 0.5 * (contour[0][0] + contour[0][1])
+    out = np.sign(middle - 0.5 * (contour[1][0] + contour[1][1]))
+    segments = segments_of([*contour, [middle, middle + 60.0 * np.array([out[0], 0.05])]])
     none = Matches(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
     junctions = hidden_ends(
         none,
         (segments, segments_of([])),
         (find_junctions(segments), find_junctions(segments_of([]))),
         [rim],
-        [(rim, np.append(rim.normal, 0.0))],
+        [CurvedSurface.cylinder(rim)],
         RIG,
     )
     assert junctions[0].t_junction[2].tolist() == [True, False]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
-from stereo_recovery import RecoveryParams, pipeline, recover
+from stereo_recovery import RecoveryParams, recover
+from stereo_recovery.detection import view
 
 
 def rig_for(depth: float, size: int = 512) -> StereoRig:
@@ -74,7 +75,7 @@ def test_of_more_segments_than_can_be_matched_in_time_the_longest_are_taken(synt
     solid = solids['L-block'].at(Pose.from_rotation_vector((0.5, -0.7, 0.1), [0.025, 0, 0.25]))
     left, right = synthetic.render_pair(solid, rig)
     every = recover(left, right, rig).features
-    monkeypatch.setattr(pipeline, 'MOST_SEGMENTS', 6)
+    monkeypatch.setattr(view, 'MOST_SEGMENTS', 6)
     some = recover(left, right, rig).features
 
     assert 0 < len(some) < len(every)

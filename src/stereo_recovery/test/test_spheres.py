@@ -1,4 +1,4 @@
-"""Outlines of balls are told from discs that face the eyes: exact pictures with the noise of edgels."""
+"""Contours of spheres and discs that face the cameras are told apart: exact images with the noise of edgels."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from msgs_py import PinholeCamera, StereoRig
-from stereo_recovery.curves.curve import Curve
+from stereo_recovery.curves.curve import CameraView, Curve, camera_views
 from stereo_recovery.curves.fit import refine
-from stereo_recovery.curves.spheres import without_balls
+from stereo_recovery.curves.observations import StereoEdgels
+from stereo_recovery.curves.spheres import without_spheres
 from stereo_recovery.detection.edgels import Edgels
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
@@ -29,9 +30,9 @@ def ring(centre: np.ndarray, normal: np.ndarray, radius: float, extent: float) -
     return centre + radius * (np.cos(angle) * first + np.sin(angle) * np.cross(normal, first))
 
 
-def edgels(points: np.ndarray, eye: float, seed: int) -> Edgels:
-    at = RIG.left.project(points - [eye, 0.0, 0.0]) if eye == 0.0 else RIG.right.project(points - [eye, 0.0, 0.0])
-    centre = RIG.left.project((CENTRE - [eye, 0.0, 0.0])[None])[0]
+def edgels(points: np.ndarray, view: CameraView, seed: int) -> Edgels:
+    at = view.camera.project(points - view.centre)
+    centre = view.camera.project((CENTRE - view.centre)[None])[0]
     across = (at - centre) / np.linalg.norm(at - centre, axis=1, keepdims=True)
     at = at + NOISE * np.random.default_rng(seed).normal(size=(len(at), 1)) * across
     level = np.full(len(at), NOISE)
@@ -46,7 +47,7 @@ def edgels(points: np.ndarray, eye: float, seed: int) -> Edgels:
     )
 
 
-def fitted(radius: float, pair: tuple[Edgels, Edgels]) -> Curve:
+def fitted(radius: float, pair: StereoEdgels) -> Curve:
     """The circle that the curve fit makes of the edgels of both images."""
     start = Curve(
         CENTRE,
@@ -55,21 +56,21 @@ def fitted(radius: float, pair: tuple[Edgels, Edgels]) -> Curve:
         np.full(2, radius),
         np.zeros((6, 6)),
         np.inf,
-        np.ones(len(pair[0]), bool),
-        np.ones(len(pair[1]), bool),
+        np.ones(len(pair.left), bool),
+        np.ones(len(pair.right), bool),
     )
-    found = refine(start, *pair, RIG, 0.0, circle=True)
+    found = refine(start, pair, circle=True)
     assert found is not None
     return replace(found, left=start.left, right=start.right)
 
 
 @pytest.mark.parametrize('radius', [0.005, 0.01, 0.02])
 @pytest.mark.parametrize('extent', [2.0 * np.pi, np.pi])
-def test_the_outline_of_a_ball_is_no_curve(radius, extent):
+def test_the_contour_of_a_sphere_is_no_curve(radius, extent):
     pair = []
-    for seed, eye in enumerate((0.0, RIG.baseline)):
-        # The circle in which the cone of sight touches the ball.
-        sight = CENTRE - [eye, 0.0, 0.0]
+    for seed, view in enumerate(camera_views(RIG)):
+        # The circle in which the cone of sight touches the sphere.
+        sight = CENTRE - view.centre
         far = np.linalg.norm(sight)
         pair.append(
             edgels(
@@ -79,18 +80,19 @@ def test_the_outline_of_a_ball_is_no_curve(radius, extent):
                     radius * np.sqrt(1.0 - (radius / far) ** 2),
                     extent,
                 ),
-                eye,
+                view,
                 seed,
             )
         )
-    assert without_balls([fitted(radius, tuple(pair))], tuple(pair), RIG, 0.0) == []
+    both = StereoEdgels(*pair, RIG, 0.0)
+    assert without_spheres([fitted(radius, both)], both) == []
 
 
 @pytest.mark.parametrize('radius', [0.007, 0.01, 0.02])
 @pytest.mark.parametrize('tilt', [0.0, 0.1, 0.5])
 def test_a_disc_is_a_curve_even_when_it_faces_us(radius, tilt):
     normal = towards(towards(CENTRE - [0.5 * RIG.baseline, 0.0, 0.0]) + [0.0, tilt, 0.0])
-    pair = tuple(
-        edgels(ring(CENTRE, normal, radius, 2.0 * np.pi), eye, seed) for seed, eye in enumerate((0.0, RIG.baseline))
-    )
-    assert len(without_balls([fitted(radius, pair)], pair, RIG, 0.0)) == 1
+    points = ring(CENTRE, normal, radius, 2.0 * np.pi)
+    left, right = (edgels(points, view, seed) for seed, view in enumerate(camera_views(RIG)))
+    pair = StereoEdgels(left, right, RIG, 0.0)
+    assert len(without_spheres([fitted(radius, pair)], pair)) == 1

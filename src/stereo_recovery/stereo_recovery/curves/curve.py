@@ -3,83 +3,242 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py import PinholeCamera
+from msgs_py import FeatureSet, PinholeCamera, StereoRig
+from msgs_py.numeric.typed import BoolArray, FloatArray
+
+
+class CurveShape(NamedTuple):
+    """Where a planar curve is, left optical frame, metres; what the compiled least squares change.
+
+    centre, normal, first : (3,) float64, the latter two unit vectors: the plane's normal and the direction of the major
+    radius; radii : (2,) float64, major and minor
+    """
+
+    centre: FloatArray
+    normal: FloatArray
+    first: FloatArray
+    radii: FloatArray
+
+
+class CameraView(NamedTuple):
+    """One camera of a rectified pair and where it stands.
+
+    camera : PinholeCamera
+    x : metres; the camera's centre is (x, 0, 0) in the left optical frame
+    """
+
+    camera: PinholeCamera
+    x: float
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) float64: the calibration matrix."""
+        return self.camera.matrix
+
+    @property
+    def centre(self) -> FloatArray:
+        """(3,) float64, metres, left optical frame."""
+        return np.array([self.x, 0.0, 0.0])
+
+    @property
+    def intrinsics(self) -> FloatArray:
+        """(4,) float64, pixels: fx, fy, cx, cy."""
+        return np.array([self.camera.fx, self.camera.fy, self.camera.cx, self.camera.cy])
+
+
+def camera_views(rig: StereoRig) -> tuple[CameraView, CameraView]:
+    """The two cameras of a rig, left and right."""
+    return CameraView(rig.left, 0.0), CameraView(rig.right, rig.baseline)
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A planar curve, left optical frame, metres.
+    """A planar curve with its uncertainty, left optical frame, metres.
 
-    centre, normal, first : (3,) float64; first is the unit direction of the major radius; radii : (2,) major, minor
-    covariance : (6, 6) of centre (x, y, z) and of the normal's two tilts (about first and normal x first), and the
-        major radius; rms : pixels; left, right : bool over the edgels of the two images; arc : start and extent,
-        radians from first about the normal; coverage : share of the curve that is seen; misfit : how many times
-        larger the residuals are than the edgels state
+    Parameters
+    ----------
+    centre, normal, first : (3,) float64
+        Centre, unit normal of the plane, unit direction of the major radius.
+    radii : (2,) float64, metres
+        Major and minor; equal for a circle.
+    covariance : (6, 6) float64
+        Of the centre (x, y, z), of the normal's tilts about first and about normal x first (radians), and of the major
+        radius.
+    rms : float, pixels
+        Root mean square of the edgels' distances from the image conics.
+    left, right : (n,) bool
+        Which edgels of the left and of the right image belong to it.
+    arc : (float, float), radians
+        Start and extent of the visible part, from first about the normal.
+    coverage : float
+        Share of the curve that is seen.
+    misfit : float
+        Ratio of the residuals to what the edgels' stated sigma predicts.
     """
 
-    centre: np.ndarray
-    normal: np.ndarray
-    first: np.ndarray
-    radii: np.ndarray
-    covariance: np.ndarray
+    centre: FloatArray
+    normal: FloatArray
+    first: FloatArray
+    radii: FloatArray
+    covariance: FloatArray
     rms: float
-    left: np.ndarray
-    right: np.ndarray
+    left: BoolArray
+    right: BoolArray
     arc: tuple[float, float] = (0.0, 2.0 * np.pi)
     coverage: float = 1.0
     misfit: float = 1.0
 
+    @classmethod
+    def unfitted(cls, shape: CurveShape) -> Curve:
+        """A curve to start a fit from: without covariance and edgels."""
+        none = np.zeros(0, bool)
+        return cls(*shape, np.zeros((6, 6)), np.inf, none, none)
+
     @property
-    def second(self) -> np.ndarray:
+    def second(self) -> FloatArray:
+        """(3,) float64: direction of the minor radius."""
         return cross(self.normal, self.first)
+
+    @property
+    def is_circle(self) -> bool:
+        """Whether both radii are one number."""
+        return bool(self.radii[0] == self.radii[1])
 
     @property
     def tilt(self) -> float:
         """Radians, one sigma of the normal in its worst direction."""
         return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1], 0.0)))
 
+    @property
+    def shape(self) -> CurveShape:
+        """Centre, normal, first and radii as the compiled functions take them."""
+        parts = (self.centre, self.normal, self.first, self.radii)
+        return CurveShape(*(np.ascontiguousarray(part, dtype=np.float64) for part in parts))
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def with_shape(self, shape: CurveShape) -> Curve:
+        """The same curve elsewhere; everything else stays."""
+        return replace(self, centre=shape.centre, normal=shape.normal, first=shape.first, radii=shape.radii)
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """(3,) vector product of two vectors (3,); numpy's own takes ten times as long for so few numbers."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def picture(curve: Curve, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(3, 3) float64: the conic that a camera at (eye, 0, 0) with calibration matrix sees, negative inside."""
-    return _conic(curve.centre, curve.radii[0] * curve.first, curve.radii[1] * curve.second, matrix, eye)
+def perpendicular(direction: FloatArray) -> FloatArray:
+    """(3,) float64: a vector square to a direction (3,), of a length between 0.8 and 1 for a unit direction."""
+    return cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
 
 
-def _conic(centre: np.ndarray, major: np.ndarray, minor: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
-    plane = matrix @ np.stack([major, minor, centre - [eye, 0.0, 0.0]], axis=1)
+def image_conic(curve: Curve, view: CameraView) -> FloatArray:
+    """The conic that a camera sees of a curve.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame.
+    view : CameraView
+        The camera.
+
+    Returns
+    -------
+    (3, 3) float64
+        Symmetric matrix C of the conic x^T C x = 0 in homogeneous pixels; negative inside.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd edition, section 8.1: a plane's points map by a homography H, a
+    conic in it by H^-T C H^-1.
+
+    Examples
+    --------
+    A circle of 10 mm seen face on from 0.2 m, f = 100 pixels, has a radius of 5 pixels:
+
+    >>> camera = PinholeCamera(21, 21, 100.0, 100.0, 10.0, 10.0)
+    >>> axes = np.eye(3)
+    >>> curve = Curve.unfitted(CurveShape(0.2 * axes[2], axes[2], axes[0], np.full(2, 0.01)))
+    >>> conic = image_conic(curve, CameraView(camera, 0.0))
+    >>> edge = np.array([15.0, 10.0, 1.0])
+    >>> bool(abs(edge @ conic @ edge) < 1e-12)
+    True
+    """
+    major, minor = curve.radii[0] * curve.first, curve.radii[1] * curve.second
+    plane = view.matrix @ np.stack([major, minor, curve.centre - [view.x, 0.0, 0.0]], axis=1)
     inverse = np.linalg.inv(plane)
     conic = inverse.T @ np.diag([1.0, 1.0, -1.0]) @ inverse
     conic = conic / np.abs(conic).max()
     return -conic if np.trace(conic[:2, :2]) < 0.0 else conic
 
 
-def angles(
-    centre: np.ndarray,
-    normal: np.ndarray,
-    first: np.ndarray,
-    radii: np.ndarray,
-    points: np.ndarray,
-    camera: PinholeCamera,
-    eye: float,
-) -> np.ndarray:
-    """(n,) radians: where on a curve pixels (n, 2) of an image lie (0 at first, about the normal)."""
-    rays = camera.rays(points)
-    origin = np.array([eye, 0.0, 0.0])
-    offset = origin + rays * ((centre - origin) @ normal / (rays @ normal))[:, None] - centre
-    return np.arctan2(offset @ cross(normal, first) / radii[1], offset @ first / radii[0])
+def conic_gradient(conic: FloatArray, points: FloatArray) -> FloatArray:
+    """(n, 2) float64: half the gradient of a conic (3, 3) at pixels (n, 2); it points out of the conic."""
+    return points @ conic[:2, :2] + conic[:2, 2]
 
 
-def turned(curve: Curve) -> Curve:
+def angles(curve: Curve | CurveShape, points: FloatArray, view: CameraView) -> FloatArray:
+    """Where on a curve pixels of an image lie.
+
+    Parameters
+    ----------
+    curve : Curve or CurveShape
+        Left optical frame.
+    points : (n, 2) float64, pixels
+        They are back-projected onto the curve's plane.
+    view : CameraView
+        Whose image it is.
+
+    Returns
+    -------
+    (n,) float64, radians
+        0 in the direction first, counted about the normal.
+    """
+    rays = view.camera.rays(points)
+    origin = view.centre
+    offset = origin + rays * ((curve.centre - origin) @ curve.normal / (rays @ curve.normal))[:, None] - curve.centre
+    second = cross(curve.normal, curve.first)
+    return np.arctan2(offset @ second / curve.radii[1], offset @ curve.first / curve.radii[0])
+
+
+def flipped(curve: Curve) -> Curve:
     """The same curve with the opposite normal; the major axis stays, so angles change sign."""
     start, extent = curve.arc
-    flipped = (0.0, extent) if extent >= 2.0 * np.pi else ((-(start + extent)) % (2.0 * np.pi), extent)
+    arc = (0.0, extent) if extent >= 2.0 * np.pi else ((-(start + extent)) % (2.0 * np.pi), extent)
     sign = np.ones(6)
     sign[4] = -1.0
-    return replace(curve, normal=-curve.normal, arc=flipped, covariance=curve.covariance * np.outer(sign, sign))
+    return replace(curve, normal=-curve.normal, arc=arc, covariance=curve.covariance * np.outer(sign, sign))
+
+
+def curve_features(curves: list[Curve]) -> FeatureSet:
+    """Curves as features of kind CURVE.
+
+    Parameters
+    ----------
+    curves : list of Curve
+        Left optical frame, metres.
+
+    Returns
+    -------
+    FeatureSet
+        In the same order; err_par and err_per are three sigma of the centre along the normal and across it, metres.
+    """
+    if not curves:
+        return FeatureSet.empty()
+    along, across = [], []
+    for c in curves:
+        spread = c.covariance[:3, :3]
+        along.append(3.0 * np.sqrt(c.normal @ spread @ c.normal))
+        flat = np.stack([c.first, c.second])
+        across.append(3.0 * np.sqrt(np.linalg.eigvalsh(flat @ spread @ flat.T)[-1]))
+    return FeatureSet.from_curves(
+        [c.centre for c in curves],
+        [c.normal for c in curves],
+        [c.radii for c in curves],
+        along,
+        across,
+        [c.first for c in curves],
+        [c.arc for c in curves],
+    )

@@ -1,197 +1,214 @@
-"""The least squares of one curve on the edgels of two images, alone or held by the axis of another."""
+"""The least squares of one curve on the edgels of two images, alone or with an axis constraint."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
-from msgs_py import StereoRig
-from msgs_py.numeric.vectors import perpendicular
+from msgs_py.numeric.robust import sigma_from_median
+from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.edgels import Edgels
 from ..detection.segments import CORRELATION_LENGTH
-from . import fit_kernels
-from .curve import Curve, angles, cross
+from . import fit_kernels, settings
+from .axis_constraint import AxisConstraint
+from .curve import CameraView, Curve, CurveShape, angles, cross
+from .observations import ImagePoints, StereoEdgels
 
-# The light displaces edgels by so much (pixels, one sigma) that is the same all over one of so many sectors.
-COMMON_SHIFT = 0.02
-SECTORS = 12
-# The same for what is the same all round (how far a lens blurs is guessed), and shares of an edgel's own sigma that
-# behave so: stairs of pictures without anti-aliasing.
-EVERYWHERE_SHIFT = 0.01
-COMMON_SHARE = 0.5
-EVERYWHERE_SHARE = 0.2
-# Times the sigma of the radius: an edge, a contour or a second rim a few pixels beside a rim pulls it in or out as a
-# whole, and the edgels do not tell.
-RADIUS_WIDER = 1.25
-# An ellipse whose radii differ by less than so many sigma cannot be told from a circle.
-OBLONG = 4.0
-
-
-@dataclass(frozen=True, eq=False)
-class Axle:
-    """The axis of a curve that is well known, on which another one may lie.
-
-    point, direction : (3,) float64, metres; spread : (3, 3) float64 of the point; tilt : radians, one sigma
-    """
-
-    point: np.ndarray
-    direction: np.ndarray
-    spread: np.ndarray
-    tilt: float
-
-    @property
-    def table(self) -> np.ndarray:
-        """(4, 3) float64: point, direction, two directions across it."""
-        return np.concatenate([[self.point, self.direction], self._across])
-
-    def residual(self, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """(4,): the normal's tilt against the axis, and the centre's offset from it."""
-        across = self._across
-        return np.concatenate([across @ normal * np.sign(self.direction @ normal), across @ (centre - self.point)])
-
-    def jacobian(self, normal: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """(4, 5): of the residual by a curve's centre and its two tilts."""
-        rows = np.zeros((4, 5))
-        sign = np.sign(self.direction @ normal)
-        rows[:2, 3], rows[:2, 4] = sign * self._across @ cross(normal, first), -sign * self._across @ first
-        rows[2:, :3] = self._across
-        return rows
-
-    def covariance(self, centre: np.ndarray) -> np.ndarray:
-        """(4, 4) float64 of the residual, as far as the axle is its cause."""
-        result = np.zeros((4, 4))
-        result[:2, :2] = self.tilt**2 * np.eye(2)
-        reach = (centre - self.point) @ self.direction
-        result[2:, 2:] = self._across @ self.spread @ self._across.T + (self.tilt * reach) ** 2 * np.eye(2)
-        return result
-
-    @cached_property
-    def _across(self) -> np.ndarray:
-        first = perpendicular(self.direction)
-        return np.stack([first, cross(self.direction, first)])
+# How many times larger the true covariance of a fit is than that of independent edgels, for smoothing of sigma 1; an
+# axis constraint has to be weighed against that.
+CORRELATED_EDGELS = 2.0 * CORRELATION_LENGTH
 
 
 def refine(
     curve: Curve,
-    left: Edgels,
-    right: Edgels,
-    rig: StereoRig,
-    blur: float,
+    edgels: StereoEdgels,
     circle: bool,
-    rounds: int = 12,
-    axle: Axle | None = None,
+    rounds: int = settings.ROUNDS,
+    axis: AxisConstraint | None = None,
     rough: bool = False,
 ) -> Curve | None:
-    """Move the curve until both pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
+    """Move a curve until both image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights; thesis 3.10.1).
 
-    left, right : edgels of the curve; blur : variance, px^2, of the smoothing that edgels have gone through: it pulls
-    them towards the centre of curvature by blur / (2 R), which is taken off (exact for a blurred disc, to first order).
-    axle : hold the curve to an axis; its covariance then must be the one it has without. rough : a circle whose
-    covariance nobody needs yet; it is left as it was.
-    Returns it with covariance and rms, or None when the fit does not settle, or when an ellipse is none.
+    Parameters
+    ----------
+    curve : Curve
+        Where to start; left optical frame, metres.
+    edgels : StereoEdgels
+        Only those of the curve.
+    circle : bool
+        Fit six parameters of a circle; else eight of an ellipse.
+    rounds : int
+        Most rounds of Levenberg-Marquardt.
+    axis : AxisConstraint, optional
+        An axis that the curve shall lie on. The covariance then holds what the edgels and the axis together determine.
+    rough : bool
+        Leave the covariance of a circle as it was: this fit only compares starts.
+
+    Returns
+    -------
+    Curve or None
+        With covariance, rms and misfit; None when the equations cannot be solved, when there are fewer than
+        LEAST_POINTS edgels, or when an ellipse cannot be told from a circle.
     """
     if circle:
         curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
-    points = np.concatenate([left.position, right.position])
-    shift = np.concatenate([left.bias, right.bias])
-    sigma = np.hypot(np.concatenate([left.sigma_position, right.sigma_position]), shift)
-    if len(points) < 10:
+    seen = edgels.points
+    count = len(seen.points)
+    sigma = edgels.sigma
+    if count < settings.LEAST_POINTS:
         return None
-    cameras = [np.array([c.fx, c.fy, c.cx, c.cy]) for c in (rig.left, rig.right)]
-    r, bend = np.empty(len(points)), np.empty(len(points))
-    size = 6 if circle else 8
-    # How many times the edgels' own covariance the true one is; the axle has to be weighed against that.
-    freedom = 2.0 * CORRELATION_LENGTH
-    hold = np.zeros((0, 0)) if axle is None else np.linalg.inv(axle.covariance(curve.centre))
-    told = points, len(left), cameras[0], cameras[1], float(rig.baseline), float(blur), sigma
+    distance, bias = np.empty(count), np.empty(count)
+    information = np.zeros((0, 0)) if axis is None else np.linalg.inv(axis.covariance(curve.centre))
     try:
-        good, *state = fit_kernels.settle(
-            curve.centre.copy(),
-            curve.normal.copy(),
-            curve.first.copy(),
-            curve.radii.astype(float),
+        good, shape = fit_kernels.minimise(
+            CurveShape(*(part.copy() for part in curve.shape)),
             circle,
-            *told,
+            seen,
+            sigma,
             rounds,
-            np.zeros((4, 3)) if axle is None else axle.table,
-            hold * freedom,
+            np.zeros((4, 3)) if axis is None else axis.table,
+            information * CORRELATED_EDGELS,
         )
         if not good:
             return None
-        matrix, _, cost, weights, rows = fit_kernels.equations(*state, circle, *told, r, bend)
+        shape = CurveShape(*shape)
+        matrix, _, cost, weights, rows = fit_kernels.equations(shape, circle, seen, sigma, distance, bias)
         if not np.isfinite(cost):
             return None
+        rms = float(np.sqrt(np.mean(np.minimum(distance * distance, settings.MOST_SQUARED_RESIDUAL))))
         if rough and circle:
-            return replace(
-                curve,
-                centre=state[0],
-                normal=state[1],
-                first=state[2],
-                radii=state[3],
-                rms=float(np.sqrt(np.mean(np.minimum(r * r, 4.0)))),
-            )
-        if axle is not None:
-            slope = axle.jacobian(state[1], state[2])
-            matrix[:5, :5] += slope.T @ hold @ slope * freedom
-        inverse = np.linalg.inv(matrix)
-        # Edgels side by side are moved together by the light: such a displacement does not average out.
-        sector = _sectors(state, points, len(left), rig)
-        shared = fit_kernels.common(
-            rows, weights, np.hypot(shift, COMMON_SHIFT + COMMON_SHARE * sigma), sector, 2 * SECTORS
+            return replace(curve.with_shape(shape), rms=rms)
+        prior = np.zeros((0, 0))
+        if axis is not None:
+            slope = axis.jacobian(shape.normal, shape.first)
+            prior = slope.T @ information @ slope
+            matrix[:5, :5] += prior * CORRELATED_EDGELS
+        variance_factor = max(1.0, float(weights @ (distance * distance)) / max(count - len(matrix), 1))
+        covariance = _covariance(
+            matrix, prior, variance_factor, _common_part(rows, weights, edgels.bias, sigma, _sectors(shape, edgels))
         )
-        shared += fit_kernels.common(
-            rows, weights, EVERYWHERE_SHIFT + EVERYWHERE_SHARE * sigma, np.zeros(len(r), np.int64), 1
-        )
-        together = CORRELATION_LENGTH * max(1.0, float(weights @ (r * r)) / max(len(r) - size, 1))
-        spread = matrix * together + shared
-        if axle is not None:
-            # What the axle says weighs as it does in the matrix, and is as uncertain as it says.
-            slope = axle.jacobian(state[1], state[2])
-            says = slope.T @ hold @ slope
-            spread -= _widened(says * freedom * together, size) - _widened(says * freedom**2, size)
-        covariance = inverse @ spread @ inverse
     except np.linalg.LinAlgError:
         return None
-    centre, normal, first, radii = state
-    if not circle and abs(np.log(radii[0] / radii[1])) < OBLONG * np.sqrt(
-        max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
-    ):
+    if not circle and not _is_oblong(shape, covariance):
         return None
     covariance = covariance[:6, :6]
-    covariance[5, :] *= RADIUS_WIDER * radii[0]
-    covariance[:, 5] *= RADIUS_WIDER * radii[0]
-    rms = float(np.sqrt(np.mean(np.minimum(r * r, 4.0))))
+    covariance[5, :] *= settings.RADIUS_SIGMA_FACTOR * shape.radii[0]
+    covariance[:, 5] *= settings.RADIUS_SIGMA_FACTOR * shape.radii[0]
     if not (np.isfinite(covariance).all() and np.isfinite(rms) and (np.diag(covariance) >= 0.0).all()):
         return None
-    if radii[0] < radii[1]:
-        # The tilts are about the radii.
-        first, radii = cross(normal, first), radii[::-1].copy()
-        turn = np.eye(6)
-        turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
-        covariance = turn @ covariance @ turn.T
-    misfit = float(np.median(np.abs(r) / sigma)) / 0.6745
-    return replace(
-        curve, centre=centre, normal=normal, first=first, radii=radii, covariance=covariance, rms=rms, misfit=misfit
+    shape, covariance = _major_first(shape, covariance)
+    misfit = sigma_from_median(float(np.median(np.abs(distance) / sigma)))
+    return replace(curve.with_shape(shape), covariance=covariance, rms=rms, misfit=misfit)
+
+
+def _common_part(
+    rows: FloatArray, weights: FloatArray, bias: FloatArray, sigma: FloatArray, sector: IntArray
+) -> FloatArray:
+    """(p, p) float64: variance of the normal equations' right side by displacements that neighbouring edgels share.
+
+    Such displacements do not average out over the edgels. rows : (n, p) jacobian; weights, bias, sigma, sector : (n,).
+    """
+    within_sectors = fit_kernels.common_displacement(
+        rows,
+        weights,
+        np.hypot(bias, settings.COMMON_SIGMA + settings.COMMON_SHARE * sigma),
+        sector,
+        2 * settings.SECTORS,
     )
+    within_sectors += fit_kernels.common_displacement(
+        rows, weights, settings.OVERALL_SIGMA + settings.OVERALL_SHARE * sigma, np.zeros(len(rows), np.int64), 1
+    )
+    return within_sectors
 
 
-def _widened(matrix: np.ndarray, size: int) -> np.ndarray:
+def _covariance(matrix: FloatArray, prior: FloatArray, variance_factor: float, common: FloatArray) -> FloatArray:
+    """(p, p) float64: covariance of the parameters, M^-1 S M^-1 (the sandwich estimator).
+
+    matrix : (p, p), M, normal matrix with the constraint's part CORRELATED_EDGELS * prior; prior : (5, 5) information
+    of an axis constraint, or (0, 0); variance_factor : mean squared weighted residual, at least 1; common : (p, p).
+    """
+    inverse = np.linalg.inv(matrix)
+    correlated = CORRELATION_LENGTH * variance_factor
+    spread = matrix * correlated + common
+    if len(prior):
+        # The constraint is part of M with the factor CORRELATED_EDGELS; its own variance has that factor squared.
+        size = len(matrix)
+        spread -= _widened(prior * CORRELATED_EDGELS * correlated, size) - _widened(prior * CORRELATED_EDGELS**2, size)
+    return inverse @ spread @ inverse
+
+
+def _widened(matrix: FloatArray, size: int) -> FloatArray:
+    """(size, size) float64: a smaller matrix in the upper left corner, else 0."""
     result = np.zeros((size, size))
     result[: len(matrix), : len(matrix)] = matrix
     return result
 
 
-def _sectors(state: tuple, points: np.ndarray, count: int, rig: StereoRig) -> np.ndarray:
-    """(n,) int64: which image and which sector of the curve edgels are of; the first ``count`` are the left image's."""
-    around = np.concatenate(
-        [
-            angles(state[0], state[1], state[2], state[3], p, camera, eye)
-            for p, camera, eye in ((points[:count], rig.left, 0.0), (points[count:], rig.right, rig.baseline))
-        ]
-    )
-    sector = np.floor(around / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
-    sector[count:] += SECTORS
+def _is_oblong(shape: CurveShape, covariance: FloatArray) -> bool:
+    """Whether the log ratio of an ellipse's radii differs from 0 by more than LEAST_ELLIPSE_SIGMA sigma.
+
+    covariance : (8, 8) float64, of the parameters of :func:`.fit_kernels.moved`.
+    """
+    variance = max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
+    return bool(abs(np.log(shape.radii[0] / shape.radii[1])) >= settings.LEAST_ELLIPSE_SIGMA * np.sqrt(variance))
+
+
+def _major_first(shape: CurveShape, covariance: FloatArray) -> tuple[CurveShape, FloatArray]:
+    """The same curve with the larger radius first, and its covariance (6, 6): the tilts are about the radii."""
+    if shape.radii[0] >= shape.radii[1]:
+        return shape, covariance
+    turn = np.eye(6)
+    turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
+    other = shape._replace(first=cross(shape.normal, shape.first), radii=shape.radii[::-1].copy())
+    return other, turn @ covariance @ turn.T
+
+
+def _sectors(shape: CurveShape, edgels: StereoEdgels) -> IntArray:
+    """(n,) int64: which image and which sector of the curve edgels are of; those of the right image count on."""
+    around = np.concatenate([angles(shape, side.position, view) for side, view in edgels.sides])
+    sector = np.floor(around / (2.0 * np.pi) * settings.SECTORS).astype(np.int64) % settings.SECTORS
+    sector[len(edgels.left) :] += settings.SECTORS
     return sector
+
+
+def distances(curve: Curve, points: FloatArray, view: CameraView, blur: float) -> FloatArray:
+    """Distances of pixels from a curve's image conic, with the bias that smoothing gives edgels taken off.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame, metres.
+    points : (n, 2) float64, pixels
+        Of the image of ``view``.
+    view : CameraView
+        The camera.
+    blur : float, px^2
+        Variance of the smoothing, see :class:`.observations.StereoEdgels`; 0 for points that are no edgels.
+
+    Returns
+    -------
+    (n,) float64, pixels
+        Sampson distance, positive outside.
+    """
+    distance, bias = np.empty(len(points)), np.empty(len(points))
+    fit_kernels.residuals(curve.shape, _one_image(points, view, blur), distance, bias)
+    return distance
+
+
+def predicted_variance(curve: Curve, points: FloatArray, view: CameraView, blur: float) -> FloatArray:
+    """(n,) float64, px^2: variance that a curve's covariance gives its image conic at pixels (n, 2) near it.
+
+    See :func:`distances` for the parameters.
+    """
+    distance, bias = np.empty(len(points)), np.empty(len(points))
+    rows = fit_kernels.jacobian(curve.shape, True, _one_image(points, view, blur), distance, bias)
+    rows[:, 5] /= curve.radii[0]
+    return np.einsum('ni,ij,nj->n', rows, curve.covariance, rows)
+
+
+def _one_image(points: FloatArray, view: CameraView, blur: float) -> ImagePoints:
+    """Pixels (n, 2) of just one of the two images, for the compiled functions."""
+    count = len(points) if view.x == 0.0 else 0
+    camera = view.intrinsics
+    return ImagePoints(np.ascontiguousarray(points), count, camera, camera, float(view.x), float(blur))

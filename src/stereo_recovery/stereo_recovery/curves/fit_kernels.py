@@ -1,29 +1,61 @@
-"""Compiled least-squares equations of one curve on the edgels of two images, for :mod:`.curves3d`."""
+"""Compiled least-squares equations of one curve on the edgels of two images, for :mod:`.fit`.
+
+shape is a :class:`.curve.CurveShape`, seen are :class:`.observations.ImagePoints`. There are n points and p parameters:
+6 of a circle, 8 of an ellipse, see :func:`moved`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.robust import MAD_TO_SIGMA
 
-# Variance, px^2, by which fitting a quadratic to 3 x 3 pixels (see :mod:`.edgels`) adds to the pull of the smoothing: a
-# ridge that bends by c moves by c/2 times the mean square of what lies beside its normal, 2/3 where the normal runs
-# along the pixels and a quarter of that where it runs diagonally.
-FACET, DIAGONAL = 2.0 / 3.0, 0.75
+from .curve import CurveShape
+from .settings import (
+    CAUCHY_WIDTH,
+    CURVATURE_VARIANCE_SHARE,
+    DAMPING_ATTEMPTS,
+    DAMPING_FACTOR,
+    DAMPING_START,
+    DIAGONAL_FACET_SHARE,
+    DIFFERENCE_STEP,
+    FACET_VARIANCE,
+    LARGEST_STEP,
+    LEAST_DAMPING,
+    LEAST_GAIN,
+    MOST_CURVATURE_BIAS,
+)
 
 
 @njit
-def _conic(centre, major, minor, camera, eye):
-    """The picture of a curve: (6,) of u^2, uv, v^2, u, v, 1 halves, as a00, a01, a11, a02, a12, a22; inside < 0."""
+def _second(normal, first):
+    """(3,) float64: the direction of the minor radius, normal x first."""
+    return np.array(
+        [
+            normal[1] * first[2] - normal[2] * first[1],
+            normal[2] * first[0] - normal[0] * first[2],
+            normal[0] * first[1] - normal[1] * first[0],
+        ]
+    )
+
+
+@njit
+def _conic(centre, major, minor, camera, camera_x):
+    """(6,) float64: the image conic as a00, a01, a11, a02, a12, a22 of its symmetric matrix, negative inside.
+
+    major, minor : (3,) float64, metres: the radii with their directions; camera : (4,): fx, fy, cx, cy; camera_x :
+    metres, the camera's centre is (camera_x, 0, 0).
+    """
     m = np.empty((3, 3))
     for c in range(3):
-        x = major[0] if c == 0 else (minor[0] if c == 1 else centre[0] - eye)
+        x = major[0] if c == 0 else (minor[0] if c == 1 else centre[0] - camera_x)
         y = major[1] if c == 0 else (minor[1] if c == 1 else centre[1])
         z = major[2] if c == 0 else (minor[2] if c == 1 else centre[2])
         m[0, c] = camera[0] * x + camera[2] * z
         m[1, c] = camera[1] * y + camera[3] * z
         m[2, c] = z
-    # Adjugate: the inverse up to a factor that cancels.
+    # The adjugate is the inverse up to the determinant, a factor that the conic does not need.
     a = np.empty((3, 3))
     a[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
     a[0, 1] = m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]
@@ -45,22 +77,18 @@ def _conic(centre, major, minor, camera, eye):
 
 
 @njit
-def residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend):
-    """Distances of edgels from the curve's pictures, pixels, positive outside, into out (n,); bend (n,): what
-    smoothing of variance ``blur`` and the edgels' fit move an edgel towards the centre of curvature (already taken off
-    ``out``); nothing for points that come from no picture, blur 0."""
-    second = np.array(
-        [
-            normal[1] * first[2] - normal[2] * first[1],
-            normal[2] * first[0] - normal[0] * first[2],
-            normal[0] * first[1] - normal[1] * first[0],
-        ]
-    )
-    major, minor = radii[0] * first, radii[1] * second
+def residuals(shape, seen, distance, bias):
+    """Signed distances of pixels from the image conics of a curve, pixels, positive outside, into ``distance`` (n,).
+
+    bias (n,) takes by how many pixels smoothing and the sub-pixel fit of edgels moved each towards the centre of
+    curvature; ``distance`` has that taken off. With ``seen.blur`` 0 the bias is 0.
+    """
+    major, minor = shape.radii[0] * shape.first, shape.radii[1] * _second(shape.normal, shape.first)
     for side in range(2):
-        q = _conic(centre, major, minor, camera_left if side == 0 else camera_right, 0.0 if side == 0 else baseline)
-        for i in range(0 if side == 0 else count, count if side == 0 else len(points)):
-            u, v = points[i, 0], points[i, 1]
+        camera = seen.camera_left if side == 0 else seen.camera_right
+        q = _conic(shape.centre, major, minor, camera, 0.0 if side == 0 else seen.baseline)
+        for i in range(0 if side == 0 else seen.left_count, seen.left_count if side == 0 else len(seen.points)):
+            u, v = seen.points[i, 0], seen.points[i, 1]
             gu = q[0] * u + q[1] * v + q[3]
             gv = q[1] * u + q[2] * v + q[4]
             value = gu * u + gv * v + q[3] * u + q[4] * v + q[5]
@@ -68,78 +96,71 @@ def residuals(centre, normal, first, radii, points, count, camera_left, camera_r
             g = np.sqrt(g2)
             curvature = (q[0] * gv * gv - 2.0 * q[1] * gu * gv + q[2] * gu * gu) / (g2 * g)
             twice = 2.0 * gu * gv / g2
-            pull = blur + FACET * (1.0 - DIAGONAL * twice * twice) if blur > 0.0 else 0.0
-            bend[i] = min(0.5 * pull * abs(curvature), 1.0)
-            out[i] = 0.5 * value / g + bend[i]
+            variance = 0.0
+            if seen.blur > 0.0:
+                variance = seen.blur + FACET_VARIANCE * (1.0 - DIAGONAL_FACET_SHARE * twice * twice)
+            bias[i] = min(0.5 * variance * abs(curvature), MOST_CURVATURE_BIAS)
+            distance[i] = 0.5 * value / g + bias[i]
 
 
 @njit
-def moved(centre, normal, first, radii, step, circle):
-    """A curve changed by a step: centre (3), tilts (2), log radii (1 or 2), turn in the plane (0 or 1)."""
-    second = np.array(
-        [
-            normal[1] * first[2] - normal[2] * first[1],
-            normal[2] * first[0] - normal[0] * first[2],
-            normal[0] * first[1] - normal[1] * first[0],
-        ]
-    )
-    n = normal + step[3] * second - step[4] * first
+def moved(shape, step, circle):
+    """A curve changed by a step (8,): centre (3), tilts (2) about first and second, log radii (1 of a circle, or 2),
+    and of an ellipse the turn in its plane.
+    """
+    n = shape.normal + step[3] * _second(shape.normal, shape.first) - step[4] * shape.first
     n = n / np.sqrt((n * n).sum())
-    f = first.copy()
+    f = shape.first.copy()
     if not circle:
-        f = f + step[7] * second
+        f = f + step[7] * _second(shape.normal, shape.first)
     f = f - n * (f * n).sum()
     f = f / np.sqrt((f * f).sum())
-    r = radii.copy()
+    r = shape.radii.copy()
     r[0] *= np.exp(step[5])
     r[1] *= np.exp(step[5] if circle else step[6])
-    return centre + step[:3], n, f, r
+    return CurveShape(shape.centre + step[:3], n, f, r)
 
 
 @njit
-def jacobian(centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out, bend):
-    """Residuals into out, and their derivatives (n, p) by the parameters of :func:`moved`."""
+def jacobian(shape, circle, seen, distance, bias):
+    """(n, p) float64: derivatives of the residuals by the parameters of :func:`moved`; residuals as there."""
     size = 6 if circle else 8
-    n = len(points)
-    residuals(centre, normal, first, radii, points, count, camera_left, camera_right, baseline, blur, out, bend)
+    n = len(seen.points)
+    residuals(shape, seen, distance, bias)
     result = np.empty((n, size))
     shifted, unused = np.empty(n), np.empty(n)
     for k in range(size):
         step = np.zeros(8)
-        h = 1e-5 * radii[0] if k < 3 else 1e-5
+        h = DIFFERENCE_STEP * shape.radii[0] if k < 3 else DIFFERENCE_STEP
         step[k] = h
-        c, m, f, r = moved(centre, normal, first, radii, step, circle)
-        residuals(c, m, f, r, points, count, camera_left, camera_right, baseline, blur, shifted, unused)
+        residuals(moved(shape, step, circle), seen, shifted, unused)
         for i in range(n):
-            result[i, k] = (shifted[i] - out[i]) / h
+            result[i, k] = (shifted[i] - distance[i]) / h
     return result
 
 
 @njit
-def equations(
-    centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, sigma, out, bend
-):
-    """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,), jacobian (n, p); residuals go to
-    out."""
-    rows = jacobian(
-        centre, normal, first, radii, circle, points, count, camera_left, camera_right, baseline, blur, out, bend
-    )
+def equations(shape, circle, seen, sigma, distance, bias):
+    """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,) and jacobian (n, p).
+
+    sigma : (n,) float64, pixels, of the edgels. Cauchy weights, scaled by the median of |distance| / sigma.
+    """
+    rows = jacobian(shape, circle, seen, distance, bias)
     n, size = rows.shape
     weights = np.empty(n)
-    ratio = np.abs(out) / sigma
-    spread = max(1.4826 * np.median(ratio), 1.0)
+    ratio = np.abs(distance) / sigma
+    spread = max(MAD_TO_SIGMA * np.median(ratio), 1.0)
     cost = 0.0
     for i in range(n):
-        # A fifth of the correction for curvature is doubted.
-        variance = sigma[i] * sigma[i] + 0.04 * bend[i] * bend[i]
-        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (2.5 * spread)) ** 2))
-        cost += weights[i] * out[i] * out[i]
+        variance = sigma[i] * sigma[i] + CURVATURE_VARIANCE_SHARE * bias[i] * bias[i]
+        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (CAUCHY_WIDTH * spread)) ** 2))
+        cost += weights[i] * distance[i] * distance[i]
     matrix = np.zeros((size, size))
     gradient = np.zeros(size)
     for i in range(n):
         for a in range(size):
             wa = weights[i] * rows[i, a]
-            gradient[a] += wa * out[i]
+            gradient[a] += wa * distance[i]
             for b in range(a + 1):
                 matrix[a, b] += wa * rows[i, b]
     for a in range(size):
@@ -150,7 +171,7 @@ def equations(
 
 @njit
 def _solve(matrix, right):
-    """Solution of a small system by elimination with pivots; changes both; False when the system is singular."""
+    """Solves matrix (p, p) x = right (p,) in place by Gaussian elimination with pivots; False when it is singular."""
     n = len(right)
     for c in range(n):
         pivot = c
@@ -176,132 +197,101 @@ def _solve(matrix, right):
 
 
 @njit
-def axle_residual(axle, centre, normal, off):
-    """Of a curve on an axle, into off (4,): the normal's tilt, and the centre's offset. axle : (4, 3): its point, its
-    direction, two directions across it. Returns the sign of the normal along the axle."""
-    sign = 1.0 if (axle[1] * normal).sum() >= 0.0 else -1.0
+def axis_residual(axis, centre, normal, off):
+    """Of a curve against an axis, into off (4,): two tilts of its normal, radians, and two offsets of its centre,
+    metres.
+
+    axis : (4, 3) float64, rows: a point of the axis, its direction, two directions across it. Returns the sign of the
+    normal along the axis.
+    """
+    sign = 1.0 if (axis[1] * normal).sum() >= 0.0 else -1.0
     for k in range(2):
-        off[k] = sign * (axle[2 + k] * normal).sum()
-        off[2 + k] = (axle[2 + k] * (centre - axle[0])).sum()
+        off[k] = sign * (axis[2 + k] * normal).sum()
+        off[2 + k] = (axis[2 + k] * (centre - axis[0])).sum()
     return sign
 
 
 @njit
-def _hold_to(axle, hold, centre, normal, first, matrix, gradient):
-    """Adds what an axle says, with weights hold (4, 4), to the normal equations; returns its cost."""
+def _add_axis(axis, information, shape, matrix, gradient):
+    """Adds an axis constraint with its information matrix (4, 4) to the normal equations; returns its cost."""
     off = np.empty(4)
-    sign = axle_residual(axle, centre, normal, off)
+    sign = axis_residual(axis, shape.centre, shape.normal, off)
     slope = np.zeros((4, 5))
-    second = np.array(
-        [
-            normal[1] * first[2] - normal[2] * first[1],
-            normal[2] * first[0] - normal[0] * first[2],
-            normal[0] * first[1] - normal[1] * first[0],
-        ]
-    )
+    second = _second(shape.normal, shape.first)
     for k in range(2):
-        slope[k, 3] = sign * (axle[2 + k] * second).sum()
-        slope[k, 4] = -sign * (axle[2 + k] * first).sum()
-        slope[2 + k, :3] = axle[2 + k]
+        slope[k, 3] = sign * (axis[2 + k] * second).sum()
+        slope[k, 4] = -sign * (axis[2 + k] * shape.first).sum()
+        slope[2 + k, :3] = axis[2 + k]
     cost = 0.0
     for i in range(4):
         for j in range(4):
-            cost += hold[i, j] * off[i] * off[j]
+            cost += information[i, j] * off[i] * off[j]
             for a in range(5):
-                gradient[a] += slope[i, a] * hold[i, j] * off[j]
+                gradient[a] += slope[i, a] * information[i, j] * off[j]
                 for b in range(5):
-                    matrix[a, b] += slope[i, a] * hold[i, j] * slope[j, b]
+                    matrix[a, b] += slope[i, a] * information[i, j] * slope[j, b]
     return cost
 
 
 @njit
-def settle(
-    centre,
-    normal,
-    first,
-    radii,
-    circle,
-    points,
-    count,
-    camera_left,
-    camera_right,
-    baseline,
-    blur,
-    sigma,
-    rounds,
-    axle,
-    hold,
-):
-    """Moves a curve until its pictures lie on the edgels (Levenberg-Marquardt, Cauchy weights).
+def minimise(shape, circle, seen, sigma, rounds, axis, information):
+    """Moves a curve until its image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
-    axle, hold : see :func:`_hold_to`; hold is (0, 0) when nothing holds the curve. Returns whether that went well, and
-    the curve: centre, normal, first, radii.
+    axis, information : see :func:`_add_axis`; information is (0, 0) for a fit without an axis constraint. Returns
+    whether all equations could be solved, and the curve.
     """
     size = 6 if circle else 8
-    out, bend = np.empty(len(points)), np.empty(len(points))
-    held = len(hold) > 0
+    distance, bias = np.empty(len(seen.points)), np.empty(len(seen.points))
+    constrained = len(information) > 0
     off = np.empty(4)
-    damping = 1e-3
+    damping = DAMPING_START
     for _ in range(rounds):
-        matrix, gradient, cost, weights, _rows = equations(
-            centre,
-            normal,
-            first,
-            radii,
-            circle,
-            points,
-            count,
-            camera_left,
-            camera_right,
-            baseline,
-            blur,
-            sigma,
-            out,
-            bend,
-        )
-        if held:
-            cost += _hold_to(axle, hold, centre, normal, first, matrix, gradient)
+        matrix, gradient, cost, weights, _rows = equations(shape, circle, seen, sigma, distance, bias)
+        if constrained:
+            cost += _add_axis(axis, information, shape, matrix, gradient)
         if not (np.isfinite(cost) and np.isfinite(matrix).all()):
-            return False, centre, normal, first, radii
+            return False, shape
         gained = 0.0
-        for _attempt in range(6):
+        for _attempt in range(DAMPING_ATTEMPTS):
             damped, right = matrix.copy(), -gradient
             for a in range(size):
                 damped[a, a] += damping * matrix[a, a]
             if not _solve(damped, right):
-                return False, centre, normal, first, radii
+                return False, shape
             step = np.zeros(8)
             for a in range(size):
-                widest = radii[0] if a < 3 else 0.5
+                widest = shape.radii[0] if a < 3 else LARGEST_STEP
                 step[a] = min(max(right[a], -widest), widest)
-            c, m, f, r = moved(centre, normal, first, radii, step, circle)
-            residuals(c, m, f, r, points, count, camera_left, camera_right, baseline, blur, out, bend)
-            new_cost = (weights * out * out).sum()
-            if held:
-                axle_residual(axle, c, m, off)
+            other = moved(shape, step, circle)
+            residuals(other, seen, distance, bias)
+            new_cost = (weights * distance * distance).sum()
+            if constrained:
+                axis_residual(axis, other.centre, other.normal, off)
                 for i in range(4):
                     for j in range(4):
-                        new_cost += hold[i, j] * off[i] * off[j]
+                        new_cost += information[i, j] * off[i] * off[j]
             if np.isfinite(new_cost) and new_cost <= cost:
-                centre, normal, first, radii = c, m, f, r
+                shape = other
                 gained = cost - new_cost
-                damping = max(damping / 10.0, 1e-9)
+                damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
                 break
-            damping *= 10.0
-        if gained < 1e-5 * cost:
+            damping *= DAMPING_FACTOR
+        if gained < LEAST_GAIN * cost:
             break
-    return True, centre, normal, first, radii
+    return True, shape
 
 
 @njit
-def common(rows, weights, shift, group, groups):
-    """(p, p): what displacements that all edgels of a group share add to the normal equations' right side (variance).
+def common_displacement(rows, weights, sigma, group, groups):
+    """(p, p) float64: variance that displacements common to all edgels of a group give the normal equations' right
+    side.
 
-    rows : (n, p) jacobian; shift : (n,) pixels, one sigma; group : (n,) int64 below ``groups``.
+    rows : (n, p) jacobian; weights : (n,), px^-2; sigma : (n,), pixels, of the common displacement; group : (n,) int64,
+    which of ``groups`` groups an edgel is of.
     """
     n, size = rows.shape
     sums = np.zeros((groups, size))
     for i in range(n):
         for a in range(size):
-            sums[group[i], a] += weights[i] * shift[i] * rows[i, a]
+            sums[group[i], a] += weights[i] * sigma[i] * rows[i, a]
     return sums.T @ sums

@@ -1,52 +1,83 @@
-"""Occluding contours: where a curved surface's outline runs in an image, given its rim and its apex.
+"""Occluding contours: where the contour of a curved surface runs in an image, given a rim of it and its apex.
 
-The outline of a cylinder lies in planes through the eye that are parallel to the axis, that of a cone in planes through
-its apex; both touch the rim's picture. So it is a tangent of that conic through the picture of the apex, which for a
-cylinder is the vanishing point of its axis. Outlines are no edges of the object: each eye sees other points.
+The lines of sight that touch a cylinder lie in planes through the camera parallel to its axis, those of a cone in
+planes through its apex; both touch the rim. So in the image the contour is a tangent of the rim's conic through the
+image of the apex, which for a cylinder is the vanishing point of its axis. Contours are no edges of the object: the two
+cameras see different points of the surface there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..detection.segments import Segments
-from ..edges.lines3d import Lines3D
-from ..matching.matches import Matches
-from .curve import Curve, cross, picture
-
-# How far from the outline's line a segment may run, pixels, and how far from the rim it may start, in rim radii.
-TOUCH = 1.0
-REACH = 8.0
-# What an uncertain axis may add to that, pixels.
-MOST_TURN = 1.5
-# An outline seen in both images may start farther away, where nothing is concluded from it.
-FAR_REACH = 12.0
-# Shorter segments, pixels, say nothing of where they run.
-LEAST_LENGTH = 3.0
-# A segment this near to an outline that starts this near to the rim, in one image, is one even if the other image's
-# segment (which may be a neighbour's) is only so near.
-SURE_TOUCH, SURE_REACH = 0.5, 0.5
-LOOSE_TOUCH = 4.0
-# Pixels by which an outline may pass its apex.
-SHORT_OF_APEX = 3.0
-# What light and a surface's shading move an outline by, pixels.
-OUTLINE_SIGMA = 0.3
+from . import settings
+from .curve import CameraView, Curve, camera_views, cross, image_conic
 
 
-def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
-    """(k, 3) float64, k = 0 or 2: lines through a point that touch a conic; a u + b v + c = 0 with a^2 + b^2 = 1.
+class CurvedSurface(NamedTuple):
+    """A cylinder or cone: a rim of it, and where its generators meet.
 
-    conic : (3, 3); apex : (3,) homogeneous pixels, may be at infinity.
+    rim : Curve; apex : (4,) float64, homogeneous, left optical frame, metres; the axis' direction and 0 for a cylinder
     """
-    polar = conic @ apex
-    # The polar meets the conic in the touching points: two of its points, and where between them the conic is zero.
+
+    rim: Curve
+    apex: FloatArray
+
+    @classmethod
+    def cylinder(cls, rim: Curve) -> CurvedSurface:
+        """The cylinder that stands on a rim."""
+        return cls(rim, np.append(rim.normal, 0.0))
+
+    @classmethod
+    def cone(cls, rim: Curve, apex: FloatArray) -> CurvedSurface:
+        """The cone over a rim with an apex (3,), metres."""
+        return cls(rim, np.append(apex, 1.0))
+
+    @property
+    def is_cone(self) -> bool:
+        """Whether the apex is a point at a finite distance."""
+        return bool(self.apex[3] != 0.0)
+
+    def image_of_apex(self, view: CameraView) -> FloatArray:
+        """(3,) float64: homogeneous pixels."""
+        return view.matrix @ (self.apex[:3] - self.apex[3] * view.centre)
+
+
+def tangents(conic: FloatArray, point: FloatArray) -> FloatArray:
+    """The lines through a point that touch a conic.
+
+    Parameters
+    ----------
+    conic : (3, 3) float64
+        Symmetric matrix, in pixels.
+    point : (3,) float64
+        Homogeneous pixels; it may be at infinity.
+
+    Returns
+    -------
+    (k, 3) float64
+        k = 2 lines a u + b v + c = 0 with a^2 + b^2 = 1, or k = 0 for a point inside the conic.
+
+    Examples
+    --------
+    The tangents of the unit circle that run along v touch it at u = 1 and u = -1:
+
+    >>> lines = tangents(np.diag([1.0, 1.0, -1.0]), np.array([0.0, 1.0, 0.0]))
+    >>> sorted((-lines[:, 2] / lines[:, 0]).round(6).tolist())
+    [-1.0, 1.0]
+    """
+    polar = conic @ point
     scale = np.abs(polar).max()
     if scale == 0.0:
         return np.zeros((0, 3))
+    # The polar meets the conic in the touching points. base + t away runs along it; a t^2 + 2 b t + c = 0 is the conic.
     base, away = np.linalg.svd(polar[None] / scale)[2][1:]
     a, b, c = away @ conic @ away, base @ conic @ away, base @ conic @ base
     root = b * b - a * c
@@ -59,52 +90,52 @@ def tangents(conic: np.ndarray, apex: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
-    """How the segments of an image lie beside the two outlines of a surface: rows are outlines, columns segments.
+class _ContourDistances:
+    """How the n segments of an image lie to the two contours of a surface: rows are contours, columns segments.
 
-    off : pixels off the outline's line beyond what is uncertain; inside : pixels, how far the touching point is inside
-    the segment, negative beyond its end; radius : pixels, of the rim; straight : (n,) bool, segments that may be
-    outlines;
-    length : (n,) pixels; before : whether the segment ends before a cone's apex
+    off : (2, n) float64, pixels: distance from the contour's line beyond what is uncertain
+    inside : (2, n) float64, pixels: how far inside the segment the touching point is, negative beyond its end
+    radius : pixels, of the rim's image; straight : (n,) bool, segments that are long enough and no arcs
+    length : (n,) pixels, of the segments; before_apex : (2, n) bool, whether the segment ends before a cone's apex
     """
 
-    off: np.ndarray
-    inside: np.ndarray
+    off: FloatArray
+    inside: FloatArray
     radius: float
-    straight: np.ndarray
-    length: np.ndarray
-    before: np.ndarray
+    straight: BoolArray
+    length: FloatArray
+    before_apex: BoolArray
 
-    def sides(self, touch: float, reach: float) -> np.ndarray:
-        """(n,) int8, see :func:`touching`."""
-        # It ends at the rim, or far from it; it does not pass it.
-        near = (
-            self.straight
-            & (self.off < touch)
-            & (-self.inside < reach * self.radius)
-            & (self.inside < 0.25 * self.length)
-        )
+    def sides(self, distance: float, reach: float) -> Int8Array:
+        """(n,) int8: 1 or 2 for segments on one or the other contour, else 0; see :func:`contour_sides`."""
+        near = self._near(distance) & (-self.inside < reach * self.radius)
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
-    def within(self, touch: float) -> np.ndarray:
-        """(n,) int8: the same for segments that end before a cone's apex, wherever."""
-        near = self.straight & (self.off < touch) & (self.inside < 0.25 * self.length) & self.before
+    def sides_below_apex(self, distance: float) -> Int8Array:
+        """(n,) int8: the same for segments anywhere between the rim and the apex of a cone."""
+        near = self._near(distance) & self.before_apex
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
+    def _near(self, distance: float) -> BoolArray:
+        """(2, n) bool: segments along the contour's line that do not pass the touching point."""
+        return self.straight & (self.off < distance) & (self.inside < settings.MOST_INSIDE_SHARE * self.length)
 
-def _beside(curve: Curve, apex: np.ndarray, segments: Segments, matrix: np.ndarray, eye: float) -> _Beside:
-    nothing = np.full((2, len(segments)), np.inf)
-    straight = (segments.arc < 0) & (segments.length > LEAST_LENGTH)
+
+def _contour_distances(surface: CurvedSurface, segments: Segments, view: CameraView) -> _ContourDistances:
+    curve = surface.rim
+    straight = (segments.arc < 0) & (segments.length > settings.LEAST_SEGMENT)
+    none = np.full((2, len(segments)), np.inf)
+    nothing = _ContourDistances(none, none, 0.0, straight, segments.length, np.zeros(none.shape, bool))
     if len(segments) == 0:
-        return _Beside(nothing, nothing, 0.0, straight, segments.length, np.zeros(nothing.shape, bool))
-    conic = picture(curve, matrix, eye)
-    seen = matrix @ (apex[:3] - apex[3] * np.array([eye, 0.0, 0.0]))
-    lines = tangents(conic, seen)
+        return nothing
+    conic = image_conic(curve, view)
+    apex = surface.image_of_apex(view)
+    lines = tangents(conic, apex)
     if len(lines) == 0:
-        return _Beside(nothing, nothing, 0.0, straight, segments.length, np.zeros(nothing.shape, bool))
-    # The same side has the same number in both images: by the side of the axis on which the line is.
-    centre = matrix @ (curve.centre - [eye, 0.0, 0.0])
-    axis = cross(centre / centre[2], seen)
+        return nothing
+    # Contours are numbered by the side of the axis on which they are, so that both images number them alike.
+    centre = view.matrix @ (curve.centre - [view.x, 0.0, 0.0])
+    axis = cross(centre / centre[2], apex)
     contact = np.linalg.solve(conic, lines.T).T
     contact = contact[:, :2] / contact[:, 2:]
     order = np.argsort(np.column_stack([contact, np.ones(2)]) @ axis)
@@ -112,115 +143,152 @@ def _beside(curve: Curve, apex: np.ndarray, segments: Segments, matrix: np.ndarr
     radius = np.sqrt(np.abs(np.linalg.det(conic) / np.linalg.det(conic[:2, :2])) / np.linalg.eigvalsh(conic[:2, :2])[0])
     ends = (segments.start, segments.end)
     off = np.maximum(*(np.abs(lines[:, :2] @ end.T + lines[:, 2:]) for end in ends))
-    place = contact @ segments.direction.T - (segments.centre * segments.direction).sum(axis=1)
-    inside = np.minimum(place - segments.extent[:, 0], segments.extent[:, 1] - place)
-    # An axis that is not quite known turns its outlines.
-    far = np.maximum(place - segments.extent[:, 0], segments.extent[:, 1] - place)
-    slack = np.minimum(segments.sigma[:, 0] + 0.5 * segments.length * segments.sigma[:, 1], 1.0) + np.minimum(
-        3.0 * curve.tilt * far, MOST_TURN
-    )
+    abscissa = contact @ segments.direction.T - (segments.centre * segments.direction).sum(axis=1)
+    inside = np.minimum(abscissa - segments.extent[:, 0], segments.extent[:, 1] - abscissa)
+    # An error of the axis' direction turns the contour about the touching point.
+    far = np.maximum(abscissa - segments.extent[:, 0], segments.extent[:, 1] - abscissa)
+    line_sigma = segments.sigma[:, 0] + 0.5 * segments.length * segments.sigma[:, 1]
+    slack = np.minimum(line_sigma, settings.MOST_LINE_SIGMA) + np.minimum(3.0 * curve.tilt * far, settings.MOST_TURN)
     before = np.zeros(off.shape, bool)
-    if apex[3] != 0.0 and seen[2] > 0.0:
-        reach = seen[:2] / seen[2] - contact
-        height = np.maximum(np.hypot(reach[:, 0], reach[:, 1]), 1e-9)
-        up = np.maximum(*((end[None] - contact[:, None]) @ (reach / height[:, None])[..., None] for end in ends))
-        before = up[..., 0] < height[:, None] + SHORT_OF_APEX
-    return _Beside(off - slack, inside, float(radius), straight, segments.length, before)
+    if surface.is_cone and apex[2] > 0.0:
+        to_apex = apex[:2] / apex[2] - contact
+        height = np.maximum(np.hypot(to_apex[:, 0], to_apex[:, 1]), 1e-9)
+        up = np.maximum(*((end[None] - contact[:, None]) @ (to_apex / height[:, None])[..., None] for end in ends))
+        before = up[..., 0] < height[:, None] + settings.PAST_APEX
+    return _ContourDistances(off - slack, inside, float(radius), straight, segments.length, before)
 
 
-def touching(
-    curve: Curve,
-    apex: np.ndarray,
-    segments: Segments,
-    matrix: np.ndarray,
-    eye: float,
-    touch: float = TOUCH,
-    reach: float = REACH,
-) -> np.ndarray:
-    """(n,) int8: 1 or 2 for straight segments that run along one or the other outline, else 0.
+def contour_sides(surface: CurvedSurface, segments: Segments, view: CameraView) -> Int8Array:
+    """Which straight segments of an image may show an occluding contour of a surface.
 
-    apex : (4,) homogeneous, left frame, where the surface's generators meet: the axis' direction for a cylinder;
-    touch : pixels off the outline's line, beside what is uncertain about a segment; reach : radii from the rim.
+    Parameters
+    ----------
+    surface : CurvedSurface
+        Left optical frame.
+    segments : Segments
+        Of the image.
+    view : CameraView
+        The camera of the image.
+
+    Returns
+    -------
+    (n,) int8
+        1 or 2 for segments along one or the other contour that start near the rim, else 0. Both images number the two
+        contours alike.
     """
-    return _beside(curve, apex, segments, matrix, eye).sides(touch, reach)
+    distances = _contour_distances(surface, segments, view)
+    return distances.sides(settings.CONTOUR_DISTANCE, settings.CONTOUR_REACH)
 
 
 @dataclass(frozen=True, eq=False)
-class Outlines:
-    """Outlines of one rim in the two images: normals (k, 3) of the planes through eye and outline, their sigma (k,)
-    radians, the eyes (k, 3), lines of sight (k, 2, 3) to the ends of the segments, and the sides (k,)."""
+class Contours:
+    """k segments that show occluding contours of one rim, in either image.
 
-    normals: np.ndarray
-    sigma: np.ndarray
-    eyes: np.ndarray
-    rays: np.ndarray
-    sides: np.ndarray
+    normals : (k, 3) float64, unit normals of the planes through camera and segment; sigma : (k,) float64, radians, of
+    them; cameras : (k, 3) float64, metres, the cameras' centres; rays : (k, 2, 3) float64, lines of sight to the ends
+    of the segments; sides : (k,) int, which contour of its image a segment shows
+    """
 
-    def places(self, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """(k, 2) float64, metres: where along an axis the segments end. A line of sight passes the axis beside the
-        point that it touches."""
+    normals: FloatArray
+    sigma: FloatArray
+    cameras: FloatArray
+    rays: FloatArray
+    sides: Int8Array
+
+    def abscissae(self, point: FloatArray, direction: FloatArray) -> FloatArray:
+        """(k, 2) float64, metres: where along an axis (point (3,), unit direction (3,)) the segments' ends are.
+
+        A line of sight touches the surface beside the place where it passes the axis.
+        """
         across = np.cross(self.rays, direction)
         square = np.maximum((across * across).sum(axis=2), 1e-12)
-        return -(np.cross(self.eyes[:, None] - point, self.rays) * across).sum(axis=2) / square
+        return -(np.cross(self.cameras[:, None] - point, self.rays) * across).sum(axis=2) / square
 
 
-def longest(touches: tuple[np.ndarray, np.ndarray], segments: tuple[Segments, Segments], rig: StereoRig) -> Outlines:
-    """The longest segment on either side in either image. touches : (n,) of both images, the side or 0."""
-    normals, sigma, eyes, rays, sides = [], [], [], [], []
-    for touch, side, camera, eye in zip(touches, segments, (rig.left, rig.right), (0.0, rig.baseline)):
-        for name in np.unique(touch[touch != 0]):
-            of = np.flatnonzero(touch == name)
+def longest_contours(
+    sides: tuple[Int8Array, Int8Array], segments: tuple[Segments, Segments], rig: StereoRig
+) -> Contours:
+    """The longest segment on either contour in either image.
+
+    Parameters
+    ----------
+    sides : ((n,) int8, (m,) int8)
+        For the segments of the two images, the number of a contour or 0.
+    segments : (Segments, Segments)
+        Of the two images.
+    rig : StereoRig
+        The cameras.
+
+    Returns
+    -------
+    Contours
+        Four or fewer.
+    """
+    normals, sigma, cameras, rays, names = [], [], [], [], []
+    for numbers, side, view in zip(sides, segments, camera_views(rig)):
+        for name in np.unique(numbers[numbers != 0]):
+            of = np.flatnonzero(numbers == name)
             k = of[np.argmax(side.length[of])]
-            sight = camera.rays(np.stack([side.start[k], side.end[k]]))
+            sight = view.camera.rays(np.stack([side.start[k], side.end[k]]))
             normal = np.cross(sight[0], sight[1])
             normals.append(normal / np.linalg.norm(normal))
-            sigma.append(np.hypot(side.sigma[k, 1], OUTLINE_SIGMA / side.length[k]))
-            eyes.append([eye, 0.0, 0.0])
+            sigma.append(np.hypot(side.sigma[k, 1], settings.CONTOUR_SIGMA / side.length[k]))
+            cameras.append(view.centre)
             rays.append(sight)
-            sides.append(name)
-    return Outlines(
+            names.append(name)
+    return Contours(
         np.array(normals).reshape(-1, 3),
         np.array(sigma),
-        np.array(eyes).reshape(-1, 3),
+        np.array(cameras).reshape(-1, 3),
         np.array(rays).reshape(-1, 2, 3),
-        np.array(sides),
+        np.array(names),
     )
 
 
-def of_cylinder(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Outlines:
-    """The outlines that a rim has if it bounds a cylinder."""
-    apex = np.append(curve.normal, 0.0)
-    return longest(
-        (
-            touching(curve, apex, segments[0], rig.left.matrix, 0.0),
-            touching(curve, apex, segments[1], rig.right.matrix, rig.baseline),
-        ),
-        segments,
-        rig,
-    )
+def cylinder_contours(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Contours:
+    """The contours of the cylinder that a rim may bound; parameters as of :func:`longest_contours`."""
+    surface = CurvedSurface.cylinder(curve)
+    left, right = (contour_sides(surface, side, view) for side, view in zip(segments, camera_views(rig)))
+    return longest_contours((left, right), segments, rig)
 
 
-def contours(
-    lines: Lines3D | Matches,
+def on_contours(
+    indices: tuple[IntArray | Int32Array, IntArray | Int32Array],
     segments: tuple[Segments, Segments],
-    surfaces: list[tuple[Curve, np.ndarray]],
+    surfaces: list[CurvedSurface],
     rig: StereoRig,
-) -> np.ndarray:
-    """(n,) bool: matched segments that are the outline of one of the surfaces (rim and apex) in both images, or beyond
-    doubt in one."""
-    result = np.zeros(len(lines), bool)
-    for curve, apex in surfaces:
-        beside = [
-            _beside(curve, apex, side, camera.matrix, eye)
-            for side, camera, eye in ((segments[0], rig.left, 0.0), (segments[1], rig.right, rig.baseline))
-        ]
+) -> BoolArray:
+    """Matched segments that show an occluding contour, in both images or beyond doubt in one.
+
+    Parameters
+    ----------
+    indices : ((n,) int, (n,) int)
+        The matched segments, left and right.
+    segments : (Segments, Segments)
+        Of the two images.
+    surfaces : list of CurvedSurface
+        Left optical frame.
+    rig : StereoRig
+        The cameras.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    result = np.zeros(len(indices[0]), bool)
+    for surface in surfaces:
+        both = [_contour_distances(surface, side, view) for side, view in zip(segments, camera_views(rig))]
         usual, sure, loose = (
-            [b.sides(touch, reach)[index] for b, index in zip(beside, (lines.left, lines.right))]
-            for touch, reach in ((TOUCH, FAR_REACH), (SURE_TOUCH, SURE_REACH), (LOOSE_TOUCH, REACH))
+            [distances.sides(distance, reach)[index] for distances, index in zip(both, indices)]
+            for distance, reach in (
+                (settings.CONTOUR_DISTANCE, settings.CONTOUR_REACH_BOTH),
+                (settings.SURE_CONTOUR_DISTANCE, settings.SURE_CONTOUR_REACH),
+                (settings.LOOSE_CONTOUR_DISTANCE, settings.CONTOUR_REACH),
+            )
         )
         result |= (usual[0] != 0) & (usual[0] == usual[1])
-        if apex[3] != 0.0:
-            one, other = (b.within(SURE_TOUCH)[index] != 0 for b, index in zip(beside, (lines.left, lines.right)))
-            result |= one | other
+        if surface.is_cone:
+            for distances, index in zip(both, indices):
+                result |= distances.sides_below_apex(settings.SURE_CONTOUR_DISTANCE)[index] != 0
         result |= (sure[0] != 0) & (sure[0] == loose[1]) | (sure[1] != 0) & (sure[1] == loose[0])
     return result

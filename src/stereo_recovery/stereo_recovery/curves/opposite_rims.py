@@ -1,7 +1,7 @@
-"""The other end of a cylinder of which one rim was found: looked for where its outlines end.
+"""The opposite rim of a cylinder of which one rim was found: looked for where its occluding contours end.
 
-A rim seen nearly edge-on, or in short segments, is no arc to begin with. But one end of a cylinder says what the other
-must look like, up to where it is, and the outlines say that.
+A rim seen nearly edge-on, or in short pieces, gives no arc to start from. One rim of a cylinder gives the shape of the
+other, up to its place along the axis, and the contours end there.
 """
 
 from __future__ import annotations
@@ -11,119 +11,140 @@ from dataclasses import replace
 
 import numpy as np
 
-from msgs_py import StereoRig
+from msgs_py.numeric.typed import BoolArray
 
 from ..detection.conics import sampson
 from ..detection.edgels import Edgels
 from ..detection.segments import Segments
-from .curve import Curve, picture
-from .occluding_contours import of_cylinder
-from .recovery import CLAIM_COSINE, STEADY, WORST_MISFIT, axle_of, claimed, determined, recover_curve
-
-# Edgels this near to the expected picture, pixels, are tried; so many are needed in either image.
-EXPECTED = 2.5
-LEAST_EDGELS = 12
-# A place nearer than this, in radii, to a known rim's is that rim's.
-APART = 0.25
-# Least share of the rim that is seen, largest change of its radius, largest share of edgels that other curves have.
-LEAST_SHARE = 0.2
-SAME_RADIUS = 0.05
-OTHERS = 0.3
-# The rims of one rounded block are at most so many radii apart.
-WIDEST_BLOCK = 8.0
-# Two curves whose centres and radii differ by less than this, in radii, in one plane (cosine) are one.
-SAME_RIM = 0.04
-SAME_PLANE = 0.995
+from . import settings
+from .axis_constraint import AxisConstraint
+from .curve import CameraView, Curve, image_conic
+from .curve_search import is_determined, recover_curve
+from .inliers import across_conic, inliers
+from .observations import StereoEdgels
+from .occluding_contours import cylinder_contours
 
 
-def completed(
-    curves: list[Curve], segments: tuple[Segments, Segments], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
-) -> list[Curve]:
-    """The curves, and rims found at the far ends of the outlines of those that bound a cylinder."""
+def with_opposite_rims(curves: list[Curve], segments: tuple[Segments, Segments], edgels: StereoEdgels) -> list[Curve]:
+    """The curves, and rims found at the far ends of the contours of those that bound a cylinder.
+
+    Parameters
+    ----------
+    curves : list of Curve
+        Left optical frame, metres.
+    segments : (Segments, Segments)
+        Of the two images.
+    edgels : StereoEdgels
+        All edgels of chains.
+
+    Returns
+    -------
+    list of Curve
+        The given ones first.
+    """
     result = list(curves)
     for curve in curves:
-        if curve.tilt > STEADY or curve.radii[0] != curve.radii[1]:
+        if curve.tilt > settings.AXIS_TILT or not curve.is_circle:
             continue
-        seen = of_cylinder(curve, segments, rig)
-        if len(seen.sides) < 2:
+        contours = cylinder_contours(curve, segments, edgels.rig)
+        if len(contours.sides) < 2:
             continue
-        if any(_closes(curve, c) for c in result):
+        if any(_is_opposite(curve, c) for c in result):
             continue
-        ends = seen.places(curve.centre, curve.normal).ravel()
+        radius = curve.radii[0]
+        ends = contours.abscissae(curve.centre, curve.normal).ravel()
         ends = ends[np.argsort(-np.abs(ends))]
         tried: list[float] = []
-        for place in ends:
+        for height in ends:
             known = [
                 float((c.centre - curve.centre) @ curve.normal)
                 for c in result
-                if np.linalg.norm(np.cross(c.centre - curve.centre, curve.normal)) < APART * curve.radii[0]
+                if np.linalg.norm(np.cross(c.centre - curve.centre, curve.normal)) < settings.APART * radius
             ]
-            if min(abs(place - other) for other in [*known, *tried, 0.0]) < APART * curve.radii[0]:
+            if min(abs(height - other) for other in [*known, *tried, 0.0]) < settings.APART * radius:
                 continue
-            tried.append(float(place))
-            found = _rim_at(curve, float(place), result, edgels, rig, blur)
+            tried.append(float(height))
+            found = _rim_at(curve, float(height), result, edgels)
             if found is not None:
                 result.append(found)
                 break
     return result
 
 
-def counterparts(curves: Sequence[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
-    """Circles that the walls of a slot or of a rounded block have in the plane of another rim: too little of them is
-    seen to find them, but edges end where they touch them, and what lies on them is no edge."""
+def hidden_opposite_rims(curves: Sequence[Curve], edgels: StereoEdgels) -> list[Curve]:
+    """Circles that the walls of a slot or of a rounded block have in the plane of another rim.
+
+    Too little of them is seen to recover them, but edges end where they touch them, and segments on them are no edges.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Left optical frame, metres.
+    edgels : StereoEdgels
+        All edgels of chains.
+
+    Returns
+    -------
+    list of Curve
+        New circles, with the edgels on them.
+    """
     result: list[Curve] = []
-    round_ones = [c for c in curves if c.radii[0] == c.radii[1]]
-    for curve in round_ones:
-        for other in round_ones:
-            run = other.centre - curve.centre
-            height = float(run @ curve.normal)
-            radius = curve.radii[0]
-            if (
-                abs(curve.normal @ other.normal) < SAME_PLANE
-                or abs(height) < APART * radius
-                or abs(other.radii[0] / radius - 1.0) > SAME_RADIUS
-                or np.linalg.norm(run - height * curve.normal) > WIDEST_BLOCK * radius
-            ):
+    circles = [c for c in curves if c.is_circle]
+    for curve in circles:
+        for other in circles:
+            if not _may_be_one_block(curve, other):
                 continue
+            height = float((other.centre - curve.centre) @ curve.normal)
             centre = curve.centre + height * curve.normal
-            if any(np.linalg.norm(c.centre - centre) < APART * radius for c in [*curves, *result]):
+            near = settings.APART * curve.radii[0]
+            if any(np.linalg.norm(c.centre - centre) < near for c in [*curves, *result]) or centre[2] <= 0.0:
                 continue
-            spread = curve.covariance.copy()
-            spread[:3, :3] += other.covariance[:3, :3] + (curve.tilt * height) ** 2 * np.eye(3)
-            moved = replace(curve, centre=centre, covariance=spread)
-            if centre[2] > 0.0:
-                result.append(
-                    replace(
-                        moved,
-                        left=claimed(moved, edgels[0], rig, 0.0, blur)[0],
-                        right=claimed(moved, edgels[1], rig, rig.baseline, blur)[0],
-                    )
-                )
+            covariance = curve.covariance.copy()
+            covariance[:3, :3] += other.covariance[:3, :3] + (curve.tilt * height) ** 2 * np.eye(3)
+            moved = replace(curve, centre=centre, covariance=covariance)
+            left, right = (inliers(moved, side, view, edgels.blur)[0] for side, view in edgels.sides)
+            result.append(replace(moved, left=left, right=right))
     return result
 
 
-def _closes(curve: Curve, other: Curve) -> bool:
+def _may_be_one_block(curve: Curve, other: Curve) -> bool:
+    """Whether two circles may bound one rounded block: parallel, of one radius, in different planes, not far apart."""
+    run = other.centre - curve.centre
+    height = float(run @ curve.normal)
+    radius = curve.radii[0]
+    return bool(
+        abs(curve.normal @ other.normal) >= settings.SAME_PLANE_COSINE
+        and abs(height) >= settings.APART * radius
+        and abs(other.radii[0] / radius - 1.0) <= settings.SAME_RADIUS
+        and np.linalg.norm(run - height * curve.normal) <= settings.WIDEST_BLOCK * radius
+    )
+
+
+def _is_opposite(curve: Curve, other: Curve) -> bool:
     """Whether another rim is the other end of a curve's cylinder."""
     run = other.centre - curve.centre
     along = float(run @ curve.normal)
+    radius = curve.radii[0]
     return bool(
-        abs(along) > APART * curve.radii[0]
-        and abs(other.radii[0] / curve.radii[0] - 1.0) < SAME_RADIUS
-        and np.linalg.norm(run - along * curve.normal) < APART * curve.radii[0]
+        abs(along) > settings.APART * radius
+        and abs(other.radii[0] / radius - 1.0) < settings.SAME_RADIUS
+        and np.linalg.norm(run - along * curve.normal) < settings.APART * radius
     )
 
 
 def distinct(curves: list[Curve]) -> list[Curve]:
-    """The curves without those that are another one again, found from another piece of it: the one on more edgels stays
-    and takes the other's edgels, so that they are nobody's edges."""
+    """The curves without those that are another one again, found from another part of it.
+
+    The one on more edgels stays and takes the other's edgels, so that no segment on them counts as an edge.
+    """
     kept: list[Curve] = []
     for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
         for k, other in enumerate(kept):
-            near = SAME_RIM * other.radii[0]
+            near = settings.SAME_RIM * other.radii[0]
             if (
                 np.linalg.norm(curve.centre - other.centre) < near
                 and np.abs(curve.radii - other.radii).max() < near
-                and abs(curve.normal @ other.normal) > SAME_PLANE
+                and abs(curve.normal @ other.normal) > settings.SAME_PLANE_COSINE
             ):
                 kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
                 break
@@ -132,31 +153,30 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     return kept
 
 
-def _rim_at(
-    curve: Curve, place: float, others: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
-) -> Curve | None:
-    expected = replace(curve, centre=curve.centre + place * curve.normal)
+def _rim_at(curve: Curve, height: float, others: list[Curve], edgels: StereoEdgels) -> Curve | None:
+    """The rim of a curve's cylinder at a height (metres along its normal), from edgels that no other curve has."""
+    expected = replace(curve, centre=curve.centre + height * curve.normal)
     if expected.centre[2] <= 0.0:
         return None
-    masks = (
-        _near(expected, edgels[0], rig.left.matrix, 0.0, [c.left for c in others]),
-        _near(expected, edgels[1], rig.right.matrix, rig.baseline, [c.right for c in others]),
-    )
-    if min(int(mask.sum()) for mask in masks) < LEAST_EDGELS:
+    taken = np.any([c.left for c in others], axis=0), np.any([c.right for c in others], axis=0)
+    left, right = (_near(expected, side, view) & ~mask for (side, view), mask in zip(edgels.sides, taken))
+    if min(int(left.sum()), int(right.sum())) < settings.GUIDED_EDGELS:
         return None
-    found = recover_curve(expected, *edgels, masks, rig, blur, axle_of(curve))
-    if found is None or not determined(found) or found.misfit > WORST_MISFIT or found.coverage < LEAST_SHARE:
-        return None
-    taken = np.any([c.left for c in others], axis=0)
-    if abs(found.radii[0] / curve.radii[0] - 1.0) > SAME_RADIUS or taken[found.left].mean() > OTHERS:
+    found = recover_curve(expected, edgels, (left, right), AxisConstraint.of(curve))
+    if (
+        found is None
+        or not is_determined(found)
+        or found.misfit > settings.CONSTRAINED_MISFIT
+        or found.coverage < settings.GUIDED_COVERAGE
+        or abs(found.radii[0] / curve.radii[0] - 1.0) > settings.SAME_RADIUS
+        or taken[0][found.left].mean() > settings.MOST_TAKEN
+    ):
         return None
     return found
 
 
-def _near(curve: Curve, edgels: Edgels, matrix: np.ndarray, eye: float, taken: list[np.ndarray]) -> np.ndarray:
-    """(n,) bool: edgels near the expected picture, pointing across it, that are no other curve's."""
-    conic = picture(curve, matrix, eye)
-    near = (np.abs(sampson(conic, edgels.position)) < EXPECTED) & ~np.any(taken, axis=0)
-    h = edgels.position @ conic[:2, :2] + conic[:2, 2]
-    across = np.stack([np.cos(edgels.direction), np.sin(edgels.direction)], axis=1)
-    return near & (np.abs((h * across).sum(axis=1)) > CLAIM_COSINE * np.hypot(h[:, 0], h[:, 1]))
+def _near(curve: Curve, edgels: Edgels, view: CameraView) -> BoolArray:
+    """(n,) bool: edgels near the expected image of a curve, with gradients across it."""
+    conic = image_conic(curve, view)
+    near = np.abs(sampson(conic, edgels.position)) < settings.EXPECTED_DISTANCE
+    return near & across_conic(conic, edgels.position, edgels.direction)

@@ -1,8 +1,8 @@
-"""Which way the face looks that a circle bounds: the sign of its normal (thesis 6.4, Figure 6.5).
+"""Normal orientation: which way the face looks that a circle bounds (thesis 6.4, Figure 6.5).
 
-A rim that is seen all round, or on its far side, bounds a face that looks at us. Of one that is seen on its near side
-only, the face looks away (the lower end of a cylinder), unless something beyond it lies in the same plane: then that
-plane's upper side is in view, and the rim is the foot of a cylinder that stands on it.
+A rim that is seen all round, or on its far side, bounds a face whose normal points to the cameras. Where only the near
+side of a rim is seen, the normal points away (the lower end of a cylinder), unless something beyond it lies in the same
+plane: then the upper side of that plane is in view, and the rim is the foot of a cylinder that stands on it.
 """
 
 from __future__ import annotations
@@ -11,83 +11,94 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .curve import Curve, turned
+from msgs_py.numeric.typed import FloatArray
 
-# A curve is seen in part when its arc is shorter than this, radians.
-PART = 1.25 * np.pi
-# What lies beyond passes the curve's centre at more than this, in radii, on the side away from the eye (cosine). Of a
-# face that looks away, only edges on the near side are seen.
-BEYOND = 0.5
-BEHIND = 0.2
-# Distance from the curve's plane that does not count, in radii, beside three sigma; most it may be, in radii.
-FLAT, FARTHEST = 0.02, 0.25
+from . import settings
+from .curve import Curve, flipped
 
 
 def near_side_only(curve: Curve) -> bool:
-    """Whether only the half of the curve that is nearer to the eye is seen."""
-    if curve.arc[1] >= PART:
+    """Whether only the half of a curve that is nearer to the cameras is seen."""
+    if curve.arc[1] >= settings.PARTIAL_ARC:
         return False
     middle = curve.arc[0] + 0.5 * curve.arc[1]
     spot = np.cos(middle) * curve.first + np.sin(middle) * curve.second
-    return bool(spot @ _towards(curve) > 0.0)
+    return bool(spot @ _towards_camera(curve) > 0.0)
 
 
 def outward(curve: Curve) -> Curve:
-    """The curve with its normal out of its face, as far as it alone can tell."""
-    towards_us = curve.normal @ curve.centre < 0.0
-    return curve if towards_us != near_side_only(curve) else turned(curve)
+    """The curve with its normal out of its face, as far as its own visible arc determines that."""
+    towards_camera = curve.normal @ curve.centre < 0.0
+    return curve if towards_camera != near_side_only(curve) else flipped(curve)
 
 
-def on_faces(curves: Sequence[Curve], ends: np.ndarray, sigma: np.ndarray) -> list[Curve]:
-    """The same curves; those that stand on a face whose upper side is in view have their normals turned to us.
+def oriented_by_faces(curves: Sequence[Curve], ends: FloatArray, err_per: FloatArray) -> list[Curve]:
+    """The curves, with the normals of those turned to the cameras that stand on a face whose upper side is in view.
 
-    ends : (n, 2, 3) float64, metres, straight edges; sigma : (n,) metres, three sigma across them.
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Left optical frame, metres.
+    ends : (n, 2, 3) float64, metres
+        Straight edges, left optical frame.
+    err_per : (n,) float64, metres
+        Three sigma across the edges.
+
+    Returns
+    -------
+    list of Curve
+        In the same order.
     """
     result = []
     for curve in curves:
         if (
             near_side_only(curve)
             and curve.normal @ curve.centre > 0.0
-            and (_edges_beyond(curve, ends, sigma) or any(_ring_beyond(curve, c) for c in curves if c is not curve))
+            and (_edge_behind(curve, ends, err_per) or any(_rim_behind(curve, c) for c in curves if c is not curve))
         ):
-            curve = turned(curve)
+            curve = flipped(curve)
         result.append(curve)
     return result
 
 
-def _towards(curve: Curve) -> np.ndarray:
-    """(3,): in the curve's plane, towards the eye."""
+def _towards_camera(curve: Curve) -> FloatArray:
+    """(3,) float64: unit direction in the curve's plane, from its centre towards the left camera."""
     towards = curve.normal * (curve.centre @ curve.normal) - curve.centre
     return towards / max(float(np.linalg.norm(towards)), 1e-12)
 
 
-def _slack(curve: Curve, distance: np.ndarray) -> np.ndarray:
-    """How far from the curve's plane points at a distance from its centre may be, metres."""
+def _coplanar_limit(curve: Curve, distance: FloatArray) -> FloatArray:
+    """Metres: how far off the curve's plane points of that plane may be, by their distance from the centre, metres."""
     along = 3.0 * np.sqrt(curve.normal @ curve.covariance[:3, :3] @ curve.normal)
-    return np.minimum(along + 3.0 * curve.tilt * distance + FLAT * curve.radii[0], FARTHEST * curve.radii[0])
+    radius = curve.radii[0]
+    limit = along + 3.0 * curve.tilt * distance + settings.COPLANAR * radius
+    return np.minimum(limit, settings.MOST_COPLANAR * radius)
 
 
-def _edges_beyond(curve: Curve, ends: np.ndarray, sigma: np.ndarray) -> bool:
+def _edge_behind(curve: Curve, ends: FloatArray, err_per: FloatArray) -> bool:
+    """Whether a straight edge in the curve's plane passes behind its centre; see :func:`oriented_by_faces`.
+
+    The edge's line is what counts: an edge that runs into the near side of the rim may have its far end behind it.
+    """
     if len(ends) == 0:
         return False
     run = ends - curve.centre
     distance = np.linalg.norm(run, axis=2)
-    flat = (np.abs(run @ curve.normal) < _slack(curve, distance) + sigma[:, None]).all(axis=1)
-    # The line has to pass behind the centre: an edge that runs into the rim's near side goes far back, too.
+    coplanar = (np.abs(run @ curve.normal) < _coplanar_limit(curve, distance) + err_per[:, None]).all(axis=1)
     along = ends[:, 1] - ends[:, 0]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     across = run[:, 0] - (run[:, 0] * along).sum(axis=1, keepdims=True) * along
     offset = np.linalg.norm(across, axis=1)
-    behind = -(across @ _towards(curve)) > BEHIND * offset
-    return bool((flat & behind & (offset > BEYOND * curve.radii[0])).any())
+    behind = -(across @ _towards_camera(curve)) > settings.BEHIND_COSINE * offset
+    return bool((coplanar & behind & (offset > settings.BEHIND_OFFSET * curve.radii[0])).any())
 
 
-def _ring_beyond(curve: Curve, other: Curve) -> bool:
+def _rim_behind(curve: Curve, other: Curve) -> bool:
+    """Whether another rim in the curve's plane, seen on more than its near side, reaches behind the curve."""
     run = other.centre - curve.centre
     distance = np.linalg.norm(run) + other.radii[0]
-    if abs(run @ curve.normal) + other.radii[0] * np.linalg.norm(np.cross(curve.normal, other.normal)) > _slack(
-        curve, distance
-    ):
+    off_plane = abs(run @ curve.normal) + other.radii[0] * np.linalg.norm(np.cross(curve.normal, other.normal))
+    if off_plane > _coplanar_limit(curve, distance):
         return False
-    far = -(run @ _towards(curve)) + other.radii[0]
-    return bool(other.arc[1] >= PART and far > 1.05 * curve.radii[0])
+    far = -(run @ _towards_camera(curve)) + other.radii[0]
+    return bool(other.arc[1] >= settings.PARTIAL_ARC and far > settings.BEHIND_RING * curve.radii[0])

@@ -1,8 +1,8 @@
-"""Outlines of balls: they look like circles that face us, and are no curves of the object.
+"""Occluding contours of spheres: they look like circles that face the cameras, and are no curves of the object.
 
-What one eye sees of a ball is a cone that touches it. Two such cones meet in a plane, so that there is a planar curve
-with just these two pictures: nearly a circle, square to the line of sight. A ball explains the same edgels with four
-numbers instead of six, and a disc that faces us is told from it by being seen slightly from the side by either eye.
+The lines of sight that touch a sphere form a cone. The cones of two cameras meet in a plane, so that there is a planar
+curve with just these two images: nearly a circle, square to the line of sight. A sphere explains the same edgels with
+four parameters instead of six; a disc that faces the cameras differs by being seen slightly from the side by either.
 """
 
 from __future__ import annotations
@@ -10,92 +10,99 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import least_squares
 
-from msgs_py import StereoRig
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..detection.conics import sampson
-from ..detection.edgels import Edgels
-from .curve import Curve
-from .recovery import distances
-
-# Curves that face the eyes less squarely than this, cosine, are no outlines of balls; a fit to most of an outline, this
-# share of it, faces them better.
-FACING, WHOLE_FACING, WHOLE = 0.75, 0.98, 0.7
-# A ball is believed when it leaves at most so much more than the curve does (truncated at so many sigma, squares).
-AS_GOOD, TRUNCATED = 1.5, 4.0
-# Curves of which more than this share of edgels lies this near to a ball's outlines, pixels, are segments of them.
-MOST, NEAR = 0.6, 0.7
-# An edgel's direction counts as across the outline from this cosine.
-ACROSS = 0.94
+from . import settings
+from .curve import CameraView, Curve
+from .fit import distances
+from .inliers import across_conic
+from .observations import EdgelMasks, StereoEdgels
 
 
-def without_balls(curves: list[Curve], edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[Curve]:
-    """The curves that are no outlines of balls.
+def without_spheres(curves: list[Curve], edgels: StereoEdgels) -> list[Curve]:
+    """The curves that are no occluding contours of spheres.
 
-    edgels : of both images; blur : variance, px^2, of the smoothing, see :func:`.curve_fit.refine`.
+    Parameters
+    ----------
+    curves : list of Curve
+        Left optical frame, metres.
+    edgels : StereoEdgels
+        All edgels of chains.
+
+    Returns
+    -------
+    list of Curve
+        In the same order.
     """
-    balls = [ball for curve in curves if (ball := _ball(curve, edgels, rig, blur)) is not None]
-    on = [_on_outline(ball, edgels, rig, blur) for ball in balls]
-    return [
-        c for c in curves if not any(left[c.left].mean() > MOST and right[c.right].mean() > MOST for left, right in on)
-    ]
+    spheres = [sphere for curve in curves if (sphere := _sphere(curve, edgels)) is not None]
+    on = [_on_contour(sphere, edgels) for sphere in spheres]
+    return [c for c in curves if not any(_shows(c, left, right) for left, right in on)]
 
 
-def _ball(curve: Curve, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> np.ndarray | None:
-    """(4,) centre, left frame, and radius, metres, of the ball that explains a curve's edgels; None if none does."""
+def _shows(curve: Curve, left: BoolArray, right: BoolArray) -> bool:
+    """Whether most of a curve's edgels are on a sphere's contours, given as masks over all edgels."""
+    return bool(left[curve.left].mean() > settings.SPHERE_SHARE and right[curve.right].mean() > settings.SPHERE_SHARE)
+
+
+def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
+    """(4,) float64: centre, left frame, and radius, metres, of a sphere that explains a curve's edgels about as well as
+    the curve does; None when there is none."""
+    rig = edgels.rig
     middle = curve.centre - [0.5 * rig.baseline, 0.0, 0.0]
-    facing = WHOLE_FACING if curve.coverage > WHOLE else FACING
-    if curve.radii[1] < FACING * curve.radii[0] or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
+    mostly = curve.coverage > settings.MOSTLY_SEEN
+    facing = settings.WHOLE_FACING_COSINE if mostly else settings.FACING_COSINE
+    is_oval = curve.radii[1] < settings.FACING_COSINE * curve.radii[0]
+    if is_oval or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
         return None
-    mine = edgels[0].select(curve.left), edgels[1].select(curve.right)
-    if min(len(e) for e in mine) < 8:
+    mine = edgels.select((curve.left, curve.right))
+    if min(len(mine.left), len(mine.right)) < settings.LEAST_EDGELS:
         return None
-    sigma = np.concatenate([e.sigma_position for e in mine])
+    sigma = np.concatenate([mine.left.sigma_position, mine.right.sigma_position])
     scale = float(curve.radii[0])
 
-    def off(numbers: np.ndarray) -> np.ndarray:
-        return np.concatenate(_distances(numbers * scale, mine, rig, blur)) / sigma
+    def off(numbers: FloatArray) -> FloatArray:
+        """(n,) float64: distances from the contours of a sphere, over sigma; numbers are in radii of the curve."""
+        return np.concatenate(_distances(numbers * scale, mine)) / sigma
 
     start = np.append(curve.centre, curve.radii.mean()) / scale
-    found = least_squares(off, start, loss='soft_l1', f_scale=2.0, max_nfev=12)
-    ball = found.x * scale
-    if not (ball[3] > 0.0 and np.linalg.norm(ball[:3]) > 1.5 * ball[3] and ball[2] > 0.0):
-        return None
-    left = np.minimum(off(found.x) ** 2, TRUNCATED**2).sum()
-    usual = (
-        np.concatenate([distances(curve, e.position, rig, eye, blur) for e, eye in zip(mine, (0.0, rig.baseline))])
-        / sigma
+    found = least_squares(
+        off, start, loss='soft_l1', f_scale=settings.SPHERE_LOSS_SCALE, max_nfev=settings.SPHERE_EVALUATIONS
     )
-    return ball if left < AS_GOOD * np.minimum(usual**2, TRUNCATED**2).sum() else None
+    sphere: FloatArray = found.x * scale
+    distance = float(np.linalg.norm(sphere[:3]))
+    if not (sphere[3] > 0.0 and distance > settings.LEAST_SPHERE_DISTANCE * sphere[3] and sphere[2] > 0.0):
+        return None
+    of_curve = np.concatenate([distances(curve, side.position, view, edgels.blur) for side, view in mine.sides]) / sigma
+    most = settings.SPHERE_TRUNCATION**2
+    cost, curve_cost = (np.minimum(values**2, most).sum() for values in (off(found.x), of_curve))
+    return sphere if cost < settings.SPHERE_COST_FACTOR * curve_cost else None
 
 
-def _conic(ball: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
-    """(3, 3): the outline that a camera at (eye, 0, 0) sees, negative inside."""
-    centre = ball[:3] - [eye, 0.0, 0.0]
-    inverse = np.linalg.inv(matrix)
-    cone = (centre @ centre - ball[3] ** 2) * np.eye(3) - np.outer(centre, centre)
-    conic = inverse.T @ cone @ inverse
+def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:
+    """(3, 3) float64: the image conic of a sphere's occluding contour, negative inside."""
+    centre = sphere[:3] - view.centre
+    inverse = np.linalg.inv(view.matrix)
+    cone = (centre @ centre - sphere[3] ** 2) * np.eye(3) - np.outer(centre, centre)
+    conic: FloatArray = inverse.T @ cone @ inverse
     return conic / np.abs(conic).max()
 
 
-def _distances(ball: np.ndarray, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float) -> list[np.ndarray]:
-    """Of both images' edgels from the outlines, pixels, with the pull of the smoothing taken off."""
+def _distances(sphere: FloatArray, edgels: StereoEdgels) -> list[FloatArray]:
+    """Two (n,) float64, pixels: distances of either image's edgels from the contour, without the bias of smoothing."""
     result = []
-    for e, camera, eye in zip(edgels, (rig.left, rig.right), (0.0, rig.baseline)):
-        pixels = camera.fx * ball[3] / max(float(ball[2]), 1e-6)
-        result.append(sampson(_conic(ball, camera.matrix, eye), e.position) + 0.5 * blur / max(pixels, 1.0))
+    for side, view in edgels.sides:
+        radius = view.camera.fx * sphere[3] / max(float(sphere[2]), 1e-6)
+        bias = 0.5 * edgels.blur / max(radius, 1.0)
+        result.append(sampson(_contour_conic(sphere, view), side.position) + bias)
     return result
 
 
-def _on_outline(
-    ball: np.ndarray, edgels: tuple[Edgels, Edgels], rig: StereoRig, blur: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bool over the edgels of both images: those on the ball's outlines."""
-    found = []
-    for e, off, camera, eye in zip(
-        edgels, _distances(ball, edgels, rig, blur), (rig.left, rig.right), (0.0, rig.baseline)
-    ):
-        conic = _conic(ball, camera.matrix, eye)
-        slope = e.position @ conic[:2, :2] + conic[:2, 2]
-        across = np.abs((slope * np.stack([np.cos(e.direction), np.sin(e.direction)], axis=1)).sum(axis=1))
-        found.append((np.abs(off) < NEAR) & (across > ACROSS * np.hypot(slope[:, 0], slope[:, 1])))
-    return found[0], found[1]
+def _on_contour(sphere: FloatArray, edgels: StereoEdgels) -> EdgelMasks:
+    """Edgels of the two images on a sphere's contours."""
+    left, right = (
+        (np.abs(off) < settings.INLIER_DISTANCE)
+        & across_conic(_contour_conic(sphere, view), side.position, side.direction)
+        for off, (side, view) in zip(_distances(sphere, edgels), edgels.sides)
+    )
+    return left, right

@@ -1,4 +1,5 @@
-"""Ends of edges that a curved surface hides: in front of one eye's outline or rim, each eye sees another point there.
+"""Ends of edges that a curved surface hides: behind an occluding contour or a rim, each camera sees another
+point there.
 
 An edge that stops at an outline, or at a rim it has nothing to do with, goes on behind it. Such an end is no corner: it
 says nothing about depth. Edges that do end on a rim lie in its plane or run along its axis.
@@ -13,8 +14,8 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from ..curves.curve import Curve, angles, picture
-from ..curves.occluding_contours import touching
+from ..curves.curve import CameraView, Curve, angles, camera_views, image_conic
+from ..curves.occluding_contours import CurvedSurface, contour_sides
 from ..detection.conics import sampson
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
@@ -34,25 +35,25 @@ def hidden_ends(
     segments: tuple[Segments, Segments],
     junctions: tuple[Junctions, Junctions],
     curves: Sequence[Curve],
-    surfaces: Sequence[tuple[Curve, np.ndarray]],
+    surfaces: Sequence[CurvedSurface],
     rig: StereoRig,
 ) -> tuple[Junctions, Junctions]:
     """The corners of both images, those that are none marked as ``through``.
 
-    matches, segments, junctions : of the pair; curves : its planar curves; surfaces : rims and apexes, see
-        :mod:`.outlines`.
+    matches, segments, junctions : of the pair; curves : its planar curves; surfaces : the curved surfaces that they may
+    bound.
     """
     if not surfaces and not curves:
         return junctions
     result = []
     pairs = (matches.left, matches.right)
-    for side, (camera, eye) in enumerate(((rig.left, 0.0), (rig.right, rig.baseline))):
+    for side, view in enumerate(camera_views(rig)):
         own, found = segments[side], junctions[side]
         places = own.centre[:, None] + found.abscissa[..., None] * own.direction[:, None]
         hidden = np.zeros(places.shape[:2], bool)
         of_surface = np.zeros(len(own), bool)
-        for curve, apex in surfaces:
-            of_surface |= touching(curve, apex, own, camera.matrix, eye) != 0
+        for surface in surfaces:
+            of_surface |= contour_sides(surface, own, view) != 0
         for k in np.flatnonzero(of_surface):
             away = places - own.centre[k]
             along = away @ own.direction[k]
@@ -61,22 +62,21 @@ def hidden_ends(
             stops[of_surface] = False
             hidden |= stops
         for curve in curves:
-            at = _on_rim(curve, places.reshape(-1, 2), rig, eye).reshape(hidden.shape)
+            at = _on_rim(curve, places.reshape(-1, 2), view).reshape(hidden.shape)
             # Of edges that end on the rim those are left that may belong to its face or to its surface.
             allowed = np.zeros(len(own), bool)
             allowed[pairs[side][_in_plane(curve, matches, segments[0], rig)]] = True
-            allowed = allowed[:, None] | _along_axis(curve, own, places, camera.matrix, eye)
+            allowed = allowed[:, None] | _along_axis(curve, own, places, view)
             hidden |= at & ~allowed & (own.arc < 0)[:, None]
         result.append(replace(found, t_junction=found.t_junction | hidden))
     return result[0], result[1]
 
 
-def _on_rim(curve: Curve, points: np.ndarray, rig: StereoRig, eye: float) -> np.ndarray:
+def _on_rim(curve: Curve, points: np.ndarray, view: CameraView) -> np.ndarray:
     """(n,) bool: pixels that lie on what is seen of a curve."""
-    camera = rig.left if eye == 0.0 else rig.right
-    near = np.abs(sampson(picture(curve, camera.matrix, eye), points)) < NEAR
+    near = np.abs(sampson(image_conic(curve, view), points)) < NEAR
     if near.any():
-        angle = angles(curve.centre, curve.normal, curve.first, curve.radii, points[near], camera, eye)
+        angle = angles(curve, points[near], view)
         start, extent = curve.arc
         near[near] = (angle - start + MORE_ARC) % (2.0 * np.pi) < extent + 2.0 * MORE_ARC
     return near
@@ -94,12 +94,11 @@ def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) ->
     return (np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told)).all(axis=1)
 
 
-def _along_axis(curve: Curve, own: Segments, places: np.ndarray, matrix: np.ndarray, eye: float) -> np.ndarray:
+def _along_axis(curve: Curve, own: Segments, places: np.ndarray, view: CameraView) -> np.ndarray:
     """(n, 2) bool: segments that run at their ends as a line along the curve's axis does."""
-    centre = curve.centre - np.array([eye, 0.0, 0.0])
-    vanishing = matrix @ curve.normal
+    vanishing = view.matrix @ curve.normal
     # All lines along the axis meet in its vanishing point, which may be at infinity.
     towards = vanishing[:2] - places * vanishing[2]
     length = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-12)
     sine = (own.direction[:, None, 0] * towards[..., 1] - own.direction[:, None, 1] * towards[..., 0]) / length
-    return (np.abs(sine) < ALONG_AXIS) & (centre[2] > 0.0)
+    return (np.abs(sine) < ALONG_AXIS) & (curve.centre[2] > 0.0)

@@ -1,0 +1,49 @@
+"""Everything round in a pair: curves, the surfaces that they bound, and axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..detection.conics import Ellipse
+from ..detection.segments import Segments
+from ..matching.matches import Matches
+from .axes import Axis, find_axes
+from .curve import Curve
+from .curve_search import is_reported
+from .observations import StereoEdgels
+from .occluding_contours import CurvedSurface
+from .opposite_rims import distinct, with_opposite_rims
+from .recovery import recover_curves
+from .spheres import without_spheres
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedShapes:
+    """Curves, axes and curved surfaces of a pair, left optical frame, metres.
+
+    curves : all that were found, contours of spheres included, which explain edgels; rims : those that are curves of
+    the object; reported : the rims that are known well enough to be features; axes : of the latter; surfaces : that any
+    rim may bound
+    """
+
+    curves: list[Curve]
+    rims: list[Curve]
+    reported: list[Curve]
+    axes: list[Axis]
+    surfaces: list[CurvedSurface]
+
+
+def recover_curved_shapes(
+    matches: Matches,
+    segments: tuple[Segments, Segments],
+    ellipses: tuple[list[Ellipse], list[Ellipse]],
+    edgels: StereoEdgels,
+) -> CurvedShapes:
+    """Find all curves, their axes and surfaces; parameters as of :func:`.recovery.recover_curves`."""
+    curves = recover_curves(matches, segments, ellipses, edgels)
+    curves = distinct(with_opposite_rims(curves, segments, edgels))
+    rims = without_spheres(curves, edgels)
+    reported = [curve for curve in rims if is_reported(curve)]
+    axes, surfaces = find_axes(reported, segments, edgels.rig)
+    surfaces += [CurvedSurface.cylinder(curve) for curve in rims if not is_reported(curve)]
+    return CurvedShapes(curves, rims, reported, axes, surfaces)

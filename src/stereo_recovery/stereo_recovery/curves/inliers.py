@@ -1,0 +1,126 @@
+"""Which edgels belong to a curve, which of them measure it, and how much of it they show."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.typed import BoolArray, FloatArray
+
+from ..detection.conics import sampson
+from ..detection.edgels import Edgels
+from . import settings
+from .curve import CameraView, Curve, angles, conic_gradient, image_conic
+from .fit import distances, predicted_variance
+from .observations import StereoEdgels
+
+
+def across_conic(conic: FloatArray, position: FloatArray, direction: FloatArray) -> BoolArray:
+    """(n,) bool: whether gradients are square to a conic (3, 3), up to ACROSS_COSINE.
+
+    position : (n, 2) float64, pixels; direction : (n,) float64, radians, of the gradients.
+    """
+    gradient = conic_gradient(conic, position)
+    across = np.stack([np.cos(direction), np.sin(direction)], axis=1)
+    cosine = np.abs((gradient * across).sum(axis=1))
+    return cosine > settings.ACROSS_COSINE * np.hypot(gradient[:, 0], gradient[:, 1])
+
+
+def inliers(
+    curve: Curve, edgels: Edgels, view: CameraView, blur: float, wide: bool = False
+) -> tuple[BoolArray, BoolArray]:
+    """Edgels of one image that belong to a curve, and those of them that measure it.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame, metres.
+    edgels : Edgels
+        All n edgels of the image, in the order of their chains.
+    view : CameraView
+        The camera of the image.
+    blur : float, px^2
+        Variance of the smoothing, see :class:`.observations.StereoEdgels`.
+    wide : bool
+        The curve's own uncertainty adds to the distance that is allowed.
+
+    Returns
+    -------
+    belongs : (n,) bool
+        Within INLIER_DISTANCE of the image conic, with a gradient across it.
+    measures : (n,) bool
+        Within INLIER_SIGMA sigma of it, where sigma adds the edgel's own and the fit's; not at the end of a run. An
+        occluding contour that starts on a rim is still near it where it is a contour already.
+    """
+    conic = image_conic(curve, view)
+    index = np.flatnonzero(np.abs(sampson(conic, edgels.position)) < settings.INLIER_DISTANCE)
+    belongs = np.zeros(len(edgels), bool)
+    belongs[index[across_conic(conic, edgels.position[index], edgels.direction[index])]] = True
+    index = np.flatnonzero(_without_ends(belongs, edgels.position))
+    if len(index) == 0:
+        return belongs, belongs
+    distance = distances(curve, edgels.position[index], view, blur)
+    of_fit = min(curve.rms, settings.MEDIAN_FACTOR * float(np.median(np.abs(distance))))
+    own = np.hypot(edgels.sigma_position[index], np.minimum(edgels.bias[index], settings.MOST_BIAS))
+    sigma = np.hypot(own, of_fit)
+    if wide:
+        sigma = np.hypot(sigma, np.sqrt(predicted_variance(curve, edgels.position[index], view, blur)))
+    limit = np.clip(settings.INLIER_SIGMA * sigma, settings.LEAST_INLIER_DISTANCE, settings.INLIER_DISTANCE)
+    measures = np.zeros(len(edgels), bool)
+    measures[index[np.abs(distance) < limit]] = True
+    return belongs, measures
+
+
+def _without_ends(mask: BoolArray, position: FloatArray) -> BoolArray:
+    """(n,) bool: runs of neighbours in chain order without CORNER_EDGELS edgels at either end; short runs go
+    altogether. position : (n, 2) float64, pixels."""
+    index = np.flatnonzero(mask)
+    if len(index) < 2:
+        return np.zeros(len(mask), bool)
+    step = np.hypot(*(position[index[1:]] - position[index[:-1]]).T)
+    breaks = (np.diff(index) > 1) | (step > settings.RUN_GAP)
+    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    ends = np.concatenate([starts[1:], [len(index)]])
+    kept = np.zeros(len(mask), bool)
+    for a, b in zip(starts, ends):
+        gap = np.hypot(*(position[index[a]] - position[index[b - 1]]))
+        closed = b - a > settings.CLOSED_EDGELS and gap < settings.RUN_GAP
+        cut = 0 if closed else settings.CORNER_EDGELS
+        kept[index[a + cut : b - cut]] = True
+    return kept
+
+
+def visible_arc(curve: Curve, edgels: StereoEdgels) -> tuple[tuple[float, float], float]:
+    """The part of a curve that edgels of either image show.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame, metres.
+    edgels : StereoEdgels
+        Those that measure it.
+
+    Returns
+    -------
+    arc : (float, float), radians
+        Start and extent: all but the longest gap between edgels. A gap of up to LONGEST_GAP_BINS bins is none.
+    coverage : float
+        Share of the bins of angle that hold an edgel.
+    """
+    bins = settings.ARC_BINS
+    hit = np.zeros(bins, bool)
+    for side, view in edgels.sides:
+        angle = angles(curve, side.position, view)
+        hit[np.floor(angle / (2.0 * np.pi) * bins).astype(int) % bins] = True
+    if hit.all():
+        return (0.0, 2.0 * np.pi), 1.0
+    # Twice round, so that a gap over the start counts as one.
+    last, longest, run = 0, 0, 0
+    for k, seen in enumerate(np.concatenate([hit, hit])):
+        run = 0 if seen else run + 1
+        if run > longest:
+            last, longest = k, run
+    longest = min(longest, bins)
+    if longest <= settings.LONGEST_GAP_BINS:
+        return (0.0, 2.0 * np.pi), float(hit.mean())
+    start = (last + 1) % bins
+    return (2.0 * np.pi * start / bins, 2.0 * np.pi * (bins - longest) / bins), float(hit.mean())
