@@ -1,4 +1,4 @@
-"""``dap``: run a Fortran-Plus program, see where its cycles go, and watch its planes.
+"""``dap``: run a Fortran-Plus program, see where its cycles go, and draw its planes.
 
 dap --list                                     the library
 dap life -a cells=random:40x40:logical -a generations=12 --show life.gif
@@ -10,23 +10,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from .fortran_plus import FortranError, Limits, Result, Stopped
 from .fortran_plus.functions import FUNCTIONS
 from .fortran_plus.library import load_program, program_names, summary
 from .machine.dap import Dap
+from .machine.drawing import draw
 from .machine.machine import MODELS, OutOfStore
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.pgm', '.tif', '.tiff')
 
 
 def value_of(text: str) -> Any:
-    """An argument's value.
+    """Read the value of an argument.
 
     A number, true or false, a list 1,2,3; a .npy file, or file.npz:name; an image file (grey, INTEGER*2);
     random:ROWSxCOLUMNS[:logical|integer|real][:SEED], zeros:ROWSxCOLUMNS; otherwise text.
@@ -46,6 +49,7 @@ def value_of(text: str) -> Any:
                 raise ValueError(f'{file}: holds {", ".join(archive)}; name one as {file}:NAME')
             return archive[key]
     if Path(text).suffix.lower() in IMAGE_SUFFIXES:
+        # OpenCV takes about 0.1 s to import, and only arguments that are image files need it.
         import cv2
 
         image = cv2.imread(text, cv2.IMREAD_GRAYSCALE)
@@ -60,7 +64,8 @@ def value_of(text: str) -> Any:
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 
 
-def _made(text: str) -> np.ndarray:
+def _made(text: str) -> AnyArray:
+    """An array of random numbers or zeros. Raises ValueError."""
     what, extents, *rest = text.lower().split(':')
     try:
         shape = tuple(int(extent) for extent in extents.split('x'))
@@ -79,6 +84,7 @@ def _made(text: str) -> np.ndarray:
 
 
 def parser() -> argparse.ArgumentParser:
+    """The command's options."""
     result = argparse.ArgumentParser(
         prog='dap',
         description=__doc__.split('\n')[0],
@@ -113,17 +119,18 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """0: ran; 1: the program failed; 2: what was asked for makes no sense."""
+    """Run the command.
+
+    Returns
+    -------
+    int
+        0: it ran; 1: the program failed; 2: an option makes no sense.
+    """
     options = parser().parse_args(argv)
+    if options.list or options.functions:
+        print(_library() if options.list else _functions())
+        return 0
     try:
-        if options.list:
-            for name in program_names():
-                print(f'{name:24} {summary(name)}')
-            return 0
-        if options.functions:
-            for name, function in sorted(FUNCTIONS.items()):
-                print(f'{name:12} {function.doc}')
-            return 0
         dap = Dap.model(options.model, options.memory, costs=_pairs(options.set, float), tracing=options.trace > 0)
         if options.costs:
             print(dap.costs.table())
@@ -150,7 +157,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _pairs(texts: Sequence[str], convert: Any) -> dict[str, Any]:
+def _library() -> str:
+    """The library programs, one a line."""
+    return '\n'.join(f'{name:24} {summary(name)}' for name in program_names())
+
+
+def _functions() -> str:
+    """The functions of the language, one a line."""
+    return '\n'.join(f'{name:12} {function.doc}' for name, function in sorted(FUNCTIONS.items()))
+
+
+def _pairs(texts: Sequence[str], convert: Callable[[str], Any]) -> dict[str, Any]:
+    """Values of NAME=VALUE by name. Raises ValueError."""
     found = {}
     for text in texts:
         name, equals, value = text.partition('=')
@@ -164,6 +182,7 @@ def _pairs(texts: Sequence[str], convert: Any) -> dict[str, Any]:
 
 
 def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
+    """Print the entry's arguments after the run, and what it cost."""
     print(f'{options.program} on a DAP {dap.spec.name}')
     for name, value in result.items():
         if isinstance(value, np.ndarray):
@@ -180,8 +199,7 @@ def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
 
 
 def _show(options: argparse.Namespace, dap: Dap, result: Result) -> None:
-    from .machine.drawing import draw
-
+    """Draw planes to a file. Raises ValueError."""
     if options.plane:
         if options.plane not in result:
             raise ValueError(f'--plane: {options.plane} is no argument, expected one of {", ".join(result)}')

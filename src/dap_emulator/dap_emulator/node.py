@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -21,23 +22,23 @@ from .fortran_plus.library import program_names, summary
 from .service.imaging import ImageProgram
 from .service.parameter_values import value_from_message, value_to_message
 from .service.service_config import EmulatorConfig
-from .service.workspaces import Refused, ServiceLimits, Workspaces
+from .service.workspaces import Refused, Request, ServiceLimits, Workspaces
 
 
 class _Finished:
     """Awaitable of a Future of another thread; the executor is woken by a guard condition when it is done."""
 
-    def __init__(self, future: Future) -> None:
+    def __init__(self, future: Future[list[Request]]) -> None:
         self.future = future
 
-    def __await__(self):
+    def __await__(self) -> Generator[None, None, list[Request]]:
         while not self.future.done():
             yield
         return self.future.result()
 
 
 class EmulatorNode(GraphNode[EmulatorConfig]):
-    """Serves ~/store, ~/run, ~/fetch and ~/list (see workspaces.py for the names), and image_in -> image_out."""
+    """The services ~/store, ~/run, ~/fetch and ~/list (workspaces.py has the names), and image_in -> image_out."""
 
     def __init__(self, **kwargs: Any) -> None:
         self.spaces = Workspaces()
@@ -57,6 +58,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         self.listen(Image, 'image_in', self._on_image)
 
     def check_config(self, new: EmulatorConfig) -> None:
+        """Refuse an image program that lies outside of the trusted folders or cannot filter images."""
         if new.image_program:
             if new.image_program != self.config.image_program:
                 try:
@@ -66,6 +68,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             ImageProgram(new.image_program, new.image_entry, new.image_model)
 
     def on_config(self, old: EmulatorConfig, new: EmulatorConfig) -> None:
+        """Apply new limits, and compile the image program when it has changed."""
         self.spaces.limits = ServiceLimits(
             new.max_program_bytes, new.max_store_bytes, new.max_run_seconds, new.max_clients
         )
@@ -91,7 +94,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             response.result = SetParametersResult(successful=True)
         except Refused as error:
             response.result = SetParametersResult(successful=False, reason=str(error))
-        except Exception as error:  # a fault of ours must not take the service down
+        except Exception as error:  # an error of the emulator itself must not end the service
             self.problem(f'store: {type(error).__name__}: {error}')
             response.result = SetParametersResult(successful=False, reason=f'{type(error).__name__}: {error}')
         return response
@@ -132,15 +135,17 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         self.done(message.header)
 
     def why_silent(self) -> str | None:
+        """Without listeners no image is processed."""
         if self.images is None:
             return None
         return None if self.wanted(self.image_out) else 'nobody listens to image_out, so no image is processed'
 
     def silence(self) -> str | None:
-        """A service that nobody calls is healthy; only a configured image program can be silent."""
+        """Say why no image comes out; a service that nobody calls is healthy."""
         return super().silence() if self.images is not None else None
 
     def report_values(self) -> dict[str, object]:
+        """Clients, runs, failures and cycles, and the cost of the last image."""
         values: dict[str, object] = {
             'clients': self.spaces.clients,
             'runs': self.spaces.runs,
@@ -156,13 +161,16 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         return values
 
     def reset(self) -> str:
+        """Forget all workspaces."""
         return self.spaces.clear()
 
     def destroy_node(self) -> None:
+        """Stop what runs, then end the worker thread."""
         self.spaces.clear()
         self._worker.shutdown(wait=True)
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run emulator_node until it is stopped."""
     return run_node(EmulatorNode, args)

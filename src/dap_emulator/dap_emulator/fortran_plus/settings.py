@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-# Deepest nesting of calls of subroutines and functions. Recursion of the thesis' programs is below 100; the limit stops
-# a program that calls itself for ever.
+# Deepest nesting of calls of subroutines and functions; the limit stops a program that calls itself for ever.
 MAX_DEPTH = 2000
 # Python frames that one call of a subroutine or function may take: one closure for every level of its expressions.
 FRAMES_PER_CALL = 8

@@ -6,18 +6,28 @@ import contextlib
 import itertools
 import json
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from .links import DapError, Link
+from .settings import CLIENT_TIMEOUT_S
 
 SETTINGS = ('program', 'library', 'entry', 'model', 'run_request', 'cancel', 'forget')
 
 
 class ClientResult(Mapping[str, Any]):
-    """Arguments of the entry after a run, by upper-case name, and what the run cost (computed, not simulated)."""
+    """Arguments of the entry after a run, by upper-case name, and what the run cost.
+
+    Attributes
+    ----------
+    cycles : int
+    seconds : float
+        On the machine: computed, not simulated.
+    request : int
+        Number of the request.
+    """
 
     def __init__(self, values: dict[str, Any], cycles: int, seconds: float, request: int) -> None:
         self._values, self.cycles, self.seconds, self.request = values, cycles, seconds, request
@@ -25,7 +35,7 @@ class ClientResult(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         return self._values[name.upper()]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(self._values)
 
     def __len__(self) -> int:
@@ -33,12 +43,40 @@ class ClientResult(Mapping[str, Any]):
 
 
 class DapClient:
-    """One client of an emulator_node; its names carry its own id, so clients do not meet.
+    """One client of an emulator_node; its names begin with its own id, so that clients do not collide.
 
-    emulator : the node's name, relative or absolute; client : the id (made up when not given)
-    node, executor : use these to wait with (the executor must not be spinning); otherwise the client has its own pair,
-    in the given context. Its calls wait for an answer, so do not call them inside a callback of that executor.
-    Every call raises DapError when the emulator refuses or does not answer within timeout seconds.
+    Every call waits for an answer: do not call inside a callback of the same executor.
+
+    Parameters
+    ----------
+    emulator : str
+        Name of the emulator node, relative or absolute.
+    client : str, optional
+        The id; made up when not given.
+    node, executor : optional
+        Both or neither: used to wait with (the executor must not be spinning), instead of a pair of the client's own.
+    context : optional
+        In which the client's own node lives.
+    namespace : str, optional
+        Of the client's own node.
+    timeout : float
+        Time to wait for an answer, seconds.
+    link : Link, optional
+        What carries the requests, when it is not a ROS node. LocalLink works without ROS.
+
+    Raises
+    ------
+    DapError
+        By every call, when the emulator refuses or does not answer in time.
+
+    Examples
+    --------
+    >>> from dap_emulator.service.links import LocalLink
+    >>> from dap_emulator.service.workspaces import Workspaces
+    >>> with DapClient(link=LocalLink(Workspaces())) as client:
+    ...     result = client.run(library='sobel', image=[[0, 0, 9], [0, 0, 9], [0, 0, 9]])
+    >>> sorted(result)
+    ['ANGLE', 'IMAGE', 'RESULT']
     """
 
     def __init__(
@@ -50,10 +88,9 @@ class DapClient:
         executor: Any = None,
         context: Any = None,
         namespace: str | None = None,
-        timeout: float = 30.0,
+        timeout: float = CLIENT_TIMEOUT_S,
         link: Link | None = None,
     ) -> None:
-        """link: what carries the requests, when it is not a ROS node (LocalLink needs none)."""
         self.client = client or 'c' + uuid.uuid4().hex[:12]
         if link is None:
             # A client of Workspaces in its own process (LocalLink) works without ROS.
@@ -68,11 +105,24 @@ class DapClient:
     # The three services.
 
     def store(self, **values: Any) -> None:
-        """Write the client's own names: program='...', entry='...', model='610', or arrays and scalars by name."""
+        """Write the client's own names.
+
+        Parameters
+        ----------
+        **values
+            program='...', library='...', entry='...', model='610', or arrays and scalars by name.
+
+        Raises
+        ------
+        DapError
+            When they are refused; nothing has been stored then.
+        ValueError
+            For an array that does not hold numbers or truths.
+        """
         items: list[tuple[str, Any]] = []
-        for name, value in values.items():
-            if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
-                value = value.item()
+        for name, given in values.items():
+            scalar = isinstance(given, np.generic) or (isinstance(given, np.ndarray) and given.ndim == 0)
+            value = given.item() if scalar else given
             if name in SETTINGS:
                 items.append((f'{self.client}.{name}', value))
             elif isinstance(value, (list, tuple, np.ndarray)):
@@ -92,12 +142,14 @@ class DapClient:
         return self._link.fetch([f'{self.client}.{name}' for name in names])
 
     def execute(self) -> list[dict[str, Any]]:
-        """~/run: everything that waits, mine among it. A summary of what this call executed."""
-        return json.loads(self._link.run())
+        """Execute everything that waits, other clients' requests too; return summaries of what this call executed."""
+        summaries: list[dict[str, Any]] = json.loads(self._link.run())
+        return summaries
 
     def programs(self) -> dict[str, str]:
-        """The emulator's library: name and summary."""
-        return json.loads(self._link.list())
+        """Return the emulator's library: names of programs, and their summaries."""
+        summaries: dict[str, str] = json.loads(self._link.list())
+        return summaries
 
     # The three together.
 
@@ -110,7 +162,31 @@ class DapClient:
         model: str | None = None,
         **arguments: Any,
     ) -> ClientResult:
-        """Store what is given, run, fetch the results. Arrays come back in their shapes."""
+        """Store what is given, run, and fetch the results.
+
+        Parameters
+        ----------
+        program : str, optional
+            Text of a program; that of an earlier store when neither program nor library is given.
+        library : str, optional
+            Name of a library program.
+        entry : str, optional
+            Name of the ENTRY SUBROUTINE; needed only when there are several.
+        model : str, optional
+            Model of the machine.
+        **arguments
+            Numbers, truths, texts and arrays by name.
+
+        Returns
+        -------
+        ClientResult
+            Arrays have their shapes.
+
+        Raises
+        ------
+        DapError
+            When the request is refused, or the program fails or is stopped.
+        """
         number = next(self._numbers)
         settings = {'program': program, 'library': library, 'entry': entry, 'model': model}
         self.store(
@@ -120,7 +196,7 @@ class DapClient:
         return self.result(number)
 
     def result(self, number: int) -> ClientResult:
-        """The result of one request. Raises DapError when it failed, was stopped, or is unknown."""
+        """Fetch the result of one request. Raises DapError when it failed, was stopped, or is unknown."""
         base = f'result.{number}'
         state, message, cycles, seconds, names = self.fetch(
             *(f'{base}.{what}' for what in ('state', 'message', 'cycles', 'seconds', 'names'))
@@ -143,7 +219,7 @@ class DapClient:
 
     def close(self) -> None:
         """Forget the workspace and give everything back."""
-        with contextlib.suppress(DapError):  # the emulator is gone, and the workspace with it
+        with contextlib.suppress(DapError):  # when the emulator is gone, so is the workspace
             self.store(forget=True)
         self._link.close()
 

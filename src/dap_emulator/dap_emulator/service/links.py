@@ -10,31 +10,41 @@ from .workspaces import Refused, Workspaces
 
 
 class DapError(RuntimeError):
-    """The emulator refused a request, a program failed or was stopped, or no answer came. Its text says which."""
+    """The emulator refused a request, a program failed or was stopped, or no answer came; the text gives the reason."""
 
 
 class Link(Protocol):
     """What carries a client's requests to an emulator."""
 
     def store(self, items: list[tuple[str, Any]]) -> str | None:
-        """None, or the reason why nothing was stored."""
+        """Store names and values; return None, or the reason why nothing was stored."""
 
-    def run(self) -> str: ...
+    def run(self) -> str:
+        """Execute what waits; return its summaries as JSON text."""
 
-    def fetch(self, names: list[str]) -> list[Any]: ...
+    def fetch(self, names: list[str]) -> list[Any]:
+        """Read the values of names; None where there is none."""
 
-    def list(self) -> str: ...
+    def list(self) -> str:
+        """Return the library's programs, name to summary, as JSON text."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Give back what the link holds."""
 
 
 class LocalLink:
-    """A link to Workspaces in this process, without ROS."""
+    """A link to workspaces in this process, without ROS.
+
+    Parameters
+    ----------
+    spaces : Workspaces
+    """
 
     def __init__(self, spaces: Workspaces) -> None:
         self.spaces = spaces
 
     def store(self, items: list[tuple[str, Any]]) -> str | None:
+        """Store names and values; return None, or the reason why nothing was stored."""
         try:
             self.spaces.store(items)
         except Refused as error:
@@ -42,12 +52,15 @@ class LocalLink:
         return None
 
     def run(self) -> str:
+        """Execute what waits; return its summaries as JSON text."""
         return json.dumps([request.summary() for request in self.spaces.execute_waiting()])
 
     def fetch(self, names: list[str]) -> list[Any]:
+        """Read the values of names; None where there is none."""
         return [self.spaces.fetch(name) for name in names]
 
     def list(self) -> str:
+        """Return the library's programs, name to summary, as JSON text."""
         return json.dumps({name: summary(name) for name in program_names()})
 
     def close(self) -> None:

@@ -21,7 +21,21 @@ _FIELDS = {
 
 
 def value_from_message(message: ParameterValue) -> Any:
-    """A typed variant as a Python value; arrays as numpy. Raises ValueError for a type that is not accepted."""
+    """Decode a typed variant.
+
+    Parameters
+    ----------
+    message : ParameterValue
+
+    Returns
+    -------
+    bool, int, float, str, list of str, or array of int64, float64 or bool
+
+    Raises
+    ------
+    ValueError
+        For a type that is not accepted.
+    """
     if message.type not in _FIELDS:
         raise ValueError(f'type {message.type} is not accepted; use bool, integer, double, string or an array of them')
     value = getattr(message, _FIELDS[message.type])
@@ -33,7 +47,7 @@ def value_from_message(message: ParameterValue) -> Any:
 
 
 def value_to_message(value: Any) -> ParameterValue:
-    """The reverse. None: not set."""
+    """Encode a value; None becomes a variant that is not set."""
     message = ParameterValue()
     if value is None:
         return message

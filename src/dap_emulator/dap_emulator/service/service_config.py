@@ -7,18 +7,25 @@ from dataclasses import dataclass
 from msgs_py.node_runtime.config import Config, parameter
 
 from ..machine.machine import MODELS
+from .settings import CLIENTS, PROGRAM_BYTES, RUN_SECONDS, STORE_BYTES
 
 
 @dataclass(frozen=True)
 class EmulatorConfig(Config):
+    """Parameters of emulator_node; each field's description is what a user reads."""
+
     max_program_bytes: int = parameter(
-        200_000, 'Largest program text accepted', unit='bytes', minimum=100, maximum=10_000_000
+        PROGRAM_BYTES, 'Largest program text accepted', unit='bytes', minimum=100, maximum=10_000_000
     )
     max_store_bytes: int = parameter(
-        64_000_000, 'Most data one client may store', unit='bytes', minimum=1000, maximum=1_000_000_000
+        STORE_BYTES, 'Most data one client may store', unit='bytes', minimum=1000, maximum=1_000_000_000
     )
-    max_run_seconds: float = parameter(10.0, 'A run is stopped after this time', unit='s', minimum=0.05, maximum=3600.0)
-    max_clients: int = parameter(64, 'Workspaces kept; the one idle for longest makes room', minimum=1, maximum=1000)
+    max_run_seconds: float = parameter(
+        RUN_SECONDS, 'A run is stopped after this time', unit='s', minimum=0.05, maximum=3600.0
+    )
+    max_clients: int = parameter(
+        CLIENTS, 'Workspaces kept; the one idle for longest makes room', minimum=1, maximum=1000
+    )
     image_program: str = parameter('', 'Library program or file that turns image_in into image_out; empty: none')
     program_folders: tuple[str, ...] = parameter(
         (),

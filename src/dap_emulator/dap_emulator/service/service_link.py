@@ -17,7 +17,28 @@ from .parameter_values import value_from_message, value_to_message
 
 
 class ServiceLink:
-    """A client's link over ROS services. node, executor: given, or its own pair in the given context."""
+    """A client's link over ROS services.
+
+    Parameters
+    ----------
+    emulator : str
+        Name of the emulator node, relative or absolute.
+    name : str
+        Name of the link's own node.
+    node, executor : optional
+        Both or neither: used to wait with, instead of a node and an executor of the link's own.
+    context : optional
+        In which the link's own node lives.
+    namespace : str, optional
+        Of the link's own node.
+    timeout : float
+        Time to wait for an answer, seconds.
+
+    Raises
+    ------
+    ValueError
+        When only one of node and executor is given.
+    """
 
     def __init__(
         self,
@@ -47,23 +68,28 @@ class ServiceLink:
         self._list = node.create_client(Trigger, f'{emulator}/list')
 
     def store(self, items: list[tuple[str, Any]]) -> str | None:
+        """Store names and values; return None, or the reason why nothing was stored."""
         parameters = [Parameter(name=name, value=value_to_message(value)) for name, value in items]
         result = self._call(self._store, SetParametersAtomically.Request(parameters=parameters)).result
         return None if result.successful else result.reason
 
     def run(self) -> str:
-        return self._call(self._run, Trigger.Request()).message
+        """Execute what waits; return its summaries as JSON text."""
+        return str(self._call(self._run, Trigger.Request()).message)
 
     def fetch(self, names: list[str]) -> list[Any]:
+        """Read the values of names; None where there is none."""
         values = self._call(self._fetch, GetParameters.Request(names=names)).values
         return [
             None if value.type == ParameterType.PARAMETER_NOT_SET else value_from_message(value) for value in values
         ]
 
     def list(self) -> str:
-        return self._call(self._list, Trigger.Request()).message
+        """Return the library's programs, name to summary, as JSON text."""
+        return str(self._call(self._list, Trigger.Request()).message)
 
     def close(self) -> None:
+        """Destroy the clients of the services, and the node and context that the link has made."""
         for service in (self._store, self._run, self._fetch, self._list):
             self._node.destroy_client(service)
         if self._own:
@@ -73,6 +99,7 @@ class ServiceLink:
             rclpy.try_shutdown()
 
     def _call(self, service: Any, request: Any) -> Any:
+        """Call a service and wait. Raises DapError when no answer comes in time."""
         if not service.wait_for_service(timeout_sec=self.timeout):
             raise DapError(f'{service.srv_name}: no such service within {self.timeout:g} s; is emulator_node running?')
         future = service.call_async(request)

@@ -1,4 +1,4 @@
-"""What the emulator node keeps for its clients, without ROS: one workspace each, requests, results, limits.
+"""Workspaces of the emulator's clients, without ROS: named values, requests, results and limits.
 
 To its host a DAP is extra memory, so a client writes and reads named values. Every name starts with the client's id:
 
@@ -32,40 +32,82 @@ from typing import Any
 
 import numpy as np
 
+from msgs_py.numeric.typed import IntArray
+
 from ..fortran_plus import FortranError, Limits, Program, Result, Stopped
 from ..fortran_plus.library import compiled, program_source
 from ..machine.dap import Dap
 from ..machine.machine import MODELS, OutOfStore
-
-_NAME = re.compile(
-    r'([A-Za-z0-9_-]{1,64})\.(program|library|entry|model|run_request|cancel|forget|(data|shape)\.'
-    r'([A-Za-z][A-Za-z0-9_]{0,63}))'
+from .settings import (
+    CLIENTS,
+    LONGEST_NAME,
+    MAX_DIMENSIONS,
+    MAX_WAITING,
+    MOST_DIGITS,
+    PROGRAM_BYTES,
+    RESULTS_KEPT,
+    RUN_SECONDS,
+    STORE_BYTES,
+    TRACE_KEPT,
 )
-_RESULT = re.compile(r'([A-Za-z0-9_-]{1,64})\.result\.(\d{1,18})\.(.+)')
-RESULTS_KEPT = 4
-TRACE_KEPT = 200
-MAX_WAITING = 32
+
+_CLIENT = rf'([A-Za-z0-9_-]{{1,{LONGEST_NAME}}})'
+_NAME = re.compile(
+    _CLIENT + r'\.(program|library|entry|model|run_request|cancel|forget|(data|shape)\.'
+    rf'([A-Za-z][A-Za-z0-9_]{{0,{LONGEST_NAME - 1}}}))'
+)
+_RESULT = re.compile(_CLIENT + rf'\.result\.(\d{{1,{MOST_DIGITS}}})\.(.+)')
 
 
 class Refused(ValueError):
-    """A store that cannot be accepted; nothing of it was."""
+    """A store cannot be accepted; nothing of it has been."""
 
 
 @dataclass(frozen=True)
 class ServiceLimits:
-    """program_bytes : of a program's text; store_bytes : of one client's data; run_seconds : of one run
-    clients : workspaces kept; the one idle for longest makes room
+    """What clients may use.
+
+    Parameters
+    ----------
+    program_bytes : int
+        Length of a program's text, characters.
+    store_bytes : int
+        Data of one client, bytes.
+    run_seconds : float
+        Time of one run on this computer.
+    clients : int
+        Workspaces kept; the one that has been idle for longest makes room for a new one.
     """
 
-    program_bytes: int = 200_000
-    store_bytes: int = 64_000_000
-    run_seconds: float = 10.0
-    clients: int = 64
+    program_bytes: int = PROGRAM_BYTES
+    store_bytes: int = STORE_BYTES
+    run_seconds: float = RUN_SECONDS
+    clients: int = CLIENTS
 
 
 @dataclass
 class Request:
-    """A queued run: a frozen workspace and, afterwards, its result."""
+    """A queued run: the workspace as it was when it was queued, and afterwards the result.
+
+    Parameters
+    ----------
+    client : str
+    number : int
+        The client's number of the request.
+    program : Program
+    entry : str, optional
+    model : str
+        Model of the machine.
+    data : dict of str to value
+    shapes : dict of str to tuple of int
+    state : {'waiting', 'running', 'done', 'failed', 'stopped'}
+    message : str
+        Why it failed or was stopped.
+    result : Result, optional
+    trace : list of str
+        The last operations.
+    cancelled : threading.Event
+    """
 
     client: str
     number: int
@@ -81,7 +123,7 @@ class Request:
     cancelled: threading.Event = field(default_factory=threading.Event)
 
     def summary(self) -> dict[str, Any]:
-        """What ~/run tells of it."""
+        """Describe it for the answer of ~/run."""
         cost = {} if self.result is None else {'cycles': self.result.cycles, 'seconds': self.result.seconds}
         return {'client': self.client, 'id': self.number, 'state': self.state, 'message': self.message, **cost}
 
@@ -99,15 +141,37 @@ class Workspace:
 
     @property
     def bytes(self) -> int:
+        """Size of its data."""
         return sum(_bytes(value) for value in self.data.values())
 
     @property
     def busy(self) -> bool:
+        """Whether a request waits or runs."""
         return any(request.state in ('waiting', 'running') for request in self.requests.values())
 
 
 class Workspaces:
-    """All clients. Thread-safe: one thread may execute requests while another stores and fetches."""
+    """All clients. Thread-safe: one thread may execute requests while another stores and fetches.
+
+    Parameters
+    ----------
+    limits : ServiceLimits, optional
+
+    Attributes
+    ----------
+    runs, failures, cycles : int
+        Requests executed, those of them that failed or were stopped, and cycles of the machine in all.
+
+    Examples
+    --------
+    >>> spaces = Workspaces()
+    >>> spaces.store([('me.library', 'life'), ('me.data.GENERATIONS', 1)])
+    >>> spaces.store([('me.data.CELLS', [True] * 4), ('me.shape.CELLS', [2, 2]), ('me.run_request', 1)])
+    >>> [request.state for request in spaces.execute_waiting()]
+    ['done']
+    >>> spaces.fetch('me.result.1.names')
+    ['CELLS', 'GENERATIONS']
+    """
 
     def __init__(self, limits: ServiceLimits | None = None) -> None:
         self.limits = limits or ServiceLimits()
@@ -120,7 +184,18 @@ class Workspaces:
     # ~/store
 
     def store(self, items: list[tuple[str, Any]]) -> None:
-        """All of these names and values, or none. Raises Refused with the reason."""
+        """Store all of these names and values, or none.
+
+        Parameters
+        ----------
+        items : list of (str, value)
+            Names as in this module's description.
+
+        Raises
+        ------
+        Refused
+            With the reason.
+        """
         with self._lock:
             drafts: dict[str, Workspace] = {}
             actions: list[tuple[str, str, int]] = []
@@ -146,18 +221,25 @@ class Workspaces:
             self._accept(drafts, actions, requests)
 
     def _draft(self, client: str) -> Workspace:
+        """A copy of a client's workspace, to be changed."""
         now = self._clients.get(client)
         if now is None:
             return Workspace()
         return Workspace(now.program, now.entry, now.model, dict(now.data), dict(now.shapes), now.requests)
 
     def _set(self, draft: Workspace, what: str, variable: str, value: Any) -> None:
+        """Write one value into a draft. Raises ValueError."""
         if what == 'data':
             draft.data[variable] = _value(value)
             draft.shapes.pop(variable, None)
         elif what == 'shape':
             extents = np.asarray(value)
-            if extents.dtype.kind != 'i' or extents.ndim != 1 or not 1 <= extents.size <= 7 or (extents < 1).any():
+            if (
+                extents.dtype.kind != 'i'
+                or extents.ndim != 1
+                or not 1 <= extents.size <= MAX_DIMENSIONS
+                or (extents < 1).any()
+            ):
                 raise ValueError('expected a list of extents of at least 1')
             draft.shapes[variable] = tuple(int(extent) for extent in extents)
         elif not isinstance(value, str):
@@ -176,6 +258,7 @@ class Workspaces:
             draft.entry = value or None
 
     def _check(self, client: str, draft: Workspace) -> None:
+        """Check sizes of a draft's data. Raises Refused."""
         for name, shape in draft.shapes.items():
             value = draft.data.get(name)
             size = value.size if isinstance(value, np.ndarray) else None
@@ -185,6 +268,7 @@ class Workspaces:
             raise Refused(f'{client}: {draft.bytes} bytes of data, at most {self.limits.store_bytes} are accepted')
 
     def _requests(self, drafts: dict[str, Workspace], actions: list[tuple[str, str, int]]) -> list[Request]:
+        """The runs that are asked for. Raises Refused."""
         requests: list[Request] = []
         for client, what, number in actions:
             if what != 'run_request':
@@ -208,6 +292,7 @@ class Workspaces:
     def _accept(
         self, drafts: dict[str, Workspace], actions: list[tuple[str, str, int]], requests: list[Request]
     ) -> None:
+        """Put drafts, requests and actions into effect. Raises Refused when there is no room for a new client."""
         new = [client for client in drafts if client not in self._clients]
         while new and len(self._clients) + len(new) > self.limits.clients:
             idle = next((name for name, space in self._clients.items() if not space.busy and name not in drafts), None)
@@ -231,6 +316,7 @@ class Workspaces:
                     self._cancel(request)
 
     def _cancel(self, request: Request) -> None:
+        """Stop a request, waiting or running."""
         request.cancelled.set()
         if request.state == 'waiting':
             request.state, request.message = 'stopped', 'cancelled'
@@ -240,13 +326,19 @@ class Workspaces:
     # ~/run
 
     def take_waiting(self) -> list[Request]:
-        """The requests that wait, oldest first; the caller executes them."""
+        """Take the requests that wait, oldest first; the caller executes them."""
         with self._lock:
             taken, self._waiting = self._waiting, []
             return taken
 
     def execute_waiting(self) -> list[Request]:
-        """Execute what waits, and what another thread has begun to execute: afterwards all of it is done."""
+        """Execute what waits, after what another thread has begun to execute.
+
+        Returns
+        -------
+        list of Request
+            Those that this call executed.
+        """
         with self._executing:
             waiting = self.take_waiting()
             for request in waiting:
@@ -283,7 +375,7 @@ class Workspaces:
     # ~/fetch
 
     def fetch(self, name: str) -> Any:
-        """The value of a name, or None when there is none."""
+        """Read the value of a name, or None when there is none."""
         with self._lock:
             result = _RESULT.fullmatch(name)
             if result:
@@ -307,7 +399,7 @@ class Workspaces:
             }.get(found[2])
 
     def clear(self) -> str:
-        """Forget everything; running requests are stopped."""
+        """Forget everything and stop what runs; return what was forgotten, in words."""
         with self._lock:
             count = len(self._clients)
             for space in self._clients.values():
@@ -320,10 +412,12 @@ class Workspaces:
 
     @property
     def clients(self) -> int:
+        """Number of workspaces."""
         return len(self._clients)
 
 
 def _whole(value: Any, positive: bool) -> int:
+    """A whole number of at least 1, or a truth as 0 or 1. Raises ValueError."""
     if not positive and isinstance(value, bool):
         return int(value)
     if isinstance(value, bool) or not isinstance(value, int) or (positive and value < 1):
@@ -332,10 +426,12 @@ def _whole(value: Any, positive: bool) -> int:
 
 
 def _bytes(value: Any) -> int:
+    """Size of a stored value."""
     return value.nbytes if isinstance(value, np.ndarray) else len(value) if isinstance(value, str) else 8
 
 
 def _value(value: Any) -> Any:
+    """A value as it is stored. Raises ValueError."""
     if isinstance(value, (bool, int, float, str)):
         return value
     array = np.array(value)
@@ -344,14 +440,15 @@ def _value(value: Any) -> Any:
     return array
 
 
-def _shape_of(value: Any, shape: tuple[int, ...] | None) -> np.ndarray | None:
+def _shape_of(value: Any, shape: tuple[int, ...] | None) -> IntArray | None:
+    """Extents of an array, None of another value."""
     if not isinstance(value, np.ndarray):
         return None
     return np.asarray(shape or value.shape, dtype=np.int64)
 
 
 def _arguments(request: Request) -> dict[str, Any]:
-    """The workspace's data as the entry's arguments. Data that is no argument is left out."""
+    """Data of the workspace as arguments of the entry; what is no argument is left out."""
     arguments: dict[str, Any] = {}
     for symbol in request.program.entry(request.entry).arguments:
         if symbol.name not in request.data:
