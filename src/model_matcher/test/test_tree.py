@@ -5,12 +5,12 @@ import pytest
 
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic import MODELS, make_scene, random_pose
+from model_matcher.interpretation_tree.cores import core_numbers, largest_core
 from model_matcher.interpretation_tree.ordering import order_pairs
 from model_matcher.interpretation_tree.serial import serial_search
-from model_matcher.interpretation_tree.signs import apply_code, initial, relate, set_sign, states
-from model_matcher.interpretation_tree.subgraph import subgraph_search
+from model_matcher.interpretation_tree.signs import apply_code, relate, set_sign, unknown_signs
 from model_matcher.interpretation_tree.tables import all_pairs, build_tables
-from model_matcher.interpretation_tree.tree import core_numbers, largest_core, tree_search
+from model_matcher.interpretation_tree.tree import subgraph_search, tree_search
 from model_matcher.params import ORDERINGS
 from msgs_py import FeatureSet
 
@@ -65,17 +65,29 @@ def test_orderings_are_those_of_the_thesis():
         assert sorted(order_pairs(pairs, sums, ordering)) == list(range(10))
 
 
+def states(signs):
+    """The thesis' five states, by feature: 'U', '+', '-', '+3' (same sign as feature 3), '-3'."""
+    names = []
+    for k, (root, parity) in enumerate(zip(signs.root, signs.parity)):
+        sign = '+' if parity > 0 else '-'
+        if signs.known[root]:
+            names.append('+' if signs.known[root] * parity > 0 else '-')
+        else:
+            names.append('U' if root == k else f'{sign}{root}')
+    return names
+
+
 def test_the_five_sign_states():
-    root, parity, known = initial(4)
-    assert states(root, parity, known) == ['U', 'U', 'U', 'U']
-    assert relate(0, 1, 1, root, parity, known) and relate(1, 2, -1, root, parity, known)
-    assert states(root, parity, known) == ['U', '+0', '-0', 'U']
-    assert set_sign(1, -1, root, parity, known)
-    assert states(root, parity, known) == ['-', '-', '+', 'U']
-    assert not set_sign(2, -1, root, parity, known)
-    assert not relate(0, 2, 1, root, parity, known)
-    assert apply_code(63, 0, 3, root, parity, known) and states(root, parity, known)[3] == 'U'
-    assert apply_code(63 & ~1, 0, 3, root, parity, known) and states(root, parity, known)[3] == '+'
+    signs = unknown_signs(4)
+    assert states(signs) == ['U', 'U', 'U', 'U']
+    assert relate(0, 1, 1, signs) and relate(1, 2, -1, signs)
+    assert states(signs) == ['U', '+0', '-0', 'U']
+    assert set_sign(1, -1, signs)
+    assert states(signs) == ['-', '-', '+', 'U']
+    assert not set_sign(2, -1, signs)
+    assert not relate(0, 2, 1, signs)
+    assert apply_code(63, 0, 3, signs) and states(signs)[3] == 'U'
+    assert apply_code(63 & ~1, 0, 3, signs) and states(signs)[3] == '+'
 
 
 @pytest.mark.parametrize('ordering', [name for name in ORDERINGS if name != 'worst'])

@@ -12,7 +12,7 @@ the native search takes the first feature's model feature as its outer loop.
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,27 +20,78 @@ from dap_emulator import Dap, DapArray, OutOfStore
 from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.kinds import LOGICAL, integer, real
 from msgs_py import BIN, FeatureSet
+from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from ..geometry import constraints as c
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
 from .ordering import order_pairs
-from .tables import Tables, all_pairs, data_ranges, model_ranges, pair_number, unary_table
-from .tree import COUNTERS, UNASSIGNED, TreeResult, search_with_bin, sub_pairs
+from .settings import INTERPRETATIONS
+from .tables import (
+    Tables,
+    all_pairs,
+    constraints_used,
+    data_ranges,
+    model_ranges,
+    pair_number,
+    position_errors,
+    unary_table,
+)
+from .tree import (
+    BACKTRACKS,
+    COUNTERS,
+    LEVELS,
+    SIGN_CUTOFFS,
+    TRUNCATED,
+    UNASSIGNED,
+    UNASSIGNED_PAIRS,
+    Limits,
+    Traversed,
+    TreeResult,
+    search_with_bin,
+    sub_pairs,
+    without_pairs,
+)
 
 SIGN_BITS = (c.SAME, c.DIFFERENT, c.A_PLUS, c.A_MINUS, c.B_PLUS, c.B_MINUS)
-WORD = real(8)
-SMALL = integer(2)
-# More than any number of matches: taken pairs get it in the sorts of appendix C.
+WORD = real(8)  # ranges, lengths and tolerances on the machine: 8 bytes
+COUNT = integer(4)  # matches of a pair: 4 bytes
+SMALL = integer(2)  # feature numbers: 2 bytes
+# Larger than any number of matches: what a pair's number becomes once the sorts of appendix C have taken the pair.
 TAKEN = 2**30
 
 
 def tree_search(
-    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256, dap: Dap | None = None
+    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = INTERPRETATIONS, dap: Dap | None = None
 ) -> TreeResult:
-    """Search the tree of usable data on the machine; as tree.tree_search, whose results it gives.
+    """Search the interpretation tree on the emulated machine; the interpretations are those of tree.tree_search.
 
-    dap : a new DAP 510 by default. Raises ValueError when the tables do not fit its store.
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+    data : FeatureSet
+        Usable features (none without length), camera frame, metres.
+    params : MatchParams
+        ordering, constraints, signs, max_bin, tolerances and time limit.
+    limit : int
+        Most interpretations that are returned.
+    dap : Dap, optional
+        The machine; a new DAP 510 when not given.
+
+    Returns
+    -------
+    TreeResult
+        With dap_cycles, dap_seconds, dap_table_seconds and dap_planes in its statistics.
+
+    Raises
+    ------
+    ValueError
+        When the tables do not fit the machine's store.
+
+    References
+    ----------
+    Thesis 5.7 and appendix C.
     """
     dap = dap or Dap.model('510', tracing=False)
     before = dap.cycles
@@ -83,9 +134,7 @@ class DapTables:
         pairs = all_pairs(n)
         tolerances = data_tolerances(data, feature_rows(data), index.size, params)
         unary = unary_table(index, data, tolerances, params)
-        self.use = [name in params.constraints for name in c.NAMES]
-        if params.scale == 'free':
-            self.use[c.DISTANCE] = False
+        self.use = constraints_used(params).tolist()
         self.sign_test = params.signs
         model = model_ranges(index).transpose(1, 0, 2)
         self.angle = dap.matrix(model[:, :, 2], WORD)
@@ -96,7 +145,7 @@ class DapTables:
         self.one_edge = f.unit_diagonal(dap, e, e)
         self.lengths = f.matr(dap.vector(2.0 * index.rows[:, 6], WORD))
         possible = [dap.vector(row) for row in unary]
-        error = np.hypot(tolerances[:, 0], tolerances[:, 1])
+        error = position_errors(tolerances)
         ranges = data_ranges(data, index.size, params, tolerances)
         # The data's own look-up tables: one vector over the pairs for every bound (thesis 5.7).
         bounds = [dap.vector(ranges[:, k], WORD) for k in range(ranges.shape[1])] if len(pairs) else []
@@ -154,11 +203,11 @@ class DapTables:
         return match, (same, different, a_plus, a_minus, b_plus, b_minus)
 
 
-def sort_pairs(dap: Dap, pairs: np.ndarray, sums: np.ndarray, ordering: str) -> np.ndarray:
+def sort_pairs(dap: Dap, pairs: IntArray, sums: IntArray, ordering: str) -> IntArray:
     """(P,) int64: ordering.order_pairs by appendix C's means, minima and their first position, on the machine."""
     if ordering == 'consistency':
         return order_pairs(pairs, sums, ordering)
-    count = dap.vector(np.asarray(sums), integer(4))
+    count = dap.vector(np.asarray(sums), COUNT)
     if ordering in ('holder_buxton', 'worst'):
         order = []
         for _ in range(len(pairs)):
@@ -187,55 +236,55 @@ def sort_pairs(dap: Dap, pairs: np.ndarray, sums: np.ndarray, ordering: str) -> 
 
 
 def _traverse_left(
-    store: DapTables, alive: np.ndarray, params: MatchParams, in_bin: int, limit: int, levels: int, deadline: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As tree.traverse_left: the pairs of the features that are left, the others in the bin at once."""
+    store: DapTables, alive: BoolArray, params: MatchParams, in_bin: int, limit: int, levels: int, deadline: float
+) -> Traversed:
+    """As tree.traverse_left, on the machine; it also stops when perf_counter() passes ``deadline``."""
+    trivial = without_pairs(alive, in_bin, limit)
+    if trivial is not None:
+        return trivial
     n = len(alive)
     left = np.flatnonzero(alive.any(axis=1))
-    assignments, signs = np.full((limit, n), BIN, np.int32), np.zeros((limit, n), np.int8)
-    counters = np.zeros(len(COUNTERS), np.int64)
-    if len(left) < n - in_bin or len(left) == 0:
-        return assignments[:0], signs[:0], counters
-    if len(left) == 1:
-        options = np.flatnonzero(alive[left[0]])[:limit]
-        assignments[: len(options), left[0]] = options
-        return assignments[: len(options)], signs[: len(options)], counters
     pairs, rows = sub_pairs(left, n)
-    sums = np.array([store.sums[row] for row in rows])
-    order = sort_pairs(store.dap, pairs, sums, params.ordering)
-    search = _Traversal(
-        store, alive, left[pairs[order]], rows[order], in_bin - (n - len(left)), limit, params.signs, deadline
-    )
-    search.run(levels)
+    order = sort_pairs(store.dap, pairs, np.array([store.sums[row] for row in rows]), params.ordering)
+    limits = Limits(in_bin - (n - len(left)), limit, levels, params.signs)
+    search = _Traversal(store, alive, left[pairs[order]], rows[order], limits, deadline)
+    search.run()
+    assignments = np.full((len(search.found), n), BIN, np.int32)
+    signs = np.zeros((len(search.found), n), np.int8)
     for row, (assignment, sign) in enumerate(search.found):
         assignments[row] = np.where(assignment == UNASSIGNED, BIN, assignment)
         signs[row] = sign
-    return assignments[: len(search.found)], signs[: len(search.found)], search.counters
+    return Traversed(assignments, signs, search.counters)
+
+
+class _Entries(NamedTuple):
+    """The consistent entries of a level that are left, and what is restored before the next of them is tried.
+
+    consistent : (side, side) LOGICAL; assigned : of the level's two features when it was entered; in_bin : features in
+    the bin; signs : root, parity and known; still_open : for each data feature, a LOGICAL vector of model features
+    """
+
+    consistent: DapArray
+    assigned: tuple[int, int]
+    in_bin: int
+    signs: tuple[DapArray, ...]
+    still_open: list[DapArray]
 
 
 class _Traversal:
     """Depth-first over the ordered data pairs; model feature e stands for the bin."""
 
     def __init__(
-        self,
-        store: DapTables,
-        alive: np.ndarray,
-        pairs: np.ndarray,
-        rows: np.ndarray,
-        bin_limit: int,
-        limit: int,
-        use_signs: bool,
-        deadline: float,
+        self, store: DapTables, alive: BoolArray, pairs: IntArray, rows: IntArray, limits: Limits, deadline: float
     ) -> None:
         self.store, self.dap, self.pairs, self.rows = store, store.dap, pairs, rows
         self.n, self.e = alive.shape
-        self.bin_limit, self.limit, self.use_signs, self.deadline = bin_limit, limit, use_signs, deadline
-        self.alive = alive
-        self.side = self.e + (1 if bin_limit else 0)
+        self.limits, self.deadline = limits, deadline
+        self.side = self.e + (1 if limits.in_bin else 0)
         self.counters = np.zeros(len(COUNTERS), np.int64)
         self.assignment = np.full(self.n, UNASSIGNED, np.int32)
         self.in_bin = 0
-        self.found: list[tuple[np.ndarray, np.ndarray]] = []
+        self.found: list[tuple[Int32Array, Int8Array]] = []
         self.group = _Signs(self.dap, self.n)
         possible = np.ones((self.n, self.side), bool)
         possible[:, : self.e] = alive
@@ -243,60 +292,60 @@ class _Traversal:
         self.open: list[DapArray] = [self.dap.vector(row) for row in alive]
         self.once = [bool(row.any()) for row in alive]
 
-    def run(self, levels: int) -> None:
-        """Fill found, at most ``limit``; counters[4] is set when levels or time run out."""
-        pending: list[tuple] = []
+    def run(self) -> None:
+        """Fill ``found``, up to the limit; counters[TRUNCATED] is set when levels or time run out."""
+        pending: list[_Entries] = []
         entries = self._enter(0)
         level = 0
         while True:
             step = self._next(level, entries)
             if step and level + 1 < len(self.pairs):
-                if self.counters[0] >= levels or time.perf_counter() > self.deadline:
-                    self.counters[4] = 1
+                if self.counters[LEVELS] >= self.limits.levels or time.perf_counter() > self.deadline:
+                    self.counters[TRUNCATED] = 1
                     return
                 pending.append(entries)
                 level += 1
                 entries = self._enter(level)
                 continue
             if step:
-                if self.in_bin == self.bin_limit:
+                if self.in_bin == self.limits.in_bin:
                     self.found.append((self.assignment.copy(), self.group.signs(self.assignment)))
-                    if len(self.found) == self.limit:
+                    if len(self.found) == self.limits.interpretations:
                         return
                 self._restore(level, entries)
                 continue
-            self.counters[1] += 1
+            self.counters[BACKTRACKS] += 1
             if level == 0:
                 return
             level -= 1
             entries = pending.pop()
             self._restore(level, entries)
 
-    def _enter(self, level: int) -> tuple:
-        """The consistent entries of a level, and what is to be restored before the next of them is tried."""
-        self.counters[0] += 1
+    def _enter(self, level: int) -> _Entries:
+        """The consistent entries of a level, none of them tried yet."""
+        self.counters[LEVELS] += 1
         a, b = self.pairs[level]
         fixed_a, fixed_b = int(self.assignment[a]), int(self.assignment[b])
         if fixed_a == UNASSIGNED and fixed_b == UNASSIGNED:
-            self.counters[3] += 1
+            self.counters[UNASSIGNED_PAIRS] += 1
         consistent = self._consistent(level, a, b, fixed_a, fixed_b)
-        return consistent, fixed_a, fixed_b, self.in_bin, self.group.saved(), list(self.open)
+        return _Entries(consistent, (fixed_a, fixed_b), self.in_bin, self.group.saved(), list(self.open))
 
     def _consistent(self, level: int, a: int, b: int, fixed_a: int, fixed_b: int) -> DapArray:
         """Appendix C's ConsistentMatch: the table, restricted by what is assigned, alive and still fits the bin."""
         dap, e, side = self.dap, self.e, self.side
         table = self.store.match[self.rows[level]]
-        if self.bin_limit:
+        if self.limits.in_bin:
             padded = np.ones((side, side), bool)
             padded[:e, :e] = table.values
             table = table.like(LOGICAL, padded)
             table.charge('copy', LOGICAL)
-        mask = table & f.matr(self.possible[a], side) & f.matc(self.possible[b], side)
+        mask: DapArray = table & f.matr(self.possible[a], side) & f.matc(self.possible[b], side)
         for fixed, pattern in ((fixed_a, f.col), (fixed_b, f.row)):
             if fixed != UNASSIGNED:
                 mask = mask & pattern(dap, (fixed if fixed >= 0 else e) + 1, side, side)
-        if self.bin_limit:
-            room = self.bin_limit - self.in_bin
+        if self.limits.in_bin:
+            room = self.limits.in_bin - self.in_bin
             to_bin_a = f.col(dap, e + 1, side, side) if fixed_a == UNASSIGNED else None
             to_bin_b = f.row(dap, e + 1, side, side) if fixed_b == UNASSIGNED else None
             for one in (to_bin_a, to_bin_b):
@@ -306,9 +355,9 @@ class _Traversal:
                 mask = mask & ~(to_bin_a & to_bin_b)
         return mask
 
-    def _next(self, level: int, entries: tuple) -> bool:
+    def _next(self, level: int, entries: _Entries) -> bool:
         """Assign the level's next consistent entry; False when there is none."""
-        consistent, fixed_a, fixed_b, _, saved, _ = entries
+        consistent, (fixed_a, fixed_b) = entries.consistent, entries.assigned
         a, b = (int(k) for k in self.pairs[level])
         e, side = self.e, self.side
         while True:
@@ -317,29 +366,29 @@ class _Traversal:
                 return False
             i, j = (k - 1) // side, (k - 1) % side
             consistent[j, i] = False
-            if i < e and j < e and self.use_signs and not self._apply_signs(self.rows[level], a, b, i, j):
-                self.counters[2] += 1
-                self.group.restore(saved)
+            if i < e and j < e and self.limits.use_signs and not self._apply_signs(self.rows[level], a, b, i, j):
+                self.counters[SIGN_CUTOFFS] += 1
+                self.group.restore(entries.signs)
                 continue
             self.dap.charge_mcu('scalar', 8 * self.dap.costs.mcu())
             self.assignment[a], self.assignment[b] = (i if i < e else BIN), (j if j < e else BIN)
             extra = (i == e and fixed_a == UNASSIGNED) + (j == e and fixed_b == UNASSIGNED)
             self.in_bin += extra
-            if self.bin_limit and UNASSIGNED in (fixed_a, fixed_b) and self._hopeless(a, b, i, j, fixed_a, fixed_b):
+            if self.limits.in_bin and UNASSIGNED in (fixed_a, fixed_b) and self._hopeless(a, b, i, j, fixed_a, fixed_b):
                 self._restore(level, entries)
                 continue
             return True
 
-    def _restore(self, level: int, entries: tuple) -> None:
-        _, fixed_a, fixed_b, in_bin, saved, still_open = entries
+    def _restore(self, level: int, entries: _Entries) -> None:
+        """Go back to what was decided when the level was entered."""
         a, b = self.pairs[level]
-        self.assignment[a], self.assignment[b] = fixed_a, fixed_b
-        self.in_bin = in_bin
-        self.group.restore(saved)
-        self.open = list(still_open)
+        self.assignment[a], self.assignment[b] = entries.assigned
+        self.in_bin = entries.in_bin
+        self.group.restore(entries.signs)
+        self.open = list(entries.still_open)
 
     def _apply_signs(self, row: int, a: int, b: int, i: int, j: int) -> bool:
-        """Learn from a table entry (signs.apply_code): absolute signs first, then the relation."""
+        """Take over the signs of a table entry (signs.apply_code): absolute signs first, then the relation."""
         same, different, *ends = (bool(plane[j, i]) for plane in self.store.signs[row])
         for k, (plus, minus) in ((a, ends[:2]), (b, ends[2:])):
             if plus != minus and not self.group.set_sign(k, 1 if plus else -1):
@@ -350,13 +399,13 @@ class _Traversal:
         """Look ahead: more features than the bin may take have no model feature left that agrees."""
         for k, choice, fixed in ((a, i, fixed_a), (b, j, fixed_b)):
             if fixed == UNASSIGNED and choice < self.e:
-                self._narrow(k, choice)
+                self._close_inconsistent(k, choice)
         stranded = sum(
             1 for k in range(self.n) if self.assignment[k] == UNASSIGNED and self.once[k] and not f.any_(self.open[k])
         )
-        return self.in_bin + stranded > self.bin_limit
+        return self.in_bin + stranded > self.limits.in_bin
 
-    def _narrow(self, a: int, i: int) -> None:
+    def _close_inconsistent(self, a: int, i: int) -> None:
         """Feature a is on model feature i: close what disagrees, by a row or column of each of its tables."""
         for k in range(self.n):
             if self.assignment[k] != UNASSIGNED or k == a:
@@ -408,7 +457,7 @@ class _Signs:
             self.parity.assign(-self.parity, group)
         return True
 
-    def signs(self, assignment: np.ndarray) -> np.ndarray:
+    def signs(self, assignment: Int32Array) -> Int8Array:
         """(n,) int8: absolute signs, 0 where unknown or in the bin."""
         root: Any = self.root.values.astype(np.int64)
         signs = self.known.values[root] * self.parity.values

@@ -1,30 +1,42 @@
-"""match() by a search of the thesis: tables, tree, validation; then the finish that all searches share."""
+"""match() by a search of the thesis: tables, tree, a pose for each interpretation; then what all searches share."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 
 from msgs_py import BIN, FeatureSet, Interpretation
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import Problem, conclude, refine_all
 from .absolute_pose import validate
-from .tree import TreeResult
-
-INTERPRETATIONS = 256  # how many feasible interpretations are validated at most
-REFINED = 16  # how many of them, best first, are refined
-# The closed-form pose is tested more generously than the refined one.
-FIRST_FRACDEV = 4.0
-ALONG = 0.98  # cosine of a feature parallel to the free shift
+from .serial import serial_search
+from .settings import FIRST_FRACDEV, INTERPRETATIONS, PARALLEL_COSINE, REFINED
+from .tables import build_tables
+from .tree import TreeResult, subgraph_search, tree_search
 
 
 def match_by_tree(problem: Problem, params: MatchParams, started: float) -> MatchResult:
-    """Feasible interpretations by params.search, validated, refined and judged."""
+    """Match by the search that the parameters name: feasible interpretations, their poses, refined and judged.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model, usable data and tolerances.
+    params : MatchParams
+        search is 'tree', 'subgraph' or 'serial'; with 'hypotheses' the tree is searched.
+    started : float
+        time.perf_counter() at the start of the match, from which its time limit counts.
+
+    Returns
+    -------
+    MatchResult
+        Statistics: feasible and valid interpretations, counts of the search; free_shift and free_turn (unit vectors,
+        camera frame) when the data leaves a translation or a rotation open.
+    """
     try:
         result = feasible(problem, params, started)
     except ValueError as error:
@@ -49,7 +61,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     checked = validate(
         index.features,
         problem.data,
-        result.assignments,
+        result.assignments.astype(np.int64),
         result.signs,
         FIRST_FRACDEV * params.fracdev,
         params.curvedev,
@@ -79,33 +91,28 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     return MatchResult(accepted, rejected, stats, reason)
 
 
-def _with_free_shift(one: Interpretation, data: FeatureSet, keep: np.ndarray, free: np.ndarray) -> Interpretation:
-    """An interpretation that says along what it may move, when all that it pairs is parallel to that."""
+def _with_free_shift(one: Interpretation, data: FeatureSet, keep: IntArray, free: FloatArray) -> Interpretation:
+    """The interpretation with its free shift (unit vector, camera frame), if all that it pairs is parallel to that."""
     paired = one.assignment[keep] != BIN
     lines = data.directions[paired]
-    return replace(one, free_shift=free) if (np.abs(lines @ free) > ALONG).all() else one
+    return replace(one, free_shift=free) if (np.abs(lines @ free) > PARALLEL_COSINE).all() else one
 
 
 def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResult:
-    """Feasible interpretations of the usable data. Raises ValueError when the tables would be too large."""
+    """Feasible interpretations of the usable data, parameters as for :func:`match_by_tree`.
+
+    Raises ValueError when the tables would be too large or the engine is not installed.
+    """
     seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
     if params.engine == 'dap':
+        # The array machine takes a fifth of a second to import, and only engine='dap' needs it.
         try:
-            engine_dap: Any = import_module('.engine_dap', __package__)
+            from .engine_dap import tree_search as dap_search
         except ImportError as error:
             raise ValueError(f"engine: 'dap' is not available: {error}") from None
-        return engine_dap.tree_search(problem.index, problem.data, params, INTERPRETATIONS)
+        return dap_search(problem.index, problem.data, params, INTERPRETATIONS)
     if params.search == 'serial':
-        from .serial import serial_search
-
         return serial_search(problem.index, problem.data, params, INTERPRETATIONS, seconds)
-    from .tables import build_tables
-
     tables = build_tables(problem.index, problem.data, params)
-    if params.search == 'subgraph':
-        from .subgraph import subgraph_search
-
-        return subgraph_search(tables, params, INTERPRETATIONS, seconds)
-    from .tree import tree_search
-
-    return tree_search(tables, params, INTERPRETATIONS, seconds)
+    search = subgraph_search if params.search == 'subgraph' else tree_search
+    return search(tables, params, INTERPRETATIONS, seconds)

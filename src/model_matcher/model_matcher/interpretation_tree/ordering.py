@@ -4,21 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, IntArray
+
 from ..params import ORDERINGS
 
 
-def order_pairs(pairs: np.ndarray, sums: np.ndarray, ordering: str = 'combined') -> np.ndarray:
-    """(P,) int64: rows of the match list in the order of traversal.
+def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> IntArray:
+    """Rows of the match list in the order of traversal; equal sums keep the order of the list.
 
-    pairs : (P, 2), data pairs a < b of n features, all of them; sums : (P,) matches of each pair
+    Parameters
+    ----------
+    pairs : ndarray, shape (P, 2), int
+        Data pairs a < b of n features, all of them.
+    sums : ndarray, shape (P,), int
+        Matches of each pair: consistent pairs of model features.
+    ordering : str
+        - 'worst': most matches first
+        - 'holder_buxton': fewest matches first (Holder and Buxton)
+        - 'consistency': 0-1, 0-2, 1-2, 0-3, 1-3, 2-3, ...: only the first pair has both features unassigned
+        - 'consistency_grouped': the same, and in each group (pairs with one second feature) the pair of fewest matches
+          first
+        - 'combined': the grouped order behind the pair of fewest matches of all
 
-    worst : most matches first
-    holder_buxton : fewest matches first (Holder and Buxton)
-    consistency : 0-1, 0-2, 1-2, 0-3, 1-3, 2-3, ...: only the first pair has both features unassigned
-    consistency_grouped : the same, and in each group (pairs with one second feature) the pair of fewest matches first
-    combined : the grouped order behind the pair of fewest matches of all
+    Returns
+    -------
+    ndarray, shape (P,), int64
 
-    Equal sums keep the order of the list. Raises ValueError for another name.
+    Raises
+    ------
+    ValueError
+        For another ordering.
+
+    References
+    ----------
+    Thesis 5.7.1 and appendix C.
+
+    Examples
+    --------
+    >>> pairs = np.array([[0, 1], [0, 2], [1, 2]])
+    >>> order_pairs(pairs, np.array([5, 3, 1]), 'holder_buxton').tolist()
+    [2, 1, 0]
+    >>> order_pairs(pairs, np.array([5, 3, 1]), 'consistency_grouped').tolist()
+    [0, 2, 1]
     """
     if ordering not in ORDERINGS:
         raise ValueError(f'ordering: expected one of {", ".join(ORDERINGS)}; got {ordering!r}')

@@ -11,25 +11,48 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, FeatureSet
 from msgs_py.numeric.compiled import njit
 
-from ..geometry import constraints as c
 from ..geometry.constraints import entry
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
-from .signs import apply_code, write_signs
-from .tables import _data_ranges, all_pairs, model_ranges, unary_table
-from .tree import COUNTERS, TreeResult
+from .settings import INTERPRETATIONS, LARGEST_PAIRS, SIGNS_PER_TEST, TESTS_PER_SECOND
+from .signs import apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
+from .tables import pair_row, pair_tests, unary_table
+from .tree import BACKTRACKS, COUNTERS, LEVELS, SIGN_CUTOFFS, TRUNCATED, Limits, TreeResult
 
-LARGEST_PAIRS = 2_000_000  # of data features: 11 numbers each
-TESTS_PER_SECOND = 10_000_000  # only to turn a time limit into a limit of pair tests
+WORK = len(COUNTERS)  # one more counter: pair tests and what counts as such
 
 
 def serial_search(
-    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = 256, seconds: float | None = None
+    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = INTERPRETATIONS, seconds: float | None = None
 ) -> TreeResult:
-    """All feasible interpretations with the fewest features in the bin, at most ``limit``.
+    """Find the feasible interpretations with the fewest features in the bin.
 
-    data : usable features (none without length). The statistics count the nodes visited as levels.
-    Raises ValueError when there are too many data pairs to keep the ranges of.
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+    data : FeatureSet
+        Usable features (none without length), camera frame, metres.
+    params : MatchParams
+        constraints, signs, max_bin, tolerances and time limit.
+    limit : int
+        Most interpretations that are returned.
+    seconds : float, optional
+        Time limit, params.time_limit_s when not given.
+
+    Returns
+    -------
+    TreeResult
+        Its statistics count the nodes visited as levels.
+
+    Raises
+    ------
+    ValueError
+        When there are too many data pairs to keep the ranges of.
+
+    References
+    ----------
+    W. E. L. Grimson and T. Lozano-Perez (1987), Localizing overlapping parts by searching the interpretation tree.
     """
     n = len(data)
     if n * (n - 1) // 2 > LARGEST_PAIRS:
@@ -37,34 +60,17 @@ def serial_search(
     rows = feature_rows(data)
     tolerances = data_tolerances(data, rows, index.size, params)
     unary = unary_table(index, data, tolerances, params)
-    error = np.hypot(tolerances[:, 0], tolerances[:, 1])
-    use = np.array([name in params.constraints for name in c.NAMES])
-    if params.scale == 'free':
-        use[c.DISTANCE] = False
     length = np.where(data.kind == FeatureKind.CURVE, 0.0, data.lengths)
     order = np.argsort(-length, kind='stable')
-    ranges = _data_ranges(rows[order], error[order], tolerances[order, 2], all_pairs(n))
-    counters = np.zeros(len(COUNTERS) + 1, np.int64)  # the last counts the work done
+    tests = pair_tests(index, rows[order], tolerances[order], params)
+    counters = np.zeros(len(COUNTERS) + 1, np.int64)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
     budget = int((params.time_limit_s if seconds is None else seconds) * TESTS_PER_SECOND)
     impossible = int((~unary.any(axis=1)).sum())
-    found = 0
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
     for in_bin in range(impossible, most + 1):
-        found, inner, inner_signs = _descend(
-            ranges,
-            model_ranges(index),
-            2.0 * index.rows[:, 6],
-            error[order],
-            unary[order],
-            use,
-            params.signs,
-            in_bin,
-            limit,
-            budget,
-            counters,
-        )
-        if found or counters[4]:
+        found, inner, inner_signs = _descend(tests, unary[order], Limits(in_bin, limit, budget, params.signs), counters)
+        if found or counters[TRUNCATED]:
             assignments = np.full((found, n), BIN, np.int32)
             signs = np.zeros((found, n), np.int8)
             assignments[:, order], signs[:, order] = inner[:found], inner_signs[:found]
@@ -74,85 +80,77 @@ def serial_search(
 
 
 @njit
-def _descend(data, model, lengths, error, unary, use, use_signs, bin_limit, limit, budget, counters):
+def _descend(tests, unary, limits, counters):
+    """Depth-first over the data features; returns as tree.traverse_pairs does, and fills the counters (6,) int64.
+
+    unary : (n, e) bool, which model features a data feature may be on by itself
+    """
     n, e = unary.shape
-    out = np.full((limit, n), -1, np.int32)
-    out_sign = np.zeros((limit, n), np.int8)
-    assignment = np.full(n, -1, np.int32)
+    out = np.full((limits.interpretations, n), BIN, np.int32)
+    out_sign = np.zeros((limits.interpretations, n), np.int8)
+    assignment = np.full(n, BIN, np.int32)
     cursor = np.zeros(n, np.int64)
-    root = np.arange(n).astype(np.int32)
-    parity = np.ones(n, np.int8)
-    known = np.zeros(n, np.int8)
-    saved_root = np.zeros((n, n), np.int32)
-    saved_parity = np.zeros((n, n), np.int8)
-    saved_known = np.zeros((n, n), np.int8)
-    saved_bin = np.zeros(n, np.int64)
-    in_bin = 0
+    signs, saved = unknown_signs(n), stacked_signs(n, n)
+    saved_bin = np.zeros(n + 1, np.int64)  # features in the bin when a level is entered
     found = 0
     level = 0
     entering = True
     while level >= 0:
-        if counters[5] > budget:
-            counters[4] = 1
-            return found, out, out_sign
+        if counters[WORK] > limits.levels:
+            counters[TRUNCATED] = 1
+            break
         if entering:
-            counters[5] += n // 8  # what a level keeps of the signs
-            saved_root[level], saved_parity[level], saved_known[level] = root, parity, known
-            saved_bin[level] = in_bin
+            counters[WORK] += n // SIGNS_PER_TEST
+            save_signs(signs, saved, level)
             cursor[level] = 0
         advanced = False
-        while cursor[level] <= e:
+        while cursor[level] <= e and not advanced:
             j = cursor[level]
             cursor[level] += 1
-            root[:], parity[:], known[:] = saved_root[level], saved_parity[level], saved_known[level]
-            in_bin = saved_bin[level]
+            restore_signs(signs, saved, level)
             if j == e:
-                if in_bin >= bin_limit:
-                    continue
-                in_bin += 1
-                assignment[level] = -1
-                advanced = True
-                break
-            if not unary[level, j]:
-                continue
-            counters[0] += 1
-            counters[5] += 1 + n // 8
-            good = True
-            for a in range(level):
-                i = assignment[a]
-                if i < 0:
-                    continue
-                counters[5] += 1
-                row = a * n - a * (a + 1) // 2 + level - a - 1
-                bits = entry(data[row], model[i, j], i == j, lengths[i], error[a] + error[level], use)
-                if bits == 0:
-                    good = False
-                    break
-                if use_signs and not apply_code(bits, a, level, root, parity, known):
-                    counters[2] += 1
-                    good = False
-                    break
-            if good:
+                if saved_bin[level] < limits.in_bin:
+                    saved_bin[level + 1] = saved_bin[level] + 1
+                    assignment[level] = BIN
+                    advanced = True
+            elif unary[level, j] and _agrees(tests, assignment, level, j, limits.use_signs, signs, counters):
+                saved_bin[level + 1] = saved_bin[level]
                 assignment[level] = j
                 advanced = True
-                break
         if not advanced:
-            counters[1] += 1
+            counters[BACKTRACKS] += 1
             level -= 1
             entering = False
-            continue
-        if level + 1 < n:
+        elif level + 1 < n:
             level += 1
             entering = True
-            continue
-        if in_bin == bin_limit:
-            out[found] = assignment
-            write_signs(root, parity, known, out_sign[found])
-            for k in range(n):
-                if assignment[k] < 0:
-                    out_sign[found, k] = 0
-            found += 1
-            if found == limit:
-                return found, out, out_sign
-        entering = False
+        else:
+            if saved_bin[n] == limits.in_bin:
+                out[found] = assignment
+                write_signs(signs, assignment, out_sign[found])
+                found += 1
+                if found == limits.interpretations:
+                    break
+            entering = False
     return found, out, out_sign
+
+
+@njit
+def _agrees(tests, assignment, level, j, use_signs, signs, counters):
+    """Whether data feature ``level`` on model feature j agrees with all assigned before it; changes the signs."""
+    n = len(assignment)
+    counters[LEVELS] += 1
+    counters[WORK] += 1 + n // SIGNS_PER_TEST
+    for a in range(level):
+        i = assignment[a]
+        if i < 0:
+            continue
+        counters[WORK] += 1
+        data, model = tests.data[pair_row(a, level, n)], tests.model[i, j]
+        bits = entry(data, model, i == j, tests.lengths[i], tests.errors[a] + tests.errors[level], tests.use)
+        if bits == 0:
+            return False
+        if use_signs and not apply_code(bits, a, level, signs):
+            counters[SIGN_CUTOFFS] += 1
+            return False
+    return True

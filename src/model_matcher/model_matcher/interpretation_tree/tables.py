@@ -4,82 +4,152 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 
 from ..geometry import constraints as c
 from ..geometry.constraints import consistent_signs, entry, pair_ranges
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
-
-# A table set larger than this is refused with a reason; the hypothesis search needs no tables.
-LARGEST_TABLES = 400_000_000
-ENTRIES_PER_SECOND = 20_000_000  # only to turn a time limit into a limit of entries
+from .settings import ENTRIES_PER_SECOND, LARGEST_TABLES
 
 
 @dataclass(eq=False)
 class Tables:
     """The match list of n data features and e model features.
 
-    pairs : (P, 2) int32, data pairs a < b in the order 0-1, 0-2, ..., 1-2, ...
-    code : (P, e, e) uint8, [p, i, j] the sign bits (constraints.py) under which a on i agrees with b on j; 0: they
-        do not. All bits are set where a constraint says nothing of signs
-    unary : (n, e) bool, which model features a data feature may be on its own: type and length
+    Attributes
+    ----------
+    pairs : ndarray, shape (P, 2), int32
+        Data pairs a < b in the order 0-1, 0-2, ..., 1-2, ...
+    code : ndarray, shape (P, e, e), uint8
+        [p, i, j] holds the sign bits (constraints.py) under which a on i agrees with b on j; 0: they do not. All bits
+        are set where a constraint says nothing of signs.
+    unary : ndarray, shape (n, e), bool
+        Which model features a data feature may be on by itself: type and length.
     """
 
-    pairs: np.ndarray
-    code: np.ndarray
-    unary: np.ndarray
+    pairs: Int32Array
+    code: ByteArray
+    unary: BoolArray
 
     @property
-    def match(self) -> np.ndarray:
+    def match(self) -> BoolArray:
         """(P, e, e) bool: the look-up tables of the thesis."""
-        return self.code != 0
+        match: BoolArray = self.code != 0
+        return match
 
     @cached_property
-    def sums(self) -> np.ndarray:
+    def sums(self) -> IntArray:
         """(P,) int64: matches of each data pair, what the orderings sort by."""
-        return np.count_nonzero(self.code, axis=(1, 2))
+        sums: IntArray = np.count_nonzero(self.code, axis=(1, 2))
+        return sums
 
     def number(self, a: int, b: int) -> int:
         """The row of data pair a < b."""
-        return pair_number(a, b, self.unary.shape[0])
+        return int(pair_number(a, b, self.unary.shape[0]))
 
 
-def pair_number(a: int, b: int, n: int) -> int:
-    """Row of data pair a < b among the n (n - 1) / 2."""
+def pair_number(a: Any, b: Any, n: int) -> Any:
+    """Row of data pair a < b among the n (n - 1) / 2, in the order 0-1, 0-2, ..., 1-2, ...; for arrays too.
+
+    >>> [pair_number(a, b, 4) for a, b in ((0, 1), (0, 3), (1, 2), (2, 3))]
+    [0, 2, 3, 5]
+    """
     return a * n - a * (a + 1) // 2 + b - a - 1
 
 
-def all_pairs(n: int) -> np.ndarray:
+pair_row = njit(pair_number)  # the same, for kernels
+
+
+def all_pairs(n: int) -> Int32Array:
     """(P, 2) int32: 0-1, 0-2, ..., 1-2, ..."""
     first, second = np.triu_indices(n, 1)
     return np.stack([first, second], axis=1).astype(np.int32)
 
 
-def model_ranges(index: ModelIndex) -> np.ndarray:
+def model_ranges(index: ModelIndex) -> FloatArray:
     """(e, e, 11) float64: the exact ranges of all ordered pairs of model features (constraints.pair_ranges)."""
-    return _model_ranges(index.rows)
+    ranges: FloatArray = _model_ranges(index.rows)
+    return ranges
 
 
-def data_ranges(data: FeatureSet, size: float, params: MatchParams, tolerances: np.ndarray | None = None) -> np.ndarray:
-    """(P, 11) float64: the ranges of all data pairs, drawn inwards by their errors.
+def position_errors(tolerances: FloatArray) -> FloatArray:
+    """(n,) metres: how far an end point may be off, along and across together; of tolerances (n, 3)."""
+    errors: FloatArray = np.hypot(tolerances[:, 0], tolerances[:, 1])
+    return errors
 
-    size : metres, the model's; tolerances : (n, 3) as model_index.data_tolerances gives them (the default)
+
+def ranges_of_rows(rows: FloatArray, tolerances: FloatArray) -> FloatArray:
+    """(P, 11) float64: the ranges of all pairs of data rows (n, 9), drawn inwards by their tolerances (n, 3)."""
+    ranges: FloatArray = _data_ranges(rows, position_errors(tolerances), tolerances[:, 2], all_pairs(len(rows)))
+    return ranges
+
+
+def data_ranges(data: FeatureSet, size: float, params: MatchParams, tolerances: FloatArray | None = None) -> FloatArray:
+    """The ranges of all data pairs, drawn inwards by their errors.
+
+    Parameters
+    ----------
+    data : FeatureSet
+        n features, camera frame, metres.
+    size : float
+        Size of the model, metres.
+    params : MatchParams
+        Tolerances.
+    tolerances : ndarray, shape (n, 3), optional
+        As model.index.data_tolerances gives them, the default.
+
+    Returns
+    -------
+    ndarray, shape (P, 11), float64
+        Distances in metres and angles in radians (geometry.constraints.pair_ranges).
     """
     rows = feature_rows(data)
-    if tolerances is None:
-        tolerances = data_tolerances(data, rows, size, params)
-    error = np.hypot(tolerances[:, 0], tolerances[:, 1])
-    return _data_ranges(rows, error, tolerances[:, 2], all_pairs(len(data)))
+    return ranges_of_rows(rows, data_tolerances(data, rows, size, params) if tolerances is None else tolerances)
 
 
-def unary_table(index: ModelIndex, data: FeatureSet, tolerances: np.ndarray, params: MatchParams) -> np.ndarray:
+class PairTests(NamedTuple):
+    """What the test of a data pair against a model pair (constraints.entry) needs.
+
+    data : (P, 11) and model : (e, e, 11), their ranges; lengths : (e,) metres, of the model features
+    errors : (n,) metres, of the data end points; use : (5,) bool, the constraints that are tested
+    """
+
+    data: FloatArray
+    model: FloatArray
+    lengths: FloatArray
+    errors: FloatArray
+    use: BoolArray
+
+
+def pair_tests(index: ModelIndex, rows: FloatArray, tolerances: FloatArray, params: MatchParams) -> PairTests:
+    """The tests of all pairs of data rows (n, 9) with tolerances (n, 3) against all pairs of model features."""
+    return PairTests(
+        ranges_of_rows(rows, tolerances),
+        model_ranges(index),
+        2.0 * index.rows[:, 6],
+        position_errors(tolerances),
+        constraints_used(params),
+    )
+
+
+def constraints_used(params: MatchParams) -> BoolArray:
+    """(5,) bool: which constraints are tested; with a free scale the distance is not (thesis 5.5)."""
+    use = np.array([name in params.constraints for name in c.NAMES])
+    if params.scale == 'free':
+        use[c.DISTANCE] = False
+    return use
+
+
+def unary_table(index: ModelIndex, data: FeatureSet, tolerances: FloatArray, params: MatchParams) -> BoolArray:
     """(n, e) bool: same type, and no longer than the model feature (the length counts with the distance constraint)."""
-    possible = data.kind[:, None] == index.kind
+    possible: BoolArray = data.kind[:, None] == index.kind
     if 'distance' in params.constraints and params.scale == 'known':
         length = np.where(data.kind == FeatureKind.CURVE, 0.0, data.lengths)
         possible &= length[:, None] - 2.0 * tolerances[:, 1:2] <= 2.0 * index.rows[:, 6] + c.ROUNDING
@@ -87,10 +157,29 @@ def unary_table(index: ModelIndex, data: FeatureSet, tolerances: np.ndarray, par
 
 
 def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Tables:
-    """All look-up tables of usable data (no feature without length).
+    """All look-up tables of the data and the model.
 
-    The constraints are those of params; with scale 'free' the distance constraint is left out (thesis 5.5).
-    Raises ValueError when the tables would not fit into memory.
+    Parameters
+    ----------
+    index : ModelIndex
+        The model, e features.
+    data : FeatureSet
+        n usable features (none without length), camera frame, metres.
+    params : MatchParams
+        constraints and signs; with scale='free' the distance constraint is left out (thesis 5.5).
+
+    Returns
+    -------
+    Tables
+
+    Raises
+    ------
+    ValueError
+        When the tables would not fit into memory, or take longer to fill than the time limit.
+
+    References
+    ----------
+    Thesis 5.7, 5.7.2, 6.6.
     """
     n, e = len(data), len(index)
     count = n * (n - 1) // 2
@@ -104,17 +193,13 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     rows = feature_rows(data)
     tolerances = data_tolerances(data, rows, index.size, params)
     unary = unary_table(index, data, tolerances, params)
-    use = np.array([name in params.constraints for name in c.NAMES])
-    if params.scale == 'free':
-        use[c.DISTANCE] = False
-    error = np.hypot(tolerances[:, 0], tolerances[:, 1])
-    ranges = _data_ranges(rows, error, tolerances[:, 2], pairs)
-    code = _fill(ranges, _model_ranges(index.rows), pairs, unary, 2.0 * index.rows[:, 6], error, use, params.signs)
+    code: ByteArray = _fill(pair_tests(index, rows, tolerances, params), pairs, unary, params.signs)
     return Tables(pairs, code, unary)
 
 
 @njit
 def _model_ranges(rows):
+    """(e, e, 11) ranges of ordered pairs of model rows (e, 9); 0 for a feature with itself."""
     e = rows.shape[0]
     out = np.zeros((e, e, 11))
     for i in range(e):
@@ -126,6 +211,7 @@ def _model_ranges(rows):
 
 @njit
 def _data_ranges(rows, error, cone, pairs):
+    """(P, 11) ranges of pairs (P, 2) of data rows (n, 9), with errors (n,) in metres and cones (n,) in radians."""
     out = np.zeros((pairs.shape[0], 11))
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
@@ -134,19 +220,20 @@ def _data_ranges(rows, error, cone, pairs):
 
 
 @njit
-def _fill(data, model, pairs, unary, lengths, error, use, signs):
+def _fill(tests, pairs, unary, signs):
+    """The tables (P, e, e) uint8 of data pairs (P, 2); unary : (n, e) bool; signs : test their consistency."""
     e = unary.shape[1]
     code = np.zeros((pairs.shape[0], e, e), np.uint8)
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
-        slack = error[a] + error[b]
+        slack = tests.errors[a] + tests.errors[b]
         for i in range(e):
             if not unary[a, i]:
                 continue
             for j in range(e):
                 if not unary[b, j]:
                     continue
-                bits = entry(data[p], model[i, j], i == j, lengths[i], slack, use)
+                bits = entry(tests.data[p], tests.model[i, j], i == j, tests.lengths[i], slack, tests.use)
                 if bits != 0 and signs and not consistent_signs(bits):
                     bits = 0
                 code[p, i, j] = bits

@@ -1,0 +1,111 @@
+"""Which pairings can be part of an interpretation of K features: core numbers over the look-up tables (thesis 7.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import Int32Array
+
+from .tables import Tables, pair_row
+
+
+def core_numbers(tables: Tables) -> Int32Array:
+    """The size of the largest interpretation that each pairing can be part of, as far as pairs tell.
+
+    A pairing (a, i) of data feature a with model feature i stays for size K while at least K - 1 other data features
+    still have a model feature that is consistent with it; the others are removed until nothing changes. This is arc
+    consistency with a count, computed for all K at once as a core decomposition.
+
+    Parameters
+    ----------
+    tables : Tables
+        Look-up tables of n data and e model features.
+
+    Returns
+    -------
+    ndarray, shape (n, e), int32
+        The largest K for which the pairing stays; 0 where the tests of single features fail.
+
+    References
+    ----------
+    Thesis 7.4; Batagelj and Zaversnik (2003), An O(m) algorithm for cores decomposition of networks.
+    """
+    cores: Int32Array = _core(tables.code, tables.unary)
+    return cores
+
+
+def largest_core(core: Int32Array) -> int:
+    """The largest K for which K data features have a pairing that stays: no interpretation is larger.
+
+    >>> largest_core(np.array([[3, 0], [0, 3], [1, 2], [3, 1]], np.int32))
+    3
+    """
+    best = np.sort(core.max(axis=1, initial=0))[::-1]
+    return int(np.max(np.minimum(best, np.arange(1, len(best) + 1)), initial=0))
+
+
+@njit
+def _core(code, unary):
+    """Core numbers (n, e) int32 from tables (P, e, e) uint8 and unary (n, e) bool."""
+    n, e = unary.shape
+    counts = np.zeros((n, e, n), np.int32)  # how many model features of the third agree with the pairing
+    for a in range(n):
+        for b in range(a + 1, n):
+            table = code[pair_row(a, b, n)]
+            for i in range(e):
+                for j in range(e):
+                    if table[i, j]:
+                        counts[a, i, b] += 1
+                        counts[b, j, a] += 1
+    support = np.zeros((n, e), np.int32)  # how many data features have a model feature that agrees with the pairing
+    core = np.zeros((n, e), np.int32)
+    removed = np.zeros((n, e), np.bool_)
+    for a in range(n):
+        for i in range(e):
+            if not unary[a, i]:
+                removed[a, i] = True
+                continue
+            for b in range(n):
+                if counts[a, i, b] > 0:
+                    support[a, i] += 1
+    stack = np.zeros((n * e, 2), np.int32)
+    for size in range(1, n + 1):
+        top = 0
+        left = 0
+        for a in range(n):
+            for i in range(e):
+                if removed[a, i]:
+                    continue
+                if support[a, i] < size - 1:
+                    removed[a, i] = True
+                    stack[top, 0], stack[top, 1] = a, i
+                    top += 1
+                else:
+                    left += 1
+        while top > 0:
+            top -= 1
+            a, i = stack[top, 0], stack[top, 1]
+            core[a, i] = size - 1
+            for b in range(n):
+                if b == a:
+                    continue
+                table = code[pair_row(min(a, b), max(a, b), n)]
+                for j in range(e):
+                    if removed[b, j] or not (table[i, j] if a < b else table[j, i]):
+                        continue
+                    counts[b, j, a] -= 1
+                    if counts[b, j, a] == 0:
+                        support[b, j] -= 1
+                        if support[b, j] < size - 1:
+                            removed[b, j] = True
+                            left -= 1
+                            stack[top, 0], stack[top, 1] = b, j
+                            top += 1
+        if left == 0:
+            return core
+    for a in range(n):
+        for i in range(e):
+            if not removed[a, i]:
+                core[a, i] = n
+    return core

@@ -1,0 +1,47 @@
+"""Limits and tolerances of the tree searches and of the poses fitted to what they find."""
+
+from __future__ import annotations
+
+# -- how much a search may do --------------------------------------------------------------------------------------
+# A search is limited in steps, not by a clock, so that its result is the same on every machine. The rates turn a time
+# limit in seconds into steps; they were measured on one core of the development machine, no command kept.
+
+# Table entries that are filled in a second.
+ENTRIES_PER_SECOND = 20_000_000
+# Most entries of all tables together, one byte each: more is refused with a reason.
+LARGEST_TABLES = 400_000_000
+# Levels of the tree that are visited in a second while a level has at most LEVEL_SIZE data x model features; with more,
+# proportionally fewer.
+LEVELS_PER_SECOND = 1_000_000
+LEVEL_SIZE = 1000
+# A search that takes this many times its time limit by the clock is stopped: the machine is slower than the rates say.
+SLOW_MACHINE = 2.0
+# Pair tests of the serial search in a second.
+TESTS_PER_SECOND = 10_000_000
+# Saving the signs of this many data features at a level counts as one pair test of the serial search.
+SIGNS_PER_TEST = 8
+# Most data pairs of the serial search, which keeps 11 numbers for each: more is refused with a reason.
+LARGEST_PAIRS = 2_000_000
+
+# -- what is done with feasible interpretations ----------------------------------------------------------------------
+
+# Feasible interpretations that a search returns at most (the thesis' NOI), and how many, best first, are refined.
+INTERPRETATIONS = 256
+REFINED = 16
+# The closed-form pose is tested with this multiple of MatchParams.fracdev; the refined one with fracdev itself.
+FIRST_FRACDEV = 4.0
+# Cosine of the angle to the free shift above which a data feature counts as parallel to it.
+PARALLEL_COSINE = 0.98
+
+# -- rank of the least-squares problems ------------------------------------------------------------------------------
+
+# An eigenvalue below this fraction of the largest leaves a shift or a turn open.
+FREE = 1e-9
+# Relative size below which the pseudo-inverse of the similarity fit drops a singular value.
+PSEUDO_INVERSE = 1e-12
+# Points of which none is farther than this fraction of the model's size from an axis do not determine a turn about it.
+ON_AXIS = 1e-6
+# Directions whose cosine is below -1 + OPPOSITE are opposite: any perpendicular axis turns one into the other.
+OPPOSITE = 1e-12
+# Sums of weights and eigenvalues are divided by at least this.
+NOT_ZERO = 1e-300
