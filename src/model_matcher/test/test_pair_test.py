@@ -10,7 +10,8 @@ from model_matcher.geometry.kernels import fit_one
 from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.model.index import data_tolerances, feature_rows
-from model_matcher.proof.support_pruning import agreement, extremes, listed, narrowed, thin
+from model_matcher.proof.arc_consistency import Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
+from model_matcher.proof.feasibility import Sample
 
 NAMES = ('chair', 'plug', 'lamp', 'tubes', 'wedge', 'cylinder_box')
 
@@ -50,39 +51,15 @@ def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, 
             if a < b:
                 assert tables.code[tables.number(a, b), i, j]
     nodes_a, nodes_i = np.array(fitting, dtype=np.int64).reshape(-1, 2).T.copy()
-    parts, nothing = agreement(rows, tols, index.rows, margins, relations), np.zeros(0, np.int64)
+    test, nothing = pair_test(Sample(rows, data.kind, tols, index.rows)), np.zeros(0, np.int64)
+    groups = Groups(np.full(len(data), -1), nothing)
     supporters = len(np.unique(nodes_a)) - 1
     lists, counts = listed(alone)
-    for a, i in fitting:
+    for node, (a, _) in enumerate(fitting):
         others = np.flatnonzero(nodes_a != a)
-        left = narrowed(
-            a,
-            i,
-            others,
-            nodes_a,
-            nodes_i,
-            supporters,
-            nothing,
-            np.full(len(data), -1),
-            nothing,
-            *parts,
-            np.empty((len(data), 11)),
-            np.zeros(len(data), bool),
-        )
+        own = no_ranges(len(data))
+        left = forward_check(node, others, nothing, supporters, Nodes(nodes_a, nodes_i), groups, test, own)
         assert left.tolist() == others.tolist()
     for a in np.unique(nodes_a):
-        thin(
-            a,
-            np.delete(np.arange(len(data)), a),
-            rows,
-            margins,
-            lists,
-            counts,
-            halves,
-            relations,
-            parts[6],
-            *extremes(halves, relations),
-            supporters,
-            len(index),
-        )
+        revise(a, np.delete(np.arange(len(data)), a), test, lists, counts, supporters, len(index))
         assert set(nodes_i[nodes_a == a]) <= set(lists[a, : counts[a]])

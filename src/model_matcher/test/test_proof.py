@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic import MODELS, fragment, make_scene, random_pose
 from model_matcher.geometry.kernels import assign
+from model_matcher.proof.branch_and_bound import sample_of
 from model_matcher.proof.certificate import prove
 from model_matcher.proof.feasibility import (
     FEASIBLE,
@@ -15,9 +16,9 @@ from model_matcher.proof.feasibility import (
     OPEN,
     all_fit,
     can_join,
-    common_pose,
-    conflict,
     deviations,
+    infeasible_subset,
+    minimax_pose,
 )
 from model_matcher.verification.acceptance import make_problem
 from msgs_py import BIN, Pose
@@ -48,16 +49,13 @@ def test_more_than_a_pose_explains_is_never_ruled_out(seed, name, log_sigma, clu
     index, params = index_model(MODELS[name](), name), MatchParams()
     problem = make_problem(index, scene.data, params)
     size = int((explained(problem, as_motion(scene.poses[0])) != BIN).sum())
-    if size < 4:
-        return
+    assume(size >= 4)
     proof = prove(index, scene.data, size - 1, params, seconds=5.0)
     if proof.assignment is None:
         assert not proof.proven and proof.reason
     else:
         assert (proof.assignment != BIN).sum() >= size
-        assert all_fit(
-            proof.motion, *pairs_of(proof.assignment), *problem.sample, index.rows, index.kind, problem.radius_tol
-        )
+        assert all_fit(proof.motion, *pairs_of(proof.assignment), sample_of(problem), index.kind, problem.radius_tol)
 
 
 @pytest.mark.parametrize('name', ['l_shape', 'wedge', 'chair', 'computer', 'cylinder_box'])
@@ -131,40 +129,53 @@ def some_pairings(seed, name='chair', scale=1.0):
     return problem, np.arange(len(data)), origin.astype(np.int64), as_motion(pose)
 
 
+def tight_pairings(seed, name):
+    """The truth's pairings with errors stated too small, so that some sets have a common pose and some have none."""
+    return some_pairings(seed, name, scale=0.4 + 0.05 * seed)
+
+
+def test_the_sets_that_are_tried_are_feasible_and_infeasible():
+    outcomes = []
+    for name in ('chair', 'lamp'):
+        for seed in range(12):
+            problem, a, i, motion = tight_pairings(seed, name)
+            outcomes.append(minimax_pose(motion, a, i, sample_of(problem), np.empty(len(a))))
+    assert outcomes.count(FEASIBLE) >= 8 and outcomes.count(INFEASIBLE) >= 8
+
+
 @pytest.mark.parametrize('seed', range(12))
 @pytest.mark.parametrize('name', ['chair', 'lamp'])
 def test_a_common_pose_is_found_or_ruled_out(seed, name):
-    problem, a, i, motion = some_pairings(seed, name, scale=0.4 + 0.05 * seed)
-    sample = (*problem.sample, problem.index.rows)
+    problem, a, i, motion = tight_pairings(seed, name)
+    sample = sample_of(problem)
     pose, weights = motion.copy(), np.empty(len(a))
-    found = common_pose(pose, a, i, *sample, weights)
+    found = minimax_pose(pose, a, i, sample, weights)
     assert found != OPEN
     if found == FEASIBLE:
-        assert deviations(pose, a, i, *sample).max() <= 1.0 + 1e-9
+        assert deviations(pose, a, i, sample).max() <= 1.0 + 1e-9
         return
     rng = np.random.default_rng(seed)
     for _ in range(300):  # no pose near the truth fits all
         turn = Pose.from_rotation_vector(rng.normal(size=3) * 0.02, rng.normal(size=3) * 1e-3)
         other = Pose(turn.rotation @ motion[:9].reshape(3, 3), motion[9:] + turn.translation)
-        assert deviations(as_motion(other), a, i, *sample).max() > 1.0
-    few = conflict(motion, a, i, weights, *sample)
+        assert deviations(as_motion(other), a, i, sample).max() > 1.0
+    few = infeasible_subset(motion, a, i, weights, sample)
     assert len(few) <= len(a)
-    assert common_pose(motion.copy(), a[few], i[few], *sample, np.empty(len(few))) == INFEASIBLE
+    assert minimax_pose(motion.copy(), a[few], i[few], sample, np.empty(len(few))) == INFEASIBLE
 
 
 @pytest.mark.parametrize('seed', range(6))
 def test_what_may_join_a_set_is_what_shares_a_pose_with_it(seed):
     problem, a, i, motion = some_pairings(seed)
-    sample = (*problem.sample, problem.index.rows)
+    sample = sample_of(problem)
     few = np.argsort(-problem.rows[:, 6])[:4]
     pose = motion.copy()
-    if common_pose(pose, a[few], i[few], *sample, np.empty(4)) != FEASIBLE:
-        return
+    assert minimax_pose(pose, a[few], i[few], sample, np.empty(4)) == FEASIBLE
     others_a = np.repeat(a, 5)
     others_i = np.random.default_rng(seed).integers(0, len(problem.index), len(others_a))
-    allowed = can_join(pose, a[few], i[few], others_a, others_i, 0, *sample)
+    allowed = can_join(pose, a[few], i[few], others_a, others_i, 0, sample)
     for k in range(len(others_a)):
-        together = common_pose(
-            pose.copy(), np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), *sample, np.empty(5)
+        together = minimax_pose(
+            pose.copy(), np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), sample, np.empty(5)
         )
         assert allowed[k] == (together != INFEASIBLE) or (together == OPEN and not allowed[k])

@@ -79,7 +79,7 @@ def best_rotations(model: FloatArray, data: FloatArray, weights: FloatArray) -> 
     --------
     >>> axes = np.eye(3)[None]
     >>> rotation, _ = best_rotations(axes, axes[:, [1, 2, 0]], np.ones((1, 3)))
-    >>> rotation[0].round(6).tolist()
+    >>> (rotation[0].round(6) + 0.0).tolist()
     [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
     # The quadratic form of sum w |d - R v|^2 in the quaternion (w, x, y, z): Horn's 4 x 4 matrix.

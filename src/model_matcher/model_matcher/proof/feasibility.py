@@ -1,41 +1,108 @@
-"""Whether a set of pairings has a common pose: the bounds of the proof.
+"""Minimax feasibility: whether a set of pairings has a common pose.
 
-What fit_one asks of a pairing is that a few numbers, each divided by its tolerance, stay below one: the distances of an
-edge's end points (or a curve's centre) from the model line, its shift along it over the room it has there, its tilt.
-The bound is minimax: of all poses, the one whose largest such number is smallest. It is approached by minimising sums
-of ever higher powers. For any weights that sum to one, the smallest weighted sum of squares is a lower bound of its
-square, tight for the weights of a high power; a set whose bound is above one has no pose that explains it.
+fit_one accepts a pairing when a few residuals, each divided by its tolerance, are at most one: the distances of an
+edge's end points (or a curve's centre) from the model line, its shift along the line over the room it has there, its
+tilt. The minimax pose has the smallest largest residual of all poses; it is approached by minimising sums of ever
+higher powers. For any weights that sum to one, the smallest weighted sum of squares is a lower bound of the square of
+the minimax residual, and the bound is tight for the weights of a high power. A set whose bound is above one has no pose
+that explains it (linear programming duality in its least-squares form: Lawson's algorithm for Chebyshev
+approximation).
+
+A pairing has four blocks of residuals: across the model line at one end and at the other, along it, and tilt.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import ByteArray, FloatArray
 
 from ..geometry.kernels import CURVE, fit_one
 from ..geometry.least_squares import across_line, apply_step, normal_equations, placed_line, solve6
+from .settings import (
+    AT_TOLERANCE,
+    BELOW_ONE,
+    DAMPING,
+    FEW,
+    FIT_STEPS,
+    LEAST_GAIN,
+    LEAST_ROOM,
+    LEAST_SQUARE,
+    LIGHT,
+    LINEARISATIONS,
+    MADE_MINIMAL,
+    MANY,
+    NEWTON_STEPS,
+    POWERS,
+    SEVERAL_MORE,
+    SHORTER,
+    SHORTEST,
+    SMALL_TURN,
+    WIDEST_CONE,
+)
 
 FEASIBLE, INFEASIBLE, OPEN = 1, 0, 2
-BLOCKS = 4  # groups of numbers that a pairing has
-LINEARISED = 4  # times that the numbers are linearised anew
-POWERS = 10  # 2, 4, 8, ...
-NEWTON = 8  # steps for each at most
-SMALL_TURN = 0.3  # radians: what is linear in the pose is so for smaller steps, up to second order, which is added
-ENOUGH = 12  # pairings that a conflict is looked for among, at first
-FITS = 8  # Gauss-Newton steps of a fit
+FIRST_END, SECOND_END, ALONG, TILT = 0, 1, 2, 3
+BLOCKS = 4  # of residuals, for each pairing
+
+
+class Sample(NamedTuple):
+    """Data and model as the kernels of the proof take them.
+
+    data : (n, 9) rows of model.index.feature_rows, camera frame, metres; kinds : (n,) uint8; tolerances : (n, 3) metres
+    across, metres along, radians of the direction's cone; model : (e, 9) rows in the model frame
+    """
+
+    data: FloatArray
+    kinds: ByteArray
+    tolerances: FloatArray
+    model: FloatArray
+
+
+class _Residuals(NamedTuple):
+    """Residuals over their tolerances as functions of a small motion s (6,): values - jacobian s; a block has two."""
+
+    jacobian: FloatArray  # (b, 2, 6)
+    values: FloatArray  # (b, 2)
+
+
+class _Fit(NamedTuple):
+    """What a Newton step finds: weights (b,) of the blocks, and two steps (6,), to the least weighted sum of squares
+    and towards the least sum of powers."""
+
+    weights: FloatArray
+    to_lowest: FloatArray
+    to_flattest: FloatArray
 
 
 @njit
-def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, first):
-    """The numbers of a on i, linearised about a pose, into blocks ``first``... of rows (b, 2, 6) and values (b, 2).
+def _room_for(blocks):
+    """Uninitialised residuals of so many blocks."""
+    return _Residuals(np.empty((blocks, 2, 6)), np.empty((blocks, 2)))
 
-    A block's number is the length of its values: across at one end and the other, along, tilt.
-    """
-    m, d = model[i], data[a]
+
+@njit
+def _centroid(sample, a):
+    """(3,) mean of the mid points of data features a (m,), metres; turns are about it."""
+    centre = np.zeros(3)
+    m = len(a)
+    for k in range(m):
+        for axis in range(3):
+            centre[axis] += sample.data[a[k], axis] / m
+    return centre
+
+
+@njit
+def _linearise(motion, centre, a, i, sample, residuals, first):
+    """The residuals of a on i and their derivatives at a motion (12,), into blocks ``first``... of ``residuals``."""
+    m, d = sample.model[i], sample.data[a]
+    rows, values = residuals.jacobian, residuals.values
     ux, uy, uz, mx, my, mz = placed_line(motion, m)
     ex, ey, ez, fx, fy, fz = across_line(ux, uy, uz)
-    curve = kind_d[a] == CURVE
+    curve = sample.kinds[a] == CURVE
     c = ux * d[3] + uy * d[4] + uz * d[5]
     for block in range(BLOCKS):
         at = first + block
@@ -43,8 +110,8 @@ def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, firs
             values[at, k] = 0.0
             for p in range(6):
                 rows[at, k, p] = 0.0
-        if block == 3:
-            scale = (1.0 if c >= 0.0 else -1.0) / np.sin(min(tols[a, 2], 1.2))
+        if block == TILT:
+            scale = (1.0 if c >= 0.0 else -1.0) / np.sin(min(sample.tolerances[a, 2], WIDEST_CONE))
             for k in range(2):
                 ax, ay, az = (ex, ey, ez) if k == 0 else (fx, fy, fz)
                 values[at, k] = scale * (ax * d[3] + ay * d[4] + az * d[5])
@@ -53,17 +120,17 @@ def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, firs
                 rows[at, k, 1] = scaled * (uz * ax - ux * az)
                 rows[at, k, 2] = scaled * (ux * ay - uy * ax)
             continue
-        if block == 1 and curve:
+        if block == SECOND_END and curve:
             continue
-        across = block < 2
-        step = 0.0 if curve or not across else d[6] if block == 0 else -d[6]
+        across = block != ALONG
+        step = 0.0 if curve or not across else d[6] if block == FIRST_END else -d[6]
         x, y, z = d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5]
         along = (x - mx) * ux + (y - my) * uy + (z - mz) * uz
         qx, qy, qz = mx + along * ux, my + along * uy, mz + along * uz
         if across:
-            scale = 1.0 / tols[a, 0]
+            scale = 1.0 / sample.tolerances[a, 0]
         else:
-            scale = 1.0 / max(m[6] + tols[a, 1] - abs(c) * d[6], 1e-9)
+            scale = 1.0 / max(m[6] + sample.tolerances[a, 1] - abs(c) * d[6], LEAST_ROOM)
             qx, qy, qz = mx, my, mz
         gx, gy, gz = qx - centre[0], qy - centre[1], qz - centre[2]
         for k in range(2 if across else 1):
@@ -79,15 +146,22 @@ def _numbers(motion, centre, a, i, data, kind_d, tols, model, rows, values, firs
 
 
 @njit
-def _squares(rows, values, step, out):
-    """Squares of the blocks' numbers after a step (6,), into out; returns the largest."""
+def _linearise_all(motion, centre, a, i, sample, residuals):
+    """The residuals of pairings a on i (m,), BLOCKS blocks for each."""
+    for k in range(len(a)):
+        _linearise(motion, centre, a[k], i[k], sample, residuals, BLOCKS * k)
+
+
+@njit
+def _squared_norms(residuals, step, out):
+    """Squared length of each block's residuals after a step (6,), into out (b,); returns the largest."""
     worst = 0.0
     for b in range(len(out)):
         square = 0.0
         for k in range(2):
-            value = values[b, k]
+            value = residuals.values[b, k]
             for p in range(6):
-                value -= rows[b, k, p] * step[p]
+                value -= residuals.jacobian[b, k, p] * step[p]
             square += value * value
         out[b] = square
         worst = max(worst, square)
@@ -95,164 +169,178 @@ def _squares(rows, values, step, out):
 
 
 @njit
-def _newton(rows, values, squares, worst, power, at, shares, to_lowest, to_flattest):
-    """At a step ``at``: shares of the blocks for a power, and the further steps to the weighted sum's minimum and
-    towards the power sum's. Returns the weighted minimum over the sum of shares, -1 when nothing can be solved."""
-    normal, curved = np.zeros((6, 6)), np.zeros((6, 6))
-    right, pulls = np.zeros(6), np.empty(6)
-    cost = total = 0.0
-    for b in range(len(squares)):
-        share = (squares[b] / worst) ** (power - 1.0)
-        shares[b] = share
-        total += share
-        cost += share * squares[b]
-        if share < 1e-9:
-            continue
-        pulls[:] = 0.0
-        for k in range(2):
-            value = values[b, k]
-            for p in range(6):
-                value -= rows[b, k, p] * at[p]
-            for p in range(6):
-                pulls[p] += rows[b, k, p] * value
-                for q in range(p + 1):
-                    normal[p, q] += share * rows[b, k, p] * rows[b, k, q]
-        bend = 2.0 * (power - 1.0) * share / max(squares[b], 1e-300)
-        for p in range(6):
-            right[p] += share * pulls[p]
-            for q in range(p + 1):
-                curved[p, q] += bend * pulls[p] * pulls[q]
+def _damp(normal):
+    """Add a small part of its trace to the diagonal of a normal matrix (6, 6), in place."""
     trace = 0.0
     for p in range(6):
         trace += normal[p, p]
     for p in range(6):
-        normal[p, p] += 1e-9 * trace
+        normal[p, p] += DAMPING * trace
+
+
+@njit
+def _newton(residuals, squares, worst, power, at, fit):
+    """One Newton step for the sum of powers of the squares (b,), from a step ``at`` (6,); fills ``fit``.
+
+    Returns the least weighted sum of squares over the sum of weights, -1 when nothing can be solved.
+    """
+    rows = residuals.jacobian
+    normal, curved = np.zeros((6, 6)), np.zeros((6, 6))
+    right, gradient = np.zeros(6), np.empty(6)
+    cost = total = 0.0
+    for b in range(len(squares)):
+        weight = (squares[b] / worst) ** (power - 1.0)
+        fit.weights[b] = weight
+        total += weight
+        cost += weight * squares[b]
+        if weight < LIGHT:
+            continue
+        gradient[:] = 0.0
+        for k in range(2):
+            value = residuals.values[b, k]
+            for p in range(6):
+                value -= rows[b, k, p] * at[p]
+            for p in range(6):
+                gradient[p] += rows[b, k, p] * value
+                for q in range(p + 1):
+                    normal[p, q] += weight * rows[b, k, p] * rows[b, k, q]
+        bend = 2.0 * (power - 1.0) * weight / max(squares[b], 1e-300)
+        for p in range(6):
+            right[p] += weight * gradient[p]
+            for q in range(p + 1):
+                curved[p, q] += bend * gradient[p] * gradient[q]
+    _damp(normal)
+    for p in range(6):
         for q in range(p + 1):
             curved[p, q] += normal[p, q]
             curved[q, p], normal[q, p] = curved[p, q], normal[p, q]
-    if not solve6(normal, right, to_lowest) or not solve6(curved, right, to_flattest):
+    if not solve6(normal, right, fit.to_lowest) or not solve6(curved, right, fit.to_flattest):
         return -1.0
     for p in range(6):
-        cost -= to_lowest[p] * right[p]
+        cost -= fit.to_lowest[p] * right[p]
     return cost / total
 
 
 @njit
-def common_pose(motion, a, i, data, kind_d, tols, model, weights):
-    """Whether some pose near ``motion`` lays data features a (m,) on model features i (m,) within their tolerances.
+def _line_search(residuals, squares, worst, power, step, direction):
+    """Go from a step (6,) along a direction as far as the sum of powers falls, at first the whole way.
 
-    FEASIBLE, with the pose in ``motion``; INFEASIBLE, with each pairing's part in that in weights (m,); or OPEN.
+    Changes step and squares (b,); returns the largest square and the part by which the sum has fallen, 0 when it has
+    not.
+    """
+    blocks = len(squares)
+    further, tried = np.empty(6), np.empty(blocks)
+    before = 0.0
+    for b in range(blocks):
+        before += (squares[b] / worst) ** power
+    length = 1.0
+    while length > SHORTEST:
+        for p in range(6):
+            further[p] = step[p] + length * direction[p]
+        now = _squared_norms(residuals, further, tried)
+        after = 0.0
+        for b in range(blocks):
+            after += (tried[b] / worst) ** power
+        if after < before:
+            step[:] = further
+            squares[:] = tried
+            return now, 1.0 - after / before
+        length *= SHORTER
+    return worst, 0.0
+
+
+@njit
+def minimax_pose(motion, a, i, sample, weights):
+    """Whether some pose near ``motion`` (12,) lays data features a (m,) on model features i (m,) within tolerances.
+
+    FEASIBLE, with the pose in ``motion``; INFEASIBLE, with the weight of each pairing in that bound in weights (m,); or
+    OPEN.
     """
     m = len(a)
     blocks = BLOCKS * m
-    rows, values = np.empty((blocks, 2, 6)), np.empty((blocks, 2))
-    shares, squares, tried = np.empty(blocks), np.empty(blocks), np.empty(blocks)
-    centre = np.zeros(3)
-    for k in range(m):
-        for axis in range(3):
-            centre[axis] += data[a[k], axis] / m
+    residuals, squares, step = _room_for(blocks), np.empty(blocks), np.empty(6)
+    fit = _Fit(np.empty(blocks), np.empty(6), np.empty(6))
+    centre = _centroid(sample, a)
     lever = 0.0  # of a turn, over the tolerance
     for k in range(m):
         far = 0.0
         for axis in range(3):
-            far += (data[a[k], axis] - centre[axis]) ** 2
-        lever = max(lever, (np.sqrt(far) + data[a[k], 6]) / tols[a[k], 0])
-    step, lowest, flattest, further = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    for _ in range(LINEARISED):
-        for k in range(m):
-            _numbers(motion, centre, a[k], i[k], data, kind_d, tols, model, rows, values, BLOCKS * k)
+            far += (sample.data[a[k], axis] - centre[axis]) ** 2
+        lever = max(lever, (np.sqrt(far) + sample.data[a[k], 6]) / sample.tolerances[a[k], 0])
+    for _ in range(LINEARISATIONS):
+        _linearise_all(motion, centre, a, i, sample, residuals)
         step[:] = 0.0
-        worst = _squares(rows, values, step, squares)
+        worst = _squared_norms(residuals, step, squares)
         if worst <= 1.0:
             return FEASIBLE
         for level in range(POWERS):
             power = 2.0**level
-            for _ in range(NEWTON if level > 0 else 1):
-                bound = _newton(rows, values, squares, worst, power, step, shares, lowest, flattest)
+            for _ in range(NEWTON_STEPS if level > 0 else 1):
+                bound = _newton(residuals, squares, worst, power, step, fit)
                 if bound < 0.0:
                     return OPEN
+                lowest = fit.to_lowest
                 turned = (step[0] + lowest[0]) ** 2 + (step[1] + lowest[1]) ** 2 + (step[2] + lowest[2]) ** 2
                 if bound > 1.0 and turned < SMALL_TURN**2 and bound > (1.0 + 0.5 * turned * lever) ** 2:
-                    total = shares.sum()
+                    total = fit.weights.sum()
                     for k in range(m):
-                        weights[k] = shares[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
+                        weights[k] = fit.weights[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
                     return INFEASIBLE
-                # As far as the power sum falls, at first the whole step.
-                before = 0.0
-                for b in range(blocks):
-                    before += (squares[b] / worst) ** power
-                length = 1.0
-                gained = 0.0
-                while length > 0.02:
-                    for p in range(6):
-                        further[p] = step[p] + length * flattest[p]
-                    now = _squares(rows, values, further, tried)
-                    after = 0.0
-                    for b in range(blocks):
-                        after += (tried[b] / worst) ** power
-                    if after < before:
-                        gained = 1.0 - after / before
-                        step[:] = further
-                        squares[:] = tried
-                        worst = now
-                        break
-                    length *= 0.4
-                if worst <= 0.999 or gained < 0.002:
+                worst, gained = _line_search(residuals, squares, worst, power, step, fit.to_flattest)
+                if worst <= BELOW_ONE or gained < LEAST_GAIN:
                     break
-            if worst <= 0.999:
+            if worst <= BELOW_ONE:
                 break
         apply_step(motion, centre, step)
-    for k in range(m):
-        _numbers(motion, centre, a[k], i[k], data, kind_d, tols, model, rows, values, BLOCKS * k)
+    _linearise_all(motion, centre, a, i, sample, residuals)
     step[:] = 0.0
-    return FEASIBLE if _squares(rows, values, step, squares) <= 1.0 else OPEN
+    return FEASIBLE if _squared_norms(residuals, step, squares) <= 1.0 else OPEN
 
 
 @njit
-def deviations(motion, a, i, data, kind_d, tols, model):
-    """(m,) the largest number of each pairing under a pose: it fits up to 1."""
-    rows, values, centre = np.empty((BLOCKS, 2, 6)), np.empty((BLOCKS, 2)), np.zeros(3)
+def deviations(motion, a, i, sample):
+    """(m,) the largest residual of each pairing a on i (m,) under a pose; the pairing fits up to 1."""
+    residuals, centre = _room_for(BLOCKS), np.zeros(3)
     out = np.zeros(len(a))
     for k in range(len(a)):
-        _numbers(motion, centre, a[k], i[k], data, kind_d, tols, model, rows, values, 0)
+        _linearise(motion, centre, a[k], i[k], sample, residuals, 0)
         for b in range(BLOCKS):
-            out[k] = max(out[k], values[b, 0] ** 2 + values[b, 1] ** 2)
+            out[k] = max(out[k], residuals.values[b, 0] ** 2 + residuals.values[b, 1] ** 2)
     return np.sqrt(out)
 
 
-@njit
-def can_join(motion, a, i, others_a, others_i, least, data, kind_d, tols, model):
-    """(c,) bool: which pairings others_a on others_i may share a pose with the set a on i, whose pose is ``motion``.
+class _Ellipsoid(NamedTuple):
+    """Where the pose of a set may be: about ``lowest`` (6,), a step, by no more than ``room`` in the metric of inverse.
 
-    None when they are of fewer than ``least`` data features; those of one data feature stand together in others_a.
-
-    Poses of the set lie in an ellipsoid, because the mean square of its numbers is below one; what misses its
-    tolerance everywhere in there is refused at once, and what misses it at ``motion`` is tried together with the set.
+    inverse : (6, 6) of the mean normal matrix; turn : radians, the largest turn in there, of meaning when ``solved``
     """
-    m = len(a)
-    blocks = BLOCKS * m
-    out = np.zeros(len(others_a), np.bool_)
-    rows, values = np.empty((blocks, 2, 6)), np.empty((blocks, 2))
-    shares, squares = np.empty(blocks), np.empty(blocks)
-    centre, step, lowest, flattest = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
-    for k in range(m):
-        for axis in range(3):
-            centre[axis] += data[a[k], axis] / m
+
+    lowest: FloatArray
+    inverse: FloatArray
+    room: float
+    turn: float
+    solved: bool
+
+
+@njit
+def _reachable(motion, centre, a, i, sample):
+    """The ellipsoid of the poses that may lay all a on i (m,) within tolerances.
+
+    Under such a pose the mean of the squared residuals is at most one.
+    """
+    blocks = BLOCKS * len(a)
+    residuals, squares = _room_for(blocks), np.empty(blocks)
+    fit, step = _Fit(np.empty(blocks), np.zeros(6), np.zeros(6)), np.zeros(6)
+    _linearise_all(motion, centre, a, i, sample, residuals)
+    worst = max(_squared_norms(residuals, step, squares), LEAST_SQUARE)
+    lowest_mean = _newton(residuals, squares, worst, 1.0, step, fit)
     normal = np.zeros((6, 6))
-    for k in range(m):
-        _numbers(motion, centre, a[k], i[k], data, kind_d, tols, model, rows, values, BLOCKS * k)
-    worst = max(_squares(rows, values, step, squares), 1e-12)
-    lowest_mean = _newton(rows, values, squares, worst, 1.0, step, shares, lowest, flattest)
     for b in range(blocks):
         for k in range(2):
             for p in range(6):
                 for q in range(6):
-                    normal[p, q] += rows[b, k, p] * rows[b, k, q] / blocks
-    trace = 0.0
-    for p in range(6):
-        trace += normal[p, p]
-    for p in range(6):
-        normal[p, p] += 1e-9 * trace
+                    normal[p, q] += residuals.jacobian[b, k, p] * residuals.jacobian[b, k, q] / blocks
+    _damp(normal)
     inverse = np.empty((6, 6))
     solved = lowest_mean >= 0.0
     for p in range(6):
@@ -260,9 +348,46 @@ def can_join(motion, a, i, others_a, others_i, least, data, kind_d, tols, model)
         step[p] = 1.0
         solved = solved and solve6(normal, step, inverse[p])
     room = max(1.0 - lowest_mean, 0.0)
+    lowest = fit.to_lowest
     turn = np.sqrt(lowest[0] ** 2 + lowest[1] ** 2 + lowest[2] ** 2)
     if solved:
         turn += np.sqrt(room * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]))
+    return _Ellipsoid(lowest, inverse, room, turn, solved)
+
+
+@njit
+def _misses_everywhere(residuals, ellipsoid, bent):
+    """Whether a block of residuals (BLOCKS of them) is above one for every pose of the ellipsoid.
+
+    bent : what the second order of the largest turn may take from a residual
+    """
+    for b in range(BLOCKS):
+        lowered = reach = 0.0
+        for row in range(2):
+            value = residuals.values[b, row]
+            for p in range(6):
+                value -= residuals.jacobian[b, row, p] * ellipsoid.lowest[p]
+                for q in range(6):
+                    reach += residuals.jacobian[b, row, p] * ellipsoid.inverse[p, q] * residuals.jacobian[b, row, q]
+            lowered += value * value
+        if np.sqrt(lowered) - np.sqrt(ellipsoid.room * reach) > 1.0 + bent:
+            return True
+    return False
+
+
+@njit
+def can_join(motion, a, i, others_a, others_i, least, sample):
+    """(c,) bool: which pairings others_a on others_i may share a pose with the set a on i, whose pose is ``motion``.
+
+    None when they are of fewer than ``least`` data features; those of one data feature stand together in others_a.
+    A pairing that misses its tolerance under every pose that the set may have is refused at once; one that misses it
+    only at ``motion`` is tried together with the set.
+    """
+    m = len(a)
+    out = np.zeros(len(others_a), np.bool_)
+    centre = _centroid(sample, a)
+    ellipsoid = _reachable(motion, centre, a, i, sample)
+    residuals, turn = _room_for(BLOCKS), ellipsoid.turn
     all_a, all_i, unused = np.empty(m + 1, np.int64), np.empty(m + 1, np.int64), np.empty(m + 1)
     all_a[:m], all_i[:m] = a, i
     spare = -least
@@ -277,69 +402,62 @@ def can_join(motion, a, i, others_a, others_i, least, data, kind_d, tols, model)
                 out[:] = False
                 return out
             joins = False
-        _numbers(motion, centre, x, others_i[k], data, kind_d, tols, model, rows, values, 0)
-        out[k] = True
-        fits = True
+        _linearise(motion, centre, x, others_i[k], sample, residuals, 0)
         far = 0.0
         for axis in range(3):
-            far += (data[x, axis] - centre[axis]) ** 2
-        bent = 0.5 * turn * turn * (np.sqrt(far) + data[x, 6]) / tols[x, 0]
-        for b in range(BLOCKS):
-            here = lowered = reach = 0.0
-            for row in range(2):
-                value = values[b, row]
-                here += value * value
-                for p in range(6):
-                    value -= rows[b, row, p] * lowest[p]
-                    for q in range(6):
-                        reach += rows[b, row, p] * inverse[p, q] * rows[b, row, q]
-                lowered += value * value
-            fits = fits and here <= 1.0
-            if solved and turn < SMALL_TURN and np.sqrt(lowered) - np.sqrt(room * reach) > 1.0 + bent:
-                out[k] = False
-                break
-        if out[k] and not fits:
+            far += (sample.data[x, axis] - centre[axis]) ** 2
+        bent = 0.5 * turn * turn * (np.sqrt(far) + sample.data[x, 6]) / sample.tolerances[x, 0]
+        linear = ellipsoid.solved and turn < SMALL_TURN
+        out[k] = not (linear and _misses_everywhere(residuals, ellipsoid, bent))
+        if out[k] and not _fits_here(residuals):
             all_a[m], all_i[m] = x, others_i[k]
-            out[k] = common_pose(motion.copy(), all_a, all_i, data, kind_d, tols, model, unused) != INFEASIBLE
+            out[k] = minimax_pose(motion.copy(), all_a, all_i, sample, unused) != INFEASIBLE
         joins = joins or out[k]
     return out
 
 
 @njit
-def conflict(motion, a, i, weights, data, kind_d, tols, model):
-    """Few of the pairings a on i (m,), a set without a common pose, that have none already: their numbers.
+def _fits_here(residuals):
+    """Whether all blocks of one pairing are at most one at the pose where they were linearised."""
+    fits = True
+    for b in range(BLOCKS):
+        fits = fits and residuals.values[b, 0] ** 2 + residuals.values[b, 1] ** 2 <= 1.0
+    return fits
 
-    weights : (m,) as common_pose leaves them; the heaviest are tried first, then what is not needed is left out
+
+@njit
+def infeasible_subset(motion, a, i, weights, sample):
+    """Numbers of few of the pairings a on i (m,), an infeasible set, that are infeasible already.
+
+    weights : (m,) as minimax_pose leaves them; the heaviest are tried first. A small subset is made minimal: without
+    any one of its pairings it would not be infeasible.
     """
     m = len(a)
     order = np.argsort(-weights)
     unused = np.empty(m)
     size = min(3, m)
     while size < m:
-        if (
-            common_pose(motion.copy(), a[order[:size]], i[order[:size]], data, kind_d, tols, model, unused[:size])
-            == INFEASIBLE
-        ):
+        if minimax_pose(motion.copy(), a[order[:size]], i[order[:size]], sample, unused[:size]) == INFEASIBLE:
             break
-        size += 1 if size < 8 else 4 if size < 24 else m
+        size += 1 if size < FEW else SEVERAL_MORE if size < MANY else m
     chosen = order[: min(size, m)].copy()
     k = len(chosen) - 1
-    while k >= 0 and len(chosen) > 2 and len(chosen) <= ENOUGH:
+    while k >= 0 and len(chosen) > 2 and len(chosen) <= MADE_MINIMAL:
         fewer = np.concatenate((chosen[:k], chosen[k + 1 :]))
-        if (
-            common_pose(motion.copy(), a[fewer], i[fewer], data, kind_d, tols, model, unused[: len(fewer)])
-            == INFEASIBLE
-        ):
+        if minimax_pose(motion.copy(), a[fewer], i[fewer], sample, unused[: len(fewer)]) == INFEASIBLE:
             chosen = fewer
         k -= 1
     return chosen
 
 
 @njit
-def all_fit(motion, a, i, data, kind_d, tols, model, kind_m, radius_tol):
-    """Whether a pose lays every data feature a (m,) on its model feature i (m,), as back-projection counts."""
+def all_fit(motion, a, i, sample, kind_m, radius_tol):
+    """Whether a pose lays every data feature a (m,) on its model feature i (m,), as back-projection counts.
+
+    kind_m : (e,) uint8; radius_tol : metres
+    """
     for k in range(len(a)):
-        d = data[a[k]]
+        d = sample.data[a[k]]
         x, y, z = d[0] - motion[9], d[1] - motion[10], d[2] - motion[11]
         px = motion[0] * x + motion[3] * y + motion[6] * z
         py = motion[1] * x + motion[4] * y + motion[7] * z
@@ -347,17 +465,37 @@ def all_fit(motion, a, i, data, kind_d, tols, model, kind_m, radius_tol):
         vx = motion[0] * d[3] + motion[3] * d[4] + motion[6] * d[5]
         vy = motion[1] * d[3] + motion[4] * d[4] + motion[7] * d[5]
         vz = motion[2] * d[3] + motion[5] * d[4] + motion[8] * d[5]
-        if fit_one(a[k], data, kind_d, tols, i[k], model, kind_m, px, py, pz, vx, vy, vz, 1.0 + 1e-9, radius_tol) < 0.0:
+        if (
+            fit_one(
+                a[k],
+                sample.data,
+                sample.kinds,
+                sample.tolerances,
+                i[k],
+                sample.model,
+                kind_m,
+                px,
+                py,
+                pz,
+                vx,
+                vy,
+                vz,
+                1.0 + AT_TOLERANCE,
+                radius_tol,
+            )
+            < 0.0
+        ):
             return False
     return True
 
 
 @njit
-def fit(motion, assignment, sign, data, kind_d, tols, model, normal, figures):
+def least_squares_pose(motion, assignment, sign, sample, normal, figures):
     """Least-squares pose of an assignment (n,), in place.
 
-    Fills sign (n,), normal (6, 6) and figures: rms (metres), weighted cost per equation, centre x, y, z.
+    Fills sign (n,), normal (6, 6) and figures: rms (metres), weighted cost per equation, centre x, y, z (metres).
     """
+    data, model = sample.data, sample.model
     n = data.shape[0]
     right, step, centre = np.zeros(6), np.zeros(6), np.zeros(3)
     matched = 0
@@ -367,7 +505,7 @@ def fit(motion, assignment, sign, data, kind_d, tols, model, normal, figures):
             for axis in range(3):
                 centre[axis] += data[k, axis]
     centre /= max(matched, 1)
-    for turn in range(FITS + 1):
+    for turn in range(FIT_STEPS + 1):
         for k in range(n):
             sign[k] = 0
             if assignment[k] >= 0:
@@ -378,16 +516,12 @@ def fit(motion, assignment, sign, data, kind_d, tols, model, normal, figures):
                         c += d[3 + p] * motion[3 * p + q] * m[3 + q]
                 sign[k] = 1 if c >= 0.0 else -1
         cost, equations, squares, points = normal_equations(
-            motion, model, data, kind_d, tols, assignment, sign, centre, normal, right
+            motion, model, data, sample.kinds, sample.tolerances, assignment, sign, centre, normal, right
         )
         figures[0], figures[1] = np.sqrt(squares / max(points, 1)), cost / max(equations - 6, 1)
-        if turn == FITS:
+        if turn == FIT_STEPS:
             break
-        trace = 0.0
-        for p in range(6):
-            trace += normal[p, p]
-        for p in range(6):
-            normal[p, p] += 1e-9 * trace
+        _damp(normal)
         if not solve6(normal, right, step):
             break
         apply_step(motion, centre, step)

@@ -1,0 +1,264 @@
+"""Arc consistency: which pairings can be part of a large interpretation at all (thesis 7.4).
+
+A node is a pairing of a data with a model feature. In an interpretation of K data features every node is consistent
+with K - 1 others, each of another data feature. Consistency is tested by the exact pair test, and nothing is tabulated:
+a node is tested against one data feature after the other, those with the fewest nodes first, until too many have no
+consistent node; a node that is removed supports no other from then on.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+
+from ..geometry.constraints import consistent_signs, entry, pair_ranges
+from ..geometry.pair_bounds import ANGLE, MIDS, RELATION, ROUNDING, margins_of, model_relations, pair_fits, relation
+from .feasibility import Sample
+from .settings import ANGLES
+
+RANGES = 11  # numbers that geometry.constraints.pair_ranges gives for a pair
+RIGHT_ANGLE = 0.5 * np.pi
+
+
+class PairTest(NamedTuple):
+    """What the tests of pairs of nodes need.
+
+    sample : the data and the model; margins : (n, 6) of geometry.pair_bounds.margins_of
+    halves : (e,) metres, half lengths of the model features; relations : (e, e, 10) of model_relations, of which
+    mids : (e, e) metres and angles : (e, e) radians are two columns
+    span : metres, the farthest apart that points of two model features are
+    below : (ANGLES + 1,) how many pairs of model features, both orders, have an angle below k / ANGLES of pi/2
+    model_ranges : (e, e, 11) of pair_ranges, filled where model_known (e, e) is set
+    use : (5,) bool, the constraints that are tested: all
+    """
+
+    sample: Sample
+    margins: FloatArray
+    halves: FloatArray
+    relations: FloatArray
+    mids: FloatArray
+    angles: FloatArray
+    span: float
+    below: IntArray
+    model_ranges: FloatArray
+    model_known: BoolArray
+    use: BoolArray
+
+
+class Nodes(NamedTuple):
+    """a : (m,) data feature and i : (m,) model feature of each node; both int64."""
+
+    a: IntArray
+    i: IntArray
+
+
+class Groups(NamedTuple):
+    """Disjoint groups of data features of each of which one is left out.
+
+    of : (n,) int64, the group of a data feature, or -1; sizes : (g,) int64, how many features each group has
+    """
+
+    of: IntArray
+    sizes: IntArray
+
+
+class DataRanges(NamedTuple):
+    """ranges : (n, 11) of one data feature with each other one, filled where known (n,) is set."""
+
+    ranges: FloatArray
+    known: BoolArray
+
+
+def pair_test(sample: Sample) -> PairTest:
+    """The tests of pairs of nodes for the data and the model of a sample."""
+    e = len(sample.model)
+    relations = model_relations(sample.model)
+    halves = sample.model[:, 6].copy()
+    span, below = _extent(halves, relations)
+    return PairTest(
+        sample,
+        margins_of(sample.data, sample.tolerances),
+        halves,
+        relations,
+        np.ascontiguousarray(relations[:, :, MIDS]),
+        np.ascontiguousarray(relations[:, :, ANGLE]),
+        span,
+        below,
+        np.empty((e, e, RANGES)),
+        np.zeros((e, e), bool),
+        np.ones(5, bool),
+    )
+
+
+def no_ranges(n: int) -> DataRanges:
+    """Ranges of a data feature with n others, none of them known."""
+    return DataRanges(np.empty((n, RANGES)), np.zeros(n, bool))
+
+
+def listed(possible: BoolArray) -> tuple[IntArray, IntArray]:
+    """Lists (n, e) int64 of the true columns of each row of possible (n, e), and how many they are, (n,) int64.
+
+    >>> lists, counts = listed(np.array([[False, True, True], [True, False, False]]))
+    >>> lists[0, :2].tolist(), counts.tolist()
+    ([1, 2], [2, 1])
+    """
+    return np.argsort(~possible, axis=1, kind='stable'), possible.sum(axis=1)
+
+
+@njit
+def _extent(halves, relations):
+    """PairTest's span and below; a model feature with itself has angle 0."""
+    span = 0.0
+    below = np.zeros(ANGLES + 1, np.int64)
+    for i in range(len(halves)):
+        for j in range(len(halves)):
+            span = max(span, relations[i, j, MIDS] + halves[i] + halves[j])
+            angle = relations[i, j, ANGLE] if i != j else 0.0
+            below[min(int(angle / RIGHT_ANGLE * ANGLES), ANGLES - 1) + 1] += 1
+    for k in range(ANGLES):
+        below[k + 1] += below[k]
+    return span, below
+
+
+@njit
+def _some_pair_may_fit(rel, cone, room, span, below):
+    """Whether any two model features are near enough to each other and at the angle for a data pair's relation."""
+    low = rel[ANGLE] - cone
+    high = min(rel[ANGLE] + cone, RIGHT_ANGLE)
+    if rel[ANGLE] + cone > RIGHT_ANGLE:
+        low = min(low, np.pi - rel[ANGLE] - cone)
+    first = min(max(int((low - ROUNDING) / RIGHT_ANGLE * ANGLES), 0), ANGLES - 1)
+    last = min(int((high + ROUNDING) / RIGHT_ANGLE * ANGLES), ANGLES - 1)
+    return rel[MIDS] <= span + room + ROUNDING and below[last + 1] > below[first]
+
+
+@njit
+def revise(a, others, test, lists, counts, supporters, wide):
+    """Remove from data feature a's list the nodes that are consistent with too few of the data features ``others``.
+
+    A node stays when at least ``supporters`` of them have a node that is consistent with it. lists : (n, e) int64, the
+    model features that a data feature may be on, the first counts (n,) of a row; both in place. wide : of a longer list
+    nothing is removed once one node is found that stays, because such a feature fits almost anywhere.
+    """
+    data, margins, halves, mids = test.sample.data, test.margins, test.halves, test.mids
+    m = 0
+    rels = np.empty((len(others), RELATION))
+    rooms = np.empty(len(others))
+    near = np.empty(len(others), np.int64)
+    for b in others:
+        relation(data[a], data[b], rels[m])
+        room = margins[b, 2] + margins[b, 3] - margins[b, 1]
+        cone = margins[a, 4] + margins[b, 4]
+        if _some_pair_may_fit(
+            rels[m], cone, room - margins[a, 1] + margins[a, 2] + margins[a, 3], test.span, test.below
+        ):
+            near[m], rooms[m] = b, room
+            m += 1
+    if m < supporters:
+        counts[a] = 0
+        return
+    left = 0
+    for at in range(counts[a]):
+        i = lists[a, at]
+        room_a = halves[i] - margins[a, 1] + margins[a, 2] + margins[a, 3] + ROUNDING
+        spare = m - supporters
+        for k in range(m):
+            b = near[k]
+            mid, room = rels[k, MIDS], room_a + rooms[k]
+            agrees = False
+            for other in range(counts[b]):
+                j = lists[b, other]
+                if (i == j or abs(mid - mids[i, j]) <= room + halves[j]) and pair_fits(
+                    rels, k, margins, a, b, halves, test.relations, i, j
+                ):
+                    agrees = True
+                    break
+            if not agrees:
+                spare -= 1
+                if spare < 0:
+                    break
+        if spare >= 0:
+            if counts[a] > wide:
+                return
+            lists[a, left] = i
+            left += 1
+    counts[a] = left
+
+
+@njit
+def forward_check(node, free, forced, least, nodes, groups, test, own):
+    """Those of the nodes ``free`` that a node is consistent with, by the exact test and the five constraints.
+
+    None at all when interpretations have fewer than ``least`` of their data features; of each group, one feature at
+    least is left out. free : (m,) numbers of nodes, those of one data feature together, none of the node's own; forced
+    : (f,) nodes that are taken already; own : DataRanges of the node's data feature
+    """
+    a, i = nodes.a[node], nodes.i[node]
+    data, margins = test.sample.data, test.margins
+    left = np.empty(len(free), np.int64)
+    rel = np.empty((1, RELATION))
+    spare = -least
+    whole = groups.sizes.copy()  # features of each group that are neither taken nor free
+    if groups.of[a] >= 0:
+        whole[groups.of[a]] -= 1
+    for k in range(len(forced)):
+        if groups.of[nodes.a[forced[k]]] >= 0:
+            whole[groups.of[nodes.a[forced[k]]]] -= 1
+    for k in range(len(free)):
+        b = nodes.a[free[k]]
+        if k == 0 or b != nodes.a[free[k - 1]]:
+            spare += 1
+            if groups.of[b] >= 0:
+                whole[groups.of[b]] -= 1
+    for g in range(len(whole)):
+        spare -= whole[g] == 0
+    room_a = test.halves[i] - margins[a, 1] + margins[a, 2] + margins[a, 3] + ROUNDING
+    count = at = 0
+    while at < len(free) and spare >= 0:
+        b = nodes.a[free[at]]
+        relation(data[a], data[b], rel[0])
+        mid, room = rel[0, MIDS], room_a + margins[b, 2] + margins[b, 3] - margins[b, 1]
+        low = rel[0, ANGLE] - margins[a, 4] - margins[b, 4] - ROUNDING
+        high = rel[0, ANGLE] + margins[a, 4] + margins[b, 4] + ROUNDING
+        if high > RIGHT_ANGLE:
+            low, high = min(low, np.pi - high), RIGHT_ANGLE
+        before = count
+        while at < len(free) and nodes.a[free[at]] == b:
+            other = free[at]
+            at += 1
+            j = nodes.i[other]
+            if i != j and (abs(mid - test.mids[i, j]) > room + test.halves[j] or not low <= test.angles[i, j] <= high):
+                continue
+            if not pair_fits(rel, 0, margins, a, b, test.halves, test.relations, i, j):
+                continue
+            if _constraints_agree(a, b, i, j, test, own):
+                left[count] = other
+                count += 1
+        if count == before:
+            g = groups.of[b]
+            if g >= 0 and whole[g] == 0:
+                whole[g] = 1
+            else:
+                spare -= 1
+    return left[:count] if spare >= 0 else left[:0]
+
+
+@njit
+def _constraints_agree(a, b, i, j, test, own):
+    """Whether the five constraints let data features a and b be on model features i and j; fills ranges as needed."""
+    data, tols, model = test.sample.data, test.sample.tolerances, test.sample.model
+    error_a, error_b = np.hypot(tols[a, 0], tols[a, 1]), np.hypot(tols[b, 0], tols[b, 1])
+    if not own.known[b]:
+        own.known[b] = True
+        pair_ranges(data[a], data[b], error_a, error_b, tols[a, 2], tols[b, 2], own.ranges[b])
+    if not test.model_known[i, j]:
+        test.model_known[i, j] = True
+        test.model_ranges[i, j] = 0.0
+        if i != j:
+            pair_ranges(model[i], model[j], 0.0, 0.0, 0.0, 0.0, test.model_ranges[i, j])
+    bits = entry(own.ranges[b], test.model_ranges[i, j], i == j, 2.0 * model[i, 6], error_a + error_b, test.use)
+    return bits != 0 and consistent_signs(bits)
