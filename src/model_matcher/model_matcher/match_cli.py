@@ -10,14 +10,19 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+import cv2
 import numpy as np
 
 from msgs_py import FeatureSet, Interpretation, PinholeCamera
+from msgs_py.numeric.typed import ByteArray
 
+from .drawing import draw_overlay, draw_views
+from .model.library import load_library
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
+from .pipeline import survey
 
+LEAST_TURN = 1e-9  # radians: a smaller turn has no axis worth printing; z is printed
 COLUMNS = ('model', 'matched', 'residual mm', 'x y z mm', 'turned deg about', 'signs', 'same', 'state')
 # Options that are fields of MatchParams, by type.
 NUMBERS = {
@@ -31,11 +36,11 @@ NUMBERS = {
     'max_bin': int,
     'max_interpretations': int,
     'false_alarm_rate': float,
-    'seed': int,
 }
 
 
 def match_parser() -> argparse.ArgumentParser:
+    """The options of the command; defaults are those of MatchParams."""
     parser = argparse.ArgumentParser(
         prog='match',
         description='Find models among recovered features; print and draw the interpretations. '
@@ -66,6 +71,7 @@ def match_parser() -> argparse.ArgumentParser:
             default=value,
             help=f'default: {"any" if value is None else value}',
         )
+    add('--seed', type=int, default=default.seed, help='deprecated: has no effect')
     add('--no-signs', action='store_true', help='leave direction signs out of the tree search')
     add('--prove', action='store_true', help='certify that no larger interpretation exists')
     seconds = default.time_limit_s
@@ -74,7 +80,18 @@ def match_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Returns the exit status; what is wrong with the input goes to stderr as one line."""
+    """Run the command; an error of the input goes to stderr as one line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        ``sys.argv[1:]`` when not given.
+
+    Returns
+    -------
+    int
+        Exit status: 0 something was found, 1 nothing, 2 bad input.
+    """
     options = match_parser().parse_args(arguments)
     try:
         return _run(options)
@@ -84,15 +101,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    """As :func:`main`; raises OSError or ValueError for bad input."""
     params = params_of(options)
     data = FeatureSet.load(options.features)
     image = _image(options.image)
     camera = camera_of(options, image)
     if options.out is not None and not options.out.suffix:
         raise ValueError(f'{options.out}: expected a file name of a picture, such as found.png')
-    from .model.library import load_library  # parsers and numba: not before the options are known to be good
-    from .pipeline import survey
-
     library = load_library([options.model])
     for problem in library.problems:
         print(f'match: {problem}', file=sys.stderr)
@@ -102,8 +117,6 @@ def _run(options: argparse.Namespace) -> int:
     print(table([*result.interpretations, *result.rejected[: max(options.rejected, 0)]]), end='')
     print(summary(result, len(data)))
     if options.out is not None:
-        from .drawing import draw_overlay, draw_views
-
         models = {model.name: model.features for model in library.models}
         if camera is not None:
             draw_overlay(options.out, data, models, result.interpretations, camera, image)
@@ -114,7 +127,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def params_of(options: argparse.Namespace) -> MatchParams:
-    """Raises ValueError naming the parameter."""
+    """The match parameters that the options give. Raises ValueError naming the parameter."""
     values = {name: getattr(options, name) for name in NUMBERS}
     return MatchParams(
         search=options.search,
@@ -125,11 +138,12 @@ def params_of(options: argparse.Namespace) -> MatchParams:
         signs=not options.no_signs,
         prove=options.prove,
         time_limit_s=options.time_limit,
+        seed=options.seed,
         **values,
     )
 
 
-def camera_of(options: argparse.Namespace, image: np.ndarray | None) -> PinholeCamera | None:
+def camera_of(options: argparse.Namespace, image: ByteArray | None) -> PinholeCamera | None:
     """The camera of --camera, or of --focal and a size; None when neither is given. Raises ValueError."""
     if options.camera is not None and options.focal is not None:
         raise ValueError('--focal: not together with --camera')
@@ -167,9 +181,10 @@ def table(items: Sequence[Interpretation]) -> str:
 
 
 def _cells(item: Interpretation) -> tuple[str, ...]:
+    """The cells of one line of the table, in the order of COLUMNS."""
     vector = item.pose.rotation_vector
     angle = float(np.linalg.norm(vector))
-    axis = vector / angle if angle > 1e-9 else np.array([0.0, 0.0, 1.0])
+    axis = vector / angle if angle > LEAST_TURN else np.array([0.0, 0.0, 1.0])
     signs = item.sign[item.data_indices]
     counts = f'+{int((signs > 0).sum())} -{int((signs < 0).sum())}'
     if (signs == 0).any():
@@ -188,6 +203,7 @@ def _cells(item: Interpretation) -> tuple[str, ...]:
 
 
 def summary(result: MatchResult, n_data: int) -> str:
+    """One line: how many were found, how much of n_data features they explain, and how long it took."""
     found = len(result.interpretations)
     head = f'{found} found' if found else f'nothing found: {result.reason}'
     explained = sum(item.matched for item in result.interpretations)
@@ -199,12 +215,11 @@ def summary(result: MatchResult, n_data: int) -> str:
     return f'{head}; {explained} of {n_data} features explained{free}; {1e3 * seconds:.1f} ms'
 
 
-def _image(path: Path | None) -> Any:
+def _image(path: Path | None) -> ByteArray | None:
+    """The image of a file, (h, w, 3) uint8 blue, green, red. Raises ValueError for an unreadable file."""
     if path is None:
         return None
-    import cv2
-
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
         raise ValueError(f'{path}: not a readable image')
-    return image
+    return np.asarray(image, np.uint8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -25,6 +26,7 @@ from msgs_py.codecs import (
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.renaming import without_effect
 
 from .model.library import Library, load_library
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
@@ -100,7 +102,7 @@ class MatcherConfig(Config):
     )
     tf: bool = parameter(False, 'Broadcast the best pose of each model on /tf (needs tf2_msgs)')
     tf_prefix: str = parameter('', "Put before the model's name to make its frame")
-    seed: int = parameter(0, 'Seed of the search', minimum=0, maximum=2**31 - 1)
+    seed: int = parameter(0, 'Deprecated: has no effect', minimum=0, maximum=2**31 - 1)
 
     def match_params(self) -> MatchParams:
         """Raises ValueError, naming the parameter."""
@@ -121,7 +123,6 @@ class MatcherConfig(Config):
             false_alarm_rate=self.false_alarm_rate,
             prove=self.prove,
             time_limit_s=self.time_limit,
-            seed=self.seed,
         )
 
     def validate(self) -> None:
@@ -134,7 +135,7 @@ class MatcherConfig(Config):
 class MatcherNode(GraphNode[MatcherConfig]):
     """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
 
-    def __init__(self, **kwargs) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('matcher_node', MatcherConfig, **kwargs)
         self._array_out = self.create_output(PoseArray, TOPIC)
         self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
@@ -149,6 +150,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
         self._trusted = TrustedFolders(
             [*self.config.model_folders, models_folder()], self.config.models, 'model_folders'
         )
+        self._warn_of_seed()
         self._load()
         warm_up(self._params, len(self._library.models))
         self._start_transforms()
@@ -167,10 +169,16 @@ class MatcherNode(GraphNode[MatcherConfig]):
 
     def on_config(self, old: MatcherConfig, new: MatcherConfig) -> None:
         self._params = new.match_params()
+        if new.seed != old.seed:
+            self._warn_of_seed()
         if new.tf != old.tf:
             self._start_transforms()
         if new.models != old.models:
             self._load()
+
+    def _warn_of_seed(self) -> None:
+        if self.config.seed:
+            self.get_logger().warning(without_effect('parameter', 'seed'))
 
     def reset(self) -> str:
         self._load()
@@ -218,7 +226,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
         self._publish(result, message.header)
         self.done(message.header)
 
-    def _publish(self, result: MatchResult, header) -> None:
+    def _publish(self, result: MatchResult, header: Any) -> None:
         best: dict[str, Interpretation] = {}
         for one in result.interpretations:
             best.setdefault(one.model, one)
@@ -232,7 +240,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
             self._markers_out.publish(self._markers(result, header))
         self._array_out.publish(poses_to_array([one.pose for one in result.interpretations], header))
 
-    def _markers(self, result: MatchResult, header) -> MarkerArray:
+    def _markers(self, result: MatchResult, header: Any) -> MarkerArray:
         """Wire frames of what was accepted; the array begins by deleting the last ones."""
         features = {model.name: model.features for model in self._library.models}
         markers = features_to_markers(FeatureSet.empty(), header, TOPIC)

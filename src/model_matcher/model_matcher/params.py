@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from msgs_py import FeatureSet, Interpretation
+from msgs_py.renaming import without_effect
 
 SEARCHES = ('hypotheses', 'tree', 'subgraph', 'serial')
 ENGINES = ('native', 'dap')
@@ -18,29 +20,68 @@ SCALES = ('known', 'free')
 
 @dataclass(frozen=True)
 class MatchParams:
-    """How to match. Raises ValueError, naming the parameter.
+    """How to match.
 
-    search : 'hypotheses' (pair hypotheses and back-projection, the default), or a search of the thesis: 'tree'
-        (look-up tables, sorted), 'subgraph' (the same by quadrants) or 'serial' (Grimson and Lozano-Perez)
-    engine : 'native', or 'dap': the tree on the emulated array machine
-    ordering, constraints, signs, max_bin, quadrant : of the tree searches (thesis 5.5 to 5.10). constraints is any
-        subset of the five; max_bin is the largest number of data features left unmatched (None: any number)
-    max_cone_deg : degrees, cap of a direction's error cone (thesis 5.4); curve_cone_deg : degrees, the cone of a
-        curve's normal (thesis 6.5)
-    fracdev : a data end point must lie within fracdev x (largest distance between model vertices) of its model feature,
-        or within its own stated error if that is larger (thesis 5.6); curvedev : the same for radii, as a fraction of
-        the largest model radius (thesis 6.7)
-    err_scale : stated errors are multiplied by this before use
-    overhang : how far, as a fraction of its length, an edge may run past its model edge's end
-    max_interpretations : at most so many are returned
-    min_matched : an interpretation with fewer distinct model features is rejected
-    false_alarm_rate : nominal share of scenes in which an absent model is reported. Measured shares differ by kind of
-        clutter: less among random objects, several times more among objects that share dimensions with the model
-        (README); below 1e-12 counts as 1e-12, 1 accepts whatever has min_matched features
-    scale : 'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated)
-    prove : certify that no pose explains more data features within the tolerances (proof.py says it exactly)
-    time_limit_s : seconds, the best so far is returned then, unproven
-    seed : of the few random choices; the result depends on nothing else
+    Parameters
+    ----------
+    search : str
+        'hypotheses' (pair hypotheses and back-projection, the default), or a search of the thesis: 'tree' (look-up
+        tables, sorted), 'subgraph' (the same by quadrants) or 'serial' (Grimson and Lozano-Perez).
+    engine : str
+        'native', or 'dap': the tree on the emulated array machine.
+    ordering : str
+        Of the data pairs in a tree search (thesis 5.7.1).
+    constraints : tuple of str
+        Any of the five pairwise constraints of a tree search (thesis 5.5).
+    signs : bool
+        Whether a tree search keeps direction signs consistent (thesis 5.7.2).
+    max_cone_deg : float
+        Degrees, cap of a direction's error cone (thesis 5.4).
+    curve_cone_deg : float
+        Degrees, the cone of a curve's normal (thesis 6.5).
+    fracdev : float
+        A data end point must lie within this times the largest distance between model vertices of its model feature,
+        or within its own stated error if that is larger (thesis 5.6).
+    curvedev : float
+        The same for radii, as a fraction of the largest model radius (thesis 6.7).
+    err_scale : float
+        Stated errors are multiplied by this before use.
+    overhang : float
+        How far, as a fraction of its length, an edge may run past its model edge's end.
+    max_bin : int, optional
+        Largest number of data features that a tree search leaves unmatched (thesis 5.10); None: any number.
+    quadrant : int
+        Side of the quadrants of search='subgraph', model features (thesis 5.8).
+    max_interpretations : int
+        Most interpretations that are returned.
+    min_matched : int
+        An interpretation with fewer distinct model features is rejected.
+    false_alarm_rate : float
+        Nominal share of scenes in which an absent model is reported. Measured shares differ by kind of clutter: less
+        among random objects, several times more among objects that share dimensions with the model (README). Below
+        1e-12 counts as 1e-12; 1 accepts whatever has min_matched features.
+    scale : str
+        'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated).
+    prove : bool
+        Certify that no pose explains more data features within the tolerances (proof/certificate.py states it exactly).
+    time_limit_s : float
+        Seconds; then the best so far is returned, unproven.
+    seed : int
+        Deprecated: accepted, and without effect. Nothing in a match is random.
+
+    Raises
+    ------
+    ValueError
+        Naming the parameter.
+
+    Examples
+    --------
+    >>> MatchParams(fracdev=0.02).fracdev
+    0.02
+    >>> MatchParams(search='guess')
+    Traceback (most recent call last):
+        ...
+    ValueError: search: expected one of hypotheses, tree, subgraph, serial; got 'guess'
     """
 
     search: str = 'hypotheses'
@@ -65,6 +106,8 @@ class MatchParams:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        if self.seed:
+            warnings.warn(without_effect('MatchParams: argument', 'seed'), FutureWarning, stacklevel=3)
         for name, choices in (('search', SEARCHES), ('engine', ENGINES), ('ordering', ORDERINGS), ('scale', SCALES)):
             if getattr(self, name) not in choices:
                 raise ValueError(f'{name}: expected one of {", ".join(choices)}; got {getattr(self, name)!r}')
@@ -95,7 +138,11 @@ class MatchParams:
             raise ValueError(f'max_bin: expected None or a number >= 0, got {self.max_bin}')
 
     def replace(self, **changes: Any) -> MatchParams:
-        """A copy with some parameters changed."""
+        """A copy with some parameters changed.
+
+        >>> MatchParams().replace(prove=True).prove
+        True
+        """
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         unknown = set(changes) - set(values)
         if unknown:
@@ -105,12 +152,18 @@ class MatchParams:
 
 @dataclass(frozen=True)
 class MatchResult:
-    """What a match found.
+    """What a match found; true when something was accepted.
 
-    interpretations : accepted, best first
-    rejected : further hypotheses, best first, each with its rejected_reason
-    stats : counters and seconds of the search, by name
-    reason : None when something was accepted, otherwise why nothing was
+    Attributes
+    ----------
+    interpretations : tuple of Interpretation
+        Accepted ones, best first.
+    rejected : tuple of Interpretation
+        Further hypotheses, best first, each with its rejected_reason.
+    stats : dict
+        Counters and seconds of the search, by name.
+    reason : str, optional
+        None when something was accepted, otherwise why nothing was.
     """
 
     interpretations: tuple[Interpretation, ...]
@@ -120,6 +173,7 @@ class MatchResult:
 
     @property
     def best(self) -> Interpretation | None:
+        """The first accepted interpretation, or None."""
         return self.interpretations[0] if self.interpretations else None
 
     def __bool__(self) -> bool:
@@ -127,5 +181,5 @@ class MatchResult:
 
 
 def no_match(data: FeatureSet, reason: str, **stats: Any) -> MatchResult:
-    """An ordinary failure."""
+    """The result of a match that found nothing, with its reason and statistics."""
     return MatchResult((), (), {'data_features': len(data), **stats}, reason)

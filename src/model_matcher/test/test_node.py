@@ -138,6 +138,12 @@ def test_a_damaged_message_is_reported_and_the_node_lives(bench):
     assert len(arrays[-1].poses) == 1
 
 
+def test_the_seed_is_accepted_without_effect(bench):
+    before = bench.node._params
+    assert bench.node.set_parameters([Parameter('seed', value=3)])[0].successful
+    assert bench.node._params == before
+
+
 def test_parameters_are_checked_and_models_can_be_exchanged(bench):
     refused = bench.node.set_parameters([Parameter('fracdev', value=-1.0)])[0]
     assert not refused.successful and 'fracdev' in refused.reason

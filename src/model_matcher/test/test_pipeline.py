@@ -140,3 +140,9 @@ def test_absurd_numbers_are_left_out_and_the_rest_is_found(options):
         start[0, 1], along[1], across[2] = value, abs(value), 5e-324
         data = FeatureSet.from_edges(start, clean.end, along, across)
         assert match(model, data, MatchParams(time_limit_s=1.0, **options)).best is not None
+
+
+def test_the_seed_is_accepted_and_said_to_have_no_effect():
+    with pytest.warns(FutureWarning, match='seed has no effect'):
+        params = MatchParams(seed=3)
+    assert params.seed == 3

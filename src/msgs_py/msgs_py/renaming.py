@@ -1,5 +1,5 @@
 """Old names that go on working and say so, under the name that users know."""
 
-from .node_runtime.renaming import notice, renamed_arguments, renamed_names
+from .node_runtime.renaming import notice, renamed_arguments, renamed_names, without_effect
 
-__all__ = ['notice', 'renamed_arguments', 'renamed_names']
+__all__ = ['notice', 'renamed_arguments', 'renamed_names', 'without_effect']

@@ -20,6 +20,15 @@ def notice(kind: str, old: str, new: str) -> str:
     return f'{kind} {old} is now {new}: use the new name, the old one will go'
 
 
+def without_effect(kind: str, name: str) -> str:
+    """The notice about a name that is still accepted and has no effect, for a log or a warning.
+
+    >>> without_effect('parameter', 'seed')
+    'parameter seed has no effect: leave it out, the name will go'
+    """
+    return f'{kind} {name} has no effect: leave it out, the name will go'
+
+
 def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
     """A ``__getattr__`` for a module whose public names were renamed.
 
