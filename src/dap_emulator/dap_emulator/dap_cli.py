@@ -22,7 +22,6 @@ from .fortran_plus import FortranError, Limits, Result, Stopped
 from .fortran_plus.functions import FUNCTIONS
 from .fortran_plus.library import load_program, program_names, summary
 from .machine.dap import Dap
-from .machine.drawing import draw
 from .machine.machine import MODELS, OutOfStore
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.pgm', '.tif', '.tiff')
@@ -200,6 +199,9 @@ def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
 
 def _show(options: argparse.Namespace, dap: Dap, result: Result) -> None:
     """Draw planes to a file. Raises ValueError."""
+    # Importing matplotlib takes about a second, and only pictures need it.
+    from .machine.drawing import draw
+
     if options.plane:
         if options.plane not in result:
             raise ValueError(f'--plane: {options.plane} is no argument, expected one of {", ".join(result)}')

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..machine.arrays import DapArray
-from ..machine.drawing import DrawnFrame
 from ..machine.machine import Machine, Stats
 from .checker import check
 from .declarations import CheckedUnit, Symbol
 from .errors import FortranError
 from .interpreter import compile_units
 from .parser import parse
-from .running import Limits, Run, deep_recursion
+from .running import Display, Limits, Run, deep_recursion
 from .storage import ArrayVariable
 from .syntax import Constant
 
@@ -36,7 +35,7 @@ class Result(Mapping[str, Any]):
         The program's text.
     """
 
-    def __init__(self, values: dict[str, Any], stats: Stats, displays: list[DrawnFrame], source: str) -> None:
+    def __init__(self, values: dict[str, Any], stats: Stats, displays: list[Display], source: str) -> None:
         self._values, self.stats, self.displays, self._source = values, stats, displays, source
 
     @property

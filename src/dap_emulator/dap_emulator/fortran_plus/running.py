@@ -10,11 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias
 
-from ..machine.drawing import DrawnFrame
+from msgs_py.numeric.typed import AnyArray
+
 from ..machine.machine import Machine
 from .errors import Stopped
 from .settings import FRAMES_PER_CALL, MAX_DEPTH, SPARE_FRAMES
 
+# What CALL DISPLAY shows: a name, the values, a title.
+Display: TypeAlias = tuple[str, AnyArray, str]
 # One call of a subroutine or function: [the Run, symbol 1, symbol 2, ..., loop counters].
 Frame: TypeAlias = list[Any]
 # An expression's value.
@@ -96,7 +99,7 @@ class Run:
     units: Mapping[str, CallableUnit]
     limits: Limits
     commons: dict[tuple[str, int], Any] = field(default_factory=dict)
-    displays: list[DrawnFrame] = field(default_factory=list)
+    displays: list[Display] = field(default_factory=list)
     depth: int = 0
     ticks: int = 0
     started: float = 0.0

@@ -13,7 +13,6 @@ import numpy as np
 from msgs_py.numeric.typed import AnyArray, WordArray
 
 from . import planes
-from .drawing import html_plane
 from .kinds import LOGICAL, Kind, common_kind, parse_kind, real
 from .machine import Machine
 from .operands import checked_scalar, moved, scalar_kind
@@ -616,4 +615,7 @@ class DapArray:
             return f'{self.title}\n{self.values}'
 
     def _repr_html_(self) -> str:
+        # Importing matplotlib takes about a second, and only pictures need it.
+        from .drawing import html_plane
+
         return html_plane(self.values, self.title, self.dap.es)

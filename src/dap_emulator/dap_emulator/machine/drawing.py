@@ -1,4 +1,7 @@
-"""Pictures of arrays as the grid of PEs: PNG, animated GIF, and small pictures for notebooks."""
+"""Pictures of arrays as the grid of PEs: PNG, animated GIF, and small pictures for notebooks.
+
+Imports matplotlib, which takes about a second: imported only by what draws, when it draws.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import matplotlib
 import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imsave
 
 from msgs_py.numeric.typed import AnyArray
 
@@ -92,10 +100,6 @@ def draw(frames: Sequence[DrawnFrame], path: str | Path, es: int = 32) -> None:
 
 def _draw_strip(frames: Sequence[DrawnFrame], grids: Sequence[AnyArray], scale: _Scale, path: Path) -> None:
     """A PNG with the last frame and some of the earlier ones side by side."""
-    # matplotlib takes 0.4 s to import, and only pictures need it.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     chosen = _spread(len(frames), FRAMES_IN_A_STRIP)
     figure = Figure(figsize=(1.0 + 3.6 * len(chosen), 4.2), layout='constrained')
     FigureCanvasAgg(figure)
@@ -107,12 +111,6 @@ def _draw_strip(frames: Sequence[DrawnFrame], grids: Sequence[AnyArray], scale: 
 
 def _draw_animation(frames: Sequence[DrawnFrame], grids: Sequence[AnyArray], scale: _Scale, path: Path) -> None:
     """An animated GIF of all frames."""
-    # matplotlib takes 0.4 s to import, and only pictures need it.
-    import matplotlib
-    from matplotlib.animation import FuncAnimation, PillowWriter
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(4.6, 4.6))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -170,9 +168,6 @@ def _draw_one(axes: Any, frame: DrawnFrame, grid: AnyArray, index: int, scale: _
 
 def html_plane(values: AnyArray, title: str, es: int, size: int = NOTEBOOK_PIXELS) -> str:
     """HTML of an array for a notebook: its title, and its values as grey levels, about ``size`` pixels high."""
-    # matplotlib takes 0.4 s to import, and only pictures need it.
-    from matplotlib.image import imsave
-
     grid = grid_of(values, es).astype(float)
     grid = np.nan_to_num(grid, nan=0.0, posinf=0.0, neginf=0.0)
     scale = max(1, size // max(grid.shape))
