@@ -15,6 +15,7 @@ from msgs_py import BIN, FeatureSet, Interpretation
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, indexed
 from .params import MatchParams, MatchResult, no_match
+from .proof.certificate import certify
 from .search.threads import spread
 from .verification.acceptance import (
     DOUBTFUL,
@@ -97,8 +98,6 @@ def match(
     else:
         result = match_by_tree(problem, params, started)
     if params.prove and result.best is not None:
-        from .proof.certificate import certify
-
         result = certify(problem, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
