@@ -125,8 +125,8 @@ def test_creases_in_no_plane_are_reported_and_not_faked():
     pipe = at(Solid.cylinder(1.0, (0, 0, 4)), 0, 0, -2)
     found = boundary(pipe | Solid.cylinder(0.5, (3, 0, 0)))
     assert [(found.features.kind == k).sum() for k in FeatureKind] == [0, 3, 2]
-    assert len(found.skew) == 1 and any('no plane' in notice for notice in found.notices)
-    x, y, z = found.skew[0].T
+    assert len(found.space_curves) == 1 and any('no plane' in notice for notice in found.notices)
+    x, y, z = found.space_curves[0].T
     np.testing.assert_allclose(np.hypot(x, y), 1.0, atol=1e-9)
     np.testing.assert_allclose(np.hypot(y, z), 0.5, atol=1e-9)
     assert (x > 0).all() and np.ptp(np.arctan2(z, y)) > 6.0
@@ -136,8 +136,8 @@ def test_two_ellipsoids_meet_in_a_space_curve_on_both():
     one, two = np.diag([1.0, 0.8, 0.6, 1.0]), np.diag([0.5, 0.9, 0.9, 1.0])
     two[:3, 3] = 0.5, 0.1, 0.2
     found = boundary(Solid.primitive('SPHERE', one) | Solid.primitive('SPHERE', two))
-    assert found.skew and not len(found.features)
-    for points in found.skew:
+    assert found.space_curves and not len(found.features)
+    for points in found.space_curves:
         for matrix in (one, two):
             local = (points - matrix[:3, 3]) / np.diag(matrix)[:3]
             np.testing.assert_allclose(np.linalg.norm(local, axis=1), 1.0, atol=1e-7)

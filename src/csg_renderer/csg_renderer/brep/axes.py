@@ -11,13 +11,29 @@ import numpy as np
 from msgs_py.numeric.grouping import linked_groups
 
 from .pieces import Pieces, line_pieces
-from .surfaces import ON, SurfaceTable, cluster
-
-RULINGS = 16  # samples round a surface, besides those through the middle of each of its ends
+from .settings import GENERIC_PHASE, ON_SURFACE, PARALLEL, RULINGS, SAME_HEIGHT, SHORTEST_AXIS
+from .surfaces import SurfaceTable, cluster
 
 
 def axes(table: SurfaceTable, curved: Pieces, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end (a, 3), normalised frame; curved: the boundary's pieces of conics; closed (c,): is an ellipse."""
+    """The axes of the cylinders and cones on a boundary.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    curved : Pieces
+        The boundary's pieces of conics.
+    closed : (c,) bool
+        Conics that are ellipses.
+
+    Returns
+    -------
+    start, end : (a, 3) float64, normalised
+
+    References
+    ----------
+    Thesis 6.3.2.
+    """
     starts, ends = [], []
     g = len(table.planes)
     for k, leaf in enumerate(table.quadric_leaf):
@@ -30,7 +46,7 @@ def axes(table: SurfaceTable, curved: Pieces, closed: np.ndarray) -> tuple[np.nd
     start, end = np.array(starts).reshape(-1, 3), np.array(ends).reshape(-1, 3)
     # Inner and outer wall of a tube between the same ends: one axis, whichever way each runs.
     both = np.sort(np.stack([start, end]), axis=0)
-    once = cluster(np.concatenate([both[0], both[1]], axis=1), 10.0 * ON)[1]
+    once = cluster(np.concatenate([both[0], both[1]], axis=1), 10.0 * ON_SURFACE)[1]
     return start[once], end[once]
 
 
@@ -45,13 +61,13 @@ def _spans(
     if not flat.any():
         return []
     plane = table.planes[branches.group[flat]] @ frame
-    # A plane along the axis may touch where another end's conic passes; it is no end.
-    ends = np.abs(plane[:, 2]) > 1e-9 * np.linalg.norm(plane[:, :3], axis=1)
+    # A plane parallel to the axis may touch where another end's conic passes; it is no end.
+    ends = np.abs(plane[:, 2]) > PARALLEL * np.linalg.norm(plane[:, :3], axis=1)
     piece, plane = branches.point[flat][ends], plane[ends]
     height = -plane[:, 3] / plane[:, 2]
     local = curved.middle[piece] @ inverse[:3, :3].T + inverse[:3, 3]
     at = np.arctan2(local[:, 1], local[:, 0])
-    angle = np.concatenate([at, 0.1234 + 2.0 * np.pi * np.arange(RULINGS) / RULINGS])
+    angle = np.concatenate([at, GENERIC_PHASE + 2.0 * np.pi * np.arange(RULINGS) / RULINGS])
 
     ruling = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=1)
     root = np.zeros_like(ruling)
@@ -73,20 +89,24 @@ def _spans(
         at_ends = [
             height[k]
             for k in range(len(at))
-            if (member & (row == k) & ((np.abs(low - local[k, 2]) < 1e-6) | (np.abs(high - local[k, 2]) < 1e-6))).any()
+            if (
+                member
+                & (row == k)
+                & ((np.abs(low - local[k, 2]) < SAME_HEIGHT) | (np.abs(high - local[k, 2]) < SAME_HEIGHT))
+            ).any()
         ]
         if not at_ends:
             continue
         first, last = min(at_ends), max(at_ends)
-        if last - first > 1e-7:
+        if last - first > SHORTEST_AXIS:
             spans.append((first, last))
         elif cone:
             spans.append((0.0, first))
         else:
-            # One planar end: the axis goes on to the primitive's own other end, wherever that is buried.
+            # One planar end: the axis goes on to the primitive's own other end, which may lie inside the solid.
             bottoms = _own_ends(table, group, inverse)
-            bottoms = bottoms[np.abs(bottoms - first) > 1e-6]
-            far = low[member].min() if low[member].min() < first - 1e-6 else high[member].max()
+            bottoms = bottoms[np.abs(bottoms - first) > SAME_HEIGHT]
+            far = low[member].min() if low[member].min() < first - SAME_HEIGHT else high[member].max()
             spans.append((first, float(bottoms[np.abs(bottoms - far).argmin()])))
     return spans
 
@@ -108,7 +128,7 @@ def connected(angle: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndar
     after = np.empty(len(angle), int)
     after[order] = np.roll(order, -1)
     same = row[:, None] == row[None, :]
-    slack = np.where(same, 1e-7, -1e-7)
+    slack = np.where(same, SHORTEST_AXIS, -SHORTEST_AXIS)
     linked = (
         (same | (row[None, :] == after[row][:, None]))
         & (low[:, None] < high[None, :] + slack)

@@ -20,7 +20,8 @@ from .candidates import candidates
 from .conics import is_ellipse
 from .details import Anatomy, Details, details
 from .pieces import Pieces, Runs, conic_pieces, creases, line_pieces
-from .space_curves import skew_pieces
+from .settings import CIRCULAR, FAR_DIRECTIONS, FAR_DISTANCE, SAME_NORMAL, WHOLE_TURN
+from .space_curves import space_curve_pieces
 from .surfaces import SurfaceTable, compile_surfaces
 
 
@@ -28,14 +29,28 @@ from .surfaces import SurfaceTable, compile_surfaces
 class Boundary:
     """The boundary of a solid, model frame, metres.
 
-    edge_start, edge_end : (e, 3) float64: maximal straight creases
-    conic : (c, 4, 3) float64: the conics that carry curved creases; the point at angle t is conic (cos t, sin t, 1)
-    curve : (k,) int row of conic, curve_low, curve_high : (k,) angles: maximal planar curved creases
-    curve_normal : (k, 3) unit: out of the planar face that the curve bounds
-    ellipse : (k,) bool: the curve is (an arc of) a circle or ellipse and so a matching feature
+    Parameters
+    ----------
+    anatomy : Anatomy
+        The intermediate results, normalised frame.
+    edge_start, edge_end : (e, 3) float64
+        Maximal straight creases.
+    conic : (c, 4, 3) float64
+        The conics that carry curved creases; the point at angle t is conic (cos t, sin t, 1), homogeneous.
+    curve : (k,) int
+        Maximal planar curved creases: row of ``conic`` of each.
+    curve_low, curve_high : (k,) float64, radians
+        Its range.
+    curve_normal : (k, 3) float64
+        Unit vector out of the planar face that the curve bounds.
+    ellipse : (k,) bool
+        The curve is a circle or ellipse, or an arc of one, and so a matching feature.
     axis_start, axis_end : (a, 3) float64
-    skew : creases in no plane, each (2 k + 1, 3) points along it, of which every second one ends a chord
-    notices : what could not be given, in words
+        Axes of cylinders and cones.
+    space_curves : tuple of (2 k + 1, 3) float64
+        Creases in no plane: points along each, of which every second one ends a chord.
+    notices : tuple of str
+        What could not be given, in words.
     """
 
     anatomy: Anatomy
@@ -49,16 +64,17 @@ class Boundary:
     ellipse: np.ndarray
     axis_start: np.ndarray
     axis_end: np.ndarray
-    skew: tuple[np.ndarray, ...]
+    space_curves: tuple[np.ndarray, ...]
     notices: tuple[str, ...]
 
     @property
     def table(self) -> SurfaceTable:
+        """The solid's surfaces."""
         return self.anatomy.table
 
     @cached_property
     def details(self) -> Details:
-        """Faces, vertices, dihedral angles, bounding box, area and volume; worked out when first asked for."""
+        """Faces, vertices, dihedral angles, bounding box, area and volume; computed when first used."""
         return details(self.anatomy)
 
     @cached_property
@@ -75,7 +91,12 @@ class Boundary:
 
 
 def evaluate(solid: Solid) -> Boundary:
-    """Evaluate the boundary of a solid."""
+    """Evaluate the boundary of a solid.
+
+    References
+    ----------
+    Requicha & Voelcker, Boolean operations in solid modeling, 1985. Thesis 4.12 and 7.4 leave this as future work.
+    """
     table = compile_surfaces(solid)
     found = candidates(table)
     straight = line_pieces(table, found.point, found.direction)
@@ -86,9 +107,8 @@ def evaluate(solid: Solid) -> Boundary:
     to_metres = np.diag([table.size] * 3 + [1.0])
     to_metres[:3, 3] = table.centre
     ellipse = is_ellipse(found.conic)[curves.curve]
-    skew_found = skew_pieces(table, found.skew)
-    skew = tuple(table.metres(samples) for samples in skew_found.creases)
-    anatomy = Anatomy(table, found.point, found.direction, found.conic, straight, curved, skew_found, edges, curves)
+    in_space = space_curve_pieces(table, found.space_pairs)
+    anatomy = Anatomy(table, found.point, found.direction, found.conic, straight, curved, in_space, edges, curves)
     return Boundary(
         anatomy,
         table.metres(point + edges.low[:, None] * direction),
@@ -101,48 +121,65 @@ def evaluate(solid: Solid) -> Boundary:
         ellipse,
         table.metres(axis_start),
         table.metres(axis_end),
-        skew,
+        tuple(table.metres(samples) for samples in in_space.creases),
         _notices(anatomy, ellipse),
     )
 
 
 def _notices(anatomy: Anatomy, ellipse: np.ndarray) -> tuple[str, ...]:
+    """What a boundary lacks, in words for the user; ellipse (k,) bool of its curved creases."""
     out = []
     table = anatomy.table
     if not table.leaves:
         out.append('the solid is empty: NULL')
-    elif not any(len(pieces.branches.point) for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces)):
+    elif not any(
+        len(pieces.branches.point) for pieces in (anatomy.straight, anatomy.curved, anatomy.space_curves.pieces)
+    ):
         out.append('no surfaces meet on the boundary: the solid has no creases, or nothing is left of it')
     shared = sum(
         int((np.bincount(pieces.branches.point, minlength=1) > 2).sum())
-        for pieces in (anatomy.straight, anatomy.curved, anatomy.skew.pieces)
+        for pieces in (anatomy.straight, anatomy.curved, anatomy.space_curves.pieces)
     )
     if shared:
         out.append(f'more than two faces meet along {shared} piece(s) of crease: parts of the solid only touch there')
     if (~ellipse).any():
         out.append(f'{(~ellipse).sum()} planar crease(s) are arcs of a parabola or hyperbola: no matching features')
-    if anatomy.skew.creases:
-        out.append(f'{len(anatomy.skew.creases)} crease(s) lie in no plane: no matching features')
+    if anatomy.space_curves.creases:
+        out.append(f'{len(anatomy.space_curves.creases)} crease(s) lie in no plane: no matching features')
     if not table.bounded and _unbounded(anatomy):
         out.append('the solid is not bounded: creases that run to infinity are left out')
     return tuple(out)
 
 
 def _unbounded(anatomy: Anatomy) -> bool:
-    """Is there material far away? Asked of points all round the solid, far outside of everything it is made of."""
+    """There is material far away: at points in all directions, far outside of all primitives."""
     table = anatomy.table
     rng = np.random.default_rng(0)
-    far = rng.normal(size=(500, 3))
-    far *= 1e4 / np.linalg.norm(far, axis=1, keepdims=True)
+    far = rng.normal(size=(FAR_DIRECTIONS, 3))
+    far *= FAR_DISTANCE / np.linalg.norm(far, axis=1, keepdims=True)
     return bool(table.contains(far).any())
 
 
 def arcs(conic: np.ndarray, low: np.ndarray, high: np.ndarray, normal: np.ndarray) -> FeatureSet:
-    """Ellipses (n, 4, 3), last row (0, 0, 1), between angles low and high, as CURVE features with these normals."""
+    """Ellipses between two angles as features.
+
+    Parameters
+    ----------
+    conic : (n, 4, 3) float64, metres
+        With last row (0, 0, 1).
+    low, high : (n,) float64, radians
+    normal : (n, 3) float64
+        Unit vectors; the feature's normal.
+
+    Returns
+    -------
+    FeatureSet
+        n features of kind CURVE, in the frame of ``conic``.
+    """
     diameters = conic[:, :3, :2]
     u, s, vt = np.linalg.svd(diameters, full_matrices=False)
-    # A circle has no major axis of its own: keep the parametrisation's.
-    circle = s[:, 0] - s[:, 1] <= 1e-9 * s[:, 0]
+    # A circle has no major axis of its own: the parametrisation's is kept.
+    circle = s[:, 0] - s[:, 1] <= CIRCULAR * s[:, 0]
     u[circle] = diameters[circle] / s[circle][:, :1, None]
     vt[circle] = np.eye(2)
     turns_left = np.einsum('ni,ni->n', np.cross(u[:, :, 0], u[:, :, 1]), normal) > 0.0
@@ -151,13 +188,13 @@ def arcs(conic: np.ndarray, low: np.ndarray, high: np.ndarray, normal: np.ndarra
     x, y = np.einsum('nij,nj->in', vt, np.stack([np.cos(first), np.sin(first)], axis=1))
     start = np.arctan2(np.where(turns_left, y, -y), x) % (2.0 * np.pi)
     sweep = np.minimum(high - low, 2.0 * np.pi)
-    whole = sweep > 2.0 * np.pi - 1e-6
+    whole = sweep > WHOLE_TURN
     arc = np.stack([np.where(whole, 0.0, start), np.where(whole, 2.0 * np.pi, sweep)], axis=1)
     return FeatureSet.from_curves(conic[:, :3, 2], normal, s, major_axis=u[:, :, 0], arc=arc)
 
 
 def _normals(table: SurfaceTable, conic: np.ndarray, pieces: Pieces, runs: Runs) -> np.ndarray:
-    """(k, 3): out of the planar face where there is one, else to the side where the curve's faces look."""
+    """(k, 3): normals of creases: out of the planar face where there is one, else to the side of the faces' normals."""
     out = np.zeros((len(runs), 3))
     branches = pieces.branches
     for row, (curve, piece) in enumerate(zip(runs.curve, runs.piece)):
@@ -169,11 +206,11 @@ def _normals(table: SurfaceTable, conic: np.ndarray, pieces: Pieces, runs: Runs)
         mine = branches.point == piece
         flat = mine & (branches.group < len(table.planes))
         outward = branches.outward[flat]
-        if len(outward) and abs(outward[0] @ plane) > 1.0 - 1e-6:
+        if len(outward) and abs(outward[0] @ plane) > 1.0 - SAME_NORMAL:
             out[row] = outward[0]
             continue
         side = branches.outward[mine].sum(axis=0) @ plane
-        if abs(side) < 1e-6:
+        if abs(side) < SAME_NORMAL:
             side = pieces.middle[piece] @ plane
         out[row] = plane if side >= 0.0 else -plane
     return out

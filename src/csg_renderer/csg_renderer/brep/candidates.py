@@ -8,21 +8,29 @@ import numpy as np
 
 from .conics import common_planes, identity, section
 from .lines import distinct_lines, plane_pairs, touching_leaves
-from .surfaces import ON, SLOTS, SurfaceTable, cluster
+from .settings import ON_SURFACE
+from .surfaces import SLOTS, SurfaceTable, cluster
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """Tentative curves, normalised frame, each once.
 
-    point, direction : (n, 3) lines; conic : (c, 4, 3); skew : pairs of quadric groups whose intersection is no conic
-    extra : (k, 4) the planes in which pairs of quadrics meet; their conics are cut there too
+    Parameters
+    ----------
+    point, direction : (n, 3) float64
+        Lines; the direction is a unit vector.
+    conic : (c, 4, 3) float64
+    space_pairs : tuple of (int, int)
+        Pairs of quadrics whose intersection lies in no plane.
+    extra : (k, 4) float64
+        The planes in which pairs of quadrics meet; conics are cut there too.
     """
 
     point: np.ndarray
     direction: np.ndarray
     conic: np.ndarray
-    skew: tuple[tuple[int, int], ...]
+    space_pairs: tuple[tuple[int, int], ...]
     extra: np.ndarray
 
 
@@ -33,7 +41,7 @@ def candidates(table: SurfaceTable) -> Candidates:
         return Candidates(point, direction, np.zeros((0, 4, 3)), (), np.zeros((0, 4)))
     conics: list[np.ndarray] = []
     lines: list[tuple[np.ndarray, np.ndarray]] = []
-    skew, extra = [], []
+    space_pairs, extra = [], []
     flat, curved = _group_pairs(table)
     for plane, quadric in flat:
         found = section(table, quadric, table.planes[plane])
@@ -47,7 +55,7 @@ def candidates(table: SurfaceTable) -> Candidates:
             conics += found[0]
             lines += found[1]
         if not planar:
-            skew.append((one, two))
+            space_pairs.append((one, two))
     if lines:
         # Lines of planes come first, and are kept as they are where a quadric has the same one.
         quality = np.concatenate([np.full(len(point), 2.0), np.ones(len(lines))])
@@ -57,8 +65,8 @@ def candidates(table: SurfaceTable) -> Candidates:
             quality,
         )
     conic = np.array(conics).reshape(-1, 4, 3)
-    conic = conic[cluster(identity(conic), ON)[1]]
-    return Candidates(point, direction, conic, tuple(skew), np.array(extra).reshape(-1, 4))
+    conic = conic[cluster(identity(conic), ON_SURFACE)[1]]
+    return Candidates(point, direction, conic, tuple(space_pairs), np.array(extra).reshape(-1, 4))
 
 
 def _group_pairs(table: SurfaceTable) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:

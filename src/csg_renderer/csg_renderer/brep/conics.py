@@ -11,19 +11,49 @@ import numpy as np
 
 from msgs_py.numeric.vectors import perpendicular
 
-from .lines import PARALLEL
+from .settings import (
+    AT_INFINITY,
+    COSINE_MARGIN,
+    CUT_MARGIN,
+    ELLIPSE_ROW,
+    LEAST_SLOPE,
+    LONGEST_STEP,
+    NEWTON_STEPS,
+    NO_MEMBER,
+    PARALLEL,
+    PENCIL_TURN,
+    PLANE_AT_INFINITY,
+    RANK_TWO,
+    ROOT_RESIDUAL,
+    SCATTER,
+    SCATTERED_IMAGINARY,
+    SHARED_DIRECTION,
+    TOUCHING,
+    UNIT_CIRCLE,
+    VANISHING,
+)
 from .surfaces import SurfaceTable
-
-# Unit-frame distance at which a plane is taken to touch a cylinder or sphere: rounding, not geometry.
-TOUCHING = 1e-10
-# A member of a pencil of quadrics is a pair of planes when its third eigenvalue is below this part of the first.
-FLAT = 1e-8
 
 Line = tuple[np.ndarray, np.ndarray]
 
 
 def section(table: SurfaceTable, quadric: int, plane: np.ndarray) -> tuple[list[np.ndarray], list[Line]]:
-    """Where a plane (4,) cuts quadric group: conics [(4, 3)] and lines [(point, unit direction)]."""
+    """The curves in which a plane cuts a quadric of the table.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    quadric : int
+        Row of ``table.quadrics``.
+    plane : (4,) float64, normalised
+        Normal and offset.
+
+    Returns
+    -------
+    conics : list of (4, 3) float64
+    lines : list of (point (3,), unit direction (3,))
+        Rulings, where the plane holds the direction of a cylinder or the apex of a cone.
+    """
     leaf = table.quadric_leaf[quadric]
     frame, kind = table.frames[leaf], table.leaves[leaf].kind
     unit = frame.T @ plane
@@ -34,7 +64,8 @@ def section(table: SurfaceTable, quadric: int, plane: np.ndarray) -> tuple[list[
         if abs(depth) >= 1.0 - TOUCHING:
             return [], []
         n = normal / length
-        first, second = _across(n)
+        first = perpendicular(n)
+        second = np.cross(n, first)
         radius = np.sqrt(1.0 - depth**2)
         return [frame @ _ellipse(depth * n, radius * first, radius * second)], []
     across = np.hypot(normal[0], normal[1])
@@ -43,13 +74,13 @@ def section(table: SurfaceTable, quadric: int, plane: np.ndarray) -> tuple[list[
         if abs(plane[:3] @ axis) > PARALLEL:
             slope, height = -normal[:2] / normal[2], -offset / normal[2]
             return [frame @ np.array([[1, 0, 0], [0, 1, 0], [slope[0], slope[1], height], [0, 0, 1.0]])], []
-        angles = _angles(normal[0], normal[1], offset, TOUCHING)
+        angles = _angles(normal[0], normal[1], offset)
         return [], [_line(frame, np.array([np.cos(t), np.sin(t), 0.0]), np.array([0.0, 0.0, 1.0])) for t in angles]
-    if abs(offset) <= 1e-10 * np.linalg.norm(normal):
-        angles = _angles(normal[0], normal[1], normal[2], TOUCHING)
+    if abs(offset) <= TOUCHING * np.linalg.norm(normal):
+        angles = _angles(normal[0], normal[1], normal[2])
         return [], [_line(frame, np.zeros(3), np.array([np.cos(t), np.sin(t), 1.0])) for t in angles]
-    if abs(normal[2]) <= across * (1.0 + 1e-9):
-        if across - abs(normal[2]) <= 1e-9 * across and normal[2] * offset > 0.0:
+    if abs(normal[2]) <= across * (1.0 + PARALLEL):
+        if across - abs(normal[2]) <= PARALLEL * across and normal[2] * offset > 0.0:
             return [], []
         s = -np.sign(offset)
         return [s * frame @ np.array([[-offset, 0, 0], [0, -offset, 0], [0, 0, -offset], normal])], []
@@ -66,18 +97,34 @@ def section(table: SurfaceTable, quadric: int, plane: np.ndarray) -> tuple[list[
 
 
 def common_planes(table: SurfaceTable, one: int, two: int) -> tuple[list[np.ndarray], bool]:
-    """Planes (4,) that hold all of the intersection of two quadric groups, and whether there are such planes.
+    """Planes that hold all of the intersection of two quadrics.
 
-    The quadrics Q1 + x Q2 all pass through the intersection; one of rank 2 is a pair of planes (Levin, A parametric
-    algorithm for drawing pictures of solid objects composed of quadric surfaces, 1976).
+    The quadrics Q1 + x Q2, a pencil, all pass through the intersection; one of rank 2 is a pair of planes.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    one, two : int
+        Rows of ``table.quadrics``.
+
+    Returns
+    -------
+    planes : list of (4,) float64, normalised
+        Unit normal and offset.
+    planar : bool
+        The intersection lies in planes. It may be empty: then there are none.
+
+    References
+    ----------
+    Levin, A parametric algorithm for drawing pictures of solid objects composed of quadric surfaces, 1976.
     """
     frame = table.frames[table.quadric_leaf[one]]
     a = frame.T @ table.quadrics[one] @ frame
     b = frame.T @ table.quadrics[two] @ frame
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    # A direction or apex that both share carries no information: two parallel cylinders meet as two conics do.
+    # A direction or apex that both quadrics share is left out: two parallel cylinders meet as two conics do.
     _, s, v = np.linalg.svd(np.concatenate([a, b]))
-    basis = v[s > 1e-9].T
+    basis = v[s > SHARED_DIRECTION].T
     a2, b2 = basis.T @ a @ basis, basis.T @ b @ basis
     best: tuple[float, np.ndarray] | None = None
     for weights in _degenerate(a2, b2):
@@ -85,32 +132,43 @@ def common_planes(table: SurfaceTable, one: int, two: int) -> tuple[list[np.ndar
         value, vector = np.linalg.eigh(member)
         order = np.argsort(-np.abs(value))
         value, vector = value[order], vector[:, order]
-        if abs(value[0]) < 1e-12 or (len(value) > 2 and abs(value[2]) > FLAT * abs(value[0])):
+        if abs(value[0]) < NO_MEMBER or (len(value) > 2 and abs(value[2]) > RANK_TWO * abs(value[0])):
             continue
         ratio = value[1] / value[0]
         if best is None or ratio < best[0]:
             best = (ratio, np.stack([vector[:, 0] * np.sqrt(abs(value[0])), vector[:, 1] * np.sqrt(abs(value[1]))]))
-        if ratio < -FLAT:
+        if ratio < -RANK_TWO:
             break
     if best is None:
         return [], False
     ratio, (p, q) = best
-    if ratio > FLAT:
+    if ratio > RANK_TWO:
         return [], True
-    pair = [p] if abs(ratio) <= FLAT else [p + q, p - q]
+    pair = [p] if abs(ratio) <= RANK_TWO else [p + q, p - q]
     back = np.linalg.inv(frame)
     planes = []
     for plane in (basis @ item @ back for item in pair):
         length = np.linalg.norm(plane[:3])
-        if length > 1e-9 * np.linalg.norm(plane):  # else the plane at infinity
+        if length > PLANE_AT_INFINITY * np.linalg.norm(plane):  # else the plane at infinity
             planes.append(plane / length)
     return planes, True
 
 
 def conic_cuts(table: SurfaceTable, conic: np.ndarray, extra: np.ndarray) -> list[np.ndarray]:
-    """For each conic (n, 4, 3) the increasing angles in [0, 2 pi) at which it meets a face of a leaf.
+    """The angles at which conics meet faces of leaves.
 
-    extra : (k, 4) planes that cut every conic (where two conics of one pair of quadrics cross, no face does)
+    Parameters
+    ----------
+    table : SurfaceTable
+    conic : (n, 4, 3) float64, normalised
+    extra : (k, 4) float64, normalised
+        Further planes that cut every conic. Where two conics of one pair of quadrics cross there is no face that cuts
+        them.
+
+    Returns
+    -------
+    list of n (c,) float64
+        Increasing angles in [0, 2 pi).
     """
     n, g = len(conic), len(table.planes)
     planes = np.concatenate([table.planes, extra, [[0.0, 0.0, 0.0, 1.0]]])  # the last: where a hyperbola ends
@@ -121,7 +179,7 @@ def conic_cuts(table: SurfaceTable, conic: np.ndarray, extra: np.ndarray) -> lis
         scale = np.linalg.norm(conic, axis=(1, 2))[:, None]
         with np.errstate(divide='ignore', invalid='ignore'):
             cosine = -linear[..., 2] / size
-        met = (size > 1e-10 * scale) & (np.abs(cosine) <= 1.0 + 1e-9)
+        met = (size > VANISHING * scale) & (np.abs(cosine) <= 1.0 + COSINE_MARGIN)
         half = np.arccos(np.clip(np.where(met, cosine, 1.0), -1.0, 1.0))
         phase = np.arctan2(linear[..., 1], linear[..., 0])
         for sign in (1.0, -1.0):
@@ -146,25 +204,41 @@ def _on_leaf(table: SurfaceTable, conic: np.ndarray, angle: np.ndarray, groups: 
     row, column = np.nonzero(np.isfinite(angle))
     at = evaluate(conic[row], angle[row, column])
     group = groups[row, column]
-    values = table.leaf_values(table.values(at)) <= 1e-6
+    values = table.leaf_values(table.values(at)) <= CUT_MARGIN
     owns = (table.slots[None] == group[:, None, None]).any(axis=2)
     keep[row, column] = (values.all(axis=2) & owns).any(axis=1) | (group < 0)
     return keep
 
 
 def quadric_angles(form: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(..., 4): the real angles t with (cos t, sin t, 1) form (cos t, sin t, 1)^T = 0, form (..., 3, 3); else NaN.
+    """The real angles t with (cos t, sin t, 1) F (cos t, sin t, 1)^T = 0.
 
-    scale (...,) : size of form's terms, against which zero is measured. A form that vanishes has no angles.
+    Parameters
+    ----------
+    form : (..., 3, 3) float64
+        Symmetric matrices F.
+    scale : (...,) float64
+        Size of the terms of each form, to which zero is relative.
+
+    Returns
+    -------
+    (..., 4) float64
+        Angles in radians, NaN where there are fewer than four. A form that vanishes has none.
+
+    Examples
+    --------
+    >>> angles = quadric_angles(np.diag([1.0, 0.0, -0.25]), np.array(1.0))  # cos(t)^2 = 1/4
+    >>> np.sort(np.degrees(angles)).round(6).tolist()
+    [-120.0, -60.0, 60.0, 120.0]
     """
     out = np.full(form.shape[:-2] + (4,), np.nan)
     scale = np.broadcast_to(scale, form.shape[:-2])
     top = 0.25 * (form[..., 0, 0] - form[..., 1, 1]) - 0.5j * form[..., 0, 1]
     side = form[..., 0, 2] - 1j * form[..., 1, 2]
     middle = 0.5 * (form[..., 0, 0] + form[..., 1, 1]) + form[..., 2, 2]
-    second = np.abs(top) > 1e-10 * scale
+    second = np.abs(top) > VANISHING * scale
     if second.any():
-        # In z = exp(i t) it is a quartic whose roots on the unit circle count.
+        # In z = exp(i t) the form is a quartic; a root on the unit circle is a real angle.
         lead = top[second]
         companion = np.zeros((len(lead), 4, 4), complex)
         companion[:, 1:, :3] = np.eye(3)
@@ -173,21 +247,21 @@ def quadric_angles(form: np.ndarray, scale: np.ndarray) -> np.ndarray:
         companion[:, 2, 3] = -middle[second] / lead
         companion[:, 3, 3] = -side[second] / lead
         z = np.linalg.eigvals(companion)
-        out[second] = np.where(np.abs(np.abs(z) - 1.0) < 1e-4, np.angle(z), np.nan)
-    first = ~second & (np.abs(side) > 1e-10 * scale)
+        out[second] = np.where(np.abs(np.abs(z) - 1.0) < UNIT_CIRCLE, np.angle(z), np.nan)
+    first = ~second & (np.abs(side) > VANISHING * scale)
     with np.errstate(divide='ignore', invalid='ignore'):
         cosine = np.where(first, -middle / (2.0 * np.abs(side)), np.nan)
     half = np.arccos(np.clip(cosine, -1.0, 1.0))
-    half = np.where(np.abs(cosine) <= 1.0 + 1e-9, half, np.nan)
+    half = np.where(np.abs(cosine) <= 1.0 + COSINE_MARGIN, half, np.nan)
     out[first, 0] = (-np.angle(side) + half)[first]
     out[first, 1] = (-np.angle(side) - half)[first]
-    for _ in range(2):
+    for _ in range(NEWTON_STEPS):
         value, slope = _trigonometric(form, out)
-        step = np.where(np.abs(slope) > 1e-6 * scale[..., None], value / np.where(slope == 0.0, 1.0, slope), 0.0)
-        out = out - np.clip(step, -0.01, 0.01)
+        step = np.where(np.abs(slope) > LEAST_SLOPE * scale[..., None], value / np.where(slope == 0.0, 1.0, slope), 0.0)
+        out = out - np.clip(step, -LONGEST_STEP, LONGEST_STEP)
     value, _ = _trigonometric(form, out)
     with np.errstate(invalid='ignore'):
-        return np.where(np.abs(value) <= 1e-8 * scale[..., None], out, np.nan)
+        return np.where(np.abs(value) <= ROOT_RESIDUAL * scale[..., None], out, np.nan)
 
 
 def _trigonometric(form: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -209,13 +283,13 @@ def positions(conic: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndar
     dx = np.stack([-x[..., 1], x[..., 0], np.zeros_like(angle)], axis=-1)
     p, dp = (np.einsum('nij,nj->ni', conic, v) for v in (x, dx))
     w = p[:, 3:]
-    safe = np.where(np.abs(w) > 1e-12, w, np.nan)
+    safe = np.where(np.abs(w) > AT_INFINITY, w, np.nan)
     tangent = dp[:, :3] * safe - p[:, :3] * dp[:, 3:]
     return p[:, :3] / safe, tangent / np.linalg.norm(tangent, axis=1, keepdims=True), w[:, 0]
 
 
 def identity(conic: np.ndarray) -> np.ndarray:
-    """(n, 16): equal for equal conics, however they are parametrised: the dual conic, normalised."""
+    """(n, 16): the dual conic, normalised: equal for equal conics, however they are parametrised."""
     dual = conic @ np.diag([1.0, 1.0, -1.0]) @ np.swapaxes(conic, 1, 2)
     dual = dual.reshape(len(conic), 16)
     dual = dual / np.linalg.norm(dual, axis=1, keepdims=True)
@@ -224,16 +298,15 @@ def identity(conic: np.ndarray) -> np.ndarray:
 
 def is_ellipse(conic: np.ndarray) -> np.ndarray:
     """(n,) bool for conics (n, 4, 3): closed, and parametrised by its conjugate diameters."""
-    return (np.abs(conic[:, 3, :2]) <= 1e-14).all(axis=1)
+    return (np.abs(conic[:, 3, :2]) <= ELLIPSE_ROW).all(axis=1)
 
 
 def _degenerate(a: np.ndarray, b: np.ndarray) -> list[tuple[float, float]]:
     """Weights of the members of the pencil that may be of rank 2: zeros of the determinant, doubled ones averaged."""
     if len(a) < 3:
         return [(1.0, 0.0)]
-    # A turn of the weights keeps both matrices regular in general, so that no member of interest is at infinity.
-    turn = 0.6435
-    c, s = np.cos(turn), np.sin(turn)
+    # After a turn of the weights no member of interest is at infinity in general.
+    c, s = np.cos(PENCIL_TURN), np.sin(PENCIL_TURN)
     a2, b2 = c * a + s * b, -s * a + c * b
     try:
         values = np.linalg.eigvals(np.linalg.solve(b2, a2))
@@ -244,9 +317,9 @@ def _degenerate(a: np.ndarray, b: np.ndarray) -> list[tuple[float, float]]:
     found = []
     for x in [
         values[np.abs(values - x) <= reach * (1.0 + np.abs(x))].mean().real
-        for reach in (1e-2, 1e-4, 0.0)
+        for reach in SCATTER
         for x in values
-        if abs(x.imag) < 1e-2 * (1.0 + abs(x))
+        if abs(x.imag) < SCATTERED_IMAGINARY * (1.0 + abs(x))
     ]:
         weights = np.array([c + x * s, s - x * c])
         weights /= np.linalg.norm(weights)
@@ -254,27 +327,24 @@ def _degenerate(a: np.ndarray, b: np.ndarray) -> list[tuple[float, float]]:
     return found
 
 
-def _angles(a: float, b: float, c: float, touching: float) -> list[float]:
+def _angles(a: float, b: float, c: float) -> list[float]:
     """Angles with a cos t + b sin t + c = 0: two, one where they touch, or none."""
     size = np.hypot(a, b)
-    if size <= 0.0 or abs(c) > size * (1.0 + touching):
+    if size <= 0.0 or abs(c) > size * (1.0 + TOUCHING):
         return []
     phase = np.arctan2(b, a)
-    if abs(c) >= size * (1.0 - touching):
+    if abs(c) >= size * (1.0 - TOUCHING):
         return [phase if c < 0.0 else phase + np.pi]
     half = np.arccos(-c / size)
     return [phase + half, phase - half]
 
 
 def _line(frame: np.ndarray, point: np.ndarray, direction: np.ndarray) -> Line:
+    """A line of the unit frame, moved by frame (4, 4)."""
     d = frame[:3, :3] @ direction
     return frame[:3, :3] @ point + frame[:3, 3], d / np.linalg.norm(d)
 
 
 def _ellipse(centre: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(4, 3): the ellipse about a centre with these conjugate half-diameters."""
     return np.concatenate([np.stack([first, second, centre], axis=1), [[0.0, 0.0, 1.0]]])
-
-
-def _across(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    first = perpendicular(n)
-    return first, np.cross(n, first)

@@ -15,19 +15,27 @@ import numpy as np
 from msgs_py.numeric.grouping import linked_groups
 
 from .axes import connected
-from .faces import NODES, VERTEX, WEIGHTS, FacePart, Outline, quadrature
+from .faces import NODES, WEIGHTS, FacePart, Outline, quadrature
 from .neighbourhood import Branches
 from .pieces import conic_pieces, line_pieces
+from .settings import (
+    AT_POLE,
+    BESIDE_BORDER,
+    GENERIC_PHASE,
+    MERIDIANS,
+    ON_AXIS,
+    POLAR_PLANES,
+    POLE_TRIALS,
+    SAME_VERTEX,
+    SLIVER_AREA,
+)
 from .surfaces import SurfaceTable, cluster
-
-MERIDIANS = 24  # lines of constant angle that link the parts of a face, besides those at its borders
-STEP = 1e-4  # how far inside its border a face is looked for, unit frame
 
 
 def curved_faces(
     table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
 ) -> tuple[list[FacePart], dict[int, int]]:
-    """All curved faces, and which of them each row of branches belongs to (rows from 0, faces from 0)."""
+    """All curved faces of a solid, as :func:`planar_faces` gives the planar ones."""
     faces: list[FacePart] = []
     owner: dict[int, int] = {}
     g = len(table.planes)
@@ -38,7 +46,7 @@ def curved_faces(
             mine = [(o, row) for o, row in rows if _along(table, g + k, o, branches, row) == along]
             mine = [
                 (o, row) for o, row in mine if sum(other is o for other, _ in mine) == 1
-            ]  # else the face goes on across the piece
+            ]  # else the piece lies inside the face
             parts, found = _parts(table, chart, g + k, along, mine, branches)
             for row, label in found.items():
                 owner[row] = len(faces) + label
@@ -56,6 +64,7 @@ class _Chart:
         self.cofactor = self.determinant * np.linalg.inv(linear).T
 
     def local(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3): normalised points in the unit frame."""
         return points @ self.inverse[:3, :3].T + self.inverse[:3, 3]
 
     def flux(self, t: np.ndarray, h: np.ndarray) -> np.ndarray:
@@ -91,10 +100,10 @@ class _Chart:
         """dt along a curve; zero on the axis, where the angle is undefined."""
         p, d = self.local(nodes), steps @ self.inverse[:3, :3].T
         square = p[:, 0] ** 2 + p[:, 1] ** 2
-        return np.where(square > 1e-20, (p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]) / np.maximum(square, 1e-20), 0.0)
+        return np.where(square > ON_AXIS, (p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]) / np.maximum(square, ON_AXIS), 0.0)
 
     def left(self, point: np.ndarray, tangent: np.ndarray, direction: np.ndarray) -> bool:
-        """Does a tangent direction lie to the left of a curve, seen in the (t, h) plane?"""
+        """A tangent direction lies to the left of a curve in the (t, h) plane."""
         p = self.local(point[None])[0]
         a, b = (self.inverse[:3, :3] @ v for v in (tangent, direction))
         outward = np.array([p[0], p[1], {'CYLINDER': 0.0, 'CONE': -p[2], 'SPHERE': p[2]}[self.kind]])
@@ -103,24 +112,26 @@ class _Chart:
 
 @lru_cache
 def _turns() -> np.ndarray:
-    """(24, 4, 4): where a sphere's poles, at which the angle is undefined, may be put."""
-    from scipy.spatial.transform import Rotation  # not needed to render, and a fifth of a node's start
+    """(24, 4, 4): orientations of a sphere's poles, at which the angle is undefined."""
+    # scipy takes a fifth of a node's start to import, and rendering does not need it.
+    from scipy.spatial.transform import Rotation
 
-    turns = np.tile(np.eye(4), (24, 1, 1))
-    turns[:, :3, :3] = Rotation.from_rotvec(2.0 * np.random.default_rng(1).normal(size=(24, 3))).as_matrix()
+    turns = np.tile(np.eye(4), (POLE_TRIALS, 1, 1))
+    turns[:, :3, :3] = Rotation.from_rotvec(2.0 * np.random.default_rng(1).normal(size=(POLE_TRIALS, 3))).as_matrix()
     return turns
 
 
 def _chart(kind: str, frame: np.ndarray, outlines: Sequence[Outline]) -> _Chart:
+    """The chart of one quadric; a sphere's is turned so that its poles are far from all borders."""
     if kind != 'SPHERE':
         return _Chart(kind, frame)
-    # The farthest from all borders is taken.
     charts = [_Chart(kind, frame @ turn) for turn in _turns()]
     nodes = np.concatenate([np.zeros((0, 3)), *(o.nodes for o in outlines)])
     return min(charts, key=lambda chart: float(np.abs(chart.local(nodes)[:, 2]).max(initial=0.0)))
 
 
 def _along(table: SurfaceTable, group: int, outline: Outline, branches: Branches, row: int) -> bool:
+    """The face that a branch begins has the group's gradient for its outward normal."""
     gradient = table.gradients(outline.middle[None], np.array([[group]]))[0, 0]
     return bool(branches.outward[row] @ gradient > 0.0)
 
@@ -131,13 +142,13 @@ def _parts(
     """Area and flux of each connected face of one quadric that looks one way, and the face of each border."""
     left = [chart.left(outline.middle, outline.tangent, branches.direction[row]) for outline, row in borders]
     owner, seeds = _seeds(table, chart, group, borders, left)
-    # A face that narrows to a point there ends there: look at every vertex too.
+    # A face may narrow to a point at a vertex, so there are meridians through all vertices too.
     ends = chart.local(np.array([p for outline, _ in borders for p in (outline.start, outline.end)]).reshape(-1, 3))
     angle = np.concatenate(
         [
             np.arctan2(seeds[:, 1], seeds[:, 0]),
             np.arctan2(ends[:, 1], ends[:, 0]),
-            0.1234 + 2.0 * np.pi * np.arange(MERIDIANS) / MERIDIANS,
+            GENERIC_PHASE + 2.0 * np.pi * np.arange(MERIDIANS) / MERIDIANS,
         ]
     )
     row, low, high = _meridians(table, chart, group, along, angle)
@@ -167,7 +178,7 @@ def _parts(
     if chart.kind == 'SPHERE':
         _add_poles(chart, row, low, high, label, sign, total)
     # Only a whole sphere has no border; other parts without one are slivers beside a vertex.
-    keep = np.isin(np.arange(len(total)), list(found.values())) | (total[:, 0] > 1e-9)
+    keep = np.isin(np.arange(len(total)), list(found.values())) | (total[:, 0] > SLIVER_AREA)
     rank = np.cumsum(keep) - 1
     return [(float(a), float(f)) for a, f in total[keep]], {branch: int(rank[part]) for branch, part in found.items()}
 
@@ -182,7 +193,7 @@ def _seeds(
         at, tangent = outline.nodes[pick], outline.steps[pick]
         outward = table.gradients(at, np.full((len(at), 1), group))[:, 0]
         inward = np.cross(outward, tangent) @ chart.inverse[:3, :3].T * (1.0 if left[k] else -1.0)
-        inward *= STEP / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
+        inward *= BESIDE_BORDER / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
         points.append(chart.local(at) + inward)
         owner += [k] * len(at)
     return np.array(owner, int), np.concatenate([np.zeros((0, 3)), *points])
@@ -194,7 +205,7 @@ def _following(borders: list[tuple[Outline, int]], left: list[bool]) -> list[tup
         return []
     start = np.array([o.start if forward else o.end for (o, _), forward in zip(borders, left)])
     end = np.array([o.end if forward else o.start for (o, _), forward in zip(borders, left)])
-    vertex = cluster(np.concatenate([start, end]), VERTEX)[0]
+    vertex = cluster(np.concatenate([start, end]), SAME_VERTEX)[0]
     begins, stops = vertex[: len(start)], vertex[len(start) :]
     pairs = []
     for k, where in enumerate(stops):
@@ -218,10 +229,10 @@ def _linked(label: np.ndarray, owner: np.ndarray, beside: np.ndarray, following:
 def _add_poles(
     chart: _Chart, row: np.ndarray, low: np.ndarray, high: np.ndarray, label: np.ndarray, sign: float, total: np.ndarray
 ) -> None:
-    """A pole inside a face is a whole side of the (t, h) plane, which no border runs along."""
+    """Add, in place, the side of the (t, h) plane that a pole inside a face is; no border runs along it."""
     t, weight = quadrature(0.0, 2.0 * np.pi)
     for end, pole in ((high, 0.5 * np.pi), (low, -0.5 * np.pi)):
-        at = np.nonzero(np.abs(end - pole) < 1e-9)[0]
+        at = np.nonzero(np.abs(end - pole) < AT_POLE)[0]
         if len(at):
             h = np.full(len(t), np.sign(pole))
             total[label[at[0]]] += np.sign(pole) * np.array(
@@ -232,7 +243,7 @@ def _add_poles(
 def _meridians(
     table: SurfaceTable, chart: _Chart, group: int, along: bool, angle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the face stands on lines of constant angle: which line, and ranges of height (sphere: of latitude)."""
+    """Intervals of a face on lines of constant angle: which line (n,), and ranges of height (sphere: of latitude)."""
     c, s, frame = np.cos(angle), np.sin(angle), chart.frame
     zero, one = np.zeros_like(c), np.ones_like(c)
     if chart.kind == 'SPHERE':
@@ -262,5 +273,5 @@ def _meridians(
 
 
 def _polar_planes(chart: _Chart) -> np.ndarray:
-    """(2, 4): two planes through the poles; every meridian is cut there by at least one of them."""
-    return np.array([[np.cos(a), np.sin(a), 0.0, 0.0] for a in (0.777, 1.999)]) @ chart.inverse
+    """(2, 4): two planes through the poles; at least one of them cuts a given meridian there."""
+    return np.array([[np.cos(a), np.sin(a), 0.0, 0.0] for a in POLAR_PLANES]) @ chart.inverse

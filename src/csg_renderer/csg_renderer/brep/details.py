@@ -8,21 +8,35 @@ import numpy as np
 
 from .conics import positions
 from .curved_faces import curved_faces
-from .faces import VERTEX, FacePart, Outline, planar_faces, quadrature
+from .faces import FacePart, Outline, planar_faces, quadrature
 from .neighbourhood import Branches, classify, faces_through
 from .pieces import Pieces, Runs
-from .space_curves import SkewPieces
+from .settings import (
+    ANGLE_ROUNDING,
+    APEX_DISTANCE,
+    APEX_POINTS,
+    BOX_POINTS,
+    SAME_VERTEX,
+    VOLUME_ROUNDING,
+    VOLUME_SAMPLES,
+    VOLUME_SIGMAS,
+    WHOLE_TURN,
+)
+from .space_curves import SpaceCurvePieces
 from .surfaces import SurfaceTable, cluster
-
-SAMPLES = 50_000  # of the bounding box, to check the volume
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
     """A maximal connected piece of one plane or quadric.
 
-    kind : 'plane', 'cylinder', 'cone' or 'sphere' (the primitive's surface before its affine placement)
-    normal : (3,) unit, out of the solid, or None for a curved face; area : square metres
+    Parameters
+    ----------
+    kind : str
+        'plane', 'cylinder', 'cone' or 'sphere': the primitive's surface before its affine placement.
+    normal : (3,) float64 or None
+        Unit vector out of the solid, model frame; None for a curved face.
+    area : float, square metres
     """
 
     kind: str
@@ -32,14 +46,25 @@ class Face:
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """Model frame, metres.
+    """Faces, vertices and measures of a solid; model frame, metres.
 
-    faces : all faces; vertices : (v, 3), where creases end or a cone has its apex
-    edge_faces : (e, 2) int32, the two faces of each edge of the boundary, -1 where more than two meet
-    edge_angles : (e,) radians, dihedral angle through the material (pi/2 on a block); NaN where more than two meet
-    curve_faces, curve_angles : the same for the planar curves, the angle in the middle of the curve
-    low, high : (3,) bounding box; area, volume : of the whole solid, square and cubic metres
-    notices : what could not be measured exactly, in words
+    Parameters
+    ----------
+    faces : tuple of Face
+    vertices : (v, 3) float64
+        Where creases end or a cone has its apex.
+    edge_faces : (e, 2) int32
+        The two faces of each edge of the boundary, -1 where more than two meet.
+    edge_angles : (e,) float64, radians
+        Dihedral angle through the material (pi/2 on a block); NaN where more than two faces meet.
+    curve_faces, curve_angles : (k, 2) int32 and (k,) float64
+        The same for the planar curves, the angle in the middle of the curve.
+    low, high : (3,) float64
+        Bounding box.
+    area, volume : float, square and cubic metres
+        Of the whole solid.
+    notices : tuple of str
+        What could not be measured exactly, in words.
     """
 
     faces: tuple[Face, ...]
@@ -57,7 +82,21 @@ class Details:
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """What boundary evaluation found, normalised frame: candidates' curves, their pieces, and the creases."""
+    """Intermediate results of boundary evaluation, normalised frame.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    point, direction : (n, 3) float64
+        Candidate lines.
+    conic : (c, 4, 3) float64
+        Candidate conics.
+    straight, curved : Pieces
+        Of the lines and of the conics.
+    space_curves : SpaceCurvePieces
+    edges, curves : Runs
+        Creases, of the lines and of the conics.
+    """
 
     table: SurfaceTable
     point: np.ndarray
@@ -65,7 +104,7 @@ class Anatomy:
     conic: np.ndarray
     straight: Pieces
     curved: Pieces
-    skew: SkewPieces
+    space_curves: SpaceCurvePieces
     edges: Runs
     curves: Runs
 
@@ -90,7 +129,7 @@ def details(anatomy: Anatomy) -> Details:
     volume = table.size**3 * sum(part.flux for part in parts) / 3.0
     estimate, error = _sampled_volume(table, low, high)
     notices: tuple[str, ...] = ()
-    if abs(volume - estimate) > 6.0 * error + 1e-9 * table.size**3:
+    if abs(volume - estimate) > VOLUME_SIGMAS * error + VOLUME_ROUNDING * table.size**3:
         volume, notices = (
             estimate,
             (
@@ -118,15 +157,15 @@ def _sampled_volume(table: SurfaceTable, low: np.ndarray, high: np.ndarray) -> t
     if not np.isfinite(low).all():
         return 0.0, 0.0
     box = float(np.prod(high - low))
-    points = low + np.random.default_rng(0).random((SAMPLES, 3)) * (high - low)
+    points = low + np.random.default_rng(0).random((VOLUME_SAMPLES, 3)) * (high - low)
     part = float(table.contains(table.normalised(points)).mean())
-    # One sample more on either side, so that none or all inside is no certainty.
-    return part * box, box * float(np.sqrt((part * (1.0 - part) + 1.0 / SAMPLES) / SAMPLES))
+    # One sample more on either side, so that the error is not zero where none or all are inside.
+    return part * box, box * float(np.sqrt((part * (1.0 - part) + 1.0 / VOLUME_SAMPLES) / VOLUME_SAMPLES))
 
 
 def _outlines(anatomy: Anatomy) -> tuple[list[Outline], Branches, int]:
     """All boundary pieces with quadratures, their branches in one table, and where the curved pieces start."""
-    sets = (anatomy.straight, anatomy.curved, anatomy.skew.pieces)
+    sets = (anatomy.straight, anatomy.curved, anatomy.space_curves.pieces)
     offset = np.cumsum([0] + [len(s.low) for s in sets])
     branches = Branches(
         np.concatenate([s.branches.point + k for s, k in zip(sets, offset)]),
@@ -153,8 +192,8 @@ def _outlines(anatomy: Anatomy) -> tuple[list[Outline], Branches, int]:
                     nodes, steps = _conic_steps(conic, t, weight)
                     ends = _conic_steps(conic, np.array([low, high]), np.ones(2))[0]
                 else:
-                    nodes, steps = anatomy.skew.steps(int(pieces.curve[j]), t, weight)
-                    ends = anatomy.skew.points(int(pieces.curve[j]), np.array([low, high]))
+                    nodes, steps = anatomy.space_curves.steps(int(pieces.curve[j]), t, weight)
+                    ends = anatomy.space_curves.points(int(pieces.curve[j]), np.array([low, high]))
             if not (np.isfinite(ends).all() and np.isfinite(nodes).all()):
                 continue  # next to infinity, where a nearly flat quadric can put a crossing
             outlines.append(
@@ -164,6 +203,7 @@ def _outlines(anatomy: Anatomy) -> tuple[list[Outline], Branches, int]:
 
 
 def _conic_steps(conic: np.ndarray, t: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) of a conic (4, 3) at angles t (n,), and its differentials (n, 3) for quadrature weights (n,)."""
     x = np.stack([np.cos(t), np.sin(t), np.ones_like(t)], axis=1) @ conic.T
     dx = np.stack([-np.sin(t), np.cos(t), np.zeros_like(t)], axis=1) @ conic.T
     w, dw = x[:, 3:], dx[:, 3:]
@@ -180,7 +220,7 @@ def _sides(branches: Branches, owner: np.ndarray, piece: np.ndarray) -> tuple[np
         faces[k] = owner[rows]
         one, two = branches.direction[rows]
         angle = np.arctan2(np.linalg.norm(np.cross(one, two)), one @ two)
-        # Concave where one face rises on the outer side of the other.
+        # An edge is concave where one face lies on the outer side of the other.
         angles[k] = angle if branches.outward[rows[0]] @ two <= 0.0 else 2.0 * np.pi - angle
     return faces, angles
 
@@ -190,24 +230,28 @@ def _vertices(anatomy: Anatomy) -> np.ndarray:
     table, edges, curves = anatomy.table, anatomy.edges, anatomy.curves
     point, direction = anatomy.point[edges.curve], anatomy.direction[edges.curve]
     found = [point + edges.low[:, None] * direction, point + edges.high[:, None] * direction]
-    open_ = curves.high - curves.low < 2.0 * np.pi - 1e-6
+    open_ = curves.high - curves.low < WHOLE_TURN
     for angle in (curves.low[open_], curves.high[open_]):
         found.append(positions(anatomy.conic[curves.curve[open_]], angle)[0])
-    found += [samples[[0, -1]] for samples in anatomy.skew.creases if np.linalg.norm(samples[0] - samples[-1]) > VERTEX]
+    found += [
+        samples[[0, -1]]
+        for samples in anatomy.space_curves.creases
+        if np.linalg.norm(samples[0] - samples[-1]) > SAME_VERTEX
+    ]
     apexes = [table.frames[leaf][:3, 3] for leaf in table.quadric_leaf if table.leaves[leaf].kind == 'CONE']
     if apexes:
         at = np.array(apexes)
         found.append(at[_apex_remains(table, at)])
     points = np.concatenate(found)
-    return points[cluster(points, VERTEX)[1]]
+    return points[cluster(points, SAME_VERTEX)[1]]
 
 
 def _apex_remains(table: SurfaceTable, at: np.ndarray) -> np.ndarray:
-    """(n,) bool: near an apex the solid is neither everywhere nor nowhere; asked of points all round it."""
-    k = np.arange(200) + 0.5
-    polar, azimuth = np.arccos(1.0 - k / 100.0), np.pi * (1.0 + 5.0**0.5) * k
+    """(n,) bool: of points round an apex, on a Fibonacci sphere, some are inside the solid and some are not."""
+    k = np.arange(APEX_POINTS) + 0.5
+    polar, azimuth = np.arccos(1.0 - k / (APEX_POINTS / 2.0)), np.pi * (1.0 + 5.0**0.5) * k
     ball = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
-    around = (at[:, None] + 1e-5 * ball).reshape(-1, 3)
+    around = (at[:, None] + APEX_DISTANCE * ball).reshape(-1, 3)
     solid = table.contains(around).reshape(len(at), -1)
     return np.asarray(solid.any(axis=1) & ~solid.all(axis=1))
 
@@ -215,14 +259,14 @@ def _apex_remains(table: SurfaceTable, at: np.ndarray) -> np.ndarray:
 def _box(anatomy: Anatomy, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bounding box, metres: ends of creases, extremes of curves and of spheres; ruled faces have theirs on a border."""
     table, curves = anatomy.table, anatomy.curves
-    points = [vertices, *anatomy.skew.creases]
+    points = [vertices, *anatomy.space_curves.creases]
     for curve, low, high in zip(curves.curve, curves.low, curves.high):
         conic = anatomy.conic[curve]
         # d/dt of a coordinate vanishes: tan t = b / a, and for homogeneous curves a sampling is enough.
         angle = np.arctan2(conic[:3, 1], conic[:3, 0])
-        angle = np.concatenate([angle, angle + np.pi, np.linspace(low, high, 65)])
+        angle = np.concatenate([angle, angle + np.pi, np.linspace(low, high, BOX_POINTS)])
         angle = low + (angle - low) % (2.0 * np.pi)
-        points.append(_conic_steps(conic, angle[angle <= high + 1e-12], np.ones(1))[0])
+        points.append(_conic_steps(conic, angle[angle <= high + ANGLE_ROUNDING], np.ones(1))[0])
     for k, leaf in enumerate(table.quadric_leaf):
         if table.leaves[leaf].kind == 'SPHERE':
             linear, centre = table.frames[leaf][:3, :3], table.frames[leaf][:3, 3]
@@ -238,6 +282,7 @@ def _box(anatomy: Anatomy, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _face(table: SurfaceTable, part: FacePart) -> Face:
+    """A face in the model frame, metres."""
     g = len(table.planes)
     area = part.area * table.size**2
     if part.group < g:

@@ -1,8 +1,9 @@
 """Faces of a solid from the pieces of curve that bound them: planar faces, with exact areas.
 
-Every piece of boundary curve says on which side of it which surface goes on as a face, and which way that face looks.
-Oriented so that the face lies to the left, the pieces of one plane chain into loops; a loop that turns left bounds a
-face and one that turns right a hole in it. Areas follow from Green's theorem, exactly for lines and ellipses.
+The branches of every piece of boundary curve give the surfaces that go on from it as faces, on which side, and their
+outward normals. Oriented so that the face lies to the left, the pieces of one plane chain into loops; a loop that turns
+left bounds a face and one that turns right a hole in it. Areas follow from Green's theorem, exactly for lines and
+ellipses.
 """
 
 from __future__ import annotations
@@ -15,19 +16,25 @@ import numpy as np
 from msgs_py.numeric.vectors import perpendicular
 
 from .neighbourhood import Branches
+from .settings import CORNER_REACH, QUADRATURE_NODES, QUADRATURE_RANGE, SAME_TURN, SAME_VERTEX
 from .surfaces import SurfaceTable, cluster
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
-# Points of a boundary closer than this, normalised, are one vertex.
-VERTEX = 1e-7
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_NODES)
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
     """One piece of boundary curve, sampled for integration; normalised frame.
 
-    start, end : (3,); nodes, steps : (n, 3) points of a quadrature and the curve's differentials there (weights times
-    derivative); branches : rows of ``Branches`` that leave the piece; middle, tangent : (3,)
+    Parameters
+    ----------
+    start, end : (3,) float64
+    nodes, steps : (n, 3) float64
+        Points of a quadrature, and the curve's differentials there: weights times derivative.
+    middle, tangent : (3,) float64
+        A point of the piece and the unit tangent there.
+    branches : (b,) int
+        Rows of ``Branches`` that leave the piece.
     """
 
     start: np.ndarray
@@ -41,7 +48,17 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class FacePart:
-    """A face: its surface group, whether it looks along the group's gradient, area and flux x.n dA (normalised)."""
+    """A face, normalised frame.
+
+    Parameters
+    ----------
+    group : int
+        Its surface group.
+    along : bool
+        Its outward normal is the group's gradient, not the opposite direction.
+    area, flux : float
+        Its area, and the integral of x.n dA.
+    """
 
     group: int
     along: bool
@@ -51,7 +68,7 @@ class FacePart:
 
 def quadrature(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights on a range; the range is halved until short, for curves of several turns."""
-    pieces = max(1, int(np.ceil((high - low) / 0.8)))
+    pieces = max(1, int(np.ceil((high - low) / QUADRATURE_RANGE)))
     borders = np.linspace(low, high, pieces + 1)
     half = 0.5 * np.diff(borders)[:, None]
     return (
@@ -63,7 +80,22 @@ def quadrature(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
 def planar_faces(
     table: SurfaceTable, outlines: Sequence[Outline], branches: Branches
 ) -> tuple[list[FacePart], dict[int, int]]:
-    """All planar faces, and which of them each row of branches belongs to."""
+    """All planar faces of a solid.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    outlines : sequence of Outline
+        All pieces of boundary curve.
+    branches : Branches
+        The branches that leave them.
+
+    Returns
+    -------
+    faces : list of FacePart
+    owner : dict of int to int
+        Which face each row of branches belongs to.
+    """
     borders: dict[tuple[int, bool], list[tuple[int, int, bool]]] = {}
     for k, outline in enumerate(outlines):
         rows = outline.branches[branches.group[outline.branches] < len(table.planes)]
@@ -73,7 +105,7 @@ def planar_faces(
             along = bool(branches.outward[row] @ normal > 0.0)
             same = rows[(branches.group[rows] == group) & ((branches.outward[rows] @ normal > 0.0) == along)]
             if len(same) > 1:
-                continue  # the face goes on across the piece
+                continue  # the piece lies inside the face
             looks = normal if along else -normal
             left = bool(np.cross(looks, outline.tangent) @ branches.direction[row] > 0.0)
             borders.setdefault((group, along), []).append((k, int(row), left))
@@ -104,6 +136,8 @@ def planar_faces(
 
 @dataclass(eq=False)
 class _Loop:
+    """A closed chain of pieces: their indices, its signed area, and its points (n, 2) in the plane."""
+
     members: list[int]
     area: float
     polygon: np.ndarray
@@ -115,7 +149,7 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
     frame = np.stack([first, np.cross(normal, first)], axis=1)
     start = np.array([o.start if forward else o.end for o, forward in zip(outlines, left)])
     end = np.array([o.end if forward else o.start for o, forward in zip(outlines, left)])
-    vertex = cluster(np.concatenate([start, end]), VERTEX)[0]
+    vertex = cluster(np.concatenate([start, end]), SAME_VERTEX)[0]
     begins, stops = vertex[: len(start)], vertex[len(start) :]
     points = [(o.nodes if forward else o.nodes[::-1]) @ frame for o, forward in zip(outlines, left)]
     flat_start, flat_end = start @ frame, end @ frame
@@ -125,11 +159,11 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
     successor = []
     for k in range(len(outlines)):
         choices = np.nonzero(begins == stops[k])[0]
-        # The face is on the left, so its corner opens clockwise from the way back. Curves that touch are told apart by
-        # their bend, at one distance from the vertex.
-        reach = 0.1 * min([back[k].reach, *(leaving[j].reach for j in choices)])
+        # The face is on the left, so its corner opens clockwise from the direction back along the piece. Curves that
+        # touch at the vertex differ in curvature, and so in direction at a distance from it.
+        reach = CORNER_REACH * min([back[k].reach, *(leaving[j].reach for j in choices)])
         turn = [(back[k].angle(reach) - leaving[j].angle(reach)) % (2.0 * np.pi) for j in choices]
-        turn = [2.0 * np.pi if t < 1e-9 else t for t in turn]
+        turn = [2.0 * np.pi if t < SAME_TURN else t for t in turn]
         successor.append(int(choices[int(np.argmin(turn))]) if len(choices) else -1)
     loops, used = [], [False] * len(outlines)
     for k in range(len(outlines)):
@@ -151,7 +185,11 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
 
 @dataclass(frozen=True)
 class _Ray:
-    """How a plane curve leaves a vertex: its direction there, how fast it turns, and how far that is known."""
+    """How a plane curve leaves a vertex.
+
+    tangent : its direction there, radians; bend : change of a chord's direction with its length; reach : length of the
+    chord from which they were computed.
+    """
 
     tangent: float
     bend: float
@@ -159,14 +197,14 @@ class _Ray:
 
     @classmethod
     def at(cls, vertex: np.ndarray, near: np.ndarray, step: np.ndarray) -> _Ray:
-        """From a point near the vertex and the curve's direction there: between them it turns as a circle does."""
+        """From a point near the vertex and the curve's direction there; between them the curve is taken for an arc."""
         chord = near - vertex
         angle, reach = float(np.arctan2(chord[1], chord[0])), float(np.linalg.norm(chord))
         half = (float(np.arctan2(step[1], step[0])) - angle + np.pi) % (2.0 * np.pi) - np.pi
         return cls(angle - half, half / max(reach, 1e-300), reach)
 
     def angle(self, distance: float) -> float:
-        """Of the chord to the point at this distance."""
+        """Direction, radians, of the chord to the point at this distance."""
         return self.tangent + self.bend * distance
 
 

@@ -8,21 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from .surfaces import GENERIC, ON, SLOTS, SurfaceTable, cluster
-
-PARALLEL = 1e-9  # sine of the angle below which two planes, or a line and a plane, are parallel
-# Cuts may be kept too generously: a needless one only makes two pieces that are joined again.
-GENEROUS = 1e-6
-CHUNK = 20_000_000
+from .settings import CUT_MARGIN, DISCRIMINANT_ROUNDING, GENERIC_DIRECTION, LINE_CHUNK, ON_SURFACE, PARALLEL, RULED
+from .surfaces import SLOTS, SurfaceTable, cluster
 
 
 def touching_leaves(table: SurfaceTable) -> np.ndarray:
-    """(k, 2) int: pairs of leaves, i <= j, whose boxes meet; every leaf meets itself."""
+    """(k, 2) int: pairs of leaves, i <= j, whose boxes overlap; every leaf is paired with itself."""
     meet = np.ones((len(table.low),) * 2, bool)
     for axis in range(3):
         low, high = table.low[:, axis], table.high[:, axis]
-        meet &= low[:, None] <= high[None, :] + GENEROUS
-        meet &= low[None, :] <= high[:, None] + GENEROUS
+        meet &= low[:, None] <= high[None, :] + CUT_MARGIN
+        meet &= low[None, :] <= high[:, None] + CUT_MARGIN
     return np.argwhere(np.triu(meet))
 
 
@@ -44,24 +40,24 @@ def plane_pairs(table: SurfaceTable) -> tuple[np.ndarray, np.ndarray]:
     pair, point, direction, sine = pair[keep], point[keep], direction[keep], sine[keep]
     low_a, high_a = _inside_planes(table, pairs[pair, 0], point, direction)
     low_b, high_b = _inside_planes(table, pairs[pair, 1], point, direction)
-    keep = np.minimum(high_a, high_b) - np.maximum(low_a, low_b) > ON
+    keep = np.minimum(high_a, high_b) - np.maximum(low_a, low_b) > ON_SURFACE
     return distinct_lines(point[keep], direction[keep], sine[keep])
 
 
 def distinct_lines(point: np.ndarray, direction: np.ndarray, quality: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each line once, as the best conditioned of its copies; point becomes the one nearest the origin."""
-    flip = np.where(direction @ GENERIC < 0.0, -1.0, 1.0)[:, None]
+    """Each line once, as the copy of highest quality; its point (k, 3) is the one nearest the origin."""
+    flip = np.where(direction @ GENERIC_DIRECTION < 0.0, -1.0, 1.0)[:, None]
     direction = direction * flip
     point = point - direction * (point * direction).sum(axis=1, keepdims=True)
     order = np.argsort(-quality, kind='stable')
-    first = cluster(np.concatenate([point, direction], axis=1)[order], ON)[1]
+    first = cluster(np.concatenate([point, direction], axis=1)[order], ON_SURFACE)[1]
     return point[order][first], direction[order][first]
 
 
 def line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """(n, c) float64: increasing parameters at which lines enter or leave a leaf, padded with NaN."""
     m = len(table.leaves)
-    step = max(1, CHUNK // max(1, m * (SLOTS + 2) * SLOTS))
+    step = max(1, LINE_CHUNK // max(1, m * (SLOTS + 2) * SLOTS))
     parts = [_line_cuts(table, point[i : i + step], direction[i : i + step]) for i in range(0, len(point), step)]
     width = max((part.shape[1] for part in parts), default=0)
     return (
@@ -72,6 +68,7 @@ def line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) -> 
 
 
 def _line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """As line_cuts, all lines at once."""
     n, g = len(point), len(table.planes)
     square, linear, constant = (np.zeros((n, table.groups + 1)) for _ in range(3))
     linear[:, :g] = direction @ table.planes[:, :3].T
@@ -87,10 +84,10 @@ def _line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) ->
         single = np.where(np.abs(linear) > PARALLEL, -constant / linear, np.nan)
         roots = single[:, table.slots]
         if len(table.quadrics):
-            ruled = np.abs(square) <= 1e-12
+            ruled = np.abs(square) <= RULED
             discriminant = linear**2 - 4.0 * square * constant
-            # A line that touches: the nearest it comes is on the surface within ON.
-            touch = np.abs(discriminant) <= 4.0 * np.abs(square) * ON * ON + 1e-15
+            # A line touches the quadric when its least distance from it is below ON_SURFACE.
+            touch = np.abs(discriminant) <= 4.0 * np.abs(square) * ON_SURFACE * ON_SURFACE + DISCRIMINANT_ROUNDING
             root = np.sqrt(np.where(touch, 0.0, discriminant))
             pair = [np.where(ruled, single, (-linear + s * root) / (2.0 * square)) for s in (-1.0, 1.0)]
             quadric_slot = np.where((table.slots >= g) & (table.slots < table.groups), table.slots, -1).max(axis=1)
@@ -100,7 +97,7 @@ def _line_cuts(table: SurfaceTable, point: np.ndarray, direction: np.ndarray) ->
         t = roots[..., None]
         slots, sign = table.slots[:, None, :], table.slot_sign[:, None, :]
         value = (square[:, slots] * t + linear[:, slots]) * t + constant[:, slots]
-        kept = (value * sign <= GENEROUS).all(axis=-1)
+        kept = (value * sign <= CUT_MARGIN).all(axis=-1)
     cuts = np.sort(np.where(kept, roots, np.nan).reshape(n, -1), axis=1)
     return cuts[:, : int(np.isfinite(cuts).sum(axis=1).max(initial=0))]
 
@@ -128,5 +125,5 @@ def _inside_planes(
     level = np.abs(slope) <= PARALLEL
     low = np.where(level | (slope > 0.0), -np.inf, t).max(axis=1)
     high = np.where(level | (slope < 0.0), np.inf, t).min(axis=1)
-    outside = (level & (value > GENEROUS)).any(axis=1)
+    outside = (level & (value > CUT_MARGIN)).any(axis=1)
     return np.where(outside, np.inf, low), np.where(outside, -np.inf, high)

@@ -1,4 +1,4 @@
-"""What a solid looks like in the small, around points of candidate curves.
+"""The neighbourhood of points of candidate curves: which surfaces bound the solid there, and where it lies.
 
 Cut across a curve of the boundary, a solid is a fan of sectors: every surface through the point sends two branches into
 the cut, and between neighbouring branches the solid is everywhere in or everywhere out. The tree decides each sector
@@ -15,24 +15,28 @@ import numpy as np
 
 from msgs_py.numeric.vectors import perpendicular
 
-from .surfaces import ON, SurfaceTable
-
-# Branches closer than this, radians, have one direction; directions this close to opposite make a smooth join.
-SAME_ANGLE = 1e-6
-# Curvatures (per model size) closer than this are equal.
-SAME_CURVATURE = 1e-4
-# Largest number of sector signs computed at once; bounds the memory for large models.
-CHUNK = 4_000_000
+from .settings import GRAZING_SLOPE, NO_GRADIENT, ON_SURFACE, SAME_ANGLE, SAME_CURVATURE, SECTOR_CHUNK
+from .surfaces import SurfaceTable
 
 
 @dataclass(frozen=True)
 class Branches:
     """Where the boundary leaves the curve, one row a branch; rows of one point stand together, in angular order.
 
-    point : (b,) int, row of the classified point; group : (b,) int, the surface group; direction : (b, 3) unit, across
-    the curve and along the surface; outward : (b, 3) unit, out of the solid
-    crease : (n,) bool: the boundary is no single smooth sheet at the point
-    signature : (n,) uint64, equal where the same surfaces meet in the same way; 0 where there is no boundary
+    Parameters
+    ----------
+    point : (b,) int
+        Row of the classified point.
+    group : (b,) int
+        The surface group.
+    direction : (b, 3) float64
+        Unit vector across the curve and along the surface.
+    outward : (b, 3) float64
+        Unit vector out of the solid.
+    crease : (n,) bool
+        The boundary is no single smooth sheet at the point.
+    signature : (n,) uint64
+        Equal where the same surfaces meet in the same way; 0 where there is no boundary.
     """
 
     point: np.ndarray
@@ -47,8 +51,8 @@ def faces_through(table: SurfaceTable, points: np.ndarray) -> np.ndarray:
     """(n, groups) bool: groups of which a leaf has a face (or its edge) at the point."""
     values = table.values(points)
     seen = table.leaf_values(values)
-    touched = np.abs(seen.max(axis=-1)) <= ON
-    row, leaf, slot = np.nonzero((np.abs(seen) <= ON) & touched[..., None])
+    touched = np.abs(seen.max(axis=-1)) <= ON_SURFACE
+    row, leaf, slot = np.nonzero((np.abs(seen) <= ON_SURFACE) & touched[..., None])
     on = np.zeros((len(points), table.groups + 1), bool)
     on[row, table.slots[leaf, slot]] = True
     return on[:, :-1]
@@ -56,7 +60,7 @@ def faces_through(table: SurfaceTable, points: np.ndarray) -> np.ndarray:
 
 def classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> Branches:
     """The boundary's branches at points (n, 3) of curves with unit tangents (n, 3), normalised frame."""
-    step = max(1, CHUNK // max(1, 12 * table.slots.size))
+    step = max(1, SECTOR_CHUNK // max(1, 12 * table.slots.size))
     parts = [
         _classify(table, points[i : i + step], tangents[i : i + step]) for i in range(0, max(len(points), 1), step)
     ]
@@ -71,13 +75,14 @@ def classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> B
 
 
 def _classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> Branches:
+    """As classify, all points at once: n points, k groups at each, 2 k branches and sectors."""
     n = len(points)
     groups = _pack(faces_through(table, points), table.groups)
     k = groups.shape[1]
     gradient = table.gradients(points, groups)
     first, second = _frame(tangents)
     across = np.arctan2(np.einsum('nki,ni->nk', gradient, second), np.einsum('nki,ni->nk', gradient, first))
-    dummy = (groups == table.groups) | (np.linalg.norm(gradient, axis=-1) < 0.5)
+    dummy = (groups == table.groups) | (np.linalg.norm(gradient, axis=-1) < NO_GRADIENT)
 
     # Two branches a surface, at right angles to its gradient; dummies repeat the first real branch and add nothing.
     angle = np.concatenate([across - 0.5 * np.pi, across + 0.5 * np.pi], axis=1) % (2.0 * np.pi)
@@ -151,15 +156,15 @@ def _classify(table: SurfaceTable, points: np.ndarray, tangents: np.ndarray) -> 
 
 
 def _sector_truth(table: SurfaceTable, points: np.ndarray, groups: np.ndarray, sign: np.ndarray) -> np.ndarray:
-    """(n, sectors, m) bool: is the sector inside each leaf?"""
+    """(n, sectors, m) bool: the sector is inside the leaf."""
     n, sectors, _ = sign.shape
     values = table.values(points)
     seen = table.leaf_values(values)
     side = np.zeros((n, sectors, table.groups + 1), np.int8)
     np.put_along_axis(side, np.broadcast_to(groups[:, None, :], sign.shape), sign.astype(np.int8), 2)
     local = side[..., table.slots] * table.slot_sign.astype(np.int8)
-    # A group that is not at the point keeps the sign it has there.
-    far = np.where(np.abs(seen) > ON, np.sign(seen), 0.0).astype(np.int8)
+    # A group that does not pass through the point keeps the sign that it has there.
+    far = np.where(np.abs(seen) > ON_SURFACE, np.sign(seen), 0.0).astype(np.int8)
     return np.where(far[:, None] != 0, far[:, None], local).max(axis=-1) < 1
 
 
@@ -199,7 +204,7 @@ def _curvature(
         d, m = direction[row, column], turn[row, column]
         slope = np.einsum('nij,nj->ni', q[:, :3, :3], points[row]) + q[:, :3, 3]
         steep = np.einsum('ni,ni->n', slope, m)
-        steep = np.where(np.abs(steep) > 1e-12, steep, np.inf)
+        steep = np.where(np.abs(steep) > GRAZING_SLOPE, steep, np.inf)
         out[row, column] = -np.einsum('ni,nij,nj->n', d, q[:, :3, :3], d) / steep
     return out
 
@@ -217,12 +222,12 @@ def _bend_along(
         d = direction[row, sector]
         slope = np.einsum('nij,nj->ni', q[:, :3, :3], points[row]) + q[:, :3, 3]
         steep = np.linalg.norm(slope, axis=1)
-        out[row, sector, k] = -np.einsum('ni,nij,nj->n', d, q[:, :3, :3], d) / np.maximum(steep, 1e-12)
+        out[row, sector, k] = -np.einsum('ni,nij,nj->n', d, q[:, :3, :3], d) / np.maximum(steep, GRAZING_SLOPE)
     return out
 
 
 def _fill_forward(truth: np.ndarray, empty: np.ndarray) -> np.ndarray:
-    """Sectors of no width take the answer of the sector before them, round the circle."""
+    """Sectors of no width take the value of the sector before them, round the circle."""
     twice = np.concatenate([truth, truth], axis=1)
     index = np.where(np.concatenate([empty, empty], axis=1), 0, np.arange(twice.shape[1]))
     return np.take_along_axis(twice, np.maximum.accumulate(index, axis=1), 1)[:, truth.shape[1] :]

@@ -1,7 +1,7 @@
 """Pieces of candidate curves that lie on a solid's boundary, and runs of them that are one crease.
 
-A piece ends wherever another surface crosses its curve, so the solid looks the same along all of it and one classified
-point speaks for the whole piece.
+A piece ends wherever another surface crosses its curve, so the neighbourhood is the same all along it and is classified
+at one point.
 """
 
 from __future__ import annotations
@@ -13,21 +13,26 @@ import numpy as np
 from .conics import conic_cuts, positions
 from .lines import line_cuts
 from .neighbourhood import Branches, classify, faces_through
-from .surfaces import ON, SurfaceTable
-
-# Where in a piece it is asked: not in the middle, where symmetric solids like to touch a curve without cutting it.
-INSIDE = 0.4639
-# Shortest piece of a conic, radians: nearer cuts are one (a tangent surface gives two roots about 1e-8 apart).
-SHORTEST_ARC = 1e-6
+from .settings import INSIDE, ON_SURFACE, REAL_NAPPE, SHORTEST_ARC
+from .surfaces import SurfaceTable
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """n pieces of lines or conics, normalised frame, ordered along each curve.
+    """n pieces of lines, conics or space curves, normalised frame, ordered along each curve.
 
-    curve : (n,) int, which line or conic; low, high : (n,) its parameters (length, or angle: high may pass 2 pi)
-    middle, tangent : (n, 3) a point of the piece and the unit tangent there; shortest : how near two parameters are one
-    branches : the boundary's branches, whose ``point`` indexes the pieces
+    Parameters
+    ----------
+    curve : (n,) int
+        Row of the line or curve.
+    low, high : (n,) float64
+        Its parameters: length on a line, else radians; high may pass 2 pi.
+    middle, tangent : (n, 3) float64
+        A point of the piece and the unit tangent there.
+    shortest : float
+        Parameters closer than this are one.
+    branches : Branches
+        The boundary's branches; ``branches.point`` is a row of the pieces.
     """
 
     curve: np.ndarray
@@ -41,7 +46,7 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Maximal creases: curve (r,) int, low, high (r,) parameters, piece (r,) the longest piece of each."""
+    """Maximal creases: curve (r,) int; low, high (r,) parameters; piece (r,) int, the longest piece of each."""
 
     curve: np.ndarray
     low: np.ndarray
@@ -53,13 +58,22 @@ class Runs:
 
 
 def line_pieces(table: SurfaceTable, point: np.ndarray, direction: np.ndarray, faces: int = 2) -> Pieces:
-    """Cut lines at the leaves and keep what lies on at least this many surfaces of the boundary."""
+    """The pieces of lines that lie on a solid's boundary.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    point, direction : (n, 3) float64, normalised
+        Of the lines; unit directions.
+    faces : int
+        How many surfaces of the boundary a piece lies on at least: 2 for creases, 1 for lines on a face.
+    """
     cuts = line_cuts(table, point, direction)
     low, high = cuts[:, :-1], cuts[:, 1:]
-    line, column = np.nonzero(high - low > ON)
+    line, column = np.nonzero(high - low > ON_SURFACE)
     low, high = low[line, column], high[line, column]
     middle = point[line] + (low + INSIDE * (high - low))[:, None] * direction[line]
-    return _kept(table, line, low, high, middle, direction[line], ON, faces)
+    return _kept(table, line, low, high, middle, direction[line], ON_SURFACE, faces)
 
 
 def conic_pieces(table: SurfaceTable, conic: np.ndarray, extra: np.ndarray, faces: int = 2) -> Pieces:
@@ -74,7 +88,7 @@ def conic_pieces(table: SurfaceTable, conic: np.ndarray, extra: np.ndarray, face
         highs.append(high[keep])
     curve, low, high = np.concatenate(curves), np.concatenate(lows), np.concatenate(highs)
     middle, tangent, nappe = positions(conic[curve], low + INSIDE * (high - low))
-    real = (nappe > 1e-9) & np.isfinite(tangent).all(axis=1)
+    real = (nappe > REAL_NAPPE) & np.isfinite(tangent).all(axis=1)
     return _kept(table, curve[real], low[real], high[real], middle[real], tangent[real], SHORTEST_ARC, faces)
 
 
@@ -88,6 +102,7 @@ def _kept(
     shortest: float,
     faces: int,
 ) -> Pieces:
+    """The pieces that lie on at least this many surfaces of the boundary, classified."""
     keep = faces_through(table, middle).sum(axis=1) >= faces
     curve, low, high, middle, tangent = curve[keep], low[keep], high[keep], middle[keep], tangent[keep]
     return Pieces(curve, low, high, middle, tangent, shortest, classify(table, middle, tangent))

@@ -1,9 +1,9 @@
 """Creases that lie in no plane: where two quadrics meet in a space curve of degree four.
 
-Such a crease is no matching feature, and none is made up for it; but it is found, reported and drawn, and it hides what
-is behind it. The curve is followed along the rulings of a cone or cylinder through it (Levin, A parametric algorithm
-for drawing pictures of solid objects composed of quadric surfaces, 1976): a ruling meets the other quadric at most
-twice, so the curve has a closed form with one square root.
+Such a crease is no matching feature, but it is found, reported and drawn, and it hides what is behind it. The curve is
+followed along the rulings of a cone or cylinder through it (Levin, A parametric algorithm for drawing pictures of solid
+objects composed of quadric surfaces, 1976): a ruling meets the other quadric at most twice, so the curve has a closed
+form with one square root.
 """
 
 from __future__ import annotations
@@ -14,19 +14,41 @@ import numpy as np
 
 from .conics import quadric_angles
 from .neighbourhood import classify, faces_through
-from .pieces import INSIDE, SHORTEST_ARC, Pieces, creases
+from .pieces import Pieces, creases
+from .settings import (
+    COSINE_MARGIN,
+    CURVE_SAMPLES,
+    DERIVATIVE_STEP,
+    FALSE_POSITION_STEPS,
+    FARTHEST,
+    GENERIC_START,
+    INSIDE,
+    PARALLEL,
+    SAME_BRANCH_POINT,
+    SHORTEST_ARC,
+    SIMPLE_IMAGINARY,
+    TANGENT_QUADRICS,
+)
 from .surfaces import SurfaceTable
-
-SAMPLES = 256  # of a whole curve; crossings with other surfaces are looked for between neighbours
-CUT_STEPS = 12  # of false position (Illinois), which place a crossing to all digits
 
 
 @dataclass(frozen=True, eq=False)
 class RuledCurve:
-    """One closed branch: rulings vertex s + base (cos t, sin t, 1), homogeneous, normalised frame.
+    """One closed branch of the intersection of two quadrics, normalised frame.
 
-    other : (4, 4) the quadric they meet; middle, half : the range of t is middle -+ half, traversed there on one root
-    and back on the other; half = pi with a fixed sign is a branch that goes round once
+    The rulings are vertex s + base (cos t, sin t, 1), homogeneous. The parameter of the curve, 0 to 2 pi, traverses the
+    range of t on one root of the ruling's equation with the other quadric and back on the other root.
+
+    Parameters
+    ----------
+    vertex : (4,) float64
+    base : (4, 3) float64
+    other : (4, 4) float64
+        The quadric that the rulings meet.
+    middle, half : float, radians
+        The range of t is middle - half to middle + half.
+    sign : float
+        0, or the sign of the one root of a branch that goes round once; half is pi then.
     """
 
     vertex: np.ndarray
@@ -41,7 +63,7 @@ class RuledCurve:
         if self.sign:
             return ((angle - self.middle) % (2.0 * np.pi))[sign * self.sign >= 0.0]
         offset = (angle - self.middle + np.pi) % (2.0 * np.pi) - np.pi
-        on = np.abs(offset) <= self.half * (1.0 + 1e-9)
+        on = np.abs(offset) <= self.half * (1.0 + COSINE_MARGIN)
         turn = np.arccos(np.clip(-offset[on] / self.half, -1.0, 1.0))
         return np.where(sign[on] >= 0.0, turn, 2.0 * np.pi - turn) % (2.0 * np.pi)
 
@@ -63,14 +85,20 @@ class RuledCurve:
         x = s[:, None] * self.vertex + k[:, None] * w
         with np.errstate(divide='ignore', invalid='ignore'):
             point = x[:, :3] / x[:, 3:]
-        return np.where(np.isfinite(point).all(axis=1, keepdims=True) & (np.abs(point) < 1e3), point, np.nan)
+        return np.where(np.isfinite(point).all(axis=1, keepdims=True) & (np.abs(point) < FARTHEST), point, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
-class SkewPieces:
-    """The pieces of ruled curves that lie on a boundary, and their creases.
+class SpaceCurvePieces:
+    """The pieces of ruled curves that lie on a boundary, and their creases; normalised frame.
 
-    pieces : ``curve`` indexes ``curves``; creases : (2 k + 1, 3) samples along each, every second one a chord's end
+    Parameters
+    ----------
+    curves : tuple of RuledCurve
+    pieces : Pieces
+        ``pieces.curve`` is a row of ``curves``.
+    creases : tuple of (2 k + 1, 3) float64
+        Samples along each crease; every second one ends a chord.
     """
 
     curves: tuple[RuledCurve, ...]
@@ -78,17 +106,17 @@ class SkewPieces:
     creases: tuple[np.ndarray, ...]
 
     def points(self, curve: int, turn: np.ndarray) -> np.ndarray:
+        """(n, 3) at parameters turn (n,) of one curve."""
         return self.curves[curve].points(turn)
 
     def steps(self, curve: int, turn: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 3) and the curve's differentials (n, 3) for quadrature weights (n,)."""
-        step = 1e-5
-        ahead, behind = self.points(curve, turn + step), self.points(curve, turn - step)
-        return self.points(curve, turn), weight[:, None] * (ahead - behind) / (2.0 * step)
+        ahead, behind = self.points(curve, turn + DERIVATIVE_STEP), self.points(curve, turn - DERIVATIVE_STEP)
+        return self.points(curve, turn), weight[:, None] * (ahead - behind) / (2.0 * DERIVATIVE_STEP)
 
 
 def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
-    """The branches in which two quadric groups meet."""
+    """The branches in which two quadrics meet; one, two : rows of ``table.quadrics``."""
     kinds = [table.leaves[table.quadric_leaf[k]].kind for k in (one, two)]
     if kinds[0] == 'SPHERE' and kinds[1] != 'SPHERE':
         one, two, kinds = two, one, kinds[::-1]
@@ -108,7 +136,7 @@ def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
     scale = np.linalg.norm(form)
     ends = quadric_angles(form, np.array(scale)) if scale > 0.0 else np.zeros(0)
     ends = np.sort(ends[np.isfinite(ends)] % (2.0 * np.pi))
-    ends = ends[np.append(np.diff(ends) > 1e-7, True)[: len(ends)]]
+    ends = ends[np.append(np.diff(ends) > SAME_BRANCH_POINT, True)[: len(ends)]]
     if not len(ends):
         real = np.array([1.0, 0.0, 1.0]) @ form @ np.array([1.0, 0.0, 1.0]) > 0.0
         return [RuledCurve(vertex, base, other, 0.0, np.pi, sign) for sign in (1.0, -1.0)] if real else []
@@ -121,12 +149,11 @@ def ruled_curves(table: SurfaceTable, one: int, two: int) -> list[RuledCurve]:
     return curves
 
 
-def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> SkewPieces:
-    """Pieces and creases in the intersections of these pairs of quadric groups."""
+def space_curve_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> SpaceCurvePieces:
+    """Pieces and creases in the intersections of these pairs of quadrics, rows of ``table.quadrics``."""
     curves: list[RuledCurve] = []
     owners, rows, lows, highs = [], [np.zeros(0, int)], [np.zeros(0)], [np.zeros(0)]
-    # Off the places that matter: at 0 and pi the two roots meet, and models like to have a face there.
-    turn = 0.01234 + np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
+    turn = GENERIC_START + np.linspace(0.0, 2.0 * np.pi, CURVE_SAMPLES + 1)
     for pair in pairs:
         for curve in ruled_curves(table, *pair):
             cuts = _cuts(table, curve, turn, {len(table.planes) + k for k in pair})
@@ -146,13 +173,13 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
         at = middle[mine] = curves[k].points(low[mine] + INSIDE * (high[mine] - low[mine]))
         tangent[mine] = np.cross(*(at @ q[j, :3, :3] + q[j, :3, 3] for j in pair))
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
-    good = np.isfinite(middle).all(axis=1) & (length[:, 0] > 1e-12)
+    good = np.isfinite(middle).all(axis=1) & (length[:, 0] > TANGENT_QUADRICS)
     tangent = tangent / np.where(length > 0.0, length, 1.0)
-    # Along the curve, not against it: the same side of a surface is to have the same name all the way.
+    # Tangents point along the curve, so that one side of a surface has one signature all the way.
     for k in range(len(curves)):
         mine = np.nonzero((row == k) & good)[0]
         at = low[mine] + INSIDE * (high[mine] - low[mine])
-        ahead = curves[k].points(at + 1e-5) - curves[k].points(at - 1e-5)
+        ahead = curves[k].points(at + DERIVATIVE_STEP) - curves[k].points(at - DERIVATIVE_STEP)
         tangent[mine] *= np.where(np.einsum('ni,ni->n', ahead, tangent[mine]) < 0.0, -1.0, 1.0)[:, None]
     good[good] = faces_through(table, middle[good]).sum(axis=1) >= 2
     pieces = Pieces(
@@ -166,11 +193,12 @@ def skew_pieces(table: SurfaceTable, pairs: tuple[tuple[int, int], ...]) -> Skew
     )
     runs = creases(pieces, 2.0 * np.pi)
     found = (_sampled(curves[k], a, b) for k, a, b in zip(runs.curve, runs.low, runs.high))
-    return SkewPieces(tuple(curves), pieces, tuple(samples for samples in found if len(samples) > 2))
+    return SpaceCurvePieces(tuple(curves), pieces, tuple(samples for samples in found if len(samples) > 2))
 
 
 def _sampled(curve: RuledCurve, low: float, high: float) -> np.ndarray:
-    count = max(4, int(np.ceil(0.5 * SAMPLES * (high - low) / (2.0 * np.pi))))
+    """(2 k + 1, 3): points along a crease from low to high."""
+    count = max(4, int(np.ceil(0.5 * CURVE_SAMPLES * (high - low) / (2.0 * np.pi))))
     points = curve.points(np.linspace(low, high, 2 * count + 1))
     # A nearly flat quadric can bring a crossing next to infinity; what is finite is kept, an odd number of points.
     finite = points[np.isfinite(points).all(axis=1)]
@@ -185,9 +213,12 @@ def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int
 
 
 def _plane_cuts(planes: np.ndarray, curve: RuledCurve) -> np.ndarray:
-    """Exactly: a plane meets the rulings in a conic, and that the other quadric in the roots of a quartic."""
+    """Parameters (k,) of crossings with planes (g, 4), exact.
+
+    A plane meets the rulings in a conic, and the conic meets the other quadric in the roots of a quartic.
+    """
     along, across = planes @ curve.vertex, planes @ curve.base
-    level = np.abs(along) <= 1e-9 * np.linalg.norm(across, axis=1)
+    level = np.abs(along) <= PARALLEL * np.linalg.norm(across, axis=1)
     conic = along[:, None, None] * curve.base - curve.vertex[:, None] * across[:, None, :]
     form = np.einsum('gia,ij,gjb->gab', conic, curve.other, conic)
     t = quadric_angles(form, np.linalg.norm(conic, axis=(1, 2)) ** 2)
@@ -196,11 +227,11 @@ def _plane_cuts(planes: np.ndarray, curve: RuledCurve) -> np.ndarray:
     t = t[plane, root]
     u = np.stack([np.cos(t), np.sin(t), np.ones_like(t)], axis=1)
     s = -(u * across[plane]).sum(axis=1) / along[plane]
-    # Which of the ruling's two points it is, tells on which root of the curve.
+    # The point lies on the root whose sign a s + b has.
     a = curve.vertex @ curve.other @ curve.vertex
     b = (u @ curve.base.T) @ curve.other @ curve.vertex
     cuts = [curve.turns(t, np.sign(a * s + b))]
-    # A plane along the rulings has whole rulings in it, both of whose points count.
+    # A plane parallel to the rulings contains whole rulings; both points of each are crossings.
     size = np.hypot(across[level, 0], across[level, 1])
     with np.errstate(divide='ignore', invalid='ignore'):
         half = np.arccos(-across[level, 2] / size)
@@ -212,7 +243,10 @@ def _plane_cuts(planes: np.ndarray, curve: RuledCurve) -> np.ndarray:
 
 
 def _quadric_cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """By samples and false position; two crossings between neighbouring samples would be missed."""
+    """Parameters (k,) of crossings with other quadrics, by samples turn (n,) and false position.
+
+    Two crossings between neighbouring samples are missed.
+    """
     if not len(others):
         return np.zeros(0)
     points = curve.points(turn)
@@ -226,11 +260,11 @@ def _quadric_cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, othe
     low, high = turn[row], turn[row + 1]
     below, above = (table.value_of(points[k], group) for k in (row, row + 1))
     middle = low
-    for _ in range(CUT_STEPS):
+    for _ in range(FALSE_POSITION_STEPS):
         middle = (low * above - high * below) / (above - below)
         value = table.value_of(np.nan_to_num(curve.points(middle)), group)
         before = np.sign(value) == np.sign(below)
-        # The end that stays counts half, so that it cannot stay for ever.
+        # The value of the end that stays is halved, so that it moves in the end (the Illinois rule).
         low, high = np.where(before, middle, low), np.where(before, high, middle)
         below, above = np.where(before, value, 0.5 * below), np.where(before, 0.5 * above, value)
         above = np.where(above == below, below - 1.0, above)
@@ -243,7 +277,7 @@ def _cone_through(frame: np.ndarray, one: np.ndarray, two: np.ndarray) -> tuple[
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     best = None
     for x in np.linalg.eigvals(np.linalg.solve(a, b)):
-        if abs(x.imag) > 1e-9 * (1.0 + abs(x)):
+        if abs(x.imag) > SIMPLE_IMAGINARY * (1.0 + abs(x)):
             continue
         value, vector = np.linalg.eigh(b - x.real * a)
         order = np.argsort(np.abs(value))

@@ -1,9 +1,9 @@
 """The bounding surfaces of a solid's primitives, grouped where they coincide, and the tree as a program.
 
-Boundary evaluation and hidden-line removal both ask one question: on which side of which surface is a point? Two
-primitives that share a plane or a quadric share one *group* here, so coincident faces are equal exactly and not just
-nearly. All geometry is kept in a normalised frame (the solid's bounding box has its centre at the origin and unit
-diagonal), which makes every tolerance a fraction of the model's size.
+Boundary evaluation and hidden-line removal both need the side of every surface on which a point lies. Two primitives
+that share a plane or a quadric share one *group* here, so coincident faces are equal exactly and not just nearly. All
+geometry is kept in a normalised frame: the solid's bounding box has its centre at the origin and its diagonal is 1.
+Every tolerance is therefore a fraction of the model's size.
 """
 
 from __future__ import annotations
@@ -15,17 +15,9 @@ import numpy as np
 from msgs_py.numeric.grouping import linked_groups
 
 from ..scene.solid import Operation, Primitive, Solid
+from .settings import APEX_SLOPE, GENERIC_DIRECTION, LEAST_QUADRIC_SLOPE, SAME_SURFACE
 
 SLOTS = 6  # the block has the most faces; the others are padded
-
-# Fractions of the model's size. SAME: surfaces closer than this are one. ON: a computed point this near a surface lies
-# on it (a root of a quadratic loses some digits that a surface has).
-SAME = 1e-9
-ON = 1e-8
-
-# A direction no sensible model is perpendicular to: it gives unsigned planes and lines one sign, without the ties that
-# "first non-zero component" has.
-GENERIC = np.array([0.5373, 0.6891, 0.4863])
 
 # Outward planes (normal, offset) of the unit primitives in FACES order; a cone's second is its apex plane, no face.
 UNIT_PLANES = {
@@ -46,14 +38,31 @@ UNIT_QUADRICS = {
 class SurfaceTable:
     """A solid, compiled: g plane groups, then q quadric groups, then one dummy group that is always inside.
 
-    centre : (3,), size : metres; normalised = (metres - centre) / size
-    planes : (g, 4) float64: unit normal and offset, n.x + e = 0
-    quadrics : (q, 4, 4) float64 symmetric, unit Frobenius norm, negative inside
-    quadric_leaf : (q,) int: a leaf that owns the quadric; frames : (m, 4, 4) unit frame of each leaf to normalised
-    slots : (m, 6) int: group of each face of each leaf: planes first, then the quadric; a cone also has the plane
-        through its apex, which cuts the second nappe away. slot_sign : (m, 6): inside where sign * value <= 0
-    slot_real : (m, 6) bool: a face of the primitive (neither padding nor the cone's apex plane)
-    low, high : (m, 3) boxes of the leaves, infinite for a PLANE; program : the tree in postfix form
+    Parameters
+    ----------
+    leaves : tuple of m Primitive
+        The solid's primitives, left to right.
+    centre, size : (3,) float64 and float, metres
+        Of the normalised frame: normalised = (metres - centre) / size.
+    planes : (g, 4) float64, normalised
+        Unit normal n and offset e of each plane, n.x + e = 0.
+    quadrics : (q, 4, 4) float64, normalised
+        Symmetric, of unit Frobenius norm, negative inside.
+    quadric_leaf : (q,) int
+        A leaf that owns the quadric.
+    frames : (m, 4, 4) float64
+        From the unit frame of each leaf to the normalised frame.
+    slots : (m, 6) int
+        Group of each face of each leaf: planes first, then the quadric. A cone also has the plane through its apex,
+        which cuts the second nappe away.
+    slot_sign : (m, 6) float64
+        A point is inside a face of a leaf where sign * value <= 0.
+    slot_real : (m, 6) bool
+        A face of the primitive: neither padding nor the cone's apex plane.
+    low, high : (m, 3) float64, normalised
+        Boxes of the leaves, infinite for a PLANE.
+    program : tuple of int and str
+        The tree in postfix form: indices of leaves and names of operators.
     """
 
     leaves: tuple[Primitive, ...]
@@ -96,8 +105,8 @@ class SurfaceTable:
         for k, q in enumerate(self.quadrics):
             half = points @ q[:3, :3] + q[:3, 3]
             f = (half * points).sum(-1) + points @ q[:3, 3] + q[3, 3]
-            # At a cone's apex and a sphere's centre the slope vanishes; the sign is all that is needed there.
-            out[:, g + k] = f / np.maximum(2.0 * np.linalg.norm(half, axis=-1), 1e-6)
+            # At a cone's apex and a sphere's centre the slope vanishes; only the sign of the value is needed there.
+            out[:, g + k] = f / np.maximum(2.0 * np.linalg.norm(half, axis=-1), LEAST_QUADRIC_SLOPE)
         out[:, -1] = -1.0
         return out
 
@@ -123,11 +132,11 @@ class SurfaceTable:
             q = self.quadrics[groups[curved] - g]
             slope = np.einsum('nij,nj->ni', q[:, :3, :3], points[row]) + q[:, :3, 3]
             length = np.linalg.norm(slope, axis=1, keepdims=True)
-            out[curved] = slope / np.where(length > 1e-9, length, np.inf)
+            out[curved] = slope / np.where(length > APEX_SLOPE, length, np.inf)
         return out
 
     def leaf_values(self, values: np.ndarray) -> np.ndarray:
-        """(n, m, 6): group values (n, groups + 1) as each leaf sees them, negative inside."""
+        """(n, m, 6): group values (n, groups + 1) with the sign that they have for each leaf, negative inside."""
         return values[..., self.slots] * self.slot_sign
 
     def contains(self, points: np.ndarray) -> np.ndarray:
@@ -135,7 +144,7 @@ class SurfaceTable:
         return self.combine(np.asarray((self.leaf_values(self.values(points)) < 0.0).all(axis=-1)))
 
     def combine(self, inside: np.ndarray) -> np.ndarray:
-        """(...,) bool: the tree's answer from the leaves' (..., m) bool."""
+        """(...,) bool: inside the solid, from the leaves' (..., m) bool."""
         stack: list[np.ndarray] = []
         for step in self.program:
             if isinstance(step, int):
@@ -153,7 +162,15 @@ class SurfaceTable:
 
 
 def compile_surfaces(solid: Solid) -> SurfaceTable:
-    """The surfaces and tree of a solid, in its normalised frame."""
+    """Compile a solid: its surfaces, grouped where they coincide, and its tree, in its normalised frame.
+
+    Examples
+    --------
+    >>> step = Solid.block(2.0, 2.0, 1.0) | Solid.block(1.0, 2.0, 2.0)
+    >>> table = compile_surfaces(step)
+    >>> len(table.planes), round(table.size, 6)  # two of the twelve faces' planes are shared, and two more
+    (8, 3.464102)
+    """
     leaves = solid.primitives
     program = _program(solid)
     boxes = np.array([_leaf_box(leaf) for leaf in leaves]).reshape(-1, 2, 3)
@@ -179,10 +196,10 @@ def compile_surfaces(solid: Solid) -> SurfaceTable:
             curved.append((i, len(unit), 0.5 * (quadric + quadric.T) / np.linalg.norm(quadric)))
 
     planes = np.array([row[2] for row in rows]).reshape(-1, 4)
-    flip = np.where(planes[:, :3] @ GENERIC < 0.0, -1.0, 1.0)
-    plane_group, first = cluster(planes * flip[:, None], SAME)
+    flip = np.where(planes[:, :3] @ GENERIC_DIRECTION < 0.0, -1.0, 1.0)
+    plane_group, first = cluster(planes * flip[:, None], SAME_SURFACE)
     quadrics = np.array([row[2] for row in curved]).reshape(-1, 4, 4)
-    quadric_group, first_quadric = cluster(quadrics.reshape(-1, 16), SAME)
+    quadric_group, first_quadric = cluster(quadrics.reshape(-1, 16), SAME_SURFACE)
     g, q = len(first), len(first_quadric)
 
     slots = np.full((m, SLOTS), g + q)
@@ -210,10 +227,32 @@ def compile_surfaces(solid: Solid) -> SurfaceTable:
 
 
 def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Group equal rows: label (n,) of each row of (n, k), and the first row (groups,) of each group, in row order."""
+    """Group equal rows.
+
+    Parameters
+    ----------
+    rows : (n, k) float64
+        Points of a space of k dimensions.
+    tolerance : float
+        Root mean square of the differences of two rows that are equal.
+
+    Returns
+    -------
+    labels : (n,) int
+        Group of each row; groups are numbered in the order of their first rows.
+    first : (groups,) int
+        First row of each group.
+
+    Examples
+    --------
+    >>> labels, first = cluster(np.array([[0.0, 1.0], [2.0, 2.0], [0.0, 1.0]]), 1e-9)
+    >>> labels.tolist(), first.tolist()
+    ([0, 1, 0], [0, 1])
+    """
     if not len(rows):
         return np.zeros(0, int), np.zeros(0, int)
-    from scipy.spatial import cKDTree  # not needed to render, and a fifth of a node's start
+    # scipy takes a fifth of a node's start to import, and rendering does not need it.
+    from scipy.spatial import cKDTree
 
     pairs = cKDTree(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
     labels = linked_groups(len(rows), pairs)
@@ -221,7 +260,7 @@ def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def bounding_box(program: tuple[int | str, ...], boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """low, high (3,) of a box that holds the solid, from its leaves' (m, 2, 3); high < low where it is surely empty."""
+    """low, high (3,) of a box that holds the solid, from its leaves' (m, 2, 3); high < low: it is certainly empty."""
     nothing = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
     stack: list[np.ndarray] = []
     for step in program:

@@ -136,7 +136,7 @@ def polylines(features: FeatureSet, kinds: tuple[FeatureKind, ...], samples: int
 
 def other_creases(found: Boundary) -> list[np.ndarray]:
     """Points (k, 3), model frame, along the creases that are no matching features."""
-    lines = list(found.skew)
+    lines = list(found.space_curves)
     for curve, low, high, ellipse in zip(found.curve, found.curve_low, found.curve_high, found.ellipse):
         if not ellipse:
             t = np.linspace(low, high, 65)

@@ -13,15 +13,27 @@ from ..brep.conics import section
 from ..brep.pieces import Pieces, conic_pieces, line_pieces
 from ..brep.surfaces import SurfaceTable
 from .image_cuts import Wires
+from .settings import NO_POLAR_PLANE
 
 
 def contours(table: SurfaceTable, eye: np.ndarray) -> Wires:
-    """The contours of a solid's boundary from an eye (3,), model frame, metres; hidden parts are not removed."""
+    """The occluding contours of a solid's boundary; hidden parts are not removed.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    eye : (3,) float64, metres, model frame
+
+    Returns
+    -------
+    Wires
+        Model frame, metres.
+    """
     origin = np.append(table.normalised(eye), 1.0)
     parts = []
     for k, quadric in enumerate(table.quadrics):
         polar = quadric @ origin
-        if np.linalg.norm(polar[:3]) <= 1e-12:
+        if np.linalg.norm(polar[:3]) <= NO_POLAR_PLANE:
             continue
         conics, lines = section(table, k, polar / np.linalg.norm(polar[:3]))
         parts.append(_on_boundary(table, len(table.planes) + k, conics, lines))
@@ -50,6 +62,6 @@ def _on_boundary(
 
 
 def _owned(pieces: Pieces, group: int) -> np.ndarray:
-    """Pieces where the group is a smooth sheet of the boundary."""
+    """(k,) int: pieces where the group is a smooth sheet of the boundary."""
     rows = np.unique(pieces.branches.point[pieces.branches.group == group])
     return rows[~pieces.branches.crease[rows]]

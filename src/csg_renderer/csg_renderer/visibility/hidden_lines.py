@@ -1,8 +1,8 @@
 """Exact hidden-line removal: which pieces of a model's features a camera sees.
 
 Along a crease, visibility can change only where its image crosses the image of another crease or occluding contour,
-or the image's border. Creases are split there, and one point of each piece asks the tree whether material stands
-between it and the eye. No image is rendered and nothing is sampled.
+or the image's border. Creases are split there, and for one point of each piece the tree gives the material between it
+and the eye. No image is rendered and nothing is sampled.
 """
 
 from __future__ import annotations
@@ -18,25 +18,30 @@ from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 from ..brep.boundary import Boundary, arcs
 from ..brep.conics import evaluate
 from ..brep.model_features import boundary
-from ..brep.pieces import INSIDE
+from ..brep.settings import INSIDE, WHOLE_TURN
 from ..scene.solid import Solid
 from .contours import contours
-from .image_cuts import SHORTEST, Wires, cut_conics, cut_segments, runs
-from .occlusion import THIN, hidden
+from .image_cuts import Wires, cut_conics, cut_segments, runs
+from .occlusion import hidden
+from .settings import CREASE_POINTS, RIM_DISTANCE, SHORTEST_PIECE, THIN, THIN_AT_SPACE_CURVE
 
 Placed = tuple[Solid, Pose]
-
-# As occlusion.THIN, for points that are only near a curve in no plane: its samples are joined by parabolas.
-CURVED_THIN = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class VisibleFeatures:
     """What a camera sees of a model; camera frame, metres.
 
-    features : a partly hidden feature gives one row a fragment; an axis is seen when the rims of both its ends (for a
-        cone's apex, the apex) are seen at least in part
-    model_index : (n,) int32: which feature of model_features(solid) each row is a fragment of
+    Parameters
+    ----------
+    features : FeatureSet
+        A partly hidden feature gives one row for each fragment. An axis is seen when the rims of both its ends (for a
+        cone's apex, the apex) are seen at least in part.
+    model_index : (n,) int32
+        Which feature of ``model_features(solid)`` each row is a fragment of.
+    scene : Scenery
+        The solids, as placed.
+    camera : PinholeCamera
     """
 
     features: FeatureSet
@@ -57,7 +62,7 @@ class VisibleFeatures:
 
 @dataclass(frozen=True, eq=False)
 class Spans:
-    """Visible pieces of curves: row (k,) int, which curve; low, high (k,) its parameters; ordered along each curve."""
+    """Visible pieces of curves: row (k,) int, which curve; low, high (k,) parameters; ordered along each curve."""
 
     row: np.ndarray
     low: np.ndarray
@@ -68,7 +73,7 @@ class Spans:
         one, two = np.nonzero(self.row[:, None] == other.row[None, :])
         low = np.maximum(self.low[one], other.low[two])
         high = np.minimum(self.high[one], other.high[two])
-        keep = high - low > SHORTEST
+        keep = high - low > SHORTEST_PIECE
         order = np.lexsort((low[keep], self.row[one][keep]))
         return Spans(self.row[one][keep][order], low[keep][order], high[keep][order])
 
@@ -86,9 +91,28 @@ class Seen:
 
 
 def visible_features(solid: Solid, pose: Pose, camera: PinholeCamera, others: Sequence[Placed] = ()) -> FeatureSet:
-    """The features of a solid that a camera sees, camera frame, metres, clipped to the image, hidden parts removed.
+    """The features of a solid that a camera sees, clipped to the image, hidden parts removed.
 
-    pose : camera_T_model; others : solids that may stand in front, each with its own camera_T_model.
+    Parameters
+    ----------
+    solid : Solid
+    pose : Pose
+        camera_T_model.
+    camera : PinholeCamera
+    others : sequence of (Solid, Pose)
+        Solids that may stand in front, each with its own camera_T_model.
+
+    Returns
+    -------
+    FeatureSet
+        Camera frame, metres, uncertainty zero; one row for each visible fragment.
+
+    Examples
+    --------
+    >>> block = Solid.block(0.1, 0.1, 0.1)
+    >>> pose = Pose(np.eye(3), np.array([0.2, 0.2, 1.0]))  # below and to the right of the line of sight
+    >>> len(visible_features(block, pose, PinholeCamera.centred(640, 480, 500.0)))
+    9
     """
     return visible_fragments(solid, pose, camera, others).features
 
@@ -96,16 +120,35 @@ def visible_features(solid: Solid, pose: Pose, camera: PinholeCamera, others: Se
 def visible_fragments(
     solid: Solid, pose: Pose, camera: PinholeCamera, others: Sequence[Placed] = ()
 ) -> VisibleFeatures:
-    """As :func:`visible_features`, with the model feature of each fragment, and the occluding contours."""
+    """As :func:`visible_features`, with the model feature of each fragment, and the occluding contours.
+
+    Parameters
+    ----------
+    solid, pose, camera, others
+        As for :func:`visible_features`.
+
+    Returns
+    -------
+    VisibleFeatures
+    """
     scene = Scenery([(solid, pose), *others])
     features, index = fragments(solid, pose, scene.seen(0, camera))
     return VisibleFeatures(features, index, scene, camera)
 
 
 def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[FeatureSet, np.ndarray]]:
-    """For every solid, the pieces of its features that both eyes see: left camera frame, and their model features.
+    """For every solid, the pieces of its features that both cameras of a rig see.
 
-    placed : solids with their left_T_model; each may hide the others.
+    Parameters
+    ----------
+    placed : sequence of (Solid, Pose)
+        Solids with their left_T_model; each may hide the others.
+    rig : StereoRig
+
+    Returns
+    -------
+    list of (FeatureSet, (n,) int32)
+        For each solid the pieces, left camera frame, metres, and the model feature of each.
     """
     right = [(solid, Pose(pose.rotation, pose.translation + rig.right_T_left, pose.scale)) for solid, pose in placed]
     eyes = [(Scenery(placed), rig.left), (Scenery(right), rig.right)]
@@ -139,7 +182,13 @@ def fragments(solid: Solid, pose: Pose, seen: Seen) -> tuple[FeatureSet, np.ndar
 
 
 class Scenery:
-    """Placed solids as an eye at the origin of their common frame sees them."""
+    """Placed solids, and all curves that can hide one another in the view from the origin of their common frame.
+
+    Parameters
+    ----------
+    placed : sequence of (Solid, Pose)
+        Each with its camera_T_model.
+    """
 
     def __init__(self, placed: Sequence[Placed]) -> None:
         self.placed = tuple(placed)
@@ -148,8 +197,10 @@ class Scenery:
             contours(boundary(solid).table, pose.inverse().translation).moved(pose.matrix)
             for solid, pose in self.placed
         ]
-        self.skew = [[pose.apply(points) for points in boundary(solid).skew] for solid, pose in self.placed]
-        chords = [Wires.of_segments(_chords(points)) for item in self.skew for points in item]
+        self.space_curves = [
+            [pose.apply(points) for points in boundary(solid).space_curves] for solid, pose in self.placed
+        ]
+        chords = [Wires.of_segments(_chords(points)) for item in self.space_curves for points in item]
         self.all = Wires.concatenate([*self.creases, *self.contours, *chords])
 
     def seen(self, index: int, camera: PinholeCamera) -> Seen:
@@ -202,22 +253,22 @@ class Scenery:
         wires, ellipse = self.creases[index], boundary(solid).ellipse
         _, curved = self.spans(Wires(wires.segment[:0], wires.conic, wires.low, wires.high), camera)
         out = [
-            evaluate(np.repeat(wires.conic[k : k + 1], 65, axis=0), np.linspace(low, high, 65))
+            evaluate(np.repeat(wires.conic[k : k + 1], CREASE_POINTS, axis=0), np.linspace(low, high, CREASE_POINTS))
             for k, low, high in zip(curved.row, curved.low, curved.high)
             if not ellipse[k]
         ]
-        for points in self.skew[index]:
+        for points in self.space_curves[index]:
             out += self._visible_chords(points, camera)
         return tuple(out)
 
     def _visible_chords(self, points: np.ndarray, camera: PinholeCamera) -> list[np.ndarray]:
         """Visible pieces of a curve of points (2 k + 1, 3), every second of which ends a chord."""
         row, low, high = cut_segments(_chords(points), self.all, frustum(camera))
-        # The curve bulges from its chords: ask at its own points, by the parabola through three of them.
+        # The curve bulges from its chords: visibility is tested on the parabola through three of its samples.
         t = (low + INSIDE * (high - low))[:, None]
         first, middle, last = points[2 * row], points[2 * row + 1], points[2 * row + 2]
         at = first * (1 - t) * (1 - 2 * t) + middle * 4 * t * (1 - t) + last * t * (2 * t - 1)
-        seen = ~self.hides(at, CURVED_THIN)
+        seen = ~self.hides(at, THIN_AT_SPACE_CURVE)
         begin, stop = runs(np.zeros(len(row), int), row + low, row + high, seen)
         ends = _chords(points)
         step = ends[:, 1] - ends[:, 0]
@@ -225,7 +276,7 @@ class Scenery:
         return [np.concatenate([start[a : b + 1], end[b : b + 1]]) for a, b in zip(begin, stop)]
 
     def _axes(self, index: int, camera: PinholeCamera, seen_curves: np.ndarray) -> np.ndarray:
-        """(a,) bool: axes of which both ends can be told from what is seen (thesis Table 6.2)."""
+        """(a,) bool: axes of which both ends follow from what is seen (thesis Table 6.2)."""
         solid, pose = self.placed[index]
         found = boundary(solid)
         ends = np.stack([found.axis_start, found.axis_end], axis=1).reshape(-1, 3)
@@ -255,15 +306,15 @@ def ends_of(segment: np.ndarray, spans: Spans) -> np.ndarray:
 
 
 def round_circles(wires: Wires, spans: Spans) -> Spans:
-    """On a whole circle a span that stops where the parameter starts anew goes on into the first one."""
+    """On a whole circle the last span is joined with the first one where both reach the start of the parameter."""
     keep, high = np.ones(len(spans.row), bool), spans.high.copy()
     for k in np.unique(spans.row):
         a, b = np.nonzero(spans.row == k)[0][[0, -1]]
         if (
             a != b
-            and wires.high[k] - wires.low[k] > 2.0 * np.pi - 1e-6
-            and spans.low[a] - wires.low[k] <= SHORTEST
-            and wires.high[k] - high[b] <= SHORTEST
+            and wires.high[k] - wires.low[k] > WHOLE_TURN
+            and spans.low[a] - wires.low[k] <= SHORTEST_PIECE
+            and wires.high[k] - high[b] <= SHORTEST_PIECE
         ):
             high[b], keep[a] = high[a] + 2.0 * np.pi, False
     return Spans(spans.row[keep], spans.low[keep], high[keep])
@@ -282,6 +333,7 @@ def _chords(points: np.ndarray) -> np.ndarray:
 
 
 def _joined(row: np.ndarray, low: np.ndarray, high: np.ndarray, seen: np.ndarray) -> Spans:
+    """Seen pieces, joined where they touch."""
     first, last = runs(row, low, high, seen)
     return Spans(row[first], low[first], high[last])
 
@@ -290,7 +342,7 @@ def _rims(found: Boundary, ends: np.ndarray) -> np.ndarray:
     """(ends, curves) bool: the planar curves about each end of an axis; none about the apex of a cone."""
     centre, normal = found.conic[found.curve, :3, 2], found.curve_normal
     offset = ends[:, None] - centre
-    slack = 1e-6 * found.table.size
+    slack = RIM_DISTANCE * found.table.size
     distance = np.linalg.norm(offset, axis=2)
     about = found.ellipse & (distance < slack)
     # An oblique section of a cone is not centred on the axis, but its plane meets the axis in the end.

@@ -12,19 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..brep.conics import evaluate, quadric_angles
-
-# Parameters this close, as a fraction of a segment or in radians, are one.
-SHORTEST = 1e-9
-# Crossings just past an end still count (a needless cut does no harm): a contour ends on the rim that it touches, and a
-# point of contact is known to half the digits only.
-SLACK = 1e-6
+from .settings import EDGE_ON, PAST_END, SHORTEST_PIECE
 
 
 @dataclass(frozen=True, eq=False)
 class Wires:
     """Curves in one frame, metres.
 
-    segment : (n, 2, 3) end points; conic : (c, 4, 3) as in ``conics``, of which low..high (c,) is meant
+    Parameters
+    ----------
+    segment : (n, 2, 3) float64
+        End points of straight segments.
+    conic : (c, 4, 3) float64
+        Conics, as in ``brep.conics``.
+    low, high : (c,) float64, radians
+        The range of each conic.
     """
 
     segment: np.ndarray
@@ -34,10 +36,12 @@ class Wires:
 
     @classmethod
     def of_segments(cls, segment: np.ndarray) -> Wires:
+        """Segments (n, 2, 3) alone."""
         return cls(segment.reshape(-1, 2, 3), np.zeros((0, 4, 3)), np.zeros(0), np.zeros(0))
 
     @classmethod
     def concatenate(cls, parts: Iterable[Wires]) -> Wires:
+        """All curves of several sets in one."""
         parts = [*parts, cls.of_segments(np.zeros((0, 2, 3)))]
         return cls(
             *(np.concatenate([getattr(part, name) for part in parts]) for name in ('segment', 'conic', 'low', 'high'))
@@ -49,9 +53,22 @@ class Wires:
 
 
 def cut_segments(segment: np.ndarray, others: Wires, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pieces of segments (n, 2, 3) inside planes (p, 3) n.x >= 0 through the eye, cut where other curves cross them.
+    """Cut segments where other curves cross them in the image, and where they leave it.
 
-    Returns which segment (k,), and low, high (k,) as fractions of it; ordered along each segment.
+    Parameters
+    ----------
+    segment : (n, 2, 3) float64, metres, eye at the origin
+    others : Wires
+        The curves that cut; the same frame.
+    planes : (p, 3) float64
+        Normals n of planes through the eye; the image is where n.x >= 0 for all.
+
+    Returns
+    -------
+    row : (k,) int
+        Which segment each piece is of; pieces are ordered along each segment.
+    low, high : (k,) float64
+        Its range, as fractions of the segment.
     """
     a, b = segment[:, 0], segment[:, 1]
     value_a, value_b = a @ planes.T, b @ planes.T
@@ -66,12 +83,12 @@ def cut_segments(segment: np.ndarray, others: Wires, planes: np.ndarray) -> tupl
     crossing = np.where((crossing > enter[:, None]) & (crossing < leave[:, None]), crossing, np.nan)
     cuts = np.sort(np.concatenate([enter[:, None], leave[:, None], crossing], axis=1), axis=1)
     cuts[enter >= leave] = np.nan
-    row, column = np.nonzero(cuts[:, 1:] - cuts[:, :-1] > SHORTEST)
+    row, column = np.nonzero(cuts[:, 1:] - cuts[:, :-1] > SHORTEST_PIECE)
     return row, cuts[row, column], cuts[row, column + 1]
 
 
 def cut_conics(subject: Wires, others: Wires, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same for the conics of ``subject``: which conic (k,), and low, high (k,) angles."""
+    """As :func:`cut_segments`, for the conics of ``subject``; the ranges are angles in radians."""
     n = len(subject.conic)
     if not n:
         return np.zeros(0, int), np.zeros(0), np.zeros(0)
@@ -87,7 +104,7 @@ def cut_conics(subject: Wires, others: Wires, planes: np.ndarray) -> tuple[np.nd
     span = (subject.high - subject.low)[:, None]
     along = np.where(along < span, along, np.nan)
     cuts = np.sort(np.concatenate([np.zeros((n, 1)), span, along], axis=1), axis=1) + subject.low[:, None]
-    row, column = np.nonzero(cuts[:, 1:] - cuts[:, :-1] > SHORTEST)
+    row, column = np.nonzero(cuts[:, 1:] - cuts[:, :-1] > SHORTEST_PIECE)
     low, high = cuts[row, column], cuts[row, column + 1]
     middle = evaluate(subject.conic[row], 0.5 * (low + high))
     keep = (middle @ planes.T >= 0.0).all(axis=1)
@@ -95,10 +112,10 @@ def cut_conics(subject: Wires, others: Wires, planes: np.ndarray) -> tuple[np.nd
 
 
 def runs(curve: np.ndarray, low: np.ndarray, high: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last piece of each run of wanted pieces that touch; pieces ordered along each curve."""
+    """First and last piece (r,) int of each run of wanted pieces that touch; pieces are ordered along each curve."""
     index = np.nonzero(wanted)[0]
     before, after = index[:-1], index[1:]
-    apart = (curve[after] != curve[before]) | (low[after] - high[before] > 2.0 * SHORTEST)
+    apart = (curve[after] != curve[before]) | (low[after] - high[before] > 2.0 * SHORTEST_PIECE)
     edge = np.ones(min(len(index), 1), bool)
     return index[np.concatenate([edge, apart])], index[np.concatenate([apart, edge])]
 
@@ -110,8 +127,8 @@ def _segment_by_segment(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarr
     c_side, d_side = own @ c.T, own @ d.T
     a_side, b_side = a @ other.T, b @ other.T
     s, t = c_side / (c_side - d_side), a_side / (a_side - b_side)
-    met = (s >= -SLACK) & (s <= 1.0 + SLACK) & (t >= -SLACK) & (t <= 1.0 + SLACK)
-    # On one ray, not one before and one behind the eye.
+    met = (s >= -PAST_END) & (s <= 1.0 + PAST_END) & (t >= -PAST_END) & (t <= 1.0 + PAST_END)
+    # Both points lie on one ray, not one in front of the eye and one behind it.
     here_c, along_c = a @ c.T, (b - a) @ c.T
     here_d, along_d = a @ d.T, (b - a) @ d.T
     same = (here_c + t * along_c) * (1.0 - s) + (here_d + t * along_d) * s > 0.0
@@ -146,7 +163,7 @@ def _conic_by_segment(conic: np.ndarray, segment: np.ndarray) -> np.ndarray:
     across = np.cross(direction, point)
     t = -(np.cross(np.broadcast_to(start[None, :, None], point.shape), point) * across).sum(-1) / (across**2).sum(-1)
     ahead = ((start[None, :, None] + t[..., None] * direction) * point).sum(-1) > 0.0
-    met = (t >= -SLACK) & (t <= 1.0 + SLACK) & ahead
+    met = (t >= -PAST_END) & (t <= 1.0 + PAST_END) & ahead
     return np.where(met, angle, np.nan).reshape(c, 2 * n)
 
 
@@ -157,7 +174,7 @@ def _conic_by_conic(conic: np.ndarray, others: Wires) -> np.ndarray:
         return np.zeros((c, 0))
     base = others.conic[:, :3]
     # A conic seen edge-on spans no cone; the ends of its image are cut by the creases that meet there.
-    regular = np.abs(np.linalg.det(base)) > 1e-12 * np.linalg.norm(base, axis=(1, 2)) ** 3
+    regular = np.abs(np.linalg.det(base)) > EDGE_ON * np.linalg.norm(base, axis=(1, 2)) ** 3
     inverse = np.linalg.inv(np.where(regular[:, None, None], base, np.eye(3)))
     cone = np.swapaxes(inverse, 1, 2) @ np.diag([1.0, 1.0, -1.0]) @ inverse
     form = np.einsum('nia,mij,njb->nmab', conic[:, :3], cone, conic[:, :3])
@@ -174,13 +191,13 @@ def _plane_angles(conic: np.ndarray, normal: np.ndarray) -> np.ndarray:
     linear = np.einsum('cij,ni->cnj', conic[:, :3], normal)
     size = np.hypot(linear[..., 0], linear[..., 1])
     cosine = -linear[..., 2] / size
-    half = np.arccos(np.where(np.abs(cosine) < 1.0 + SLACK, np.clip(cosine, -1.0, 1.0), np.nan))
+    half = np.arccos(np.where(np.abs(cosine) < 1.0 + PAST_END, np.clip(cosine, -1.0, 1.0), np.nan))
     phase = np.arctan2(linear[..., 1], linear[..., 0])
     return np.stack([phase + half, phase - half], axis=-1)
 
 
 def _within(angle: np.ndarray, wires: Wires) -> np.ndarray:
-    """Angles (c, ...) that lie in their conic's range."""
+    """(c, ...) bool: angles that lie in their conic's range."""
     shape = (-1,) + (1,) * (angle.ndim - 1)
     low, span = wires.low.reshape(shape), (wires.high - wires.low).reshape(shape)
-    return (angle - low + SLACK) % (2.0 * np.pi) <= span + 2.0 * SLACK
+    return (angle - low + PAST_END) % (2.0 * np.pi) <= span + 2.0 * PAST_END

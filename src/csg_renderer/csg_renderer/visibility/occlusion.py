@@ -1,29 +1,41 @@
-"""Does a solid hide a point from an eye? Exact: every leaf is convex, so a ray meets it in one interval."""
+"""Points that a solid hides from an eye. The test is exact: every leaf is convex, so a ray meets it in one interval."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..brep.surfaces import ON, SurfaceTable
-
-# Material thinner than this along the ray, as a fraction of the model's size, does not hide: the ray to a point of a
-# contour is tangent there, and rounding makes that a sliver of about the square root of the machine's precision.
-THIN = 1e-6
-CHUNK = 6_000_000
+from ..brep.settings import ON_SURFACE
+from ..brep.surfaces import SurfaceTable
+from .settings import LEVEL_RAY, PARALLEL_RAY, RAY_CHUNK, THIN
 
 
 def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray, thin: float = THIN) -> np.ndarray:
-    """(n,) bool: solid material stands between eye (3,) or (n, 3) and targets (n, 3), model frame, metres."""
+    """Points that a solid hides.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    eye : (3,) or (n, 3) float64, metres, model frame
+    targets : (n, 3) float64, metres, model frame
+    thin : float
+        Least thickness along the ray, in model sizes, of material that hides.
+
+    Returns
+    -------
+    (n,) bool
+        Material of the solid stands between the eye and the target.
+    """
     n, m = len(targets), len(table.leaves)
     if not m or not n:
         return np.zeros(n, bool)
     origin = np.broadcast_to(table.normalised(eye), (n, 3))
     ray = table.normalised(targets) - origin
-    step = max(1, CHUNK // (2 * m * m + 64))
+    step = max(1, RAY_CHUNK // (2 * m * m + 64))
     return np.concatenate([_hidden(table, origin[i : i + step], ray[i : i + step], thin) for i in range(0, n, step)])
 
 
 def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: float) -> np.ndarray:
+    """As hidden, for normalised rays (n, 3) from origins (n, 3) to their targets, all at once."""
     enter, leave = leaf_intervals(table, origin, ray)
     enter, leave = np.clip(enter, 0.0, 1.0), np.clip(leave, 0.0, 1.0)
     stops = np.sort(np.concatenate([enter, leave, np.zeros((len(ray), 1)), np.ones((len(ray), 1))], axis=1), axis=1)
@@ -44,13 +56,13 @@ def leaf_intervals(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> 
     slot_slope = np.where(planar, slope[:, table.slots] * table.slot_sign, 0.0)
     slot_value = np.where(planar, value[:, table.slots] * table.slot_sign, -1.0)
     length = np.linalg.norm(ray, axis=1)[:, None, None]
-    level = np.abs(slot_slope) <= 1e-12 * length
+    level = np.abs(slot_slope) <= PARALLEL_RAY * length
     with np.errstate(divide='ignore', invalid='ignore'):
         at = -slot_value / slot_slope
     enter = np.where(level | (slot_slope > 0.0), -np.inf, at).max(axis=2)
     leave = np.where(level | (slot_slope < 0.0), np.inf, at).min(axis=2)
     # A ray inside a face's plane passes beside the leaf: the leaf is open there.
-    miss = (level & (slot_value > -ON)).any(axis=2)
+    miss = (level & (slot_value > -ON_SURFACE)).any(axis=2)
     if len(table.quadrics):
         _narrow(table, origin, ray, slot_slope, enter, leave, miss)
     enter[miss], leave[miss] = np.inf, -np.inf
@@ -78,7 +90,7 @@ def _narrow(
         a = (half * ray).sum(axis=1)
         b = (half * origin).sum(axis=1) + ray @ q[:3, 3]
         c = ((origin @ q[:3, :3]) * origin).sum(axis=1) + 2.0 * origin @ q[:3, 3] + q[3, 3]
-        flat = np.abs(a) <= 1e-14
+        flat = np.abs(a) <= LEVEL_RAY
         root = b * b - a * c
         with np.errstate(divide='ignore', invalid='ignore'):
             # The root of larger magnitude first; the other from the product, which loses no digits.
@@ -87,8 +99,8 @@ def _narrow(
             single = -0.5 * c / b
         low, high = np.fmin(one, two), np.fmax(one, two)
         if kind == 'CONE':
-            # A ray steeper than the cone's side is inside before the first and after the last crossing; the apex plane
-            # (slot 1) says which of the two is the real nappe.
+            # A ray steeper than the cone's side is inside before the first and after the last crossing. The sign of the
+            # slope of the apex plane (slot 1) along it selects the real nappe.
             steep, up = a < 0.0, slot_slope[:, leaf, 1] < 0.0
             low, high = (
                 np.where(steep, np.where(up, high, -np.inf), low),
@@ -97,7 +109,7 @@ def _narrow(
             miss[:, leaf] |= ~flat & ~steep & (root <= 0.0)
         else:
             miss[:, leaf] |= ~flat & (root <= 0.0)
-        falling, level = flat & (b < 0.0), flat & (np.abs(b) <= 1e-14)
+        falling, level = flat & (b < 0.0), flat & (np.abs(b) <= LEVEL_RAY)
         low = np.where(flat, np.where(falling, single, -np.inf), low)
         high = np.where(flat, np.where(falling | level, np.inf, single), high)
         miss[:, leaf] |= level & (c >= 0.0)

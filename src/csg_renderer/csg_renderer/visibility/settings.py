@@ -1,0 +1,32 @@
+"""Thresholds of hidden-line removal.
+
+Parameters of curves are fractions of a segment's length, and radians on a conic. Rays are traced in the normalised
+frame of a SurfaceTable, in which the diagonal of the solid's bounding box is 1.
+"""
+
+from __future__ import annotations
+
+# Shortest piece of a curve, as a fraction of a segment or in radians; parameters closer than this are one.
+SHORTEST_PIECE = 1e-9
+# Crossings this far past an end still count, as a fraction of a segment or in radians; a needless cut does no harm. A
+# contour ends on the rim that it touches, and a point of contact is known to half of the digits only.
+PAST_END = 1e-6
+# Determinant of a conic's first three rows, relative to the cube of their norm, of a conic that is seen edge-on.
+EDGE_ON = 1e-12
+# Length of the normal of an eye's polar plane when the eye is the centre of the quadric: there is no contour.
+NO_POLAR_PLANE = 1e-12
+# Material thinner than this along the ray, in model sizes, does not hide: the ray to a point of a contour is tangent
+# there, and rounding makes that a sliver of about the square root of the machine's precision.
+THIN = 1e-6
+# The same for points that are only near a space curve: its samples are joined by parabolas.
+THIN_AT_SPACE_CURVE = 1e-4
+# Slope of a plane along a ray, relative to the ray's length, of a ray parallel to the plane.
+PARALLEL_RAY = 1e-12
+# Coefficients of the equation of a ray and a quadric (unit norm) that are zero.
+LEVEL_RAY = 1e-14
+# Distance, in model sizes, between the end of an axis and the centre or the plane of a rim about it.
+RIM_DISTANCE = 1e-6
+# Points along a crease that is no matching feature, where a polyline stands for it.
+CREASE_POINTS = 65
+# Largest number of array elements computed at once.
+RAY_CHUNK = 6_000_000
