@@ -28,7 +28,7 @@ ROOMS = {
     'msgs_py': ('numeric', '_checks', 'pose', 'camera', 'features', 'interpretation', 'codecs', 'node_runtime'),
     'dap_emulator': ('machine', 'fortran_plus', 'service'),
     'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
-    'stereo_recovery': ('cameras', 'detection', 'matching', 'curves', 'edges'),
+    'stereo_recovery': ('params', 'cameras', 'detection', 'matching', 'curves', 'edges'),
     'model_matcher': (
         'params',
         'geometry',

@@ -6,34 +6,59 @@ import cv2
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera
+from msgs_py.numeric.typed import AnyArray, ByteArray, FloatArray
 
 from .detection.edgels import as_grey
 
 # Sub-pixel bits of OpenCV's drawing functions.
 SHIFT = 4
+# The image behind the features keeps this share of its brightness.
+DARKENED = 0.6
+# Straight features are drawn in so many pieces, each in the colour of its depth; curves in so many.
+STRAIGHT_PIECES = 16
+CURVE_POINTS = 72
+# Quantiles of depth that get the first and the last colour of the scale.
+DEPTH_QUANTILES = (0.02, 0.98)
+# Pixels: smallest image that gets a scale of depths, and the scale's left edge, length, height and gap below it.
+LEGEND_LEAST_WIDTH = 160
+LEGEND_LEAST_HEIGHT = 60
+LEGEND_LEFT = 10
+LEGEND_LENGTH = 100
+LEGEND_HEIGHT = 8
 
 
-def draw_features(image: np.ndarray, features: FeatureSet, camera: PinholeCamera, thickness: int = 2) -> np.ndarray:
-    """Features over a darkened picture, near red, far blue; axes dashed, with a scale of depths.
+def draw_features(image: AnyArray, features: FeatureSet, camera: PinholeCamera, thickness: int = 2) -> ByteArray:
+    """Draw features over a darkened image, near ones red and far ones blue, axes dashed, with a scale of depths.
 
-    image : as for recover(), the left image; features : left optical frame. Returns (h, w, 3) uint8, RGB.
+    Parameters
+    ----------
+    image : (h, w) or (h, w, 3)
+        The left image, as for :func:`.pipeline.recover`.
+    features : FeatureSet
+        Left optical frame, metres.
+    camera : PinholeCamera
+        The left camera.
+    thickness : int, pixels
+        Of the lines.
+
+    Returns
+    -------
+    (h, w, 3) uint8
+        RGB.
     """
     grey = np.clip(as_grey(image), 0, 255).astype(np.uint8)
-    canvas = cv2.cvtColor((grey * 0.6).astype(np.uint8), cv2.COLOR_GRAY2RGB)
-    drawn = [(kind, features.polyline(i, 72)) for i, kind in enumerate(features.kind)]
+    canvas: ByteArray = np.asarray(cv2.cvtColor((grey * DARKENED).astype(np.uint8), cv2.COLOR_GRAY2RGB))
+    drawn = [(kind, features.polyline(i, CURVE_POINTS)) for i, kind in enumerate(features.kind)]
     drawn = [(kind, line) for kind, line in drawn if (line[:, 2] > 0).all()]
     if not drawn:
         return canvas
-    near, far = np.quantile(np.concatenate([line[:, 2] for _, line in drawn]), [0.02, 0.98])
+    near, far = np.quantile(np.concatenate([line[:, 2] for _, line in drawn]), DEPTH_QUANTILES)
     for kind, line in drawn:
-        colour = depth_colours(0.5 * (line[:-1, 2] + line[1:, 2]), near, far)
-        pixels = camera.project(line)
-        if kind != FeatureKind.CURVE:
-            steps = np.linspace(0.0, 1.0, 17)[:, None]
-            pixels = pixels[0] + steps * (pixels[1] - pixels[0])
-            # Linear in the picture means linear in 1 / z.
-            inverse = 1.0 / line[0, 2] + steps[:, 0] * (1.0 / line[1, 2] - 1.0 / line[0, 2])
-            colour = depth_colours(1.0 / (0.5 * (inverse[:-1] + inverse[1:])), near, far)
+        if kind == FeatureKind.CURVE:
+            pixels, depth = camera.project(line), 0.5 * (line[:-1, 2] + line[1:, 2])
+        else:
+            pixels, depth = _straight(line, camera)
+        colour = depth_colours(depth, near, far)
         fixed = np.round(np.clip(pixels, -1e4, 1e4) * 2**SHIFT).astype(int)
         for k, (a, b) in enumerate(zip(fixed[:-1], fixed[1:])):
             if kind == FeatureKind.AXIS and k % 2:
@@ -51,19 +76,38 @@ def draw_features(image: np.ndarray, features: FeatureSet, camera: PinholeCamera
     return canvas
 
 
-def depth_colours(depth: np.ndarray, near: float, far: float) -> np.ndarray:
-    """(n, 3) uint8 RGB, red for near, blue for far."""
+def _straight(line: FloatArray, camera: PinholeCamera) -> tuple[FloatArray, FloatArray]:
+    """Pixels (STRAIGHT_PIECES + 1, 2) along a straight feature (2, 3), metres, and the depth between each two.
+
+    Along a straight line 1 / z is linear in the image.
+    """
+    ends = camera.project(line)
+    steps = np.linspace(0.0, 1.0, STRAIGHT_PIECES + 1)[:, None]
+    inverse = 1.0 / line[0, 2] + steps[:, 0] * (1.0 / line[1, 2] - 1.0 / line[0, 2])
+    return ends[0] + steps * (ends[1] - ends[0]), 1.0 / (0.5 * (inverse[:-1] + inverse[1:]))
+
+
+def depth_colours(depth: FloatArray, near: float, far: float) -> ByteArray:
+    """(n, 3) uint8 RGB for depths (n,), metres: red at ``near``, blue at ``far``.
+
+    Examples
+    --------
+    >>> depth_colours(np.array([1.0, 2.0]), 1.0, 2.0).tolist()
+    [[255, 35, 35], [35, 35, 255]]
+    """
     share = np.clip((np.asarray(depth) - near) / max(far - near, 1e-9), 0.0, 1.0)
     hue = np.round(share * 120).astype(np.uint8)
     hsv = np.stack([hue, np.full_like(hue, 220), np.full_like(hue, 255)], axis=-1)
-    return cv2.cvtColor(hsv.reshape(1, -1, 3), cv2.COLOR_HSV2RGB).reshape(-1, 3)
+    return np.asarray(cv2.cvtColor(hsv.reshape(1, -1, 3), cv2.COLOR_HSV2RGB)).reshape(-1, 3)
 
 
-def _legend(canvas: np.ndarray, near: float, far: float) -> None:
+def _legend(canvas: ByteArray, near: float, far: float) -> None:
+    """Draws the scale of depths into the lower left corner."""
     height, width = canvas.shape[:2]
-    if width < 160 or height < 60:
+    if width < LEGEND_LEAST_WIDTH or height < LEGEND_LEAST_HEIGHT:
         return
-    bar = depth_colours(np.linspace(near, far, 100), near, far)
-    canvas[height - 16 : height - 8, 10:110] = bar
-    for text, x in ((f'{near:.3g} m', 10), (f'{far:.3g} m', 80)):
+    bar = depth_colours(np.linspace(near, far, LEGEND_LENGTH), near, far)
+    top = height - 2 * LEGEND_HEIGHT
+    canvas[top : top + LEGEND_HEIGHT, LEGEND_LEFT : LEGEND_LEFT + LEGEND_LENGTH] = bar
+    for text, x in ((f'{near:.3g} m', LEGEND_LEFT), (f'{far:.3g} m', 80)):
         cv2.putText(canvas, text, (x, height - 20), cv2.FONT_HERSHEY_SIMPLEX, 0.35, (255, 255, 255), 1, cv2.LINE_AA)

@@ -1,8 +1,9 @@
-"""recovery_node: rectified (or raw) stereo pairs in, 3D edges, curves and axes out."""
+"""recovery_node: from rectified (or raw) stereo pairs to edges, curves and axes in space."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
@@ -14,7 +15,7 @@ from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
 
 from .cameras.rectification import Rectifier
 from .drawing import draw_features
-from .params import DETECTORS, RecoveryParams
+from .params import DETECTORS, LIMITS, RecoveryParams
 from .pipeline import recover, warm_up
 
 DEFAULT = RecoveryParams()
@@ -26,24 +27,40 @@ class RecoveryConfig(Config):
 
     rectify: bool = parameter(False, 'The images are raw: undistort and rectify them with CameraInfo')
     detector: str = parameter(DEFAULT.detector, 'Edge detector', choices=DETECTORS)
-    sigma: float = parameter(DEFAULT.sigma, 'Gaussian smoothing of the images', unit='px', minimum=0.5, maximum=5.0)
+    sigma: float = parameter(
+        DEFAULT.sigma,
+        'Gaussian smoothing of the images',
+        unit='px',
+        minimum=LIMITS['sigma'][0],
+        maximum=LIMITS['sigma'][1],
+    )
     low: float = parameter(
         DEFAULT.low,
         'Lower threshold of hysteresis, after smoothing; raised where the image is noisy',
         unit='grey levels/px',
-        minimum=0.1,
-        maximum=255.0,
+        minimum=LIMITS['low'][0],
+        maximum=LIMITS['low'][1],
     )
     high: float = parameter(
         DEFAULT.high,
         'Upper threshold of hysteresis, after smoothing; raised where the image is noisy',
         unit='grey levels/px',
-        minimum=0.1,
-        maximum=255.0,
+        minimum=LIMITS['high'][0],
+        maximum=LIMITS['high'][1],
     )
-    min_length: float = parameter(DEFAULT.min_length, 'Shortest straight edge', unit='px', minimum=3.0, maximum=1000.0)
+    min_length: float = parameter(
+        DEFAULT.min_length,
+        'Shortest straight edge',
+        unit='px',
+        minimum=LIMITS['min_length'][0],
+        maximum=LIMITS['min_length'][1],
+    )
     min_disparity: float = parameter(
-        DEFAULT.min_disparity, 'Least disparity of a match', unit='px', minimum=-1e5, maximum=1e5
+        DEFAULT.min_disparity,
+        'Least disparity of a match',
+        unit='px',
+        minimum=LIMITS['min_disparity'][0],
+        maximum=LIMITS['min_disparity'][1],
     )
     max_disparity: float = parameter(
         0.0, 'Largest disparity of a match; 0: nearly the width of the image', unit='px', minimum=0.0, maximum=1e5
@@ -52,14 +69,21 @@ class RecoveryConfig(Config):
         DEFAULT.support_radius,
         'Neighbourhood in which matches support each other',
         unit='px',
-        minimum=1.0,
-        maximum=10000.0,
+        minimum=LIMITS['support_radius'][0],
+        maximum=LIMITS['support_radius'][1],
     )
     min_belief: float = parameter(
-        DEFAULT.min_belief, 'Least belief of a match: 1 accepts only the best of all', minimum=0.0, maximum=1.0
+        DEFAULT.min_belief,
+        'Least belief of a match: 1 accepts only the best of all',
+        minimum=LIMITS['min_belief'][0],
+        maximum=LIMITS['min_belief'][1],
     )
     rectification_sigma: float = parameter(
-        DEFAULT.rectification_sigma, 'By how much corresponding rows may disagree', unit='px', minimum=0.0, maximum=5.0
+        DEFAULT.rectification_sigma,
+        'By how much corresponding rows may disagree',
+        unit='px',
+        minimum=LIMITS['rectification_sigma'][0],
+        maximum=LIMITS['rectification_sigma'][1],
     )
     sync_queue_size: int = parameter(
         5, 'Pairs that may wait for their other half', name='sync.queue_size', minimum=1, maximum=100, read_only=True
@@ -75,10 +99,11 @@ class RecoveryConfig(Config):
     )
 
     def validate(self) -> None:
+        """Raises ValueError, naming the parameter, for values that the library refuses."""
         self.params()
 
     def params(self) -> RecoveryParams:
-        """What the library understands."""
+        """The same as the library takes them; raises ValueError for what it refuses."""
         return RecoveryParams(
             self.detector,
             self.sigma,
@@ -96,12 +121,12 @@ class RecoveryConfig(Config):
 class RecoveryNode(GraphNode[RecoveryConfig]):
     """Publishes ``features``, and on demand ``features/markers`` and ``debug_image``."""
 
-    def __init__(self, **kwargs) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('recovery_node', RecoveryConfig, **kwargs)
         self.features_out = self.create_output(PointCloud2, 'features')
         self.markers_out = self.create_output(MarkerArray, 'features/markers')
         self.debug_out = self.create_output(Image, 'debug_image')
-        self._calibration: tuple = ()
+        self._calibration: tuple[object, ...] = ()
         self._rectifier: Rectifier | None = None
         self._reason = ''
         self._counts: dict[str, object] = {}
@@ -137,7 +162,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self.done(header)
 
     def _rectifier_for(self, messages: StereoMessages) -> Rectifier:
-        """Maps are made again only when the calibration changes."""
+        """The rectification maps for this calibration, made again only when it has changed."""
         key = tuple(
             (info.width, info.height, info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r), tuple(info.p))
             for info in (messages.left_info, messages.right_info)
@@ -147,12 +172,15 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         return self._rectifier
 
     def reset(self) -> str:
+        """Forget maps and counters; returns what was forgotten."""
         self._rectifier, self._reason, self._counts = None, '', {}
         return 'rectification maps and counters'
 
     def report_values(self) -> dict[str, object]:
+        """Counts, times and the reason of an empty result, for /diagnostics."""
         return {**self._counts, 'reason': self._reason}
 
 
 def main(args: list[str] | None = None) -> int:
+    """Console script."""
     return run_node(RecoveryNode, args)

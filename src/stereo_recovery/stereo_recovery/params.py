@@ -8,18 +8,56 @@ from dataclasses import dataclass
 DETECTORS = ('canny', 'sobel', 'roberts', 'marr-hildreth')
 
 
+# Least and largest value that each parameter may have; units as in :class:`RecoveryParams`.
+LIMITS = {
+    'sigma': (0.5, 5.0),
+    'low': (0.1, 255.0),
+    'high': (0.1, 255.0),
+    'min_length': (3.0, 1000.0),
+    'support_radius': (1.0, 10000.0),
+    'min_belief': (0.0, 1.0),
+    'rectification_sigma': (0.0, 5.0),
+    'min_disparity': (-1e5, 1e5),
+}
+
+
 @dataclass(frozen=True)
 class RecoveryParams:
-    """Parameters of :func:`.pipeline.recover`. Raises ValueError, naming the parameter, for values out of range.
+    """Parameters of :func:`.pipeline.recover`.
 
-    detector : 'canny', 'sobel', 'roberts' or 'marr-hildreth'; sigma : smoothing, pixels
-    low, high : thresholds of hysteresis, grey levels per pixel of the smoothed image; never below 5 and 7 times the
-        image noise, which is measured
-    min_length : shortest straight edge, pixels
-    min_disparity, max_disparity : pixels; by default from just in front of infinity to nearly the image's width
-    support_radius : neighbourhood in which matches support each other, pixels
-    min_belief : a match is kept when its best competitor has less than 1 - this share of its strength (roughly)
-    rectification_sigma : pixels by which corresponding rows may disagree; about 0.2 for a typical calibration
+    Parameters
+    ----------
+    detector : str
+        One of DETECTORS.
+    sigma : float, pixels
+        Gaussian smoothing of the images.
+    low, high : float, grey levels per pixel
+        Thresholds of hysteresis on the gradient of the smoothed image. Where the image is noisy they are raised to 5
+        and 7 times the noise of the gradient, which is measured.
+    min_length : float, pixels
+        Shortest straight edge.
+    min_disparity, max_disparity : float, pixels
+        Range in which matches are looked for; by default from just in front of infinity to nearly the image's width.
+    support_radius : float, pixels
+        Neighbourhood in which matches support each other.
+    min_belief : float
+        A match is kept when its strongest competitor has less than about 1 - min_belief of its strength.
+    rectification_sigma : float, pixels
+        By how much corresponding rows may disagree; about 0.2 for a typical calibration.
+
+    Raises
+    ------
+    ValueError
+        For a value out of LIMITS, for high < low and max_disparity <= min_disparity; the message names the parameter.
+
+    Examples
+    --------
+    >>> RecoveryParams(min_length=20.0).min_length
+    20.0
+    >>> RecoveryParams(sigma=0.1)
+    Traceback (most recent call last):
+    ...
+    ValueError: sigma: expected 0.5 to 5, got 0.1
     """
 
     detector: str = 'canny'
@@ -36,16 +74,7 @@ class RecoveryParams:
     def __post_init__(self) -> None:
         if self.detector not in DETECTORS:
             raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {self.detector!r}')
-        for name, low, high in (
-            ('sigma', 0.5, 5.0),
-            ('low', 0.1, 255.0),
-            ('high', 0.1, 255.0),
-            ('min_length', 3.0, 1000.0),
-            ('support_radius', 1.0, 10000.0),
-            ('min_belief', 0.0, 1.0),
-            ('rectification_sigma', 0.0, 5.0),
-            ('min_disparity', -1e5, 1e5),
-        ):
+        for name, (low, high) in LIMITS.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f'{name}: expected {low:g} to {high:g}, got {value}')

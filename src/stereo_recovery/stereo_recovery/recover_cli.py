@@ -1,6 +1,6 @@
 """``recover left.png right.png calibration.yaml -o out/``: features, picture and table of a stereo pair of files.
 
-The folder also gets what "match" draws over: the (rectified) left image and its camera.
+For "match", which draws over it, the folder also gets the (rectified) left image and its camera.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, StereoRig
+from msgs_py.numeric.typed import AnyArray
 
 from .cameras.calibration import load_cameras, load_rig
 from .cameras.rectification import Rectifier
@@ -37,7 +38,7 @@ COLUMNS = (
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """The command line's arguments."""
     default = RecoveryParams()
     result = argparse.ArgumentParser(
         prog='recover', description='Recover 3D edges, curves and axes from a stereo pair of image files.'
@@ -60,7 +61,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def table(features: FeatureSet) -> list[list[str]]:
-    """Rows of text, millimetres; for a curve, start is its centre and end its unit normal (no millimetres)."""
+    """The features as rows of text, one cell for each of COLUMNS, lengths in millimetres.
+
+    A curve's start is its centre, its end the unit normal, which is no length.
+    """
     rows = []
     for i, kind in enumerate(features.kind):
         curve = kind == FeatureKind.CURVE
@@ -75,7 +79,7 @@ def table(features: FeatureSet) -> list[list[str]]:
 
 
 def camera_record(rig: StereoRig) -> dict[str, object]:
-    """The left camera of left.png, as the renderer writes its own: "match --camera" draws with it."""
+    """The camera of left.png in the form of the renderer's files, which "match --camera" reads."""
     left = rig.left
     return {
         'width': left.width,
@@ -85,17 +89,30 @@ def camera_record(rig: StereoRig) -> dict[str, object]:
     }
 
 
+def _image(path: Path) -> AnyArray:
+    """(h, w) or (h, w, 3): the image in a file. Raises OSError or ValueError when there is none."""
+    if not path.exists():
+        raise FileNotFoundError(f'{path}: no such file')
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError(f'{path}: not a readable image')
+    return np.asarray(image)
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Do it; 0 when features were found, 1 when not. Raises ValueError and OSError for unusable files."""
-    images = []
-    for path in (arguments.left, arguments.right):
-        if not path.exists():
-            raise FileNotFoundError(f'{path}: no such file')
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if image is None:
-            raise ValueError(f'{path}: not a readable image')
-        images.append(image)
-    left, right = images
+    """Recover features of the files and write the results.
+
+    Returns
+    -------
+    int
+        0 when features were found, else 1.
+
+    Raises
+    ------
+    ValueError, OSError
+        For unusable files.
+    """
+    left, right = _image(arguments.left), _image(arguments.right)
     size = (left.shape[1], left.shape[0])
     if arguments.raw:
         rectifier = Rectifier(*load_cameras(arguments.calibration, size))

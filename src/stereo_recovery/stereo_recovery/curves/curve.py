@@ -169,7 +169,7 @@ def image_conic(curve: Curve, view: CameraView) -> FloatArray:
     major, minor = curve.radii[0] * curve.first, curve.radii[1] * curve.second
     plane = view.matrix @ np.stack([major, minor, curve.centre - [view.x, 0.0, 0.0]], axis=1)
     inverse = np.linalg.inv(plane)
-    conic = inverse.T @ np.diag([1.0, 1.0, -1.0]) @ inverse
+    conic: FloatArray = inverse.T @ np.diag([1.0, 1.0, -1.0]) @ inverse
     conic = conic / np.abs(conic).max()
     return -conic if np.trace(conic[:2, :2]) < 0.0 else conic
 
@@ -200,7 +200,8 @@ def angles(curve: Curve | CurveShape, points: FloatArray, view: CameraView) -> F
     origin = view.centre
     offset = origin + rays * ((curve.centre - origin) @ curve.normal / (rays @ curve.normal))[:, None] - curve.centre
     second = cross(curve.normal, curve.first)
-    return np.arctan2(offset @ second / curve.radii[1], offset @ curve.first / curve.radii[0])
+    angle: FloatArray = np.arctan2(offset @ second / curve.radii[1], offset @ curve.first / curve.radii[0])
+    return angle
 
 
 def flipped(curve: Curve) -> Curve:

@@ -109,7 +109,7 @@ def _common_part(
 
     Such displacements do not average out over the edgels. rows : (n, p) jacobian; weights, bias, sigma, sector : (n,).
     """
-    within_sectors = fit_kernels.common_displacement(
+    within_sectors: FloatArray = fit_kernels.common_displacement(
         rows,
         weights,
         np.hypot(bias, settings.COMMON_SIGMA + settings.COMMON_SHARE * sigma),
@@ -135,7 +135,8 @@ def _covariance(matrix: FloatArray, prior: FloatArray, variance_factor: float, c
         # The constraint is part of M with the factor CORRELATED_EDGELS; its own variance has that factor squared.
         size = len(matrix)
         spread -= _widened(prior * CORRELATED_EDGELS * correlated, size) - _widened(prior * CORRELATED_EDGELS**2, size)
-    return inverse @ spread @ inverse
+    covariance: FloatArray = inverse @ spread @ inverse
+    return covariance
 
 
 def _widened(matrix: FloatArray, size: int) -> FloatArray:
@@ -204,7 +205,8 @@ def predicted_variance(curve: Curve, points: FloatArray, view: CameraView, blur:
     distance, bias = np.empty(len(points)), np.empty(len(points))
     rows = fit_kernels.jacobian(curve.shape, True, _one_image(points, view, blur), distance, bias)
     rows[:, 5] /= curve.radii[0]
-    return np.einsum('ni,ij,nj->n', rows, curve.covariance, rows)
+    variance: FloatArray = np.einsum('ni,ij,nj->n', rows, curve.covariance, rows)
+    return variance
 
 
 def _one_image(points: FloatArray, view: CameraView, blur: float) -> ImagePoints:

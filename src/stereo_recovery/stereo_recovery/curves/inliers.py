@@ -22,7 +22,8 @@ def across_conic(conic: FloatArray, position: FloatArray, direction: FloatArray)
     gradient = conic_gradient(conic, position)
     across = np.stack([np.cos(direction), np.sin(direction)], axis=1)
     cosine = np.abs((gradient * across).sum(axis=1))
-    return cosine > settings.ACROSS_COSINE * np.hypot(gradient[:, 0], gradient[:, 1])
+    is_across: BoolArray = cosine > settings.ACROSS_COSINE * np.hypot(gradient[:, 0], gradient[:, 1])
+    return is_across
 
 
 def inliers(

@@ -67,7 +67,8 @@ class StereoEdgels:
     @property
     def sigma(self) -> FloatArray:
         """(n,) float64, pixels: sigma across the edge, localisation bias included; the left image's first."""
-        return np.hypot(np.concatenate([self.left.sigma_position, self.right.sigma_position]), self.bias)
+        sigma: FloatArray = np.hypot(np.concatenate([self.left.sigma_position, self.right.sigma_position]), self.bias)
+        return sigma
 
     @property
     def bias(self) -> FloatArray:

@@ -47,7 +47,8 @@ class CurvedSurface(NamedTuple):
 
     def image_of_apex(self, view: CameraView) -> FloatArray:
         """(3,) float64: homogeneous pixels."""
-        return view.matrix @ (self.apex[:3] - self.apex[3] * view.centre)
+        image: FloatArray = view.matrix @ (self.apex[:3] - self.apex[3] * view.centre)
+        return image
 
 
 def tangents(conic: FloatArray, point: FloatArray) -> FloatArray:
@@ -202,7 +203,8 @@ class Contours:
         """
         across = np.cross(self.rays, direction)
         square = np.maximum((across * across).sum(axis=2), 1e-12)
-        return -(np.cross(self.cameras[:, None] - point, self.rays) * across).sum(axis=2) / square
+        abscissae: FloatArray = -(np.cross(self.cameras[:, None] - point, self.rays) * across).sum(axis=2) / square
+        return abscissae
 
 
 def longest_contours(

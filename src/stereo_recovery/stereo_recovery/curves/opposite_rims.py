@@ -178,5 +178,6 @@ def _rim_at(curve: Curve, height: float, others: list[Curve], edgels: StereoEdge
 def _near(curve: Curve, edgels: Edgels, view: CameraView) -> BoolArray:
     """(n,) bool: edgels near the expected image of a curve, with gradients across it."""
     conic = image_conic(curve, view)
-    near = np.abs(sampson(conic, edgels.position)) < settings.EXPECTED_DISTANCE
-    return near & across_conic(conic, edgels.position, edgels.direction)
+    near: BoolArray = np.abs(sampson(conic, edgels.position)) < settings.EXPECTED_DISTANCE
+    near &= across_conic(conic, edgels.position, edgels.direction)
+    return near

@@ -72,7 +72,8 @@ def _coplanar_limit(curve: Curve, distance: FloatArray) -> FloatArray:
     along = 3.0 * np.sqrt(curve.normal @ curve.covariance[:3, :3] @ curve.normal)
     radius = curve.radii[0]
     limit = along + 3.0 * curve.tilt * distance + settings.COPLANAR * radius
-    return np.minimum(limit, settings.MOST_COPLANAR * radius)
+    nearest: FloatArray = np.minimum(limit, settings.MOST_COPLANAR * radius)
+    return nearest
 
 
 def _edge_behind(curve: Curve, ends: FloatArray, err_per: FloatArray) -> bool:

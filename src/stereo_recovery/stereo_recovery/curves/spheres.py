@@ -63,7 +63,8 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
 
     def off(numbers: FloatArray) -> FloatArray:
         """(n,) float64: distances from the contours of a sphere, over sigma; numbers are in radii of the curve."""
-        return np.concatenate(_distances(numbers * scale, mine)) / sigma
+        ratio: FloatArray = np.concatenate(_distances(numbers * scale, mine)) / sigma
+        return ratio
 
     start = np.append(curve.centre, curve.radii.mean()) / scale
     found = least_squares(
@@ -85,7 +86,8 @@ def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:
     inverse = np.linalg.inv(view.matrix)
     cone = (centre @ centre - sphere[3] ** 2) * np.eye(3) - np.outer(centre, centre)
     conic: FloatArray = inverse.T @ cone @ inverse
-    return conic / np.abs(conic).max()
+    conic /= np.abs(conic).max()
+    return conic
 
 
 def _distances(sphere: FloatArray, edgels: StereoEdgels) -> list[FloatArray]:

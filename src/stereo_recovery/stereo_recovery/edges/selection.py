@@ -44,7 +44,8 @@ def has_possible_slope(lines: Lines3D, left: Segments) -> BoolArray:
     run = left.direction[lines.left]
     slope = lines.coefficient[:, 1]
     gradual: BoolArray = np.abs(slope) < STEEPEST * np.hypot(run[:, 0] - 0.5 * slope, run[:, 1])
-    return gradual | lines.strut
+    gradual |= lines.strut
+    return gradual
 
 
 def is_no_arc(lines: Lines3D, segments: tuple[Segments, Segments], has_curves: bool) -> BoolArray:
@@ -101,7 +102,7 @@ def is_edge(
     -------
     (n,) bool
     """
-    return (
+    selected: BoolArray = (
         has_direction(edges)
         & (lines.extent[:, 1] - lines.extent[:, 0] >= min_length)
         & has_possible_slope(lines, segments[0])
@@ -109,6 +110,7 @@ def is_edge(
         & ~on_curves(lines, segments, [*shapes.curves, *hidden_rims])
         & ~on_contours((lines.left, lines.right), segments, shapes.surfaces, rig)
     )
+    return selected
 
 
 def is_certain_beside_rims(edges: EdgesInSpace) -> BoolArray:
