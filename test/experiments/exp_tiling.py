@@ -9,10 +9,12 @@ from lab import Experiment, Line, NotAvailable, Outcome, Plot, Setting, Table, m
 from thesis import TILING, TILING_SAVED, TILING_SPEEDUP
 
 from csg_renderer import Frame, Scene, default_camera, load_scene, render, scene_names, scene_path
-from csg_renderer.raycast import engine_dap, engine_native
+from csg_renderer.raycast import engine_dap
 from csg_renderer.raycast.array_caster import Caster
+from csg_renderer.raycast.flatten import flatten
 from csg_renderer.raycast.frame import RenderOptions
 from csg_renderer.raycast.program import program_of, view_of
+from csg_renderer.raycast.view_data import plan_of, view_data
 from csg_renderer.scene.solid import FACES
 from dap_emulator import Dap
 from msgs_py import PinholeCamera
@@ -51,12 +53,12 @@ def emulated(scene: Scene, camera: PinholeCamera, tiled: bool) -> tuple[Frame, f
 
 def preparation(scene: Scene, camera: PinholeCamera) -> float:
     """Seconds that this machine takes to find out which pixels each primitive may touch."""
-    ready = engine_native.prepare(program_of(scene))
+    flat = flatten(program_of(scene))
 
     def prepare() -> None:
-        view = view_of(ready.program, scene.camera_T_scene)
-        view_data = engine_native.look_through(ready, view, scene.camera_T_scene)
-        engine_native.plan_of(ready, view, view_data, camera, RenderOptions())
+        view = view_of(flat.program, scene.camera_T_scene)
+        data = view_data(flat, view, scene.camera_T_scene)
+        plan_of(flat, view, data, camera, RenderOptions())
 
     return timed(prepare, 5)[1]
 

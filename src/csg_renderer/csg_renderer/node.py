@@ -20,10 +20,12 @@ from msgs_py.node_runtime.runtime import GraphNode, run_node
 
 from .language import SceneError, SceneFile, read_scene
 from .language.loader import models_folder
+from .raycast.engines import ENGINES
 from .raycast.frame import Frame
-from .raycast.render import ENGINES, render_stereo, scene_rig, viewing_hints
+from .raycast.render import render_stereo, scene_rig, viewing_hints
 from .raycast.sensor import SensorModel, grey
 from .scene.scene import Scene
+from .visibility.hidden_lines import visible_features
 
 # About a gigabyte for each eye; anybody on the network can set the size.
 MAX_PIXELS = 2**25
@@ -227,8 +229,6 @@ class RendererNode(GraphNode[RendererConfig]):
         if self.wanted(self._pose):
             self._pose.publish(pose_to_stamped(camera_T_model, header))
         if self.wanted(self._features):
-            from .visibility.hidden_lines import visible_features
-
             features = visible_features(placement.model, camera_T_model, camera)
             self._features.publish(features_to_cloud(features, header))
 

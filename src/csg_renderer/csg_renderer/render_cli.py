@@ -15,6 +15,7 @@ from tqdm import tqdm
 from msgs_py import Pose
 
 from .language import SceneError, SceneFile, find_scene, format_scene, read_scene, scene_names
+from .raycast.engines import ENGINES
 from .raycast.frame import Frame
 from .raycast.outputs import (
     camera_record,
@@ -25,7 +26,7 @@ from .raycast.outputs import (
     save_camera,
     save_image,
 )
-from .raycast.render import ENGINES, render, scene_rig, viewing_hints
+from .raycast.render import render, scene_rig, viewing_hints
 from .raycast.sensor import SensorModel
 from .scene.mesh_export import ExportError, export_mesh
 from .scene.scene import Scene

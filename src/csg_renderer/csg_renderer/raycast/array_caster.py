@@ -15,9 +15,9 @@ from dap_emulator.machine.arrays import DapArray, Operand
 from dap_emulator.machine.dap import Dap
 from dap_emulator.machine.kinds import LOGICAL, Kind, integer
 
+from .settings import FAR, SHORT_WORD_TINY, TINY
+
 CODES = integer(4)
-# Stands for "never ends"; finite, so that no arithmetic on it gives NaN.
-FAR = 1e30
 INFINITE = float('inf')
 
 
@@ -56,7 +56,7 @@ class Caster:
     def __init__(self, dap: Dap, kind: Kind, tolerance: float) -> None:
         self.dap, self.kind, self.tolerance = dap, kind, tolerance
         # The smallest direction component; its reciprocal must still be a number.
-        self.tiny = 1e-300 if kind.bits == 64 else 1e-30
+        self.tiny = TINY if kind.bits == 64 else SHORT_WORD_TINY
 
     def filled(self, value: float, shape: tuple[int, ...]) -> DapArray:
         return f.filled(self.dap, value, shape, self.kind)

@@ -16,21 +16,34 @@ from dap_emulator import Dap, DapArray
 from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.kinds import LOGICAL, real
 from msgs_py import PinholeCamera, Pose
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..scene.scene import Scene
 from ..scene.solid import FACES
 from .array_caster import CODES, INFINITE, Caster, Rays, Spans
-from .engine_reference import CROW_OFFSETS, CROW_WEIGHTS, boundary, prune
+from .engines import ViewPose
 from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
+from .frame_buffers import ImageHits
 from .program import CYLINDER, DIFFERENCE, HALFSPACES, INTERSECT, KIND_CODES, SPHERE, UNION, View, program_of, view_of
-from .reference import PARALLEL
-from .shading import quantise
+from .pruning import Tile, boundary, tiles, untiled
+from .settings import (
+    CROW_OFFSETS,
+    CROW_WEIGHTS,
+    DEPARTURE,
+    DEPARTURE_TOLERANCES,
+    PARALLEL,
+    SHORT_WORD_PARALLEL_ROUNDINGS,
+    SHORT_WORD_ROUNDINGS,
+)
 
 OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE'}
 KIND_NAMES = {code: name for name, code in KIND_CODES.items()}
-# Words shorter than REAL*8 leave coincident faces this fraction of the scene's extent apart.
-SHORT_WORD_TOLERANCE = 2.0
 Vector = tuple[Any, Any, Any]
+
+
+def render_views(scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
+    """See :func:`csg_renderer.render`. Every view is rendered by a new DAP 510."""
+    return [render(scene, camera, camera_T_scene, options) for camera, camera_T_scene in views]
 
 
 def render(
@@ -46,47 +59,32 @@ def render(
     before = dap.cycles
     view = view_of(program_of(scene), camera_T_scene)
     tracer = _Tracer(dap, view, camera, options, length)
-    h, w = camera.height, camera.width
-    colours = np.empty((h, w, 3))
-    colours[:] = view.program.background
-    codes = np.full((h, w), MISS, dtype=np.int64)
-    depth, normal = np.full((h, w), np.nan), np.full((h, w, 3), np.nan)
-    tiles = list(_tiles(view, camera, options, dap.es))
-    for area, children in tiles:
+    found = ImageHits(camera, view.program.background)
+    areas = list(tiles(view, camera, options.tile_size) if options.tiling else untiled(view, camera, dap.es))
+    for area, children in areas:
         if not children:
             continue
         tracer.stats.tiles += 1
-        found = tracer.trace(area, children, 0.0, 0.0, options.box == 0)
-        codes[area], depth[area], normal[area] = found[1:]
-        colours[area] = found[0]
+        colour, found.codes[area], found.depth[area], found.normal[area] = tracer.trace(
+            area, children, 0.0, 0.0, options.box == 0
+        )
         if options.box:
             n = options.box
             offsets = [((i + 0.5) / n - 0.5, (j + 0.5) / n - 0.5) for j in range(n) for i in range(n)]
-            colours[area] = sum(np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0) for du, dv in offsets) / n**2
+            samples = (np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0) for du, dv in offsets)
+            colour = np.asarray(sum(samples) / n**2)
+        found.colours[area] = colour
     if not options.tiling:
         tracer.stats.tiles = 1
     if options.adaptive:
-        _smooth(tracer, tiles, colours, boundary(codes))
+        _smooth(tracer, areas, found.colours, boundary(found.codes))
     tracer.stats.dap_cycles = dap.cycles - before
-    seen = codes != MISS
-    leaf = np.where(seen, codes // FACE_SLOTS, 0)
-    object_id = np.where(seen, view.program.object_of[leaf] if len(view.program.kind) else 0, MISS)
-    return Frame(
-        quantise(colours),
-        depth.astype(np.float32),
-        np.where(seen, leaf, MISS).astype(np.int32),
-        np.where(seen, codes % FACE_SLOTS, MISS).astype(np.int32),
-        object_id.astype(np.int32),
-        normal.astype(np.float32),
-        camera,
-        camera_T_scene,
-        tracer.stats,
-    )
+    return found.frame(view.program, camera, camera_T_scene, tracer.stats)
 
 
-def _smooth(tracer: _Tracer, tiles: list, colours: np.ndarray, edge: np.ndarray) -> None:
+def _smooth(tracer: _Tracer, areas: list[Tile], colours: FloatArray, edge: BoolArray) -> None:
     """Nine weighted samples (thesis 4.6) wherever faces meet; a tile is sampled again as a whole."""
-    for area, children in tiles:
+    for area, children in areas:
         if not edge[area].any():
             continue
         total = np.zeros((*edge[area].shape, 3))
@@ -94,42 +92,6 @@ def _smooth(tracer: _Tracer, tiles: list, colours: np.ndarray, edge: np.ndarray)
             for weight, du in zip(row, CROW_OFFSETS):
                 total += weight * np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0)
         colours[area] = np.where(edge[area][..., None], total, colours[area])
-
-
-def _tiles(view: View, camera: PinholeCamera, options: RenderOptions, es: int):
-    """(area, children) of every tile: children that cannot be there are left out, others pruned (thesis 4.9)."""
-    size = options.tile_size if options.tiling else es
-    boxes = _rectangles(view, camera)
-    for top in range(0, camera.height, size):
-        for left in range(0, camera.width, size):
-            right, bottom = min(left + size, camera.width), min(top + size, camera.height)
-            area = (slice(top, bottom), slice(left, right))
-            if not options.tiling:
-                yield area, list(view.program.children)
-                continue
-            present = (
-                (boxes[:, 0] <= right - 0.5)
-                & (boxes[:, 2] >= left - 0.5)
-                & (boxes[:, 1] <= bottom - 0.5)
-                & (boxes[:, 3] >= top - 0.5)
-            )
-            pruned = (prune(code, present) for code in view.program.children)
-            yield area, [code for code in pruned if len(code)]
-
-
-def _rectangles(view: View, camera: PinholeCamera) -> np.ndarray:
-    """(leaves, 4) float64: pixel bounds (u, v, u, v) of every leaf; everything where they are not known."""
-    program = view.program
-    boxes = np.tile([-np.inf, -np.inf, np.inf, np.inf], (len(program.kind), 1))
-    camera_T_scene = np.linalg.inv(view.scene_T_camera)
-    points = program.outline @ camera_T_scene[:3, :3].T + camera_T_scene[:3, 3]
-    for leaf in range(len(boxes)):
-        corners = points[program.outline_start[leaf] : program.outline_start[leaf + 1]]
-        if len(corners) and corners[:, 2].min() > view.departure:
-            pixels = camera.project(corners)
-            # Room for the samples of anti-aliasing and for rounding.
-            boxes[leaf] = [*(pixels.min(axis=0) - 1.0), *(pixels.max(axis=0) + 1.0)]
-    return boxes
 
 
 class _Tracer:
@@ -140,10 +102,10 @@ class _Tracer:
         self.kind = real(length)
         short = length < 8
         epsilon = 2.0**-self.kind.mantissa
-        reach = view.departure / 1e-7
-        self.tolerance = max(view.tolerance, SHORT_WORD_TOLERANCE * 8 * epsilon * reach) if short else view.tolerance
-        self.departure = max(view.departure, 4.0 * self.tolerance)
-        self.parallel = max(PARALLEL, 4.0 * epsilon) if short else PARALLEL
+        extent = view.departure / DEPARTURE
+        self.tolerance = max(view.tolerance, SHORT_WORD_ROUNDINGS * epsilon * extent) if short else view.tolerance
+        self.departure = max(view.departure, DEPARTURE_TOLERANCES * self.tolerance)
+        self.parallel = max(PARALLEL, SHORT_WORD_PARALLEL_ROUNDINGS * epsilon) if short else PARALLEL
         self.caster = Caster(dap, self.kind, self.tolerance)
         self.stats = RenderStats()
 

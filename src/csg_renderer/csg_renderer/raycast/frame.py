@@ -9,6 +9,8 @@ import numpy as np
 
 from msgs_py import PinholeCamera, Pose
 
+from .settings import OPTION_LIMITS
+
 # A hit is one int32: leaf index * FACE_SLOTS + face index; MISS where there is none. No primitive has more faces.
 FACE_SLOTS = 8
 MISS = -1
@@ -54,8 +56,7 @@ class RenderOptions:
     threads: int = 0
 
     def __post_init__(self) -> None:
-        limits = (('tile_size', 4, 256), ('levels', 1, 64), ('antialias', 0, 16), ('threads', 0, 64))
-        for name, low, high in limits:
+        for name, (low, high) in OPTION_LIMITS.items():
             value = getattr(self, name)
             if int(value) != value or not low <= value <= high:
                 raise ValueError(f'{name}: expected a whole number in {low}..{high}, got {value}')

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from .frame import Frame
+from .settings import DEPTH_GREY_RANGE, HUE_STEP, LEAST_DEPTH_RANGE
 
 
 def save_image(path: Path, image: np.ndarray) -> Path:
@@ -31,7 +32,9 @@ def depth_picture(frame: Frame) -> np.ndarray:
     seen = np.isfinite(depth)
     if seen.any():
         low, high = float(depth[seen].min()), float(depth[seen].max())
-        out[seen] = np.rint(255.0 - 200.0 * (depth[seen] - low) / max(high - low, 1e-12)).astype(np.uint8)
+        out[seen] = np.rint(255.0 - DEPTH_GREY_RANGE * (depth[seen] - low) / max(high - low, LEAST_DEPTH_RANGE)).astype(
+            np.uint8
+        )
     return out
 
 
@@ -43,9 +46,8 @@ def normal_picture(frame: Frame) -> np.ndarray:
 
 def id_picture(ids: np.ndarray) -> np.ndarray:
     """(h, w, 3) uint8: a colour for each id, the same one every time; background (-1) black."""
-    # Steps of the golden ratio around the colour circle keep neighbouring ids apart.
     n = int(ids.max(initial=-1)) + 1
-    hues = (np.arange(n) * 0.61803398875 % 1.0 * 180.0).astype(np.uint8)
+    hues = (np.arange(n) * HUE_STEP % 1.0 * 180.0).astype(np.uint8)
     values = np.where(np.arange(n) % 2, 255, 190).astype(np.uint8)
     hsv = np.stack([hues, np.full(n, 170, dtype=np.uint8), values], axis=-1)[None]
     colours = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0] if n else np.zeros((0, 3), dtype=np.uint8)

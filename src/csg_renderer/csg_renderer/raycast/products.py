@@ -10,10 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from .program import DIFFERENCE, INTERSECT
-
-# A tree that needs more products, or longer ones, is evaluated with lists of boundaries.
-MOST_PRODUCTS = 32
-MOST_FACTORS = 4096
+from .settings import MOST_FACTORS, MOST_PRODUCTS
 
 Product = tuple[frozenset[int], frozenset[int]]
 

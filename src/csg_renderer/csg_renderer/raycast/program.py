@@ -15,6 +15,7 @@ from msgs_py import Pose
 from ..scene.scene import Scene
 from ..scene.solid import Operation, Primitive, Solid
 from ..scene.terrain import Terrain
+from .settings import COINCIDENT, DEPARTURE
 
 # Codes of a postfix program; a number >= 0 is a leaf index.
 UNION, INTERSECT, DIFFERENCE = -1, -2, -3
@@ -23,12 +24,6 @@ OPERATOR_CODES = {'UNION': UNION, 'INTERSECT': INTERSECT, 'DIFFERENCE': DIFFEREN
 BLOCK, CYLINDER, CONE, SPHERE, PLANE, TERRAIN = range(6)
 KIND_CODES = {'BLOCK': BLOCK, 'CYLINDER': CYLINDER, 'CONE': CONE, 'SPHERE': SPHERE, 'PLANE': PLANE, 'TERRAIN': TERRAIN}
 HALFSPACES = np.array([6, 3, 2, 1, 1, 1])
-
-# Surfaces closer together along a ray than this fraction of the scene's extent are one surface. Rounding leaves
-# coincident faces some 1e-15 apart, more where a ray grazes them; nothing real is that thin.
-COINCIDENT = 1e-10
-# Secondary rays forget what lies nearer to their origin than this fraction of the scene's extent.
-DEPARTURE = 1e-7
 
 # Convex outlines of the primitives in their unit frames; the projection of the hull holds that of the primitive.
 _BOX = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])

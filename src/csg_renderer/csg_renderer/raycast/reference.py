@@ -19,16 +19,7 @@ from ..scene.terrain import Terrain, first_crossing
 from ..scene.terrain import gradient as slope
 from .frame import FACE_SLOTS, MISS, RenderStats
 from .program import BLOCK, CONE, CYLINDER, HALFSPACES, INTERSECT, PLANE, SPHERE, UNION, Program, View
-
-# Stands for "never ends" on a ray through a half-space; finite, so that no arithmetic on it gives NaN.
-FAR = 1e30
-# A ray whose local direction has a component below this fraction of its possible size runs parallel to the faces
-# across that axis. It is given the component TINY: a ray that lies in a face plane drifts in the positive direction.
-# A local origin this close to a whole number is on it: the unit frames have their faces there.
-PARALLEL = 1e-13
-TINY = 1e-300
-# Square of the radius, in the unit frame, within which a cone is all apex.
-APEX = 1e-18
+from .settings import APEX, FAR, NEVER, PARALLEL, TINY
 
 
 @dataclass
@@ -261,7 +252,7 @@ def _regular(spans: Spans, tolerance: float) -> Spans:
 
 def first_hits(spans: Spans, nearest: float, entries_only: bool) -> Hits:
     """The first boundary beyond ``nearest`` on every ray. The end of what never ends is none."""
-    usable = (spans.t > nearest) & (spans.t < 0.5 * FAR)
+    usable = (spans.t > nearest) & (spans.t < NEVER)
     if entries_only:
         usable[:, 1::2] = False
     t = np.where(usable, spans.t, np.inf)

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from msgs_py import PinholeCamera, Pose, StereoRig
 
 from ..scene.scene import Scene
+from .engines import ViewPose, engine_named
 from .frame import Frame, RenderOptions
 from .program import program_of
-
-# Where each engine lives. A module has render(scene, camera, camera_T_scene, options) -> Frame; it is imported when
-# first asked for, because one compiles and another needs the array machine.
-ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'engine_dap'}
-
-# What is used when neither the caller nor the scene file names a camera: 512 x 512 pixels and a focal length of
-# 703 pixels, a field of view of 40 degrees.
-DEFAULT_SIZE = 512
-DEFAULT_FOCAL = 703.0
-# Baseline : distance when nobody names a baseline (thesis: about 1 : 5).
-DEFAULT_BASELINE_RATIO = 5.0
+from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE
 
 
 def default_camera(width: int = DEFAULT_SIZE, height: int | None = None) -> PinholeCamera:
@@ -140,28 +131,11 @@ def _checked(scene: Scene) -> Scene:
     return scene
 
 
-def _render_views(
-    scene: Scene, views: list[tuple[PinholeCamera, Pose]], engine: str, options: RenderOptions
-) -> list[Frame]:
-    """Frames of several views; an engine that can share work between them has render_views."""
-    module = _engine(engine)
+def _render_views(scene: Scene, views: Sequence[ViewPose], engine: str, options: RenderOptions) -> list[Frame]:
+    """Frames of several views, with the wall time of each."""
+    chosen = engine_named(engine)
     start = time.perf_counter()
-    if hasattr(module, 'render_views'):
-        frames = module.render_views(_checked(scene), views, options)
-    else:
-        frames = [module.render(_checked(scene), camera, pose, options) for camera, pose in views]
+    frames = chosen.render_views(_checked(scene), views, options)
     for frame in frames:
         frame.stats.seconds = (time.perf_counter() - start) / len(views)
     return frames
-
-
-def _engine(name: str):
-    if name not in ENGINES:
-        raise ValueError(f'engine: expected one of {", ".join(ENGINES)}, got {name!r}')
-    module = f'{__package__}.{ENGINES[name]}'
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name != module:
-            raise
-        raise ValueError(f'engine: {name!r} is not part of this installation') from None

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-# ITU-R BT.601, which cv_bridge and OpenCV use too.
-LUMA = np.array([0.299, 0.587, 0.114])
+from .settings import LUMA
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# Pixels a span is widened by: half a pixel for the samples of anti-aliasing, the rest for rounding.
-MARGIN = 0.51
+from .settings import SPAN_MARGIN
+
+# No pixel of an image: beyond the last one of any row.
 NOWHERE = 2**30
 
 
@@ -94,15 +95,15 @@ def fill_hull(hull, width, span):
         x0, y0, x1, y1 = hull[i, 0], hull[i, 1], hull[k, 0], hull[k, 1]
         if y0 > y1:
             x0, y0, x1, y1 = x1, y1, x0, y0
-        first = int(max(0.0, math.ceil(y0 - MARGIN)))
-        last = int(min(height - 1.0, math.floor(y1 + MARGIN)))
+        first = int(max(0.0, math.ceil(y0 - SPAN_MARGIN)))
+        last = int(min(height - 1.0, math.floor(y1 + SPAN_MARGIN)))
         slope = (x1 - x0) / (y1 - y0) if y1 > y0 else 0.0
         for row in range(first, last + 1):
-            top, bottom = max(y0, row - MARGIN), min(y1, row + MARGIN)
+            top, bottom = max(y0, row - SPAN_MARGIN), min(y1, row + SPAN_MARGIN)
             a, b = x0 + slope * (top - y0), x0 + slope * (bottom - y0)
             if y1 <= y0:
                 a, b = x0, x1
-            low = max(0.0, min(width + 0.0, math.ceil(min(a, b) - MARGIN)))
-            high = max(-1.0, min(width - 1.0, math.floor(max(a, b) + MARGIN)))
+            low = max(0.0, min(width + 0.0, math.ceil(min(a, b) - SPAN_MARGIN)))
+            high = max(-1.0, min(width - 1.0, math.floor(max(a, b) + SPAN_MARGIN)))
             span[row, 0] = min(span[row, 0], int(low))
             span[row, 1] = max(span[row, 1], int(high))

@@ -13,7 +13,8 @@ import numpy as np
 from csg_renderer import Light, Scene, Solid, load_scene, model_features
 from csg_renderer.language import find_scene
 from csg_renderer.language.values import rotation
-from csg_renderer.raycast.render import DEFAULT_BASELINE_RATIO, scene_rig
+from csg_renderer.raycast.render import scene_rig
+from csg_renderer.raycast.settings import DEFAULT_BASELINE_RATIO
 from msgs_py import PinholeCamera, Pose, StereoRig
 
 from .case import Case

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
 from ..program import TERRAIN
+from ..settings import MOST_BOUNDARY_PIXELS
+from ..tiling import NOWHERE
 from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
 from .secondary_rays import secondary_row
 from .shade import light_run, normals_run, points_row
@@ -20,54 +21,21 @@ INF = math.inf
 ZERO = np.uint64(0)
 
 
-class Plan(NamedTuple):
-    """What to render and how.
-
-    xs, ys : (w,), (h,) ray components of pixel centres; dx, dy : ray component of one pixel
-    rotation : (3, 4) scene_T_camera; tolerance : see program.View
-    span : (q, h, 2) pixels of each product in each row; band : (q, bands, 2) the same for bands of tile_size rows
-    listed_span : (k, 2) first and last row of each child to be evaluated by lists (rows only)
-    size : pixels a side of a tile; whole : no tiling; box : see RenderOptions
-    """
-
-    xs: np.ndarray
-    ys: np.ndarray
-    dx: float
-    dy: float
-    rotation: np.ndarray
-    tolerance: float
-    span: np.ndarray
-    band: np.ndarray
-    size: int
-    whole: bool
-    box: int
-
-
-class Target(NamedTuple):
-    """The arrays of a Frame."""
-
-    image: np.ndarray
-    depth: np.ndarray
-    primitive: np.ndarray
-    face: np.ndarray
-    object: np.ndarray
-    normal: np.ndarray
-
-
 @kernel
-def product_spans(chosen, product_start, positive, factors, leaf_span, leaf_depth, size, span, band, near):
+def product_spans(chosen, csg, leaf_span, leaf_depth, size, span, band, near):
     """Spans, bands and least depths of products from those of their leaves: an intersection lies in all its parts."""
     height = leaf_span.shape[1]
+    product_start, positive, factors = csg.product_start, csg.positive, csg.factors
     for k in range(chosen.shape[0]):
         q = chosen[k]
         begin = product_start[q]
         near[q] = 0.0
         for b in range(band.shape[1]):
-            band[q, b, 0], band[q, b, 1] = 2**30, -1
+            band[q, b, 0], band[q, b, 1] = NOWHERE, -1
         for f in range(begin, begin + positive[q]):
             near[q] = max(near[q], leaf_depth[factors[f]])
         for row in range(height):
-            low, high = 0, 2**30
+            low, high = 0, NOWHERE
             for f in range(begin, begin + positive[q]):
                 low = max(low, leaf_span[factors[f], row, 0])
                 high = min(high, leaf_span[factors[f], row, 1])
@@ -91,7 +59,7 @@ def hit_row(work, m, row, y, first, last, offset, products, count, csg, camera, 
     for j in range(ZERO, end):
         s[DEPTH + j] = INF
         s[HIT + j] = NOTHING
-    drawn, doubtful = False, False
+    drawn, ambiguous = False, False
     for k in range(count):
         q = products[k]
         low, high = 0, m
@@ -128,8 +96,8 @@ def hit_row(work, m, row, y, first, last, offset, products, count, csg, camera, 
             work.counts,
         )
         drawn = True
-        doubtful |= csg.doubt[q] > 0.0
-    if doubtful:
+        ambiguous |= csg.ambiguity[q] > 0.0
+    if ambiguous:
         settle_row(s, m, y, plan.tolerance, csg, camera, work.times, work.hits, work.starts, work.counts)
     for k in range(camera.listed.shape[0]):
         list_row(
@@ -304,7 +272,7 @@ def smooth_rows(thread, threads, csg, camera, materials, plan, target, work, sec
     """Anti-alias the pixels where faces meet, in every threads-th row: 3 x 3 samples with these weights."""
     s = work.row
     height, width = target.depth.shape
-    most = min(64, STRIDE // 3)
+    most = min(MOST_BOUNDARY_PIXELS, STRIDE // 3)
     columns = np.empty(most, np.int64)
     nine = np.empty((3, most))
     for row in range(thread, height, threads):

@@ -17,7 +17,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 
 from ..program import BLOCK, CONE, CYLINDER, SPHERE
-from ..reference import FAR, TINY
+from ..settings import FAR, LONGEST_ROW, TINY
 
 INF = math.inf
 
@@ -29,7 +29,7 @@ part = njit(inline='always')
 
 # Longest row, pixels, and the parts of the scratch array: ray x; near and far boundary of the leaf at hand with their
 # faces; entry, end and code of the product at hand; depth and code of the nearest hit so far.
-STRIDE = 256
+STRIDE = LONGEST_ROW
 # Unsigned: for signed indices numba adds the handling of negative ones, and the loops would not vectorise.
 X, LEAF_IN, LEAF_OUT, FACE_IN, FACE_OUT, ENTRY, END, CODE, DEPTH, HIT = (np.uint64(STRIDE * k) for k in range(10))
 # Of the visible points: unit viewing ray, place, unit normal on the viewer's side, colour, two rows for the highlight.

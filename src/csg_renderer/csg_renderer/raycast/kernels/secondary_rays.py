@@ -7,12 +7,11 @@ a batch at a time. A batch lives in one scratch array ``s``, like the rows of ke
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..program import BLOCK, CONE, CYLINDER, SPHERE, TERRAIN
-from ..reference import PARALLEL, TINY
+from ..settings import PARALLEL, TINY
 from .rows import (
     BLUE,
     FACE_IN,
@@ -51,18 +50,6 @@ NORMAL = np.uint64(STRIDE * 43)
 BATCH_PARTS = 46
 # A pending ray: origin, direction, weight, level, pixel.
 RAY_PARTS = 9
-
-
-class SecondaryRayWorkspace(NamedTuple):
-    """Memory and options of ray tracing. batch : (BATCH_PARTS * STRIDE,); stack : (rays, RAY_PARTS); levels : see
-    RenderOptions; shadows : bool; departure, tolerance : see program.View"""
-
-    batch: np.ndarray
-    stack: np.ndarray
-    levels: int
-    shadows: bool
-    departure: float
-    tolerance: float
 
 
 @kernel

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-import numpy as np
 
 from ..program import CONE, CYLINDER, SPHERE
-from ..reference import APEX
+from ..settings import APEX, MOST_SQUARED_EXPONENT
 from .rows import (
     BLUE,
     DEPTH,
@@ -29,37 +26,6 @@ from .rows import (
     X,
     kernel,
 )
-
-
-class Materials(NamedTuple):
-    """Surfaces and lights of a scene. n leaves, l lights.
-
-    colours : (n, 6, 3) float64, linear RGB of each face; coefficients : (n, 6) float64: ambient, diffuse, specular,
-        shininess, reflection, transparency; flat_normals : (n, 6, 3) float64, unit, of flat faces, scene frame
-    lights : (l, 3) float64, metres, scene frame; light_colours : (l, 3); ambient_light, background : (3,) linear RGB
-    """
-
-    colours: np.ndarray
-    coefficients: np.ndarray
-    flat_normals: np.ndarray
-    lights: np.ndarray
-    light_colours: np.ndarray
-    ambient_light: np.ndarray
-    background: np.ndarray
-
-
-class Workspace(NamedTuple):
-    """Scratch memory of one thread. row : the row of kernels.py; times, hits, starts : of child_list; products : (q,)
-    int64, of one tile; colours : (3, w); counts : (3,) int64, intersections, nodes, combines
-    """
-
-    row: np.ndarray
-    times: np.ndarray
-    hits: np.ndarray
-    starts: np.ndarray
-    products: np.ndarray
-    colours: np.ndarray
-    counts: np.ndarray
 
 
 @kernel
@@ -122,7 +88,7 @@ def light_run(s, j0, j1, leaf, face, materials):
     ar, ag, ab = ambient * red * ambient_light[0], ambient * green * ambient_light[1], ambient * blue * ambient_light[2]
     for j in range(j0, j1):
         s[RED + j], s[GREEN + j], s[BLUE + j] = ar, ag, ab
-    whole = int(shininess) if shininess < 4096.0 else 0
+    whole = int(shininess) if shininess < MOST_SQUARED_EXPONENT else 0
     for light in range(lights.shape[0]):
         lx, ly, lz = lights[light, 0], lights[light, 1], lights[light, 2]
         lr, lg, lb = light_colours[light, 0], light_colours[light, 1], light_colours[light, 2]
@@ -162,7 +128,7 @@ def light_run(s, j0, j1, leaf, face, materials):
 @kernel
 def power(base, exponent):
     """base ** exponent for base > 0; whole exponents by repeated squaring, which is ten times as fast."""
-    whole = int(exponent) if exponent < 4096.0 else 0
+    whole = int(exponent) if exponent < MOST_SQUARED_EXPONENT else 0
     if whole != exponent:
         return base**exponent
     result = 1.0

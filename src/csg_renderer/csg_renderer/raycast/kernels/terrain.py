@@ -3,32 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from ..settings import CELL_SLACK, HEIGHT_SLACK
 from .rows import DEPTH, HIT, NX, PX, STRIDE, VX, X, kernel
 from .tree import LEAF_STEP, NOTHING
 
 INF = math.inf
 ZERO, ONE = np.uint64(0), np.uint64(STRIDE)
-
-
-class TerrainGrids(NamedTuple):
-    """The terrains of a program. g grids.
-
-    leaf : (g,) int64; heights : (sum of points,) float64, row by row; start, rows, columns : (g,) int64
-    bilinear : (g,) bool; low, high : (g,) least and greatest height
-    """
-
-    leaf: np.ndarray
-    heights: np.ndarray
-    start: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-    bilinear: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
 
 
 @kernel
@@ -52,7 +35,7 @@ def crossing_in_cell(a, b, c, d, bilinear, fx, fy, z, u, v, w, length):
         second = q / square if square != 0.0 else INF
         if second < first:
             first, second = second, first
-        slack = 1e-12 * (1.0 + length)
+        slack = CELL_SLACK * (1.0 + length)
         if -slack <= first <= length + slack:
             return first
         return second if -slack <= second <= length + slack else INF
@@ -87,7 +70,7 @@ def walk(terrains, g, ox, oy, oz, u, v, w, nearest, farthest):
         d = u if axis == 0 else v if axis == 1 else w
         low = 0.0 if axis < 2 else terrains.low[g]
         high = columns - 1.0 if axis == 0 else rows - 1.0 if axis == 1 else terrains.high[g]
-        slack = 1e-9 * (1.0 + abs(low) + abs(high)) if axis == 2 else 0.0
+        slack = HEIGHT_SLACK * (1.0 + abs(low) + abs(high)) if axis == 2 else 0.0
         if d == 0.0:
             if o < low - slack or o > high + slack:
                 return INF

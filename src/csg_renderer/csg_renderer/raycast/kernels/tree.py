@@ -6,12 +6,11 @@ The rules are those of reference.py: boundaries within the tolerance are one pla
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ..program import INTERSECT, UNION
-from ..reference import FAR, PARALLEL, TINY
+from ..settings import NEVER, PARALLEL, TINY
 from .rows import (
     CODE,
     DEPTH,
@@ -34,58 +33,7 @@ from .rows import (
 INF = math.inf
 # Hits are written leaf * LEAF_STEP + face * FACE_STEP + (1 when the ray leaves the solid there).
 LEAF_STEP, FACE_STEP = 16.0, 2.0
-# Added to hits of which products cannot say for certain whose face it is (see settle_row), a few times at most.
-DOUBT = 1.0 / 1024.0
 NOTHING = -1.0
-
-
-class CsgPrograms(NamedTuple):
-    """The children of a program, flattened. c children, q products.
-
-    product_start : (q + 1,) into factors, the leaves of each product, its ``positive`` (q,) positives first
-    doubt : (q,) float64, DOUBT for one of several products of a child, 0 for a child's only one
-    code_start : (c + 1,) into code and jump: postfix programs; after code[i], an empty list on the stack lets the
-        program go on at jump[i], if that is not 0 (early out, Roth 1982)
-    simple : (c,) the leaf of a child that is a single leaf, else -1; child_of : (n,) the child of each leaf
-    box : (6, c) bounds of each child in the scene frame: low x y z, high x y z, metres
-    kind : (n,) of the leaves; inverse : (n, 3, 4) unit frame from scene; halfspaces : (n,)
-    sphere : (n, 4) about each leaf in the scene frame: centre and squared radius
-    """
-
-    product_start: np.ndarray
-    positive: np.ndarray
-    doubt: np.ndarray
-    factors: np.ndarray
-    code_start: np.ndarray
-    code: np.ndarray
-    jump: np.ndarray
-    simple: np.ndarray
-    child_of: np.ndarray
-    box: np.ndarray
-    kind: np.ndarray
-    inverse: np.ndarray
-    sphere: np.ndarray
-    halfspaces: np.ndarray
-
-
-class CameraData(NamedTuple):
-    """Leaves seen by a camera. n leaves.
-
-    local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
-    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in CsgPrograms, camera frame
-    span : (n, h, 2) int32, first and last pixel of each image row that the leaf may touch; first > last: none
-    near : (q,) least depth of each product
-    listed : (k,) children to evaluate by lists; chosen : (p,) products to evaluate, front to back
-    """
-
-    local: np.ndarray
-    origin: np.ndarray
-    limit: np.ndarray
-    sphere: np.ndarray
-    span: np.ndarray
-    near: np.ndarray
-    listed: np.ndarray
-    chosen: np.ndarray
 
 
 @kernel
@@ -97,7 +45,7 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, csg, camera, whole
     """
     begin, end = csg.product_start[q], csg.product_start[q + 1]
     split = begin + csg.positive[q]
-    mark = csg.doubt[q]
+    mark = csg.ambiguity[q]
     n = np.int64(j1 - j0)
     for j in range(j0, j1):
         s[ENTRY + j] = -INF
@@ -308,7 +256,7 @@ def list_row(s, j0, j1, child, y, tolerance, csg, camera, times, hits, starts, c
             counts,
         )
         for k in range(count):
-            if tolerance < times[k] < 0.5 * FAR:
+            if tolerance < times[k] < NEVER:
                 entry, code, depth = times[k], hits[k] + (k % 2), s[DEPTH + j]
                 if entry < depth - tolerance or (entry <= depth + tolerance and code < s[HIT + j]):
                     s[DEPTH + j], s[HIT + j] = entry, code

@@ -1,0 +1,221 @@
+"""A program as the flat arrays that the compiled loops take: what no camera changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from msgs_py.numeric.typed import FloatArray, IntArray
+
+from ..scene.terrain import Terrain
+from .kernels.records import CsgPrograms, Materials, TerrainGrids
+from .products import products_of
+from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program
+from .settings import AMBIGUOUS, BOX_SLACK, FAR, SPHERE_SLACK
+
+
+@dataclass(frozen=True, eq=False)
+class FlatProgram:
+    """What of a program the kernels need and no camera changes. c children.
+
+    csg, materials, terrains : see kernels/records.py; terrains is None without any
+    child_products : (c, 2) first and last + 1 product of every child, equal when it must be evaluated by lists
+    listed, chosen : the children to evaluate by lists, and the products, for a camera outside all of them
+    most_subtracted : the largest number of subtracted primitives of a product
+    """
+
+    program: Program
+    csg: CsgPrograms
+    materials: Materials
+    terrains: TerrainGrids | None
+    child_products: IntArray
+    listed: IntArray
+    chosen: IntArray
+    most_subtracted: int
+
+
+def flatten(program: Program) -> FlatProgram:
+    """Flatten a program for the kernels.
+
+    Parameters
+    ----------
+    program : Program
+        A scene (see :func:`csg_renderer.raycast.program.program_of`).
+
+    Returns
+    -------
+    FlatProgram
+    """
+    products = _products(program)
+    spans = products.of_child
+    return FlatProgram(
+        program,
+        _csg_programs(program, products),
+        Materials(
+            program.colours,
+            program.material,
+            _flat_normals(program),
+            program.lights,
+            program.light_colours,
+            program.ambient_light,
+            program.background,
+        ),
+        _terrain_grids(program),
+        spans,
+        np.flatnonzero(spans[:, 0] == spans[:, 1]),
+        np.arange(len(products.positive), dtype=np.int64),
+        products.most_subtracted,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """The products of all children: see CsgPrograms; of_child : as FlatProgram.child_products."""
+
+    start: list[int]
+    positive: list[int]
+    factors: list[int]
+    ambiguity: list[float]
+    of_child: IntArray
+    most_subtracted: int
+
+
+def _products(program: Program) -> _Products:
+    start, most_subtracted = [0], 0
+    positive: list[int] = []
+    factors: list[int] = []
+    ambiguity: list[float] = []
+    of_child = np.zeros((len(program.children), 2), dtype=np.int64)
+    for child, code in enumerate(program.children):
+        found = products_of(code) or []
+        of_child[child] = len(positive), len(positive) + len(found)
+        for inside, outside in found:
+            factors += sorted(inside) + sorted(outside)
+            start.append(len(factors))
+            positive.append(len(inside))
+            ambiguity.append(AMBIGUOUS if len(found) > 1 else 0.0)
+            most_subtracted = max(most_subtracted, len(outside))
+    return _Products(start, positive, factors, ambiguity, of_child, most_subtracted)
+
+
+def _csg_programs(program: Program, products: _Products) -> CsgPrograms:
+    codes: list[int] = []
+    jumps: list[int] = []
+    code_start = [0]
+    simple = np.full(len(program.children), -1, dtype=np.int64)
+    box = np.empty((6, len(program.children)))
+    child_of = np.zeros(len(program.kind), dtype=np.int64)
+    bounds = _leaf_boxes(program)
+    for child, code in enumerate(program.children):
+        child_of[code[code >= 0]] = child
+        jumps += [jump + len(codes) if jump else 0 for jump in _jumps(code)]
+        codes += code.tolist()
+        code_start.append(len(codes))
+        if len(code) == 1:
+            simple[child] = code[0]
+        box[:, child] = _child_box(code, bounds)
+    return CsgPrograms(
+        whole_numbers(products.start),
+        whole_numbers(products.positive),
+        np.array(products.ambiguity),
+        whole_numbers(products.factors),
+        whole_numbers(code_start),
+        whole_numbers(codes),
+        whole_numbers(jumps),
+        simple,
+        child_of,
+        box,
+        program.kind,
+        np.ascontiguousarray(program.inverse[:, :3]),
+        _spheres(program),
+        HALFSPACES[program.kind],
+    )
+
+
+def _terrain_grids(program: Program) -> TerrainGrids | None:
+    if not program.terrains:
+        return None
+    grids = [cast(Terrain, program.leaves[leaf]) for leaf in program.terrains]
+    sizes = [grid.heights.size for grid in grids]
+    return TerrainGrids(
+        np.array(program.terrains),
+        np.concatenate([grid.heights.ravel() for grid in grids]),
+        np.cumsum([0, *sizes[:-1]]),
+        np.array([grid.heights.shape[0] for grid in grids]),
+        np.array([grid.heights.shape[1] for grid in grids]),
+        np.array([grid.bilinear for grid in grids]),
+        np.array([grid.heights.min() for grid in grids]),
+        np.array([grid.heights.max() for grid in grids]),
+    )
+
+
+def whole_numbers(numbers: list[int]) -> IntArray:
+    """(n,) int64, also of an empty list, of which numpy would make floats."""
+    return np.array(numbers, dtype=np.int64)
+
+
+def _jumps(code: IntArray) -> list[int]:
+    """For every instruction that ends the left operand of an INTERSECT or DIFFERENCE: that operator's index + 1."""
+    jumps = [0] * len(code)
+    ends: list[int] = []
+    for index, op in enumerate(code):
+        if op < 0:
+            ends.pop()
+            left_end = ends.pop()
+            if op in (INTERSECT, DIFFERENCE):
+                jumps[left_end] = index + 1
+        ends.append(index)
+    return jumps
+
+
+def _leaf_boxes(program: Program) -> FloatArray:
+    """(n, 2, 3): bounds of the leaves along the scene's axes, metres."""
+    boxes = np.empty((len(program.kind), 2, 3))
+    for leaf, (first, last) in enumerate(zip(program.outline_start[:-1], program.outline_start[1:])):
+        if program.kind[leaf] == PLANE:
+            boxes[leaf] = [[-FAR] * 3, [FAR] * 3]
+        else:
+            points = program.outline[first:last]
+            slack = BOX_SLACK * (1.0 + np.abs(points).max())
+            boxes[leaf] = points.min(axis=0) - slack, points.max(axis=0) + slack
+    return boxes
+
+
+def _spheres(program: Program) -> FloatArray:
+    """(n, 4): a sphere about each leaf in the scene frame, centre (metres) and squared radius."""
+    spheres = np.zeros((len(program.kind), 4))
+    for leaf, (first, last) in enumerate(zip(program.outline_start[:-1], program.outline_start[1:])):
+        spheres[leaf, 3] = FAR
+        if program.kind[leaf] != PLANE:
+            points = program.outline[first:last]
+            spheres[leaf, :3] = points.mean(axis=0)
+            spheres[leaf, 3] = SPHERE_SLACK * ((points - spheres[leaf, :3]) ** 2).sum(axis=1).max()
+    return spheres
+
+
+def _child_box(code: IntArray, boxes: FloatArray) -> FloatArray:
+    """(6,): bounds of a tree, low x y z, high x y z, from those of its leaves."""
+    stack: list[FloatArray] = []
+    for op in code:
+        if op >= 0:
+            stack.append(boxes[op])
+            continue
+        right, left = stack.pop(), stack.pop()
+        if op == INTERSECT:
+            stack.append(np.stack([np.maximum(left[0], right[0]), np.minimum(left[1], right[1])]))
+        elif op == DIFFERENCE:
+            stack.append(left)
+        else:
+            stack.append(np.stack([np.minimum(left[0], right[0]), np.maximum(left[1], right[1])]))
+    return stack[0].ravel()
+
+
+def _flat_normals(program: Program) -> FloatArray:
+    """(n, 6, 3): unit normals of flat faces, scene frame; which side is outward depends on the ray."""
+    normals = np.zeros((len(program.kind), 6, 3))
+    rows = program.inverse[:, :3, :3]
+    for face in range(6):
+        normals[:, face] = np.where((program.kind == BLOCK)[:, None], rows[:, face // 2], rows[:, 2])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True) if len(normals) else normals

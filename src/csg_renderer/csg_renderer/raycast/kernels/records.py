@@ -1,0 +1,177 @@
+"""The records of arrays that the compiled loops take. n leaves, c children, q products, l lights, g terrains.
+
+numba accepts named tuples as they are, and their arrays reach the machine code as if they were single arguments.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+
+
+class CsgPrograms(NamedTuple):
+    """The children of a program, flattened.
+
+    product_start : (q + 1,) into factors, the leaves of each product, its ``positive`` (q,) positives first
+    ambiguity : (q,) settings.AMBIGUOUS for one of several products of a child, 0 for a child's only one
+    code_start : (c + 1,) into code and jump: postfix programs; after code[i], an empty list on the stack lets the
+        program go on at jump[i], if that is not 0 (early out, Roth 1982)
+    simple : (c,) the leaf of a child that is a single leaf, else -1; child_of : (n,) the child of each leaf
+    box : (6, c) bounds of each child in the scene frame: low x y z, high x y z, metres
+    kind : (n,) of the leaves; inverse : (n, 3, 4) unit frame from scene; halfspaces : (n,)
+    sphere : (n, 4) about each leaf in the scene frame: centre, metres, and squared radius
+    """
+
+    product_start: IntArray
+    positive: IntArray
+    ambiguity: FloatArray
+    factors: IntArray
+    code_start: IntArray
+    code: IntArray
+    jump: IntArray
+    simple: IntArray
+    child_of: IntArray
+    box: FloatArray
+    kind: IntArray
+    inverse: FloatArray
+    sphere: FloatArray
+    halfspaces: IntArray
+
+
+class Materials(NamedTuple):
+    """Surfaces and lights of a scene.
+
+    colours : (n, 6, 3) float64, linear RGB of each face; coefficients : (n, 6) float64: ambient, diffuse, specular,
+        shininess, reflection, transparency; flat_normals : (n, 6, 3) float64, unit, of flat faces, scene frame
+    lights : (l, 3) float64, metres, scene frame; light_colours : (l, 3); ambient_light, background : (3,) linear RGB
+    """
+
+    colours: FloatArray
+    coefficients: FloatArray
+    flat_normals: FloatArray
+    lights: FloatArray
+    light_colours: FloatArray
+    ambient_light: FloatArray
+    background: FloatArray
+
+
+class TerrainGrids(NamedTuple):
+    """The terrains of a program.
+
+    leaf : (g,); heights : (sum of points,) metres, row by row; start : (g,) into heights; rows, columns : (g,)
+    bilinear : (g,); low, high : (g,) least and greatest height, metres
+    """
+
+    leaf: IntArray
+    heights: FloatArray
+    start: IntArray
+    rows: IntArray
+    columns: IntArray
+    bilinear: BoolArray
+    low: FloatArray
+    high: FloatArray
+
+
+class CameraData(NamedTuple):
+    """Leaves and products as a camera sees them.
+
+    local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
+    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in CsgPrograms, camera frame
+    span : (n, h, 2) int32, first and last pixel of each image row that the leaf may touch; first > last: none
+    near : (q,) least depth of each product, metres
+    listed : (k,) children to evaluate by lists; chosen : (p,) products to evaluate, front to back
+    """
+
+    local: FloatArray
+    origin: FloatArray
+    limit: FloatArray
+    sphere: FloatArray
+    span: Int32Array
+    near: FloatArray
+    listed: IntArray
+    chosen: IntArray
+
+
+class Plan(NamedTuple):
+    """What to render and how.
+
+    xs, ys : (w,), (h,) ray components of pixel centres; dx, dy : ray component of one pixel
+    rotation : (3, 4) scene_T_camera; tolerance : metres, see program.View
+    span : (q, h, 2) pixels of each product in each row; band : (q, bands, 2) the same for bands of ``size`` rows
+    size : pixels a side of a tile; whole : no tiling; box : see RenderOptions
+    """
+
+    xs: FloatArray
+    ys: FloatArray
+    dx: float
+    dy: float
+    rotation: FloatArray
+    tolerance: float
+    span: Int32Array
+    band: Int32Array
+    size: int
+    whole: bool
+    box: int
+
+
+class Target(NamedTuple):
+    """The arrays of a Frame, (h, w) and (h, w, 3)."""
+
+    image: ByteArray
+    depth: Float32Array
+    primitive: Int32Array
+    face: Int32Array
+    object: Int32Array
+    normal: Float32Array
+
+
+class Workspace(NamedTuple):
+    """Scratch memory of one thread.
+
+    row : the parts of rows.py, one after another; times, hits, starts : see tree.child_boundaries
+    products : (q + 1,) those of one tile; colours : (3, w) sums of samples
+    counts : (3,) intersections, nodes and combines so far (frame.RenderStats)
+    """
+
+    row: FloatArray
+    times: FloatArray
+    hits: FloatArray
+    starts: IntArray
+    products: IntArray
+    colours: FloatArray
+    counts: IntArray
+
+
+class SecondaryRayWorkspace(NamedTuple):
+    """Memory and options of shadows, mirrors and glass.
+
+    batch : the parts of secondary_rays.py, one after another; stack : (rays, RAY_PARTS) rays still to be cast
+    levels, shadows : see RenderOptions; departure, tolerance : metres, see program.View
+    """
+
+    batch: FloatArray
+    stack: FloatArray
+    levels: int
+    shadows: bool
+    departure: float
+    tolerance: float
+
+
+class Ray(NamedTuple):
+    """One ray: origin and direction, metres."""
+
+    ox: float
+    oy: float
+    oz: float
+    dx: float
+    dy: float
+    dz: float
+
+
+class PixelRun(NamedTuple):
+    """The pixels first..last of an image row, in which rays lie."""
+
+    row: int
+    first: int
+    last: int

@@ -1,0 +1,143 @@
+"""What the compiled loops need of one view: leaves in the camera frame, their pixels, and the order front to back."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py import PinholeCamera, Pose
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+
+from .flatten import FlatProgram, whole_numbers
+from .frame import RenderOptions
+from .kernels.image import product_spans
+from .kernels.records import CameraData, Plan
+from .program import DIFFERENCE, INTERSECT, Program, View
+from .settings import LEAST_CLIP_DEPTH, LONGEST_ROW, PARALLEL
+from .tiling import leaf_spans
+
+
+class ViewData(NamedTuple):
+    """What a pose of the camera makes of the leaves, small arrays. n leaves, p outline points.
+
+    origin, limit, sphere : as in CameraData; points : (p, 3) outlines, metres, camera frame
+    listed : children to evaluate by lists; chosen : products to evaluate
+    """
+
+    origin: FloatArray
+    limit: FloatArray
+    points: FloatArray
+    sphere: FloatArray
+    listed: IntArray
+    chosen: IntArray
+
+
+def view_data(flat: FlatProgram, view: View, camera_T_scene: Pose) -> ViewData:
+    """What depends on the pose of the camera and takes no time worth sharing between threads."""
+    program, csg, local = flat.program, flat.csg, view.local
+    home = local[:, :, 3]
+    nearest = np.round(home)
+    origin = np.where(np.abs(home - nearest) < PARALLEL * (1.0 + np.abs(home)), nearest, home)
+    limit = PARALLEL * np.abs(local[:, :, :3]).sum(axis=2)
+    listed, chosen = flat.listed, flat.chosen
+    inside = _children_containing(program, origin)
+    if any(inside):
+        # From inside a solid its far wall is seen. Lists hold the exits of rays too, products only the entries.
+        spans = flat.child_products.tolist()
+        listed = whole_numbers([child for child, (first, last) in enumerate(spans) if first == last or inside[child]])
+        chosen = whole_numbers(
+            [q for child, (first, last) in enumerate(spans) if not inside[child] for q in range(first, last)]
+        )
+    sphere = np.empty_like(csg.sphere)
+    sphere[:, :3] = camera_T_scene.apply(csg.sphere[:, :3])
+    sphere[:, 3] = csg.sphere[:, 3] * camera_T_scene.scale**2
+    return ViewData(np.ascontiguousarray(origin), limit, camera_T_scene.apply(program.outline), sphere, listed, chosen)
+
+
+def plan_of(
+    flat: FlatProgram, view: View, data: ViewData, camera: PinholeCamera, options: RenderOptions
+) -> tuple[CameraData, Plan]:
+    """Which pixels of which rows show which products, and the order of the products front to back."""
+    program, csg = flat.program, flat.csg
+    h, w = camera.height, camera.width
+    whole = not options.tiling
+    size = options.tile_size if options.tiling else LONGEST_ROW
+    products, bands = len(csg.positive), -(-h // size)
+    chosen = data.chosen
+    near = np.zeros(products)
+    if whole:
+        leaf_span, span, band = (np.zeros((1, 1, 2), dtype=np.int32) for _ in range(3))
+    else:
+        leaf_span = np.empty((len(program.kind), h, 2), dtype=np.int32)
+        leaf_depth = np.empty(len(program.kind))
+        leaf_spans(
+            data.points,
+            program.outline_start,
+            view.departure or LEAST_CLIP_DEPTH,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+            w,
+            leaf_span,
+            leaf_depth,
+        )
+        span = np.empty((products, h, 2), dtype=np.int32)
+        band = np.empty((products, bands, 2), dtype=np.int32)
+        product_spans(chosen, csg, leaf_span, leaf_depth, size, span, band, near)
+        chosen = chosen[np.argsort(near[chosen], kind='stable')]
+    camera_data = CameraData(view.local, data.origin, data.limit, data.sphere, leaf_span, near, data.listed, chosen)
+    plan = Plan(
+        (np.arange(w) - camera.cx) / camera.fx,
+        (np.arange(h) - camera.cy) / camera.fy,
+        1.0 / camera.fx,
+        1.0 / camera.fy,
+        np.ascontiguousarray(view.scene_T_camera[:3]),
+        view.tolerance,
+        span,
+        band,
+        size,
+        whole,
+        options.box,
+    )
+    return camera_data, plan
+
+
+def _children_containing(program: Program, origin: FloatArray) -> list[bool]:
+    """For each child: is the camera, at these (n, 3) local origins, inside it or on its surface?"""
+    inside = _leaves_containing(program, origin)
+    if not inside.any():
+        return [False] * len(program.children)
+    answers = []
+    for code in program.children:
+        stack: list[bool] = []
+        for op in code:
+            if op >= 0:
+                stack.append(bool(inside[op]))
+            else:
+                # A subtracted primitive whose surface the camera touches may not cover it. So none is counted: more
+                # children than necessary are evaluated by lists, which is slower and never wrong.
+                right, left = stack.pop(), stack.pop()
+                stack.append(left and right if op == INTERSECT else left if op == DIFFERENCE else left or right)
+        answers.append(stack[0])
+    return answers
+
+
+def _leaves_containing(program: Program, origin: FloatArray) -> BoolArray:
+    """(n,): is the camera, at these (n, 3) local origins, inside each leaf or on its surface? Never in a terrain."""
+    x, y, z = origin.T if len(origin) else np.zeros((3, 0))
+    slab = (z >= 0.0) & (z <= 1.0)
+    square = x * x + y * y
+    per_kind = np.stack(
+        [
+            (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & slab,
+            (square <= 1.0) & slab,
+            (square <= z * z) & slab,
+            square + z * z <= 1.0,
+            z <= 0.0,
+            np.zeros(z.shape, dtype=bool),
+        ]
+    )
+    inside: BoolArray = per_kind[program.kind, np.arange(len(program.kind))]
+    return inside
