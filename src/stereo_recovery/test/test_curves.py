@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
-from stereo_recovery.detection.conics import fit_ellipse, sampson
+from stereo_recovery.detection import conic_kernels
+from stereo_recovery.detection.conics import Ellipse, sampson, symmetric
 
 
 def upright(elevation: float, yaw: float, depth: float) -> Pose:
@@ -126,8 +127,9 @@ def test_ellipse_through_exact_points_is_exact(major, ratio, turn, share, start)
     angle = start + share * np.linspace(0, 2 * np.pi, 60)
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     points = np.array([100.0, 60.0]) + (np.column_stack([major * np.cos(angle), major * ratio * np.sin(angle)]) @ axes)
-    ellipse = fit_ellipse(points)
-    assert ellipse is not None
+    numbers, rms = conic_kernels.fit(points, 4)
+    ellipse = Ellipse(symmetric(numbers), rms)
+    assert rms < 1e-6 * major
     assert np.allclose(ellipse.centre, [100.0, 60.0], atol=1e-3)
     assert np.allclose(ellipse.radii, [major, major * ratio], rtol=1e-4)
 
@@ -146,4 +148,5 @@ def test_sampson_distance_of_a_circle_is_the_distance():
     ],
 )
 def test_points_without_an_ellipse_give_none(points):
-    assert fit_ellipse(points) is None
+    numbers, rms = conic_kernels.fit(points, 4)
+    assert rms == np.inf or conic_kernels.radii(numbers) == (0.0, 0.0)

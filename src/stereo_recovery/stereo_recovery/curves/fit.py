@@ -9,7 +9,7 @@ import numpy as np
 from msgs_py.numeric.robust import sigma_from_median
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.segments import CORRELATION_LENGTH
+from ..detection.settings import CORRELATION_LENGTH
 from . import fit_kernels, settings
 from .axis_constraint import AxisConstraint
 from .curve import CameraView, Curve, CurveShape, angles, cross

@@ -6,20 +6,35 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# Furthest step from edgel to edgel, pixels, and the largest turn in it (cosine).
-REACH = 2
-TURN_COSINE = 0.5
+from .settings import LEAST_ADVANCE, LINK_RADIUS, SIDESTEP, SIDESTEP_COST, SIDESTEP_SHARE, TURN_COSINE
+
+
+@njit
+def keep_cheapest(successor, cost):
+    """Of all that have the same successor, the one with the least cost keeps it; the others get -1, in place.
+
+    successor : (n,) int32, or -1; cost : (n,) float64
+    """
+    taken = np.full(len(successor), -1, np.int32)
+    for i in range(len(successor)):
+        j = successor[i]
+        if j >= 0 and (taken[j] < 0 or cost[i] < cost[taken[j]]):
+            taken[j] = i
+    for i in range(len(successor)):
+        if successor[i] >= 0 and taken[successor[i]] != i:
+            successor[i] = -1
 
 
 @njit
 def successors(u, v, tu, tv, magnitude, height, width):
-    """For every edgel the one that follows it along its tangent, or -1; no two have the same successor.
+    """(n,) int32: for every edgel the one that follows it along its tangent, or -1; no two have the same successor.
 
-    Cost of a step: its length, lengthened by how far it leaves both tangents.
+    u, v : (n,) float64, pixels; tu, tv : (n,), unit tangent; height, width : of the image, pixels. The cost of a step
+    is its length plus a multiple of its distance from both tangents.
     """
     n = len(u)
     grid = np.full((height, width), -1, np.int32)
-    chained = np.full(n, -1, np.int32)  # a second edgel in the same pixel hangs on the first
+    chained = np.full(n, -1, np.int32)  # the next edgel in the same pixel
     for i in range(n):
         x, y = int(u[i] + 0.5), int(v[i] + 0.5)
         chained[i] = grid[y, x]
@@ -28,8 +43,8 @@ def successors(u, v, tu, tv, magnitude, height, width):
     cost = np.full(n, np.inf)
     for i in range(n):
         x, y = int(u[i] + 0.5), int(v[i] + 0.5)
-        for dy in range(-REACH, REACH + 1):
-            for dx in range(-REACH, REACH + 1):
+        for dy in range(-LINK_RADIUS, LINK_RADIUS + 1):
+            for dx in range(-LINK_RADIUS, LINK_RADIUS + 1):
                 yy, xx = y + dy, x + dx
                 if yy < 0 or xx < 0 or yy >= height or xx >= width:
                     continue
@@ -40,28 +55,25 @@ def successors(u, v, tu, tv, magnitude, height, width):
                         ahead = du * tu[i] + dv * tv[i]
                         onward = du * tu[j] + dv * tv[j]
                         turn = tu[i] * tu[j] + tv[i] * tv[j]
-                        if ahead > 0.05 and onward > 0.0 and turn > TURN_COSINE:
+                        if ahead > LEAST_ADVANCE and onward > 0.0 and turn > TURN_COSINE:
                             side = abs(du * tv[i] - dv * tu[i]) + abs(du * tv[j] - dv * tu[j])
-                            c = np.sqrt(du * du + dv * dv) + 2.0 * side
-                            if side < 1.2 + 0.3 * ahead and c < cost[i]:
+                            c = np.sqrt(du * du + dv * dv) + SIDESTEP_COST * side
+                            if side < SIDESTEP + SIDESTEP_SHARE * ahead and c < cost[i]:
                                 cost[i] = c
                                 best[i] = j
                     j = chained[j]
-    # One predecessor each: the cheapest step wins.
-    taken = np.full(n, -1, np.int32)
-    for i in range(n):
-        j = best[i]
-        if j >= 0 and (taken[j] < 0 or cost[i] < cost[taken[j]]):
-            taken[j] = i
-    for i in range(n):
-        if best[i] >= 0 and taken[best[i]] != i:
-            best[i] = -1
+    keep_cheapest(best, cost)
     return best
 
 
 @njit
 def trace(following, magnitude, high, minimum):
-    """Follow the links. Returns order (k,) int32, offsets (m + 1,) int64, closed (m,) bool of the kept chains."""
+    """Chains of edgels along their successors, open ones first.
+
+    following : (n,) int32, successor or -1; magnitude : (n,), grey levels per pixel; high : least mean of three
+    consecutive magnitudes somewhere in a chain; minimum : edgels. Returns order (k,) int32, offsets (m + 1,) int64,
+    closed (m,) bool of the kept chains, see :class:`.chains.EdgeChains`.
+    """
     n = len(following)
     preceded = np.zeros(n, np.bool_)
     for i in range(n):

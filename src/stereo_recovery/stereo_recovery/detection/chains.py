@@ -1,4 +1,4 @@
-"""Linking edgels into chains (thesis 3.7, 3.10.1)."""
+"""Edge chains: edgels linked into curves (thesis 3.7, 3.10.1)."""
 
 from __future__ import annotations
 
@@ -6,32 +6,55 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import BoolArray, IntArray
+
 from . import chain_kernels
 from .edgels import Edgels
+from .settings import LEAST_EDGELS
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeChains:
-    """Edgels in chain order.
+    """m chains of edgels.
 
-    edgels : Edgels, chain after chain, each along its tangent (bright side on the same hand throughout)
-    offsets : (m + 1,) int64, chain k is edgels[offsets[k]:offsets[k + 1]]
-    closed : (m,) bool, the last edgel links back to the first
+    Attributes
+    ----------
+    edgels : Edgels
+        Chain after chain, each along its tangent, so that the bright side is on the same hand throughout.
+    offsets : (m + 1,) int64
+        Chain k is ``edgels[offsets[k]:offsets[k + 1]]``.
+    closed : (m,) bool
+        Whether the chain's last edgel links back to its first.
     """
 
     edgels: Edgels
-    offsets: np.ndarray
-    closed: np.ndarray
+    offsets: IntArray
+    closed: BoolArray
 
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
 
-def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = 4) -> EdgeChains:
-    """Chain edgels that follow each other, keep the chains that are strong somewhere (hysteresis).
+def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = LEAST_EDGELS) -> EdgeChains:
+    """Link edgels that follow each other, and keep the chains that are strong somewhere (hysteresis).
 
-    shape : (height, width) of the image; high : a chain needs one edgel of this magnitude (mean of three);
-    minimum : least number of edgels in a chain.
+    Parameters
+    ----------
+    edgels : Edgels
+    shape : (height, width), pixels
+        Of the image.
+    high : float, grey levels per pixel
+        A chain is kept when the mean magnitude of three consecutive edgels exceeds this somewhere.
+    minimum : int
+        Least number of edgels in a chain.
+
+    Returns
+    -------
+    EdgeChains
+
+    References
+    ----------
+    Thesis 3.7, 3.10.1. The hysteresis is Canny's (PAMI 8(6), 1986).
     """
     if len(edgels) == 0:
         return EdgeChains(edgels, np.zeros(1, np.int64), np.zeros(0, bool))
@@ -44,18 +67,33 @@ def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = 4) 
 
 
 def with_weak(chains: EdgeChains, edgels: Edgels, shape: tuple[int, int], least: float, minimum: int) -> EdgeChains:
-    """The chains, and long chains of weak edgels between them.
+    """The chains, and after them long chains of weak edgels on pixels that the chains leave free.
 
-    edgels : all, weak ones too; least : mean magnitude of a weak chain; minimum : its number of edgels. Noise makes
-    edgels of that magnitude anywhere, but no long chains of them.
+    Noise makes weak edgels anywhere, but no long chains of them.
+
+    Parameters
+    ----------
+    chains : EdgeChains
+    edgels : Edgels
+        All of the picture, the weak ones too.
+    shape : (height, width), pixels
+        Of the image.
+    least : float, grey levels per pixel
+        Least mean magnitude of a weak chain.
+    minimum : int
+        Least number of edgels in a weak chain.
+
+    Returns
+    -------
+    EdgeChains
     """
     if len(edgels) == 0:
         return chains
     taken = np.zeros(shape, bool)
-    place = np.rint(chains.edgels.position).astype(int)
-    taken[place[:, 1], place[:, 0]] = True
-    place = np.rint(edgels.position).astype(int)
-    weak = link(edgels.select(~taken[place[:, 1], place[:, 0]]), shape, 0.0, minimum)
+    pixel = np.rint(chains.edgels.position).astype(int)
+    taken[pixel[:, 1], pixel[:, 0]] = True
+    pixel = np.rint(edgels.position).astype(int)
+    weak = link(edgels.select(~taken[pixel[:, 1], pixel[:, 0]]), shape, 0.0, minimum)
     if len(weak) == 0:
         return chains
     count = np.diff(weak.offsets)

@@ -1,4 +1,4 @@
-"""Compiled least squares of a conic through points, for :mod:`.conics`."""
+"""Compiled least squares of a conic through points, and the search for arcs, for :mod:`.conics`."""
 
 from __future__ import annotations
 
@@ -6,16 +6,33 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
+from .settings import (
+    ARC_INLIERS,
+    FEW_ARC_SEGMENTS,
+    FINAL_RMS,
+    FINAL_ROUNDS,
+    FIRST_RMS,
+    FIRST_ROUNDS,
+    LARGEST_RADIUS_RATIO,
+    LEAST_DISCRIMINANT,
+    LEAST_PIVOT,
+    LEAST_RADIUS,
+    LEAST_TURN,
+    LEAST_WEIGHT_SHARE,
+    MOST_ARC_BREAKS,
+    SHORTEST_ARC,
+)
+
 
 @njit
 def _solve5(a, b):
-    """Solve a 5 x 5 system in place by elimination with pivots; False when it is singular."""
+    """Solve a (5, 5) system a x = b in place, x in b, by elimination with pivots; False when it is singular."""
     for c in range(5):
         pivot = c
         for r in range(c + 1, 5):
             if abs(a[r, c]) > abs(a[pivot, c]):
                 pivot = r
-        if abs(a[pivot, c]) < 1e-13:
+        if abs(a[pivot, c]) < LEAST_PIVOT:
             return False
         if pivot != c:
             for k in range(5):
@@ -35,10 +52,11 @@ def _solve5(a, b):
 
 @njit
 def fit(points, rounds):
-    """Conic through points (n, 2): (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f with a + c = 1 in
-    scaled coordinates, negative inside; rms of the Sampson distance, pixels (infinite when there is no ellipse).
+    """Conic through points (n, 2) float64, pixels, n >= 5, by least squares in so many rounds.
 
-    Least squares of the equation, each divided by its gradient of the round before: Sampson's distance.
+    Returns (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f, negative inside, with a + c = 1 in scaled
+    coordinates; and the rms of the Sampson distance, pixels, infinite when there is no ellipse. Each equation is
+    divided by its gradient of the round before, which removes the bias of small ellipses (Sampson 1982).
     """
     n = len(points)
     none = np.zeros(6)
@@ -69,7 +87,7 @@ def fit(points, rounds):
             if not _solve5(a, b):
                 return none, np.inf
             q[0], q[1], q[2], q[3], q[4], q[5] = b[0], b[1], 1.0 - b[0], b[2], b[3], b[4]
-            if 4.0 * q[0] * q[2] - q[1] * q[1] <= 1e-9:
+            if 4.0 * q[0] * q[2] - q[1] * q[1] <= LEAST_DISCRIMINANT:
                 return none, np.inf
         mean = 0.0
         total = 0.0
@@ -82,7 +100,7 @@ def fit(points, rounds):
             f = q[0] * x * x + q[1] * x * y + q[2] * y * y + q[3] * x + q[4] * y + q[5]
             total += f * f / (g2 + 1e-12)
         for i in range(n):
-            w[i] = 1.0 / max(w[i], 1e-3 * mean)
+            w[i] = 1.0 / max(w[i], LEAST_WEIGHT_SHARE * mean)
         rms = scale * np.sqrt(total / n)
     # Back to pixels.
     s2 = scale * scale
@@ -106,7 +124,7 @@ def radii(q):
     a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
     small = a * c - b * b
     whole = a * (c * f - e * e) - b * (b * f - e * d) + d * (b * e - c * d)
-    # A real ellipse has its centre inside.
+    # The conic is negative at the centre of a real ellipse.
     if not (small > 0.0 and whole < 0.0):
         return 0.0, 0.0
     middle, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
@@ -115,11 +133,13 @@ def radii(q):
 
 
 @njit
-def claim(segments, turns, position, limit, bounds, sagitta, arc, label, least_turn, least_edgels, least_radius):
+def claim(segments, turns, position, limit, bounds, sagitta, arc, label):
     """The longest stretches of a run of segments that one ellipse explains each; writes their labels into ``arc``.
 
-    segments : (k,) int64, twice in a row for a closed chain; turns : (k - 1,) radians between them; position : (n, 2);
-    limit : (n,) pixels an edgel may stand off; label : the first new one. Returns conics (m, 6) and rms (m,), pixels.
+    segments : (k,) int64, twice in a row for a closed chain; turns : (k - 1,) radians, between them; position : (n, 2)
+    edgels, pixels; limit : (n,) their largest offsets, pixels; bounds (m, 2), sagitta, arc (m,) : of all segments, see
+    :class:`.segments.Segments`; label : the first new one. Returns conics (c, 6), see :func:`fit`, and rms (c,),
+    pixels.
     """
     k = len(segments)
     total = 0
@@ -132,40 +152,40 @@ def claim(segments, turns, position, limit, bounds, sagitta, arc, label, least_t
     while first + 1 < k:
         taken = False
         for last in range(k - 1, first, -1):
-            free = last - first <= 40
+            free = last - first <= MOST_ARC_BREAKS
             turn = 0.0
             bends = 0
             for i in range(first, last + 1):
                 free = free and arc[segments[i]] < 0 and (i == first or segments[i] != segments[first])
                 turn += turns[i] if i < last else 0.0
                 bends += 1 if sagitta[segments[i]] > 0.0 else -1
-            if not free or abs(turn) < least_turn:
+            if not free or abs(turn) < LEAST_TURN:
                 continue
-            # Two straight segments make a corner unless both bend the same way.
-            if last - first < 3 and abs(bends) < last - first + 1:
+            # A few straight segments make corners unless all bend the same way.
+            if last - first + 1 < FEW_ARC_SEGMENTS and abs(bends) < last - first + 1:
                 continue
             n = 0
             for i in range(first, last + 1):
                 for j in range(bounds[segments[i], 0], bounds[segments[i], 1]):
                     points[n, 0], points[n, 1], slack[n] = position[j, 0], position[j, 1], limit[j]
                     n += 1
-            if n < least_edgels:
+            if n < SHORTEST_ARC:
                 break
             tolerance = np.median(slack[:n])
-            q, rms = fit(points[:n], 2)
-            if not rms < 0.6 * tolerance:
+            q, rms = fit(points[:n], FIRST_ROUNDS)
+            if not rms < FIRST_RMS * tolerance:
                 continue
-            q, rms = fit(points[:n], 4)
+            q, rms = fit(points[:n], FINAL_ROUNDS)
             major, minor = radii(q)
-            if not (rms < 0.45 * tolerance and minor > least_radius):
+            if not (rms < FINAL_RMS * tolerance and minor > LEAST_RADIUS):
                 continue
             u, v = points[:n, 0], points[:n, 1]
-            if major > 4.0 * max(u.max() - u.min(), v.max() - v.min()):
+            if major > LARGEST_RADIUS_RATIO * max(u.max() - u.min(), v.max() - v.min()):
                 continue
             gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
             value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
             off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + 1e-24))
-            if off[int(0.95 * (n - 1))] > tolerance:
+            if off[int(ARC_INLIERS * (n - 1))] > tolerance:
                 continue
             for i in range(first, last + 1):
                 arc[segments[i]] = label + found
@@ -181,7 +201,7 @@ def claim(segments, turns, position, limit, bounds, sagitta, arc, label, least_t
 
 @njit
 def sampson(conic, points):
-    """(n,) float64: value of a conic (3, 3) at points (n, 2) over twice its gradient there."""
+    """(n,) float64, pixels: value of a conic (3, 3) at points (n, 2), pixels, over its gradient there."""
     out = np.empty(len(points))
     for k in range(len(points)):
         x, y = points[k, 0], points[k, 1]

@@ -1,7 +1,8 @@
 """Ellipses in the image: which runs of segments are arcs, and the ellipse through them (thesis 3.10.3).
 
-A split chain turns a little at every break when it follows a curve. Runs that turn one way are tried as ellipses, the
-longest first; a run that one ellipse explains as well as lines would is an arc, and none of its segments is an edge.
+Where a chain follows a curve, its segments turn a little at every break. Runs of segments that turn one way are tried
+as ellipses, the longest first; a run that one ellipse explains as well as lines would is an arc, and none of its
+segments is a straight edge.
 """
 
 from __future__ import annotations
@@ -10,116 +11,144 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import conic_kernels
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
-# An arc turns by at least this much in all, and by at most this much from segment to segment; radians.
-LEAST_TURN = np.radians(20.0)
-SHARPEST_BREAK = np.radians(65.0)
-# Smallest semi-axis, pixels, and shortest arc, edgels.
-LEAST_RADIUS = 1.5
-LEAST_EDGELS = 14
+from . import conic_kernels
+from .segments import Segments
+from .settings import SHARPEST_BREAK
 
 
 @dataclass(frozen=True, eq=False)
 class Ellipse:
-    """conic : (3, 3) float64 symmetric, x^T C x = 0 for pixels (u, v, 1), negative inside; rms : pixels."""
+    """An ellipse in the image.
 
-    conic: np.ndarray
+    Attributes
+    ----------
+    conic : (3, 3) float64, symmetric
+        x^T C x = 0 for points x = (u, v, 1), pixels; negative inside.
+    rms : float, pixels
+        Distance of the edgels that it was fitted to.
+
+    Examples
+    --------
+    >>> circle = Ellipse(np.array([[1.0, 0.0, -5.0], [0.0, 1.0, -3.0], [-5.0, -3.0, 30.0]]), 0.1)
+    >>> circle.centre.tolist(), circle.radii.round(9).tolist()
+    ([5.0, 3.0], [2.0, 2.0])
+    """
+
+    conic: FloatArray
     rms: float
 
     @property
-    def centre(self) -> np.ndarray:
+    def centre(self) -> FloatArray:
         """(2,) float64, pixels."""
-        return -np.linalg.solve(self.conic[:2, :2], self.conic[:2, 2])
+        return np.asarray(-np.linalg.solve(self.conic[:2, :2], self.conic[:2, 2]), np.float64)
 
     @property
-    def radii(self) -> np.ndarray:
+    def radii(self) -> FloatArray:
         """(2,) float64, pixels, major first."""
         value = -np.linalg.det(self.conic) / np.linalg.det(self.conic[:2, :2])
-        return np.sqrt(value / np.linalg.eigvalsh(self.conic[:2, :2]))
+        result: FloatArray = np.sqrt(value / np.linalg.eigvalsh(self.conic[:2, :2]))
+        return result
 
 
-def sampson(conic: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(n,) float64, pixels: signed distance of points (n, 2) from a conic, first order (Sampson), positive outside."""
-    distance: np.ndarray = conic_kernels.sampson(np.ascontiguousarray(conic), np.ascontiguousarray(points))
+def sampson(conic: FloatArray, points: FloatArray) -> FloatArray:
+    """Signed distance of points from a conic, to first order.
+
+    Parameters
+    ----------
+    conic : (3, 3) float64, symmetric
+        For points (u, v, 1), pixels.
+    points : (n, 2) float64, pixels
+
+    Returns
+    -------
+    (n,) float64, pixels
+        Positive outside, for a conic that is negative inside.
+
+    References
+    ----------
+    P. D. Sampson, "Fitting conic sections to very scattered data", CGIP 18(1), 1982.
+
+    Examples
+    --------
+    >>> sampson(np.diag([1.0, 1.0, -100.0]), np.array([[10.1, 0.0], [0.0, 9.9]])).round(2).tolist()
+    [0.1, -0.1]
+    """
+    distance: FloatArray = conic_kernels.sampson(np.ascontiguousarray(conic), np.ascontiguousarray(points))
     return distance
 
 
-def fit_ellipse(points: np.ndarray, rounds: int = 4) -> Ellipse | None:
-    """Ellipse through points (n, 2), pixels, n >= 6; None when they do not determine one.
-
-    Least squares of the conic's equation, repeated with each equation divided by its gradient, which removes the bias
-    towards small ellipses (Sampson 1982; thesis 3.10.1 uses a bias-corrected filter for that).
-    """
-    if len(points) < 6:
-        return None
-    numbers, rms = conic_kernels.fit(np.ascontiguousarray(points, dtype=np.float64), rounds)
-    if not np.isfinite(rms):
-        return None
-    conic = _symmetric(numbers)
-    # A real ellipse has its centre inside.
-    if not np.isfinite(conic).all() or np.linalg.det(conic) >= 0.0:
-        return None
-    return Ellipse(conic, float(rms))
-
-
-def _symmetric(numbers: np.ndarray) -> np.ndarray:
+def symmetric(numbers: FloatArray) -> FloatArray:
+    """(3, 3) float64: the matrix of a u^2 + b u v + c v^2 + d u + e v + f, given its six numbers."""
     a, b, c, d, e, f = numbers
     return np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
 
 
 def find_arcs(
-    position: np.ndarray,
-    limit: np.ndarray,
-    bounds: np.ndarray,
-    chain: np.ndarray,
-    closed: np.ndarray,
-    sagitta: np.ndarray,
-    direction: np.ndarray,
-) -> tuple[np.ndarray, list[Ellipse]]:
+    position: FloatArray, limit: FloatArray, segments: Segments, closed: BoolArray
+) -> tuple[Int32Array, list[Ellipse]]:
     """Which segments are parts of arcs.
 
-    position : (n, 2) edgels in chain order; limit : (n,) pixels each may stand off; bounds, chain : the segments, in
-    order; closed : (chains,) bool; sagitta, direction : of the segments' lines.
-    Returns arc (k,) int32, the arc of each segment or -1, and the arcs' ellipses.
+    Parameters
+    ----------
+    position : (n, 2) float64, pixels
+        Edgels in the order of the segments.
+    limit : (n,) float64, pixels
+        Largest offset of each edgel from its curve.
+    segments : Segments
+        Chain after chain, in their order along the chains.
+    closed : (m,) bool
+        Of the chains.
+
+    Returns
+    -------
+    arc : (k,) int32
+        Index of the ellipse of each segment's arc, or -1.
+    ellipses : list of Ellipse
+
+    References
+    ----------
+    Thesis 3.10.3.
     """
-    arc = np.full(len(bounds), -1, np.int32)
+    arc = np.full(len(segments), -1, np.int32)
     ellipses: list[Ellipse] = []
-    if len(bounds) < 3:
+    if len(segments) < 3:
         return arc, ellipses
+    chain, direction = segments.chain, segments.direction
     angle = np.arctan2(direction[:, 1], direction[:, 0])
     turn = (np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi
     same = chain[1:] == chain[:-1]
     starts = np.flatnonzero(np.concatenate([[True], ~same]))
-    for first, last in zip(starts, np.append(starts[1:], len(bounds))):
+    for first, last in zip(starts, np.append(starts[1:], len(segments))):
         if last - first < 2:
             continue
-        segments = np.arange(first, last)
+        members = np.arange(first, last)
         turns = turn[first : last - 1]
         if closed[chain[first]] and last - first >= 3:
-            segments = np.concatenate([segments, segments])
+            members = np.concatenate([members, members])
             join = (angle[first] - angle[last - 1] + np.pi) % (2.0 * np.pi) - np.pi
             turns = np.concatenate([turns, [join], turns])
-        for run in _runs(turns):
+        for start, end in _runs(turns):
             conics, errors = conic_kernels.claim(
-                np.ascontiguousarray(segments[run[0] : run[1] + 1]),
-                np.ascontiguousarray(turns[run[0] : run[1]]),
+                np.ascontiguousarray(members[start : end + 1]),
+                np.ascontiguousarray(turns[start:end]),
                 position,
                 limit,
-                bounds,
-                sagitta,
+                segments.bounds,
+                segments.sagitta,
                 arc,
                 len(ellipses),
-                LEAST_TURN,
-                LEAST_EDGELS,
-                LEAST_RADIUS,
             )
-            ellipses += [Ellipse(_symmetric(q), float(rms)) for q, rms in zip(conics, errors)]
+            ellipses += [Ellipse(symmetric(q), float(rms)) for q, rms in zip(conics, errors)]
     return arc, ellipses
 
 
-def _runs(turns: np.ndarray) -> list[tuple[int, int]]:
-    """Stretches [first, last] of segments between which the turn keeps its sign and is no sharp corner."""
+def _runs(turns: FloatArray) -> list[tuple[int, int]]:
+    """Stretches [first, last] of segments between which the turn keeps its sign and is no sharp corner.
+
+    turns : (n - 1,) float64, radians, between n segments in a row
+    """
     sign = np.where(np.abs(turns) < SHARPEST_BREAK, np.sign(turns), 0)
     runs = []
     k = 0

@@ -1,4 +1,4 @@
-"""Compiled fit of two parallel-ish steps to the gradient across an edge, for :mod:`.profiles`."""
+"""Compiled fit of two nearly parallel steps to the gradient across an edge, for :mod:`.double_edges`."""
 
 from __future__ import annotations
 
@@ -6,23 +6,34 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# Profiles reach so far to either side of the edge, pixels, in steps of so much; an edge is cut into so many sections.
-REACH = 4.0
-STEP = 0.5
-SECTIONS = 4
-ROUNDS = 12
+from .sampling import clamped
+from .settings import (
+    BEYOND_PROFILE,
+    CONVERGED,
+    DAMPING,
+    DAMPING_DOWN,
+    DAMPING_UP,
+    MOST_ITERATIONS,
+    MOST_SPREAD,
+    PROFILE_REACH,
+    PROFILE_STEP,
+    SECTIONS,
+    START_GAPS,
+    START_RATIOS,
+)
 
 
 @njit
-def sample(gx, gy, cx, cy, tx, ty, low, high):
-    """Mean gradient across the line in sections of its length.
+def sample(gx, gy, centre, direction, low, high):
+    """Mean gradient across a line, in sections of its length.
 
-    gx, gy : (h, w) float32; the line's centre, unit direction, and the part of it that counts, pixels.
-    Returns profile (SECTIONS, m) float64, grey levels per pixel along the normal (-ty, tx), and the sections' places.
+    gx, gy : (h, w) float32, grey levels per pixel; centre (u, v), pixels, and unit direction of the line; low, high :
+    abscissas between which it counts, pixels. Returns profile (SECTIONS, m) float64, grey levels per pixel along the
+    normal (-v, u) of the direction, and the sections' abscissas (SECTIONS,), pixels.
     """
-    m = int(round(2.0 * REACH / STEP)) + 1
+    m = int(round(2.0 * PROFILE_REACH / PROFILE_STEP)) + 1
     profile, place = np.zeros((SECTIONS, m)), np.zeros(SECTIONS)
-    h, w = gx.shape
+    (cx, cy), (tx, ty) = centre, direction
     nx, ny = -ty, tx
     count = np.zeros(SECTIONS)
     steps = max(SECTIONS, int(high - low))
@@ -32,15 +43,9 @@ def sample(gx, gy, cx, cy, tx, ty, low, high):
         count[section] += 1.0
         place[section] += s
         for i in range(m):
-            x = -REACH + i * STEP
-            u = min(max(cx + s * tx + x * nx, 0.0), w - 1.001)
-            v = min(max(cy + s * ty + x * ny, 0.0), h - 1.001)
-            x0, y0 = int(u), int(v)
-            fu, fv = u - x0, v - y0
-            a, b, c, d = (1 - fu) * (1 - fv), fu * (1 - fv), (1 - fu) * fv, fu * fv
-            dx = a * gx[y0, x0] + b * gx[y0, x0 + 1] + c * gx[y0 + 1, x0] + d * gx[y0 + 1, x0 + 1]
-            dy = a * gy[y0, x0] + b * gy[y0, x0 + 1] + c * gy[y0 + 1, x0] + d * gy[y0 + 1, x0 + 1]
-            profile[section, i] += dx * nx + dy * ny
+            x = -PROFILE_REACH + i * PROFILE_STEP
+            u, v = cx + s * tx + x * nx, cy + s * ty + x * ny
+            profile[section, i] += clamped(gx, u, v) * nx + clamped(gy, u, v) * ny
     for k in range(SECTIONS):
         place[k] /= count[k]
         for i in range(m):
@@ -50,8 +55,10 @@ def sample(gx, gy, cx, cy, tx, ty, low, high):
 
 @njit
 def _model(profile, place, width, p, matrix, vector):
-    """Squared residual of parameters p (height of the first and second step, place and slope of the first, place and
-    slope of the second relative to it); fills the normal equations."""
+    """Squared residual of parameters p (see :func:`two_steps`); fills the normal equations.
+
+    profile, place : see :func:`sample`; width : pixels; matrix (6, 6), vector (6,) : overwritten
+    """
     matrix[:] = 0.0
     vector[:] = 0.0
     total = 0.0
@@ -62,7 +69,7 @@ def _model(profile, place, width, p, matrix, vector):
         first = p[2] + p[3] * s
         second = first + p[4] + p[5] * s
         for i in range(profile.shape[1]):
-            x = -REACH + i * STEP
+            x = -PROFILE_REACH + i * PROFILE_STEP
             a, b = (x - first) / width, (x - second) / width
             ga, gb = norm * np.exp(-0.5 * a * a), norm * np.exp(-0.5 * b * b)
             residual = profile[k, i] - p[0] * ga - p[1] * gb
@@ -85,11 +92,11 @@ def _model(profile, place, width, p, matrix, vector):
 
 @njit
 def _descend(profile, place, width, p, free):
-    """Levenberg-Marquardt over the parameters named in free; returns the squared residual."""
+    """Levenberg-Marquardt over the parameters with the numbers in ``free``, in place; returns the squared residual."""
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
     cost = _model(profile, place, width, p, matrix, vector)
-    damping = 1e-2
-    for _ in range(ROUNDS):
+    damping = DAMPING
+    for _ in range(MOST_ITERATIONS):
         a = np.zeros((len(free), len(free)))
         b = np.zeros(len(free))
         for m in range(len(free)):
@@ -103,15 +110,15 @@ def _descend(profile, place, width, p, free):
             trial[free[m]] += step[m]
         other, other_vector = np.zeros((6, 6)), np.zeros(6)
         new = _model(profile, place, width, trial, other, other_vector)
-        if new < cost and abs(trial[2]) < REACH and abs(trial[2] + trial[4]) < REACH + 1.0:
-            done = cost - new < 1e-6 * cost
+        if new < cost and abs(trial[2]) < PROFILE_REACH and abs(trial[2] + trial[4]) < PROFILE_REACH + BEYOND_PROFILE:
+            done = cost - new < CONVERGED * cost
             p[:] = trial
             cost, matrix, vector = new, other, other_vector
-            damping *= 0.3
+            damping *= DAMPING_DOWN
             if done:
                 break
         else:
-            damping *= 5.0
+            damping *= DAMPING_UP
     return cost
 
 
@@ -119,8 +126,10 @@ def _descend(profile, place, width, p, free):
 def two_steps(profile, place, width):
     """The two steps that explain profiles across an edge best, and one step that does.
 
-    width : pixels, standard deviation of a blurred step. Returns parameters (6,), see :func:`_model`, their squared
-    residual, that of one step, and the inverse of the normal matrix (6, 6).
+    profile, place : see :func:`sample`; width : pixels, standard deviation of a blurred step. Returns p (6,), the
+    squared residual of p, that of one step, and the inverse of the normal matrix (6, 6). p holds the heights of the
+    first and the second step, grey levels; offset, pixels, and slope of the first; the same of the second, less those
+    of the first.
     """
     half = 0.5 * (place[-1] - place[0])
     one = np.zeros(6)
@@ -128,15 +137,15 @@ def two_steps(profile, place, width):
     one[0] = profile[:, m].mean() * np.sqrt(2.0 * np.pi) * width
     single = _descend(profile, place, width, one, np.array([0, 2, 3]))
     best, cost = one.copy(), np.inf
-    for gap in (-2.5, -1.2, 1.2, 2.5):
-        for share in (-0.5, 0.5):
+    for gap in START_GAPS:
+        for ratio in START_RATIOS:
             p = one.copy()
-            p[1], p[4] = share * one[0], gap
+            p[1], p[4] = ratio * one[0], gap
             # First with the gap as it is, then parallel, then all.
             _descend(profile, place, width, p, np.array([0, 1, 2, 3]))
             _descend(profile, place, width, p, np.array([0, 1, 2, 3, 4]))
             value = _descend(profile, place, width, p, np.array([0, 1, 2, 3, 4, 5]))
-            if value < cost and abs(p[5]) * half < 3.0:
+            if value < cost and abs(p[5]) * half < MOST_SPREAD:
                 best, cost = p.copy(), value
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
     _model(profile, place, width, best, matrix, vector)

@@ -1,8 +1,8 @@
-"""Two edges a few pixels apart that blur into one chain: told apart by the profile of the gradient across it.
+"""Two edges a few pixels apart that blur into one chain: separated by fitting two steps to the profile across it.
 
-A thin face (seen at a grazing angle, perhaps by one eye only) makes a chain of edgels that lies on neither of its two
-edges, and that is narrower or wider than a single blurred step. Such segments are fitted with two steps; the chain
-moves to its own, and the other edge becomes a segment of its own where it has none.
+A thin face (seen at a grazing angle, perhaps in one image only) makes a chain of edgels that lies on neither of its two
+edges, and that is narrower or wider than a single blurred step. Such segments are fitted with two steps; the segment
+moves to the first step, and the second becomes a segment of its own where there is none.
 """
 
 from __future__ import annotations
@@ -11,50 +11,60 @@ from dataclasses import fields
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray
+
 from . import double_edge_kernels
 from .edgels import Edgels
-from .segments import CORNER_REACH, CORRELATION_LENGTH, Segments, width_excess
-from .splitting_kernels import medians
-
-# Variance, px^2, that linear interpolation between pixels adds to a step.
-SAMPLED = 1.0 / 6.0
-# So much edgels are moved by what is beside them, pixels, when that is another edge; scraps of noise beside an edge are
-# shorter.
-UNEVEN, LEAST_MOVED = 0.15, 20.0
-# Shorter segments, pixels, say too little; of more than this many suspects the longest are looked at.
-SHORTEST = 10.0
-MOST = 12
-# Two steps are believed when they leave so much less than one does (squared residual), and little of the height.
-LEAST_GAIN = 0.12
-LEAST_LEFT = 0.02
-# What is left of the error of a place, pixels, of a segment that was taken apart.
-APART = 0.06
-# A segment is on a line when both its ends are this near, pixels; a chain goes on across a break of so many; and a
-# fragment is shorter than this share of the whole.
-SAME = 1.0
-BREAK = 8.0
-FRAGMENT = 0.5
+from .line_kernels import medians
+from .segments import Segments, width_excess
+from .settings import (
+    CORNER_TRIM,
+    CORNER_TRIM_SHARE,
+    CORRELATION_LENGTH,
+    DIRECTED_LENGTH,
+    DOUBLE_BREAK,
+    DOUBLE_BREAK_ROUNDS,
+    DOUBLE_GAIN,
+    DOUBLE_RESIDUAL,
+    DOUBLE_SIGMA,
+    FRAGMENT_SHARE,
+    INTERPOLATION_VARIANCE,
+    MOST_SUSPECTS,
+    ON_LINE,
+    ONE_DIRECTION_COSINE,
+    PROFILE_STEP,
+    SUSPECT_BIAS,
+    SUSPECT_LENGTH,
+)
 
 
 def fit_double_steps(
-    gradients: tuple[np.ndarray, np.ndarray], edgels: Edgels, segments: Segments, sigma: float
+    gradients: tuple[Float32Array, Float32Array], edgels: Edgels, segments: Segments, sigma: float
 ) -> Segments:
-    """Segments with unusual profiles corrected, and the edges hidden beside them added.
+    """Correct segments that are two edges, and add the second edge.
 
-    gradients : two (h, w) float32, grey levels per pixel, of the smoothing sigma, pixels; edgels : as the segments
-        count
+    Parameters
+    ----------
+    gradients : pair of (h, w) float32, grey levels per pixel
+        Derivatives of the smoothed image, see :func:`.edgels.gradient`.
+    edgels : Edgels
+        As the segments' bounds count.
+    segments : Segments
+    sigma : float, pixels
+        Of the smoothing.
+
+    Returns
+    -------
+    Segments
+        Without the fragments of the edges that were separated; edges added last.
     """
     if len(segments) == 0:
         return segments
     usual = float(np.median(edgels.width))
-    moved = (medians(edgels.bias, segments.bounds) > UNEVEN) & (segments.length >= LEAST_MOVED)
-    odd = (width_excess(edgels, segments.bounds) > 0.0) | moved
-    suspects = np.flatnonzero(odd & (segments.length >= SHORTEST) & (segments.arc < 0))
-    suspects = suspects[np.argsort(-segments.length[suspects])]
     values = {f.name: getattr(segments, f.name).copy() for f in fields(segments)}
-    added: list[dict[str, np.ndarray]] = []
+    added: list[dict[str, AnyArray]] = []
     gone = np.zeros(len(segments), bool)
-    for k in suspects[:MOST]:
+    for k in _suspects(edgels, segments):
         if gone[k]:
             continue
         extent = _whole(segments, int(k))
@@ -72,10 +82,11 @@ def fit_double_steps(
             other['extent'] = -other['extent'][::-1]
         common = [_common(segments, line) for line in (first, other)]
         own = np.arange(len(segments)) == k
-        # Fragments of either edge are told by them; a segment that is the other edge as a whole stays.
-        half = FRAGMENT * (extent[1] - extent[0])
+        # Fragments of either edge go; a segment that is the other edge as a whole stays.
+        half = FRAGMENT_SHARE * (extent[1] - extent[0])
         gone |= ~own & (np.maximum(*common) > 0.0) & (segments.length < half) & (segments.arc < 0)
-        if not (~own & ~gone & (common[1] > half) & (segments.direction @ other['direction'] > 0.9)).any():
+        alike = segments.direction @ other['direction'] > ONE_DIRECTION_COSINE
+        if not (~own & ~gone & (common[1] > half) & alike).any():
             row = {f.name: getattr(segments, f.name)[k] for f in fields(segments)}
             row |= {'magnitude': row['magnitude'] * abs(p[1] / p[0]), 'sagitta': 0.0}
             added.append(row | other)
@@ -86,69 +97,87 @@ def fit_double_steps(
 
 
 def warm_up() -> None:
-    """Compile the fit, which only pictures with thin faces reach."""
+    """Compile the fit, which only pictures with thin faces need."""
     step = np.zeros((32, 32), np.float32)
     step[15:17] = 10.0
-    double_edge_kernels.two_steps(*double_edge_kernels.sample(step, step, 16.0, 16.0, 1.0, 0.0, -10.0, 10.0), 1.0)
+    profile, place = double_edge_kernels.sample(step, step, (16.0, 16.0), (1.0, 0.0), -10.0, 10.0)
+    double_edge_kernels.two_steps(profile, place, 1.0)
 
 
-def _whole(segments: Segments, k: int) -> np.ndarray:
-    """(2,) float64, pixels: extent of segment k with the segments that go on along its line: such chains break."""
+def _suspects(edgels: Edgels, segments: Segments) -> AnyArray:
+    """Indices of the straight segments that may be two edges, longest first."""
+    biased = (medians(edgels.bias, segments.bounds) > SUSPECT_BIAS) & (segments.length >= SUSPECT_LENGTH)
+    odd = (width_excess(edgels, segments.bounds) > 0.0) | biased
+    suspects = np.flatnonzero(odd & (segments.length >= DIRECTED_LENGTH) & (segments.arc < 0))
+    return suspects[np.argsort(-segments.length[suspects])][:MOST_SUSPECTS]
+
+
+def _whole(segments: Segments, k: int) -> FloatArray:
+    """(2,) float64, pixels: extent of segment k with the segments that continue its line across breaks."""
     c, t = segments.centre[k], segments.direction[k]
     ends = [end - c for end in (segments.start, segments.end)]
     off = np.maximum(*(np.abs(end @ [-t[1], t[0]]) for end in ends))
-    places = np.stack([end @ t for end in ends], axis=1)
-    near = (off < SAME) & (segments.direction @ t > 0.9) & (segments.arc < 0)
-    extent = segments.extent[k].copy()
-    for _ in range(3):
-        touching = near & (places[:, 0] < extent[1] + BREAK) & (places[:, 1] > extent[0] - BREAK)
+    abscissas = np.stack([end @ t for end in ends], axis=1)
+    near = (off < ON_LINE) & (segments.direction @ t > ONE_DIRECTION_COSINE) & (segments.arc < 0)
+    extent: FloatArray = segments.extent[k].copy()
+    for _ in range(DOUBLE_BREAK_ROUNDS):
+        touching = near & (abscissas[:, 0] < extent[1] + DOUBLE_BREAK) & (abscissas[:, 1] > extent[0] - DOUBLE_BREAK)
         touching[k] = True
-        extent = np.array([min(extent[0], places[touching, 0].min()), max(extent[1], places[touching, 1].max())])
+        extent = np.array([min(extent[0], abscissas[touching, 0].min()), max(extent[1], abscissas[touching, 1].max())])
     return extent
 
 
 def _steps(
-    gradients: tuple[np.ndarray, np.ndarray], segments: Segments, k: int, extent: np.ndarray, usual: float, sigma: float
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Parameters of two steps (see profile_kernels), and the sigma (2, 2) of place and slope of each; or None."""
+    gradients: tuple[Float32Array, Float32Array],
+    segments: Segments,
+    k: int,
+    extent: FloatArray,
+    usual: float,
+    sigma: float,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Parameters (6,) of two steps (see :func:`.double_edge_kernels.two_steps`), and sigma (2, 2) of offset and slope
+    of each; None when one step explains the profile of segment k about as well.
+
+    usual : median width of the picture's steps, pixels
+    """
     low, high = extent
-    cut = min(CORNER_REACH, 0.2 * (high - low))
-    (cu, cv), (tu, tv) = segments.centre[k], segments.direction[k]
-    profile, place = double_edge_kernels.sample(gradients[0], gradients[1], cu, cv, tu, tv, low + cut, high - cut)
-    p, left, single, inverse = double_edge_kernels.two_steps(profile, place, np.sqrt(usual**2 + SAMPLED))
-    if left > LEAST_GAIN * single or left > LEAST_LEFT * (profile**2).sum():
+    cut = min(CORNER_TRIM, CORNER_TRIM_SHARE * (high - low))
+    centre, direction = tuple(segments.centre[k]), tuple(segments.direction[k])
+    profile, place = double_edge_kernels.sample(*gradients, centre, direction, low + cut, high - cut)
+    p, left, single, inverse = double_edge_kernels.two_steps(profile, place, np.sqrt(usual**2 + INTERPOLATION_VARIANCE))
+    if left > DOUBLE_GAIN * single or left > DOUBLE_RESIDUAL * (profile**2).sum():
         return None
     # Neighbouring samples share pixels, across the edge as well as along it.
     correlation = CORRELATION_LENGTH * sigma
-    noise = left / (profile.size - 6) * max(1.0, correlation / double_edge_kernels.STEP)
+    noise = left / (profile.size - 6) * max(1.0, correlation / PROFILE_STEP)
     second = np.zeros((2, 6))
     second[0, [2, 4]] = second[1, [3, 5]] = 1.0
     covariance = noise * inverse
     errors = np.sqrt(np.array([np.diag(covariance)[2:4], np.diag(second @ covariance @ second.T)]))
-    return p, np.hypot(errors, [APART, APART / max(high - low, 1.0)])
+    return p, np.hypot(errors, [DOUBLE_SIGMA, DOUBLE_SIGMA / max(high - low, 1.0)])
 
 
 def _line(
-    segments: Segments, k: int, extent: np.ndarray, shift: float, slope: float, sigma: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Segment k, of this extent, moved along its normal by shift + slope s."""
+    segments: Segments, k: int, extent: FloatArray, offset: float, slope: float, sigma: FloatArray
+) -> dict[str, AnyArray]:
+    """Segment k, of this extent, moved along its normal by offset + slope s, pixels, at abscissa s."""
     t = segments.direction[k]
     normal = np.array([-t[1], t[0]])
     turned = t + slope * normal
     length = np.hypot(*turned)
     return {
-        'centre': segments.centre[k] + shift * normal,
+        'centre': segments.centre[k] + offset * normal,
         'direction': turned / length,
         'extent': extent * length,
         'sigma': sigma,
     }
 
 
-def _common(segments: Segments, line: dict[str, np.ndarray]) -> np.ndarray:
+def _common(segments: Segments, line: dict[str, AnyArray]) -> FloatArray:
     """(n,) float64, pixels: along what length each segment lies on this line."""
     t, normal = line['direction'], np.array([-line['direction'][1], line['direction'][0]])
     ends = [end - line['centre'] for end in (segments.start, segments.end)]
     off = np.maximum(*(np.abs(end @ normal) for end in ends))
-    places = np.sort(np.stack([end @ t for end in ends], axis=1), axis=1)
-    common = np.minimum(places[:, 1], line['extent'][1]) - np.maximum(places[:, 0], line['extent'][0])
-    return np.where(off < SAME, np.maximum(common, 0.0), 0.0)
+    abscissas = np.sort(np.stack([end @ t for end in ends], axis=1), axis=1)
+    common = np.minimum(abscissas[:, 1], line['extent'][1]) - np.maximum(abscissas[:, 0], line['extent'][0])
+    return np.where(off < ON_LINE, np.maximum(common, 0.0), 0.0)

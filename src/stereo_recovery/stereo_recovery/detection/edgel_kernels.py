@@ -6,10 +6,14 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
+from .sampling import bilinear, clamped
+from .settings import LEAST_CURVATURE, LEAST_INTERPOLATED, LOGARITHM_FLOOR
+
 
 @njit
 def _is_maximum(m2, gx, gy, y, x):
-    """Largest of three along the axis nearest to the gradient; ties go to the first."""
+    """Whether m2 (h, w) at row y, column x is the largest of three along the axis nearest to the gradient; of equal
+    ones the first is."""
     centre = m2[y, x]
     if abs(gx[y, x]) >= abs(gy[y, x]):
         return centre > m2[y, x - 1] and centre >= m2[y, x + 1]
@@ -18,10 +22,10 @@ def _is_maximum(m2, gx, gy, y, x):
 
 @njit
 def ridge_maxima(gx, gy, threshold):
-    """Sub-pixel maxima of the gradient magnitude across its own direction.
+    """Sub-pixel maxima of the gradient magnitude across its own direction, in raster order.
 
-    gx, gy : (h, w) float32. Returns u, v, gu, gv, width : (n,) float64, position, gradient there, and
-    standard deviation of the blurred step, pixels; raster order.
+    gx, gy : (h, w) float32, grey levels per pixel; threshold : least magnitude. Returns u, v, gu, gv, width : (n,)
+    float64: position, pixels; gradient there; standard deviation of the blurred step, pixels.
     """
     h, w = gx.shape
     m2 = gx * gx + gy * gy
@@ -33,7 +37,7 @@ def ridge_maxima(gx, gy, threshold):
                 count += 1
     u, v = np.empty(count), np.empty(count)
     gu, gv, width = np.empty(count), np.empty(count), np.empty(count)
-    floor = 1e-4 * limit + 1e-12
+    floor = LOGARITHM_FLOOR * limit + 1e-12
     n = 0
     for y in range(2, h - 2):
         for x in range(2, w - 2):
@@ -58,30 +62,16 @@ def ridge_maxima(gx, gy, threshold):
             kxy = sxy / 4.0
             slope = kx * nx + ky * ny
             bend = kxx * nx * nx + 2.0 * kxy * nx * ny + kyy * ny * ny
-            if bend >= -1e-3:
+            if bend >= -LEAST_CURVATURE:
                 continue
             t = -slope / bend
             if abs(t) > 1.0:
                 continue
             px, py = x + t * nx, y + t * ny
-            # The gradient vector at the sub-pixel place, bilinear.
-            x0, y0 = int(np.floor(px)), int(np.floor(py))
-            fx, fy = px - x0, py - y0
             u[n], v[n] = px, py
             width[n] = 1.0 / np.sqrt(-bend)
-            gu[n] = (
-                (1 - fx) * (1 - fy) * gx[y0, x0]
-                + fx * (1 - fy) * gx[y0, x0 + 1]
-                + (1 - fx) * fy * gx[y0 + 1, x0]
-                + fx * fy * gx[y0 + 1, x0 + 1]
-            )
-            gv[n] = (
-                (1 - fx) * (1 - fy) * gy[y0, x0]
-                + fx * (1 - fy) * gy[y0, x0 + 1]
-                + (1 - fx) * fy * gy[y0 + 1, x0]
-                + fx * fy * gy[y0 + 1, x0 + 1]
-            )
-            if gu[n] * gu[n] + gv[n] * gv[n] < 0.25 * m2[y, x]:
+            gu[n], gv[n] = bilinear(gx, px, py), bilinear(gy, px, py)
+            if gu[n] * gu[n] + gv[n] * gv[n] < LEAST_INTERPOLATED * m2[y, x]:
                 continue
             n += 1
     return u[:n], v[:n], gu[:n], gv[:n], width[:n]
@@ -119,30 +109,18 @@ def zero_crossings(laplacian, gx, gy, threshold):
 
 
 @njit
-def beside(gx, gy, u, v, gu, gv, reach):
-    """(n, 2) float64: the gradient's part along an edgel's own gradient, ``reach`` pixels behind and before it, as a
-    share of the gradient at it. Beside a step between evenly lit faces there is none; on a slope there is as much."""
-    h, w = gx.shape
+def flanking_gradients(gx, gy, u, v, gu, gv, distance):
+    """(n, 2) float64: the gradient along an edgel's own gradient, on its dark and its bright flank, over the edgel's.
+
+    gx, gy : (h, w) float32; u, v, gu, gv : (n,) positions and gradients of edgels; distance : of the flanks, pixels.
+    Beside a step between evenly lit faces the share is 0, and on a slope it is 1.
+    """
     out = np.empty((len(u), 2))
     for i in range(len(u)):
         norm = np.sqrt(gu[i] * gu[i] + gv[i] * gv[i])
         nx, ny = gu[i] / norm, gv[i] / norm
-        for side in range(2):
-            t = reach if side == 1 else -reach
-            px, py = min(max(u[i] + t * nx, 0.0), w - 1.001), min(max(v[i] + t * ny, 0.0), h - 1.001)
-            x0, y0 = int(px), int(py)
-            fx, fy = px - x0, py - y0
-            sx = (
-                (1 - fx) * (1 - fy) * gx[y0, x0]
-                + fx * (1 - fy) * gx[y0, x0 + 1]
-                + (1 - fx) * fy * gx[y0 + 1, x0]
-                + fx * fy * gx[y0 + 1, x0 + 1]
-            )
-            sy = (
-                (1 - fx) * (1 - fy) * gy[y0, x0]
-                + fx * (1 - fy) * gy[y0, x0 + 1]
-                + (1 - fx) * fy * gy[y0 + 1, x0]
-                + fx * fy * gy[y0 + 1, x0 + 1]
-            )
-            out[i, side] = (sx * nx + sy * ny) / norm
+        for flank in range(2):
+            t = distance if flank == 1 else -distance
+            x, y = u[i] + t * nx, v[i] + t * ny
+            out[i, flank] = (clamped(gx, x, y) * nx + clamped(gy, x, y) * ny) / norm
     return out

@@ -1,10 +1,10 @@
 """Edge elements with sub-pixel position, direction and their uncertainty (thesis 3.7).
 
 The default detector is Canny's: Gaussian derivative, maxima of the gradient along its own direction, hysteresis (done
-on chains, see :mod:`.chains`). The position along the gradient is the maximum of a quadratic fitted to the
+on edge chains, see :mod:`.chains`). The position along the gradient is the maximum of a quadratic fitted to the
 *logarithm* of the gradient magnitude over 3 x 3 pixels: the magnitude across a blurred step is a Gaussian, so its
 logarithm is exactly quadratic and the fit has no pixel-locking bias (for straight edges). Roberts, Sobel and
-Marr-Hildreth are there for study and give the same type.
+Marr-Hildreth give the same type, for comparison.
 """
 
 from __future__ import annotations
@@ -15,56 +15,67 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray
+
 from ..params import DETECTORS
 from . import edgel_kernels
+from .settings import (
+    ALIASED_BLUR_VARIANCE,
+    ALIASED_POSITION_FLOOR,
+    CAMERA_BLUR_VARIANCE,
+    FLANK_DISTANCE,
+    FLANK_NOISE,
+    KERNEL_RADIUS,
+    POSITION_FLOOR,
+    PROMINENCE,
+    QUANTISATION_NOISE,
+)
 
-# Variance, px^2, that a camera's aperture (a unit box) and a sharp lens (0.5 px) add to the smoothing: where no picture
-# tells.
-CAMERA_BLUR_VARIANCE = 1.0 / 12.0 + 0.25
-# Noise below this, in grey levels, is never believed: it is what rounding to 8 bits leaves.
-QUANTISATION_NOISE = 0.3
-# Position error, px, that remains without noise: sampling, and surfaces that are not evenly shaded.
-POSITION_FLOOR = 0.015
-# The same for pictures without anti-aliasing, and the blur, px^2, below which a picture counts as one: half of what
-# a pixel's own area blurs.
-JAGGED_FLOOR = 0.13
-LEAST_BLUR_VARIANCE = 1.0 / 24.0
-# Where the two sides of an edge are looked at, in widths of the blurred step; how unequal noise makes them at most,
-# and by how much an edgel has to stand out from them, in sigmas of the gradient.
-SIDES = 2.0
-UNEVEN_NOISE = 2.5
-PROMINENCE = 2.5
+# Pixels: smaller images have no edgels, since two on each side of an edgel are needed.
+SMALLEST_IMAGE = 5
+# Root of the sum of squares of the nine coefficients that measure noise: (1, -2, 1) by (1, -2, 1).
+KERNEL_NORM = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class Edgels:
     """n edge elements, a struct of arrays.
 
-    position : (n, 2) float64, pixels (u, v), integer = centre of a pixel
-    direction : (n,) float64, radians: of the gradient (from dark to bright), so it carries the contrast's sign
+    Attributes
+    ----------
+    position : (n, 2) float64, pixels
+        Column u and row v; an integer is the centre of a pixel.
+    direction : (n,) float64, radians
+        Of the gradient, from dark to bright, so that it carries the sign of the contrast.
     magnitude : (n,) float64, grey levels per pixel
-    sigma_position : (n,) float64, pixels, along the gradient
+    sigma_position : (n,) float64, pixels
+        Along the gradient.
     sigma_direction : (n,) float64, radians
-    width : (n,) float64, pixels: standard deviation of the blurred step, smoothing included
-    bias : (n,) float64, pixels: how far shading or another edge beside it may have moved it; neighbours move alike
+    width : (n,) float64, pixels
+        Standard deviation of the blurred step, smoothing included.
+    bias : (n,) float64, pixels
+        Localisation bias: how far shading or a second edge nearby may have moved the edgel. Neighbouring edgels move
+        alike.
     """
 
-    position: np.ndarray
-    direction: np.ndarray
-    magnitude: np.ndarray
-    sigma_position: np.ndarray
-    sigma_direction: np.ndarray
-    width: np.ndarray
-    bias: np.ndarray
+    position: FloatArray
+    direction: FloatArray
+    magnitude: FloatArray
+    sigma_position: FloatArray
+    sigma_direction: FloatArray
+    width: FloatArray
+    bias: FloatArray
 
     @classmethod
     def empty(cls) -> Edgels:
+        """No edgels."""
         return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(6)))
 
     def __len__(self) -> int:
         return len(self.position)
 
-    def select(self, index: np.ndarray) -> Edgels:
+    def select(self, index: AnyArray) -> Edgels:
         """A subset or reordering: (m,) indices or (n,) bool."""
         if index.dtype == bool:
             index = np.flatnonzero(index)  # once, not for each array
@@ -72,20 +83,41 @@ class Edgels:
 
     @classmethod
     def concatenate(cls, parts: Sequence[Edgels]) -> Edgels:
+        """The edgels of all parts, in their order."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     @property
-    def tangent(self) -> np.ndarray:
+    def tangent(self) -> FloatArray:
         """(n, 2) float64, unit, along the edge with the bright side on the right hand as drawn (v down)."""
         return np.stack([np.sin(self.direction), -np.cos(self.direction)], axis=1)
 
 
-def as_grey(image: np.ndarray, name: str = 'image') -> np.ndarray:
-    """Any picture as (h, w) float32 grey levels on the scale 0..255.
+def as_grey(image: AnyArray, name: str = 'image') -> Float32Array:
+    """Any picture as grey levels on the scale 0..255.
 
-    image : (h, w) or (h, w, 1|3|4), uint8, uint16 (scaled by 1/256) or float (taken as grey levels). Colour is
-    averaged with equal weights, so that RGB and BGR agree. NaN becomes 0.
-    Raises ValueError, naming the argument, for anything else.
+    Parameters
+    ----------
+    image : (h, w) or (h, w, 1|3|4), uint8, uint16 or float
+        uint16 is scaled by 1/256; floats are grey levels. Colour is averaged with equal weights, so that RGB and BGR
+        agree. NaN becomes 0.
+    name : str
+        Of the argument, for messages.
+
+    Returns
+    -------
+    (h, w) float32, grey levels
+
+    Raises
+    ------
+    ValueError
+        The array is no picture; the message names the argument.
+
+    Examples
+    --------
+    >>> as_grey(np.array([[[10, 20, 60]]], np.uint8)).tolist()
+    [[30.0]]
+    >>> as_grey(np.array([[512]], np.uint16)).tolist()
+    [[2.0]]
     """
     array = np.asarray(image)
     if array.ndim == 3 and array.shape[2] in (1, 3, 4):
@@ -105,25 +137,58 @@ def as_grey(image: np.ndarray, name: str = 'image') -> np.ndarray:
     return grey
 
 
-def noise_level(grey: np.ndarray) -> float:
-    """Standard deviation of the image noise, grey levels, from the median of a second difference of the second
-    difference, which flat and evenly shaded areas do not excite (Immerkaer 1996, made robust)."""
+def noise_level(grey: Float32Array) -> float:
+    """Standard deviation of the image noise.
+
+    It is the median of the second difference, along columns, of the second difference along rows, which flat and evenly
+    shaded areas do not excite.
+
+    Parameters
+    ----------
+    grey : (h, w) float32, grey levels
+
+    Returns
+    -------
+    float, grey levels
+        At least what rounding to 8 bits leaves.
+
+    References
+    ----------
+    J. Immerkaer, "Fast noise variance estimation", CVIU 64(2), 1996; here with a median instead of the mean.
+    """
     if min(grey.shape) < 3:
         return QUANTISATION_NOISE
     kernel = np.array([1.0, -2.0, 1.0], np.float32)
-    # One row in two is plenty for a median, and it halves the time.
+    # The median of one value in six is exact enough, and takes half of the time.
     response = np.abs(cv2.sepFilter2D(grey, cv2.CV_32F, kernel, kernel))[1:-1:3, 1:-1:2]
-    return max(QUANTISATION_NOISE, float(np.median(response)) / (0.6745 * 6.0))
+    return max(QUANTISATION_NOISE, float(np.median(response)) / (NORMAL_QUARTILE * KERNEL_NORM))
+
+
+def gradient_noise(noise: float, sigma: float) -> float:
+    """Standard deviation of a derivative of the smoothed image, grey levels per pixel.
+
+    noise : of the image, grey levels, independent from pixel to pixel; sigma : of the Gaussian smoothing, pixels.
+    """
+    return float(noise / (np.sqrt(8.0 * np.pi) * sigma**2))
 
 
 def blur_variance(found: Sequence[Edgels]) -> float:
-    """Variance, px^2, of a usual step in some pictures: the smoothing, and what the camera blurs."""
+    """Variance, px^2, of the median step in some pictures: that of the smoothing and that of the camera's blur."""
     return float(np.median(np.concatenate([e.width for e in found]))) ** 2
 
 
-def gaussian_kernels(sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sampled Gaussian (sum 1) and its derivative (unit response to a unit ramp), float32, radius 4 sigma."""
-    radius = max(1, int(np.ceil(4.0 * sigma)))
+def gaussian_kernels(sigma: float) -> tuple[Float32Array, Float32Array]:
+    """Sampled Gaussian (sum 1) and its derivative (unit response to a unit ramp).
+
+    Parameters
+    ----------
+    sigma : float, pixels
+
+    Returns
+    -------
+    smooth, slope : (2 r + 1,) float32, r = 4 sigma rounded up
+    """
+    radius = max(1, int(np.ceil(KERNEL_RADIUS * sigma)))
     x = np.arange(-radius, radius + 1, dtype=np.float64)
     smooth = np.exp(-0.5 * (x / sigma) ** 2)
     smooth /= smooth.sum()
@@ -132,76 +197,127 @@ def gaussian_kernels(sigma: float) -> tuple[np.ndarray, np.ndarray]:
     return smooth.astype(np.float32), slope.astype(np.float32)
 
 
-def gradient(grey: np.ndarray, detector: str, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Horizontal and vertical derivative, (h, w) float32, grey levels per pixel.
+def gradient(grey: Float32Array, detector: str, sigma: float) -> tuple[Float32Array, Float32Array]:
+    """Horizontal and vertical derivative of the smoothed image.
 
-    Roberts' pair is the diagonal 2 x 2 difference, rotated to the axes; its half-pixel shift is undone by averaging
-    the four 2 x 2 windows around a pixel. Both it and Sobel's are applied to the smoothed image (thesis 3.7.1).
+    Parameters
+    ----------
+    grey : (h, w) float32, grey levels
+    detector : str
+        One of :data:`~stereo_recovery.params.DETECTORS`. Sobel's and Roberts' differences are taken of the smoothed
+        image. Roberts' pair is the diagonal 2 x 2 difference, rotated to the axes; its shift by half a pixel is undone
+        by averaging the four 2 x 2 windows around a pixel.
+    sigma : float, pixels
+        Of the smoothing.
+
+    Returns
+    -------
+    gx, gy : (h, w) float32, grey levels per pixel
+
+    References
+    ----------
+    Thesis 3.7.1.
     """
     smooth, slope = gaussian_kernels(sigma)
-    border = cv2.BORDER_REPLICATE
     if detector in ('canny', 'marr-hildreth'):
-        return (
-            cv2.sepFilter2D(grey, cv2.CV_32F, slope, smooth, borderType=border),
-            cv2.sepFilter2D(grey, cv2.CV_32F, smooth, slope, borderType=border),
-        )
-    blurred = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, smooth, borderType=border)
+        return _filtered(grey, slope, smooth), _filtered(grey, smooth, slope)
+    blurred = _filtered(grey, smooth, smooth)
+    border = cv2.BORDER_REPLICATE
     if detector == 'sobel':
-        return (
-            cv2.Sobel(blurred, cv2.CV_32F, 1, 0, scale=0.125, borderType=border),
-            cv2.Sobel(blurred, cv2.CV_32F, 0, 1, scale=0.125, borderType=border),
-        )
-    diagonal = np.array([[-0.25, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.25]], np.float32)
-    g1 = cv2.filter2D(blurred, cv2.CV_32F, diagonal, borderType=border)
-    g2 = cv2.filter2D(blurred, cv2.CV_32F, np.ascontiguousarray(diagonal[:, ::-1]) * -1.0, borderType=border)
+        gx, gy = (cv2.Sobel(blurred, cv2.CV_32F, *order, scale=0.125, borderType=border) for order in ((1, 0), (0, 1)))
+        return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
+    falling = np.array([[-0.25, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.25]], np.float32)
+    rising = np.ascontiguousarray(falling[:, ::-1]) * -1.0
+    g1, g2 = (
+        np.asarray(cv2.filter2D(blurred, cv2.CV_32F, diagonal, borderType=border), np.float32)
+        for diagonal in (falling, rising)
+    )
     return g1 + g2, g1 - g2
 
 
+def _filtered(grey: Float32Array, along_row: Float32Array, along_column: Float32Array) -> Float32Array:
+    """(h, w) float32: the image filtered by a row and a column of coefficients, its border repeated outwards."""
+    return np.asarray(
+        cv2.sepFilter2D(grey, cv2.CV_32F, along_row, along_column, borderType=cv2.BORDER_REPLICATE), np.float32
+    )
+
+
 def detect(
-    grey: np.ndarray,
+    grey: Float32Array,
     detector: str = 'canny',
     sigma: float = 1.0,
     threshold: float = 1.0,
     noise: float | None = None,
-    slopes: tuple[np.ndarray, np.ndarray] | None = None,
+    slopes: tuple[Float32Array, Float32Array] | None = None,
     usual_width: float | None = None,
 ) -> Edgels:
     """Edgels of a grey image.
 
-    grey : (h, w) float32, grey levels; detector : one of DETECTORS; sigma : smoothing, pixels
-    threshold : least gradient magnitude, grey levels per pixel; noise : grey levels, estimated when None
-    slopes : what :func:`gradient` gave for this picture, when it is known already; usual_width : median width of its
-    edgels, pixels, likewise
-    Returns Edgels in raster order. Images smaller than 5 pixels have none.
+    Parameters
+    ----------
+    grey : (h, w) float32, grey levels
+    detector : str
+        One of :data:`~stereo_recovery.params.DETECTORS`.
+    sigma : float, pixels
+        Of the smoothing.
+    threshold : float, grey levels per pixel
+        Least gradient magnitude.
+    noise : float, grey levels, optional
+        Of the image; measured when it is not given.
+    slopes : pair of (h, w) float32, optional
+        The result of :func:`gradient` for this picture, where it is there already.
+    usual_width : float, pixels, optional
+        Median width of the picture's edgels, where it is known already.
+
+    Returns
+    -------
+    Edgels
+        In raster order; none for images below 5 pixels.
+
+    Raises
+    ------
+    ValueError
+        The detector is unknown.
+
+    References
+    ----------
+    Thesis 3.7. J. Canny, "A computational approach to edge detection", PAMI 8(6), 1986. The sigma of the position is
+    that of the second derivative's noise over the slope of this derivative at a step: with s the smoothing, S^2 the
+    step's variance after smoothing, n the noise and C the contrast, sigma_e = sqrt(3/8) (n/C) (S/s)^3.
+
+    Examples
+    --------
+    >>> picture = np.full((9, 9), 50.0, np.float32)
+    >>> picture[:, 4:] = 150.0
+    >>> found = detect(picture)
+    >>> found.position[:, 0].round(3).tolist(), found.direction.round(3).tolist()
+    ([3.5, 3.5, 3.5, 3.5, 3.5], [0.0, 0.0, 0.0, 0.0, 0.0])
     """
     if detector not in DETECTORS:
         raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {detector!r}')
-    if min(grey.shape) < 5:
+    if min(grey.shape) < SMALLEST_IMAGE:
         return Edgels.empty()
     noise = noise_level(grey) if noise is None else noise
     gx, gy = gradient(grey, detector, sigma) if slopes is None else slopes
     if detector == 'marr-hildreth':
         smooth, _ = gaussian_kernels(sigma)
-        blurred = cv2.sepFilter2D(grey, cv2.CV_32F, smooth, smooth, borderType=cv2.BORDER_REPLICATE)
-        laplacian = cv2.Laplacian(blurred, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
+        laplacian = cv2.Laplacian(_filtered(grey, smooth, smooth), cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
         u, v, gu, gv = edgel_kernels.zero_crossings(laplacian, gx, gy, np.float32(threshold))
         width = np.full(len(u), np.sqrt(sigma**2 + CAMERA_BLUR_VARIANCE))
     else:
         u, v, gu, gv, width = edgel_kernels.ridge_maxima(gx, gy, np.float32(threshold))
     magnitude = np.hypot(gu, gv)
-    # Noise of the second derivative over the slope of that derivative at a step (DESIGN section 8 wants it stated):
-    # sigma_e = sqrt(3/8) noise/contrast (S/s)^3 with S^2 = s^2 + the camera's own blur, which the steps show.
     if usual_width is None:
         usual_width = float(np.median(width)) if len(width) else sigma
     total = max(usual_width, sigma)
     contrast = magnitude * np.sqrt(2.0 * np.pi) * total
-    # A camera always blurs a little; a picture with one sample a pixel does not, and its edges are stairs.
-    floor = JAGGED_FLOOR if usual_width**2 < sigma**2 + LEAST_BLUR_VARIANCE else POSITION_FLOOR
+    # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
+    floor = ALIASED_POSITION_FLOOR if usual_width**2 < sigma**2 + ALIASED_BLUR_VARIANCE else POSITION_FLOOR
     along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
-    across = noise / (np.sqrt(8.0 * np.pi) * sigma**2) / magnitude
-    sides = edgel_kernels.beside(gx, gy, u, v, gu, gv, SIDES * total)
-    # What the two sides' gradients differ by, less what noise does to them.
-    shift = np.sqrt(np.maximum((sides[:, 0] - sides[:, 1]) ** 2 - (UNEVEN_NOISE * across) ** 2, 0.0))
-    found = Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across, width, shift)
-    # On a slope (the side of a cylinder) noise alone makes maxima: an edge stands out from both its sides.
-    return found.select(1.0 - sides.max(axis=1) > PROMINENCE * across)
+    across = gradient_noise(noise, sigma) / magnitude
+    flanks = edgel_kernels.flanking_gradients(gx, gy, u, v, gu, gv, FLANK_DISTANCE * total)
+    # The difference of the two flanks' gradients, without the part that noise explains.
+    bias = np.sqrt(np.maximum((flanks[:, 0] - flanks[:, 1]) ** 2 - (FLANK_NOISE * across) ** 2, 0.0))
+    found = Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across, width, bias)
+    # On a slope (the side of a cylinder) noise alone makes maxima; at an edge the gradient exceeds that on both flanks.
+    return found.select(1.0 - flanks.max(axis=1) > PROMINENCE * across)

@@ -1,4 +1,4 @@
-"""Compiled loop over pairs of segments for :mod:`.junctions`."""
+"""Compiled loops over pairs of segments for :mod:`.junctions`."""
 
 from __future__ import annotations
 
@@ -6,191 +6,214 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# Below this sine the crossing of two lines is too vague to be a corner.
-LEAST_SINE = 0.15
-# Unless it is that of two chains whose ends touch, pixels, and known to this, one sigma.
-BLUNT_SINE, BLUNT_GAP = 0.06, 6.0
-VAGUEST = 3.0
-# Two segments of one line differ in direction by less than this (sine); at a crossing by less than that.
-COLLINEAR = 0.03
-CROSSING = 0.2
-# How far from a square corner a chain may end, pixels.
-NEAR_GAP = 4.0
-# A chain may run around a corner by this much, pixels, before it ends.
-OVERRUN = 4.0
-# Variance of a corner beyond that of its lines, px^2.
-ROUNDED_VARIANCE = 0.0001
-# Without a corner, a chain stops this uncertainly, pixels.
-LOOSE_END = 1.5
-# A chain is lost beside another that is this near, pixels, and runs along with it (cosine); its line hits the corner
-# where they meet to this, pixels.
-BLURRED = 5.0
-ALONG = 0.94
-AT_CORNER = 0.7
+from .line_kernels import abscissa_of, cosine_of, length_of, offset_of, point_at, sine_of, variance_at
+from .settings import (
+    AT_JUNCTION,
+    BLUNT_GAP,
+    BLUNT_SIGMA,
+    BLUNT_SINE,
+    COLLINEAR_SINE,
+    CORNER_SINE,
+    CROSSING_SINE,
+    DIRECTED_LENGTH,
+    LOOSE_END_SIGMA,
+    MERGED_COSINE,
+    MERGED_DISTANCE,
+    ON_CONTINUATION,
+    OVERRUN,
+    OVERRUN_SHARE,
+    ROUNDED_VARIANCE,
+    SHORT_NEIGHBOUR_COST,
+    SHORTEST_CONTINUATION,
+    SPURIOUS_COSINE,
+    SPURIOUS_LENGTH,
+    SPURIOUS_RATIO,
+    SPURIOUS_REACH,
+    SPURIOUS_WIDTH,
+    SQUARE_GAP,
+    SURE_OVERRUN,
+)
 
 
 @njit
-def _goes_on(table, box, k, i, x, y, collinear):
-    """Whether a segment other than i continues segment k on its line beyond the point x, y."""
-    own = (x - table[k, 0]) * table[k, 2] + (y - table[k, 1]) * table[k, 3]
-    # Which way segment k lies from the point.
-    ahead = 0.5 * (table[k, 4] + table[k, 5]) - own
-    for m in range(len(table)):
+def _boxes(lines, margin):
+    """(n, 4) float64, pixels: least u, v and largest u, v of every segment, with a margin."""
+    box = np.empty((len(lines.centre), 4))
+    for i in range(len(box)):
+        for c in range(2):
+            a = lines.centre[i, c] + lines.extent[i, 0] * lines.direction[i, c]
+            b = lines.centre[i, c] + lines.extent[i, 1] * lines.direction[i, c]
+            box[i, c], box[i, 2 + c] = min(a, b) - margin, max(a, b) + margin
+    return box
+
+
+@njit
+def _outside(box, k, x, y):
+    """Whether a point, pixels, is outside box k."""
+    return x < box[k, 0] or y < box[k, 1] or x > box[k, 2] or y > box[k, 3]
+
+
+@njit
+def _continues(lines, box, k, i, point, collinear):
+    """Whether a segment other than i continues segment k on its line beyond a point, pixels.
+
+    box : see :func:`_boxes`; collinear : largest sine between the two
+    """
+    x, y = point
+    own = abscissa_of(lines, k, x, y)
+    # Positive when segment k lies in its direction from the point.
+    ahead = 0.5 * (lines.extent[k, 0] + lines.extent[k, 1]) - own
+    for m in range(len(box)):
         itself = (m == k) | (m == i)
-        if itself or x < box[m, 0] or y < box[m, 1] or x > box[m, 2] or y > box[m, 3]:
+        if itself or _outside(box, m, x, y):
             continue
-        if table[m, 5] - table[m, 4] < 5.0 or abs(table[k, 2] * table[m, 3] - table[k, 3] * table[m, 2]) > collinear:
+        if length_of(lines, m) < SHORTEST_CONTINUATION or abs(sine_of(lines, k, m)) > collinear:
             continue
-        if abs((x - table[m, 0]) * table[m, 3] - (y - table[m, 1]) * table[m, 2]) > 1.5:
+        if abs(offset_of(lines, m, x, y)) > ON_CONTINUATION:
             continue
-        middle = 0.5 * (table[m, 4] + table[m, 5])
-        mx, my = table[m, 0] + middle * table[m, 2] - x, table[m, 1] + middle * table[m, 3] - y
-        if (mx * table[k, 2] + my * table[k, 3]) * ahead < 0.0:
+        u, v = point_at(lines, m, 0.5 * (lines.extent[m, 0] + lines.extent[m, 1]))
+        if ((u - x) * lines.direction[k, 0] + (v - y) * lines.direction[k, 1]) * ahead < 0.0:
             return True
     return False
 
 
 @njit
-def find_junctions(table, widest):
-    """table : (n, 8) float64: centre u, v; direction; first and last place; sigma of offset and slope.
+def find_junctions(lines, widest):
+    """Abscissa, neighbour, T-junction flag and sigma, (n, 2) each, of :class:`.junctions.Junctions`.
 
-    widest : gap, pixels.
+    lines : :class:`.line_kernels.Lines` of n segments; widest : largest gap, pixels
     """
-    n = len(table)
-    place = table[:, 4:6].copy()
-    other = np.full((n, 2), -1, np.int32)
-    through = np.zeros((n, 2), np.bool_)
-    sigma = np.full((n, 2), LOOSE_END)
-    box = np.empty((n, 4))
-    for i in range(n):
-        for c in range(2):
-            a = table[i, c] + table[i, 4] * table[i, 2 + c]
-            b = table[i, c] + table[i, 5] * table[i, 2 + c]
-            box[i, c], box[i, 2 + c] = min(a, b) - widest, max(a, b) + widest
+    n = len(lines.centre)
+    abscissa = lines.extent.copy()
+    neighbour = np.full((n, 2), -1, np.int32)
+    t_junction = np.zeros((n, 2), np.bool_)
+    sigma = np.full((n, 2), LOOSE_END_SIGMA)
+    box = _boxes(lines, widest)
     for i in range(n):
         for e in range(2):
-            s_end = table[i, 4 + e]
+            s_end = lines.extent[i, e]
             outward = -1.0 if e == 0 else 1.0
-            x = table[i, 0] + s_end * table[i, 2]
-            y = table[i, 1] + s_end * table[i, 3]
+            x, y = point_at(lines, i, s_end)
             best = 1e30
             for k in range(n):
-                if k == i or x < box[k, 0] or y < box[k, 1] or x > box[k, 2] or y > box[k, 3]:
+                if k == i or _outside(box, k, x, y):
                     continue
-                sine = table[i, 2] * table[k, 3] - table[i, 3] * table[k, 2]
+                sine = sine_of(lines, i, k)
                 if abs(sine) < BLUNT_SINE:
                     continue
-                dx, dy = table[k, 0] - table[i, 0], table[k, 1] - table[i, 1]
-                s = (dx * table[k, 3] - dy * table[k, 2]) / sine
-                r = (dx * table[i, 3] - dy * table[i, 2]) / sine
+                # Abscissas of the crossing on lines i and k.
+                dx, dy = lines.centre[k, 0] - lines.centre[i, 0], lines.centre[k, 1] - lines.centre[i, 1]
+                s = (dx * lines.direction[k, 1] - dy * lines.direction[k, 0]) / sine
+                r = (dx * lines.direction[i, 1] - dy * lines.direction[i, 0]) / sine
                 beyond = (s - s_end) * outward
-                # The sharper the corner, the farther from it its two edges blur into one.
-                gap = min(widest, NEAR_GAP + NEAR_GAP / abs(sine))
-                if beyond > gap or beyond < -min(OVERRUN, 0.4 * (table[i, 5] - table[i, 4])):
+                gap = min(widest, SQUARE_GAP + SQUARE_GAP / abs(sine))
+                if beyond > gap or beyond < -min(OVERRUN, OVERRUN_SHARE * length_of(lines, i)):
                     continue
-                outside = max(table[k, 4] - r, r - table[k, 5])
+                outside = max(lines.extent[k, 0] - r, r - lines.extent[k, 1])
                 if outside > gap:
                     continue
-                own = table[i, 6] ** 2 + (s * table[i, 7]) ** 2
-                its = table[k, 6] ** 2 + (r * table[k, 7]) ** 2
+                own, its = variance_at(lines, i, s), variance_at(lines, k, r)
                 spread = np.sqrt((its + (1.0 - sine * sine) * own) / (sine * sine) + ROUNDED_VARIANCE)
-                # Two edges that go on in nearly one direction meet where their chains do.
-                if abs(sine) < LEAST_SINE and (
-                    spread > VAGUEST
+                # Two edges of nearly one direction meet where their chains end.
+                if abs(sine) < CORNER_SINE and (
+                    spread > BLUNT_SIGMA
                     or abs(beyond) > BLUNT_GAP
                     or abs(outside) > BLUNT_GAP
-                    or table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3] < 0.0
+                    or cosine_of(lines, i, k) < 0.0
                 ):
                     continue
-                # Long lines are trusted more than the scraps between them.
-                cost = abs(beyond) + max(outside, 0.0) + 20.0 / (table[k, 5] - table[k, 4])
+                cost = abs(beyond) + max(outside, 0.0) + SHORT_NEIGHBOUR_COST / length_of(lines, k)
                 if cost < best:
                     best = cost
-                    place[i, e] = s
-                    other[i, e] = k
-                    through[i, e] = outside < -OVERRUN - 2.0
+                    abscissa[i, e] = s
+                    neighbour[i, e] = k
+                    t_junction[i, e] = outside < -SURE_OVERRUN
                     sigma[i, e] = spread
-            # A bar may be broken just where the stem meets it: then one of the two goes on in another segment.
-            k = other[i, e]
-            if k >= 0 and not through[i, e]:
-                jx, jy = table[i, 0] + place[i, e] * table[i, 2], table[i, 1] + place[i, e] * table[i, 3]
-                # A crossing of two lines (both go on, though roughly) is a corner of four faces.
-                if _goes_on(table, box, k, i, jx, jy, COLLINEAR):
-                    through[i, e] = not _goes_on(table, box, i, k, jx, jy, CROSSING)
-                elif _goes_on(table, box, i, k, jx, jy, COLLINEAR):
-                    through[i, e] = not _goes_on(table, box, k, i, jx, jy, CROSSING)
-    _beside(table, place, other, sigma)
-    return place, other, through, sigma
+            # The bar of a T may be broken just where the stem meets it: another segment then continues it.
+            k = neighbour[i, e]
+            if k >= 0 and not t_junction[i, e]:
+                at = point_at(lines, i, abscissa[i, e])
+                # Where both lines go on, even roughly, four faces meet in a corner.
+                if _continues(lines, box, k, i, at, COLLINEAR_SINE):
+                    t_junction[i, e] = not _continues(lines, box, i, k, at, CROSSING_SINE)
+                elif _continues(lines, box, i, k, at, COLLINEAR_SINE):
+                    t_junction[i, e] = not _continues(lines, box, k, i, at, CROSSING_SINE)
+    _share_junctions(lines, abscissa, neighbour, sigma)
+    return abscissa, neighbour, t_junction, sigma
 
 
 @njit
-def _beside(table, place, other, sigma):
-    """Ends that no corner was found for, of chains that are lost where they near another: they share its corner."""
-    n = len(table)
+def _share_junctions(lines, abscissa, neighbour, sigma):
+    """Ends without a junction, of chains that are lost where they near another one, get that one's junction, in place.
+
+    abscissa, neighbour, sigma : (n, 2), see :class:`.junctions.Junctions`
+    """
+    n = len(lines.centre)
     for i in range(n):
-        length = table[i, 5] - table[i, 4]
+        length = length_of(lines, i)
         for e in range(2):
-            if other[i, e] >= 0:
+            if neighbour[i, e] >= 0:
                 continue
             outward = -1.0 if e == 0 else 1.0
-            x = table[i, 0] + table[i, 4 + e] * table[i, 2]
-            y = table[i, 1] + table[i, 4 + e] * table[i, 3]
+            x, y = point_at(lines, i, lines.extent[i, e])
             best = 1e30
             for k in range(n):
-                if k == i or table[k, 5] - table[k, 4] < 10.0:
+                if k == i or length_of(lines, k) < DIRECTED_LENGTH:
                     continue
-                cosine = table[i, 2] * table[k, 2] + table[i, 3] * table[k, 3]
-                if abs(cosine) < ALONG:
+                cosine = cosine_of(lines, i, k)
+                if abs(cosine) < MERGED_COSINE:
                     continue
-                dx, dy = x - table[k, 0], y - table[k, 1]
-                r = dx * table[k, 2] + dy * table[k, 3]
-                off = abs(dx * table[k, 3] - dy * table[k, 2])
-                if off > BLURRED or r < table[k, 4] or r > table[k, 5]:
+                r = abscissa_of(lines, k, x, y)
+                off = abs(offset_of(lines, k, x, y))
+                if off > MERGED_DISTANCE or r < lines.extent[k, 0] or r > lines.extent[k, 1]:
                     continue
                 far = e if cosine > 0.0 else 1 - e
-                if other[k, far] < 0 or other[k, far] == i:
+                if neighbour[k, far] < 0 or neighbour[k, far] == i:
                     continue
-                cx = table[k, 0] + place[k, far] * table[k, 2] - table[i, 0]
-                cy = table[k, 1] + place[k, far] * table[k, 3] - table[i, 1]
-                s = cx * table[i, 2] + cy * table[i, 3]
-                beyond = (s - table[i, 4 + e]) * outward
-                miss = abs(cx * table[i, 3] - cy * table[i, 2])
-                allowed = AT_CORNER + 2.0 * np.sqrt(table[i, 6] ** 2 + (s * table[i, 7]) ** 2)
-                if beyond < 0.0 or beyond > length or miss > min(allowed, 2.0 * AT_CORNER) or miss > off:
+                cx, cy = point_at(lines, k, abscissa[k, far])
+                s = abscissa_of(lines, i, cx, cy)
+                beyond = (s - lines.extent[i, e]) * outward
+                miss = abs(offset_of(lines, i, cx, cy))
+                allowed = min(AT_JUNCTION + 2.0 * np.sqrt(variance_at(lines, i, s)), 2.0 * AT_JUNCTION)
+                if beyond < 0.0 or beyond > length or miss > allowed or miss > off:
                     continue
                 if miss < best:
                     best = miss
-                    place[i, e] = s
-                    other[i, e] = other[k, far]
-                    sigma[i, e] = np.sqrt(sigma[k, far] ** 2 + AT_CORNER**2)
+                    abscissa[i, e] = s
+                    neighbour[i, e] = neighbour[k, far]
+                    sigma[i, e] = np.sqrt(sigma[k, far] ** 2 + AT_JUNCTION**2)
 
 
 @njit
-def spurious(table, longest, reach, width):
-    """(n,) bool: short segments that only show how a longer segment bends where it nears another (or how it blurs).
+def spurious(lines):
+    """(n,) bool: short segments that only show how a longer one bends where it nears another one, or blurs.
 
-    Such a segment has both ends within ``width`` pixels of the longer one's line, at most ``reach`` pixels beyond it.
+    lines : :class:`.line_kernels.Lines` of n segments. Both ends of such a segment are near the longer one's line.
     """
-    n = len(table)
-    scrap = np.zeros(n, np.bool_)
+    n = len(lines.centre)
+    result = np.zeros(n, np.bool_)
     for k in range(n):
-        length = table[k, 5] - table[k, 4]
-        if length > longest:
+        length = length_of(lines, k)
+        if length > SPURIOUS_LENGTH:
             continue
         for m in range(n):
-            if m == k or table[m, 5] - table[m, 4] < 2.0 * length or table[m, 5] - table[m, 4] < 10.0:
+            longer = length_of(lines, m)
+            if m == k or longer < SPURIOUS_RATIO * length or longer < DIRECTED_LENGTH:
                 continue
-            if table[k, 2] * table[m, 2] + table[k, 3] * table[m, 3] < 0.8:
+            if cosine_of(lines, k, m) < SPURIOUS_COSINE:
                 continue
             near = True
             for e in range(2):
-                x = table[k, 0] + table[k, 4 + e] * table[k, 2] - table[m, 0]
-                y = table[k, 1] + table[k, 4 + e] * table[k, 3] - table[m, 1]
-                s = x * table[m, 2] + y * table[m, 3]
-                if abs(x * table[m, 3] - y * table[m, 2]) > width or s < table[m, 4] - reach or s > table[m, 5] + reach:
+                x, y = point_at(lines, k, lines.extent[k, e])
+                s = abscissa_of(lines, m, x, y)
+                if (
+                    abs(offset_of(lines, m, x, y)) > SPURIOUS_WIDTH
+                    or s < lines.extent[m, 0] - SPURIOUS_REACH
+                    or s > lines.extent[m, 1] + SPURIOUS_REACH
+                ):
                     near = False
                     break
             if near:
-                scrap[k] = True
+                result[k] = True
                 break
-    return scrap
+    return result

@@ -1,4 +1,4 @@
-"""Compiled loop along the lines of faint segments, for :mod:`.faint_edges`."""
+"""Compiled loop along the lines of segments of low contrast, for :mod:`.low_contrast`."""
 
 from __future__ import annotations
 
@@ -6,92 +6,102 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# Pixels of a line that are looked at together, in steps of so many; and so far beside it.
-WINDOW, STEP, ASIDE = 9, 2.0, 3.0
-# A line goes on where the gradient's median is this share of what it is on the segment, and stands out by this share
-# from what is beside it.
-SHARE, PROMINENT = 0.45, 0.4
-# Longest continuation, pixels, and as a share of the segment.
-LONGEST, LONGEST_SHARE = 60.0, 2.0
-# Where its sigma exceeds this, pixels, a line is not followed; nor beyond an end that another segment's end touches.
-UNSURE, TOUCHING = 0.5, 4.5
-# It ends where another segment of its line begins: within this, pixels, and this sine.
-SAME_LINE, SAME_WAY = 1.2, 0.08
+from .line_kernels import length_of
+from .sampling import bilinear
+from .settings import (
+    LONGEST_TRACK,
+    LONGEST_TRACK_SHARE,
+    ON_TRACK,
+    TOUCHING,
+    TRACK_OVERLAP,
+    TRACK_SINE,
+    TRACKED_PROMINENCE,
+    TRACKED_SHARE,
+    TRACKED_SIGMA,
+    TRACKING_FLANK,
+    TRACKING_STEP,
+    WINDOW,
+)
 
 
 @njit
-def extend(table, magnitude, faint, gx, gy, least):
-    """Reach (n, 2) float64 of segments, those that are faint (n,) bool as far as the picture shows their lines.
+def _room(lines, extent, i, e):
+    """Pixels by which end e of segment i may be moved outwards: as far as its line is known, and up to the next segment
+    of the same line; none where another segment ends at the same place.
 
-    table : (n, 8) rows of segments; magnitude (n,), gx, gy (h, w), least : grey levels per pixel.
+    extent : (n, 2), pixels, of the segments as they are now
     """
-    n = len(table)
-    extent = table[:, 4:6].copy()
-    h, w = gx.shape
-    values, beside = np.empty(WINDOW), np.empty(2 * WINDOW)
-    for i in range(n):
-        if not faint[i]:
+    tu, tv = lines.direction[i, 0], lines.direction[i, 1]
+    cu, cv = lines.centre[i, 0], lines.centre[i, 1]
+    outward = 1.0 if e == 1 else -1.0
+    room = min(LONGEST_TRACK, LONGEST_TRACK_SHARE * length_of(lines, i))
+    if lines.sigma[i, 1] > 0.0:
+        room = min(room, TRACKED_SIGMA / lines.sigma[i, 1] - outward * extent[i, e])
+    eu, ev = cu + extent[i, e] * tu, cv + extent[i, e] * tv
+    for k in range(len(extent)):
+        if k == i:
             continue
-        tu, tv = table[i, 2], table[i, 3]
-        length = table[i, 5] - table[i, 4]
-        limit = max(least, SHARE * magnitude[i])
+        for f in range(2):
+            x = lines.centre[k, 0] + extent[k, f] * lines.direction[k, 0] - eu
+            y = lines.centre[k, 1] + extent[k, f] * lines.direction[k, 1] - ev
+            if x * x + y * y < TOUCHING**2:
+                room = 0.0
+        if abs(tu * lines.direction[k, 1] - tv * lines.direction[k, 0]) > TRACK_SINE:
+            continue
+        for f in range(2):
+            x = lines.centre[k, 0] + extent[k, f] * lines.direction[k, 0] - cu
+            y = lines.centre[k, 1] + extent[k, f] * lines.direction[k, 1] - cv
+            beyond = (x * tu + y * tv - extent[i, e]) * outward
+            if -TRACK_OVERLAP < beyond < room and abs(x * tv - y * tu) < ON_TRACK:
+                room = max(beyond, 0.0)
+    return room
+
+
+@njit
+def track(lines, magnitude, low_contrast, gx, gy, least):
+    """(n, 2) float64, pixels: extent of segments, of those with low contrast as far as the picture shows their lines.
+
+    lines : :class:`.line_kernels.Lines` of n segments; magnitude (n,), gx, gy (h, w), least : grey levels per pixel;
+    low_contrast : (n,) bool
+    """
+    extent = lines.extent.copy()
+    h, w = gx.shape
+    values, flanks = np.empty(WINDOW), np.empty(2 * WINDOW)
+    for i in range(len(extent)):
+        if not low_contrast[i]:
+            continue
+        tu, tv = lines.direction[i, 0], lines.direction[i, 1]
+        limit = max(least, TRACKED_SHARE * magnitude[i])
         for e in range(2):
             outward = 1.0 if e == 1 else -1.0
-            # Room as far as the line is known, and up to the next segment of the same line; none where another goes on.
-            room = min(LONGEST, LONGEST_SHARE * length)
-            if table[i, 7] > 0.0:
-                room = min(room, UNSURE / table[i, 7] - outward * extent[i, e])
-            eu, ev = table[i, 0] + extent[i, e] * tu, table[i, 1] + extent[i, e] * tv
-            for k in range(n):
-                if k == i:
-                    continue
-                for f in range(2):
-                    x = table[k, 0] + extent[k, f] * table[k, 2] - eu
-                    y = table[k, 1] + extent[k, f] * table[k, 3] - ev
-                    if x * x + y * y < TOUCHING**2:
-                        room = 0.0
-                if abs(tu * table[k, 3] - tv * table[k, 2]) > SAME_WAY:
-                    continue
-                for f in range(2):
-                    x = table[k, 0] + extent[k, f] * table[k, 2] - table[i, 0]
-                    y = table[k, 1] + extent[k, f] * table[k, 3] - table[i, 1]
-                    beyond = (x * tu + y * tv - extent[i, e]) * outward
-                    if -2.0 < beyond < room and abs(x * tv - y * tu) < SAME_LINE:
-                        room = max(beyond, 0.0)
+            room = _room(lines, extent, i, e)
             gone = 0.0
-            while gone + STEP <= room:
+            while gone + TRACKING_STEP <= room:
                 # The window is centred on the place that would become the end.
                 inside = True
                 for m in range(WINDOW):
-                    s = extent[i, e] + outward * (gone + STEP + m - 0.5 * (WINDOW - 1))
+                    s = extent[i, e] + outward * (gone + TRACKING_STEP + m - 0.5 * (WINDOW - 1))
                     for side in range(3):
-                        off = (side - 1) * ASIDE
-                        u, v = table[i, 0] + s * tu - off * tv, table[i, 1] + s * tv + off * tu
+                        off = (side - 1) * TRACKING_FLANK
+                        u = lines.centre[i, 0] + s * tu - off * tv
+                        v = lines.centre[i, 1] + s * tv + off * tu
                         if not (1.0 <= u < w - 2.0 and 1.0 <= v < h - 2.0):
                             inside = False
                             break
-                        x0, y0 = int(u), int(v)
-                        a, b = u - x0, v - y0
-                        dx = (1 - b) * ((1 - a) * gx[y0, x0] + a * gx[y0, x0 + 1]) + b * (
-                            (1 - a) * gx[y0 + 1, x0] + a * gx[y0 + 1, x0 + 1]
-                        )
-                        dy = (1 - b) * ((1 - a) * gy[y0, x0] + a * gy[y0, x0 + 1]) + b * (
-                            (1 - a) * gy[y0 + 1, x0] + a * gy[y0 + 1, x0 + 1]
-                        )
-                        g = dy * tu - dx * tv
+                        g = bilinear(gy, u, v) * tu - bilinear(gx, u, v) * tv
                         if side == 1:
                             values[m] = g
                         else:
-                            beside[m + (WINDOW if side == 2 else 0)] = g
+                            flanks[m + (WINDOW if side == 2 else 0)] = g
                     if not inside:
                         break
                 if not inside:
                     break
                 middle = np.median(values)
-                around = max(abs(np.median(beside[:WINDOW])), abs(np.median(beside[WINDOW:])))
-                if middle < limit or middle - around < PROMINENT * middle:
+                around = max(abs(np.median(flanks[:WINDOW])), abs(np.median(flanks[WINDOW:])))
+                if middle < limit or middle - around < TRACKED_PROMINENCE * middle:
                     break
-                gone += STEP
+                gone += TRACKING_STEP
             if gone > 0.0:
                 extent[i, e] += outward * gone
     return extent

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import Float32Array
+
 from . import edgels as edgel_module
 from .chains import link, with_weak
 from .conics import Ellipse
@@ -14,42 +16,41 @@ from .edgels import Edgels
 from .junctions import spurious
 from .low_contrast import track_low_contrast
 from .segments import Segments
+from .settings import (
+    CLUTTERED_DENSITY,
+    HIGH_SIGMA,
+    LEAST_TOLERANCE,
+    LOW_SHARE,
+    LOW_SIGMA,
+    MOST_EDGEL_DENSITY,
+    MOST_EDGELS,
+    MOST_SEGMENTS,
+    MOST_TOLERANCE,
+    SPARSE_DENSITY,
+    TOLERANCE_NOISE,
+    WEAK_COUNT,
+    WEAK_MEAN_SIGMA,
+    WEAKEST_SIGMA,
+)
 from .splitting import localisation_noise, split
-
-# Edgels per pixel, and edgels in all, of an image with texture everywhere: above that the strongest are kept.
-MOST_EDGEL_DENSITY = 0.03
-MOST_EDGELS = 40000
-# Segments of an image that are matched, the longest first: an image of a room has a thousand; time grows with the
-# square.
-MOST_SEGMENTS = 6000
-# Thresholds of hysteresis in sigmas of the gradient's noise; edgels between the two are kept in textured images from
-# this share of the upper one.
-LOW_SIGMA = 5.0
-HIGH_SIGMA = 7.0
-LOW_SHARE = 0.5
-# Tolerance of straight segments: so many times the localisation noise, within these limits, pixels.
-TOLERANCE_NOISE = 6.0
-LEAST_TOLERANCE = 0.2
-MOST_TOLERANCE = 0.5
-# Fewer edgels per pixel than this make an image sparse: long chains of weak edgels count there. Least magnitude of an
-# edgel and least mean of a chain, in sigmas of the gradient's noise; least number of edgels.
-SPARSE_DENSITY = 0.01
-WEAKEST_SIGMA = 2.7
-WEAK_MEAN_SIGMA = 3.3
-WEAK_COUNT = 14
-# Edgels per pixel above which an image is cluttered: print and texture end near true edges everywhere.
-CLUTTERED_DENSITY = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """What was detected in one image.
 
-    grey : (h, w) float32, grey levels; edgels : of chains, in their order; segments : straight segments and parts of
-    arcs, which refer to edgels and ellipses by number; ellipses : of the arcs
+    Attributes
+    ----------
+    grey : (h, w) float32, grey levels
+    edgels : Edgels
+        Those of segments, in the segments' order.
+    segments : Segments
+        Straight segments and parts of arcs.
+    ellipses : list of Ellipse
+        Of the arcs.
     """
 
-    grey: np.ndarray
+    grey: Float32Array
     edgels: Edgels
     segments: Segments
     ellipses: list[Ellipse]
@@ -66,7 +67,7 @@ class View:
         return kept.select(np.sort(np.argsort(-kept.length, kind='stable')[:MOST_SEGMENTS]))
 
 
-def detect_view(grey: np.ndarray, detector: str, sigma: float, low: float, high: float) -> View:
+def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, high: float) -> View:
     """Detect edgels, straight segments and ellipses.
 
     Parameters
@@ -74,7 +75,7 @@ def detect_view(grey: np.ndarray, detector: str, sigma: float, low: float, high:
     grey : (h, w) float32
         Grey levels.
     detector : str
-        One of :data:`.edgels.DETECTORS`.
+        One of :data:`~stereo_recovery.params.DETECTORS`.
     sigma : float, pixels
         Gaussian smoothing.
     low, high : float, grey levels per pixel
@@ -85,7 +86,7 @@ def detect_view(grey: np.ndarray, detector: str, sigma: float, low: float, high:
     View
     """
     noise = edgel_module.noise_level(grey)
-    gradient_noise = noise / (np.sqrt(8.0 * np.pi) * sigma**2)
+    gradient_noise = edgel_module.gradient_noise(noise, sigma)
     raised_low, high = max(low, LOW_SIGMA * gradient_noise), max(high, HIGH_SIGMA * gradient_noise)
     gradients = edgel_module.gradient(grey, detector, sigma)
     found = edgel_module.detect(grey, detector, sigma, raised_low, noise, gradients)

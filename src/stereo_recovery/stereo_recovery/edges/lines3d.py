@@ -16,7 +16,8 @@ import numpy as np
 from msgs_py import StereoRig
 
 from ..detection.junctions import Junctions
-from ..detection.segments import SAGITTA_OFFSET, SAGITTA_SLOPE, Segments, reversed_polarity
+from ..detection.segments import Segments, reversed_polarity
+from ..detection.settings import SAGITTA_OFFSET, SAGITTA_SLOPE
 from ..matching.matches import Matches
 from . import broken_edges, corner_matching, flat_edges, vertices, wireframe
 from .parallels import borrow

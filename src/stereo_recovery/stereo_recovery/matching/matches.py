@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Matches:
     def __len__(self) -> int:
         return len(self.left)
 
-    def select(self, index: IntArray | BoolArray) -> Matches:
+    def select(self, index: AnyArray) -> Matches:
         """A subset or reordering: (m,) indices or (k,) bool."""
         return Matches(*(getattr(self, f.name)[index] for f in fields(self)))
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..detection.edgels import Edgels
-from ..detection.segments import LEVEL, SAGITTA_OFFSET, SAGITTA_SLOPE, Segments, fit_segments
+from ..detection.segments import Segments, fit_segments
+from ..detection.settings import LEVEL_SINE, SAGITTA_OFFSET, SAGITTA_SLOPE
 from .matches import Matches
 
 # Two segments are parts of one edge when their directions differ by less than this (sine), when no end of theirs is off
@@ -217,7 +218,7 @@ def _crossing(segments: Segments, j: int, k: int) -> np.ndarray | None:
 def _cut(segments: Segments, i: int, height: float, edgels: Edgels, sigma: float) -> Segments | None:
     """Segment i as two, cut at this row; None when that leaves too little of either."""
     direction, first = segments.direction[i], int(segments.bounds[i, 0])
-    if abs(direction[1]) < LEVEL or segments.arc[i] >= 0:
+    if abs(direction[1]) < LEVEL_SINE or segments.arc[i] >= 0:
         return None
     place = (height - segments.centre[i, 1]) / direction[1]
     along = (edgels.position[first : segments.bounds[i, 1]] - segments.centre[i]) @ direction

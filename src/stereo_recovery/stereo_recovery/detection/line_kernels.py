@@ -1,0 +1,196 @@
+"""Compiled geometry of straight lines in the image, and their fit to edgels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray
+
+from .settings import CAUCHY, CORNER_TRIM, CORNER_TRIM_SHARE, LEAST_SCALE
+
+
+class Lines(NamedTuple):
+    """n segments as compiled loops take them, (n, 2) float64 each.
+
+    centre : pixels; direction : unit; extent : pixels along the direction, first and last end, from the centre; sigma :
+    of the offset at the centre, pixels, and of the slope, radians
+    """
+
+    centre: FloatArray
+    direction: FloatArray
+    extent: FloatArray
+    sigma: FloatArray
+
+
+class FittedLines(NamedTuple):
+    """Lines through n runs of edgels.
+
+    centre, direction, extent : (n, 2) float64, as in :class:`Lines`; rms : (n,) pixels, robust residual; sagitta : (n,)
+    pixels, of the middle over the chord of the ends, signed; used : (n,) edgels in the fit; weight : (n,) 1 / px^2, sum
+    of their weights; moment : (n,) weighted second moment along the line
+    """
+
+    centre: FloatArray
+    direction: FloatArray
+    extent: FloatArray
+    rms: FloatArray
+    sagitta: FloatArray
+    used: FloatArray
+    weight: FloatArray
+    moment: FloatArray
+
+
+@njit
+def point_at(lines, i, s):
+    """The point of line i at abscissa s, pixels."""
+    return lines.centre[i, 0] + s * lines.direction[i, 0], lines.centre[i, 1] + s * lines.direction[i, 1]
+
+
+@njit
+def abscissa_of(lines, i, x, y):
+    """Pixels along line i from its centre to the foot of a point."""
+    return (x - lines.centre[i, 0]) * lines.direction[i, 0] + (y - lines.centre[i, 1]) * lines.direction[i, 1]
+
+
+@njit
+def offset_of(lines, i, x, y):
+    """Pixels from line i to a point, signed."""
+    return (x - lines.centre[i, 0]) * lines.direction[i, 1] - (y - lines.centre[i, 1]) * lines.direction[i, 0]
+
+
+@njit
+def length_of(lines, i):
+    """Pixels."""
+    return lines.extent[i, 1] - lines.extent[i, 0]
+
+
+@njit
+def cosine_of(lines, i, k):
+    """Cosine of the angle between the directions of lines i and k."""
+    return lines.direction[i, 0] * lines.direction[k, 0] + lines.direction[i, 1] * lines.direction[k, 1]
+
+
+@njit
+def sine_of(lines, i, k):
+    """Sine of the angle from the direction of line i to that of line k."""
+    return lines.direction[i, 0] * lines.direction[k, 1] - lines.direction[i, 1] * lines.direction[k, 0]
+
+
+@njit
+def variance_at(lines, i, s):
+    """Variance, px^2, of line i across itself at abscissa s."""
+    return lines.sigma[i, 0] ** 2 + (s * lines.sigma[i, 1]) ** 2
+
+
+@njit
+def regression(x, y, w, a, b):
+    """Orthogonal regression of points a..b-1 with weights w: centre, unit direction along the order of points."""
+    sw = sx = sy = 0.0
+    for i in range(a, b):
+        sw += w[i]
+        sx += w[i] * x[i]
+        sy += w[i] * y[i]
+    cx, cy = sx / sw, sy / sw
+    sxx = sxy = syy = 0.0
+    for i in range(a, b):
+        dx, dy = x[i] - cx, y[i] - cy
+        sxx += w[i] * dx * dx
+        sxy += w[i] * dx * dy
+        syy += w[i] * dy * dy
+    angle = 0.5 * np.arctan2(2.0 * sxy, sxx - syy)
+    tx, ty = np.cos(angle), np.sin(angle)
+    if tx * (x[b - 1] - x[a]) + ty * (y[b - 1] - y[a]) < 0.0:
+        tx, ty = -tx, -ty
+    return cx, cy, tx, ty
+
+
+@njit
+def fit_lines(x, y, sigma, bounds):
+    """Robust orthogonal regression of every run of edgels, without the edgels beside its ends.
+
+    x, y, sigma : (n,) float64, position and its sigma, pixels; bounds : (k, 2) int, runs [first, last). Returns
+    :class:`FittedLines` of k lines. The first of three rounds leaves CORNER_TRIM pixels at each end out; the others
+    give the rest Cauchy weights.
+    """
+    lines = len(bounds)
+    centre, direction, extent = np.zeros((lines, 2)), np.zeros((lines, 2)), np.zeros((lines, 2))
+    rms, sagittas, count = np.zeros(lines), np.zeros(lines), np.zeros(lines)
+    weights, moment = np.zeros(lines), np.zeros(lines)
+    w = np.zeros(len(x))
+    for k in range(lines):
+        a, b = bounds[k, 0], bounds[k, 1]
+        for i in range(a, b):
+            w[i] = 1.0 / (sigma[i] * sigma[i])
+        cx, cy, tx, ty = regression(x, y, w, a, b)
+        lo, hi = 1e30, -1e30
+        for i in range(a, b):
+            s = (x[i] - cx) * tx + (y[i] - cy) * ty
+            lo, hi = min(lo, s), max(hi, s)
+        cut = min(CORNER_TRIM, CORNER_TRIM_SHARE * (hi - lo))
+        scale = 0.0
+        for turn in range(3):
+            used = 0
+            total = weight = 0.0
+            for i in range(a, b):
+                s = (x[i] - cx) * tx + (y[i] - cy) * ty
+                if turn == 0 and (s < lo + cut or s > hi - cut):
+                    w[i] = 0.0
+                if w[i] > 0.0:
+                    base = 1.0 / (sigma[i] * sigma[i])
+                    d = (x[i] - cx) * ty - (y[i] - cy) * tx
+                    if turn > 0:
+                        r = d / (CAUCHY * scale)
+                        w[i] = base / (1.0 + r * r)
+                    total += w[i] * d * d
+                    weight += w[i]
+                    used += 1
+            if used < 3:
+                for i in range(a, b):
+                    w[i] = 1.0 / (sigma[i] * sigma[i])
+            cx, cy, tx, ty = regression(x, y, w, a, b)
+            total = weight = 0.0
+            used = 0
+            for i in range(a, b):
+                if w[i] > 0.0:
+                    d = (x[i] - cx) * ty - (y[i] - cy) * tx
+                    total += w[i] * d * d
+                    weight += w[i]
+                    used += 1
+            scale = max(LEAST_SCALE, np.sqrt(total / weight))
+        # Sagitta: least-squares quadratic on the residuals; s is centred, so that its slope is zero.
+        m2 = m4 = dq = 0.0
+        length = hi - lo
+        sw = 0.0
+        for i in range(a, b):
+            if w[i] > 0.0:
+                s = (x[i] - cx) * tx + (y[i] - cy) * ty
+                m2 += w[i] * s * s
+                sw += w[i]
+        mean2 = m2 / sw
+        for i in range(a, b):
+            if w[i] > 0.0:
+                s = (x[i] - cx) * tx + (y[i] - cy) * ty
+                d = (x[i] - cx) * ty - (y[i] - cy) * tx
+                q = s * s - mean2
+                m4 += w[i] * q * q
+                dq += w[i] * q * d
+        centre[k, 0], centre[k, 1], direction[k, 0], direction[k, 1] = cx, cy, tx, ty
+        extent[k, 0], extent[k, 1] = 1e30, -1e30
+        for i in range(a, b):
+            s = (x[i] - cx) * tx + (y[i] - cy) * ty
+            extent[k, 0], extent[k, 1] = min(extent[k, 0], s), max(extent[k, 1], s)
+        rms[k], count[k], weights[k], moment[k] = scale, used, sw, m2
+        sagittas[k] = 0.25 * length * length * dq / m4 if m4 > 1e-12 else 0.0
+    return FittedLines(centre, direction, extent, rms, sagittas, count, weights, moment)
+
+
+@njit
+def medians(values, bounds):
+    """(k,) float64: median of each run [first, last) of values (n,); bounds (k, 2)."""
+    out = np.empty(len(bounds))
+    for k in range(len(bounds)):
+        out[k] = np.median(values[bounds[k, 0] : bounds[k, 1]])
+    return out

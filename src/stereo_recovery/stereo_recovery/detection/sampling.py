@@ -1,0 +1,42 @@
+"""Looking up images between pixels, by bilinear interpolation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import Float32Array, FloatArray
+
+# The last position of a row or column at which all four pixels exist is its length less this.
+LAST = 1.001
+
+
+@njit
+def bilinear(image: Float32Array, u: float, v: float) -> float:
+    """The image (h, w) at column u and row v, pixels, 0 <= u < w - 1, 0 <= v < h - 1."""
+    x, y = int(u), int(v)
+    a, b = u - x, v - y
+    value: float = (
+        (1 - a) * (1 - b) * image[y, x]
+        + a * (1 - b) * image[y, x + 1]
+        + (1 - a) * b * image[y + 1, x]
+        + a * b * image[y + 1, x + 1]
+    )
+    return value
+
+
+@njit
+def clamped(image: Float32Array, u: float, v: float) -> float:
+    """The image (h, w) at column u and row v, pixels; outside it, at the nearest place inside."""
+    h, w = image.shape
+    value: float = bilinear(image, min(max(u, 0.0), w - LAST), min(max(v, 0.0), h - LAST))
+    return value
+
+
+@njit
+def at_points(image: Float32Array, points: FloatArray) -> FloatArray:
+    """(n,) float64: the image (h, w) at points (n, 2), columns and rows in pixels; outside it, at the nearest place."""
+    values = np.empty(len(points))
+    for i in range(len(points)):
+        values[i] = clamped(image, points[i, 0], points[i, 1])
+    return values

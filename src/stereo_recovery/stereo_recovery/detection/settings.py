@@ -1,0 +1,235 @@
+"""Thresholds of detection in one image: symbol, unit, meaning, source.
+
+Sources: [D] derived as stated; [M] measured by the command named; [R] chosen on rendered views with
+``test/benchmarks/bench_lines.py`` and ``bench_curves.py``, no command kept. Lengths are pixels (px) of the image,
+sigma is one standard deviation. Compiled loops take these numbers when they are compiled; the cache of machine code
+follows a change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# -- several modules ---------------------------------------------------------------------------------------------------
+
+# Residuals up to this many sigma count as noise. [D] three sigma
+GATE = 3.0
+# px: two curves within this distance of each other count as one line. [R]
+ON_LINE = 1.0
+# Cosine of the largest turn between consecutive edgels or joined segments: 60 degrees. [R]
+TURN_COSINE = 0.5
+# px: segments shorter than this have too vague a direction to decide about others. [R]
+DIRECTED_LENGTH = 10.0
+# Least number of edgels in a chain, and in a part of one that is split. [R]
+LEAST_EDGELS = 4
+# px at each end of a segment that are left out of a fit, because smoothing pulls edgels beside a corner towards it, and
+# the share of the segment's length that is left out at most. [R] Smoothing reaches about 3 sigma_total, sigma_total =
+# 1.
+CORNER_TRIM, CORNER_TRIM_SHARE = 3.0, 0.2
+
+# -- edgels ------------------------------------------------------------------------------------------------------------
+
+# Radius of the sampled Gaussian in its sigmas; 6e-5 of the area lies beyond. [D]
+KERNEL_RADIUS = 4.0
+# px^2: variance that a camera's aperture (unit box, 1/12) and a sharp lens (0.5 px) add to the smoothing. Used where
+# the picture cannot show it. [D]
+CAMERA_BLUR_VARIANCE = 1.0 / 12.0 + 0.25
+# Grey levels: least noise that is assumed; rounding to 8 bits has sigma 1/sqrt(12). [D]
+QUANTISATION_NOISE = 0.3
+# px: position error that remains without noise, from sampling and uneven shading. [R]
+POSITION_FLOOR = 0.015
+# px: the same in pictures with one sample a pixel. [R] Such a picture is one whose steps have less variance beyond the
+# smoothing than ALIASED_BLUR_VARIANCE, px^2: half of what the pixel's own area (1/12) blurs. [D]
+ALIASED_POSITION_FLOOR = 0.13
+ALIASED_BLUR_VARIANCE = 1.0 / 24.0
+# Distance from an edgel, in widths of the blurred step, at which the gradient on its two flanks is looked up. [R]
+FLANK_DISTANCE = 2.0
+# Difference of the two flanks' gradients, in sigma of the gradient, that noise explains. [R]
+FLANK_NOISE = 2.5
+# An edgel's gradient exceeds that of both flanks by this many sigma of the gradient. [R]
+PROMINENCE = 2.5
+# Least curvature, per px^2, of the logarithm of the gradient across an edge: a step wider than 32 px is none. [D]
+LEAST_CURVATURE = 1e-3
+# A share of the squared threshold that is added to the squared gradient before its logarithm is taken. [R]
+LOGARITHM_FLOOR = 1e-4
+# Least share of the pixel's squared gradient that the interpolated gradient at the sub-pixel position has. [R]
+LEAST_INTERPOLATED = 0.25
+
+# -- chains ------------------------------------------------------------------------------------------------------------
+
+# px, along rows and columns: farthest step from edgel to edgel. [D] One pixel may be missing.
+LINK_RADIUS = 2
+# px: least advance along the tangent. [R]
+LEAST_ADVANCE = 0.05
+# px: most that a step leaves the tangents of its two edgels, plus this share of its advance. [R]
+SIDESTEP, SIDESTEP_SHARE = 1.2, 0.3
+# Cost of a px beside the tangents over that of a px along them. [R]
+SIDESTEP_COST = 2.0
+
+# -- splitting ---------------------------------------------------------------------------------------------------------
+
+# An edgel may stand off its line by this many of its own sigma. [R]
+LINE_GATE = 4.5
+# Localisation noise, px: least value, value where too few edgels tell, and how few these are. [R]
+LEAST_LOCALISATION_NOISE, USUAL_LOCALISATION_NOISE, FEW_EDGELS = 0.01, 0.03, 16
+# Edgels beside a break that are left out when it is moved to where the two lines cross, and how far it moves, edgels;
+# segments of fewer than SHORTEST_MOVED edgels keep their break. [R]
+BREAK_MARGIN, BREAK_RANGE, SHORTEST_MOVED = 3, 8, 6
+# px: widest gap across which collinear segments are joined, and the widest overlap. [R]
+WIDEST_GAP, WIDEST_OVERLAP = 15.0, 3.0
+# The gap is at most this share of the two segments' common length. [R]
+WIDEST_GAP_SHARE = 0.5
+# Radians: largest angle between joined segments. [R]
+LARGEST_BEND = np.radians(6.0)
+# px: shortest segment that is joined with another. [R]
+SHORTEST_JOINED = 4.0
+# Offset of real edges from a straight line, as a share of the tolerance of splitting. [R]
+STRAIGHTNESS_SHARE = 0.4
+# Cost of a px of offset between joined segments over that of a px of gap. [R]
+OFFSET_COST = 5.0
+# Tolerances by which an end of a joined segment may stand off the common line; segments shorter than SHORT_PART, px,
+# are exempt, since their ends are too vague. [R]
+BENT_TOLERANCES, SHORT_PART = 3.0, 8.0
+# Rounds of joining: what the first joins may continue with a third. [R]
+JOINING_ROUNDS = 2
+
+# -- segments ----------------------------------------------------------------------------------------------------------
+
+# px per px of smoothing: length along an edge over which edgels' errors are one. [D] Smoothing correlates them over
+# sqrt(4 pi) sigma; [M] three quarters of that gives lines whose stated sigma is true (src/stereo_recovery/test/
+# test_bounds.py).
+CORRELATION_LENGTH = 0.75 * np.sqrt(4.0 * np.pi)
+# Edgels a px along an edge, at most. [D] sqrt(2) on a diagonal, rounded up.
+MOST_DENSE = 1.5
+# Cauchy weights fall to a half at this many scales of the residual (2.385 has 95 % efficiency); the least scale, px.
+# [R]
+CAUCHY, LEAST_SCALE = 2.5, 0.02
+# Sagitta that noise alone gives a straight line, in sigma of the line's offset. [D] 3.35 (3/2 of the sigma of the
+# second Legendre coefficient), rounded up.
+NOISE_SAGITTA = 4.0
+# Sigma that a sagitta adds to its line: to the offset, as a share; to the slope, as a multiple of sagitta/length. [R]
+SAGITTA_OFFSET, SAGITTA_SLOPE = 0.3, 2.0
+# The median step width of a segment is unusual when it differs from the picture's by more than this share, and by more
+# than this many times the median difference; segments of fewer edgels, and pictures where the median difference exceeds
+# VARIED_WIDTH (out of focus, uneven light), say nothing. [R]
+UNUSUAL_WIDTH, WIDTH_DEVIATIONS, WIDTH_EDGELS, VARIED_WIDTH = 0.05, 3.0, 10, 0.05
+# px: sigma of the offset of a segment whose width is unusual, over the root of the excess. [R]
+WIDTH_SIGMA = 1.0
+# Sigma of a line whose edgels have a localisation bias: this share of the median bias beyond LEAST_BIAS, px, and at
+# most MOST_BIAS_SIGMA, px. [R] Less bias is noise; with more the other edge is a segment of its own.
+BIAS_SHARE, LEAST_BIAS, MOST_BIAS_SIGMA = 0.5, 0.05, 0.7
+# Sine: segments flatter than this may run either way along the rows of the two images. [R]
+LEVEL_SINE = 0.1
+
+# -- junctions ---------------------------------------------------------------------------------------------------------
+
+# px: largest gap between a segment's end and the line that it meets. [R]
+JUNCTION_GAP = 18.0
+# px: the gap at a square corner; it grows with 1 / sine, because two edges blur into one before a sharp corner. [R]
+SQUARE_GAP = 4.0
+# px: how far a chain may run around a corner before it ends, and the share of its length; SURE_OVERRUN, px: a neighbour
+# that goes on this far beyond a junction makes it a T-junction. [R]
+OVERRUN, OVERRUN_SHARE, SURE_OVERRUN = 4.0, 0.4, 6.0
+# Sine of two lines that meet: below CORNER_SINE the crossing is too vague, unless it is above BLUNT_SINE, both chains
+# end within BLUNT_GAP, px, and the crossing has a sigma below BLUNT_SIGMA, px. [R]
+CORNER_SINE, BLUNT_SINE, BLUNT_GAP, BLUNT_SIGMA = 0.15, 0.06, 6.0, 3.0
+# px: a neighbour costs as much as a gap of this over its length, so that long neighbours are preferred. [R]
+SHORT_NEIGHBOUR_COST = 20.0
+# px^2: variance of a junction beyond that of its two lines. [R]
+ROUNDED_VARIANCE = 0.0001
+# px: sigma of an end without a junction. [R]
+LOOSE_END_SIGMA = 1.5
+# Another segment continues a line beyond a junction when the sine between them is below COLLINEAR_SINE (at a crossing
+# of two lines that both go on: CROSSING_SINE), the junction is within ON_CONTINUATION, px, of its line, and it has at
+# least SHORTEST_CONTINUATION, px. [R]
+COLLINEAR_SINE, CROSSING_SINE, ON_CONTINUATION, SHORTEST_CONTINUATION = 0.03, 0.2, 1.5, 5.0
+# A chain is lost beside another one within MERGED_DISTANCE, px, that runs along with it (cosine above MERGED_COSINE);
+# its line passes the junction of the other within AT_JUNCTION, px, plus two sigma, and at most twice that. [R]
+MERGED_DISTANCE, MERGED_COSINE, AT_JUNCTION = 5.0, 0.94, 0.7
+# A short segment is spurious when it is at most SPURIOUS_LENGTH long, px, when a segment of at least SPURIOUS_RATIO
+# times its length has a direction within SPURIOUS_COSINE of its own, and when both its ends are within SPURIOUS_WIDTH,
+# px, of that one's line and at most SPURIOUS_REACH, px, beyond it. Segments below LEAST_LENGTH, px, always are. [R]
+SPURIOUS_LENGTH, SPURIOUS_RATIO, SPURIOUS_COSINE = 16.0, 2.0, 0.8
+SPURIOUS_WIDTH, SPURIOUS_REACH, LEAST_LENGTH = 2.5, 16.0, 3.0
+
+# -- conics ------------------------------------------------------------------------------------------------------------
+
+# Radians: least turn of an arc in all, and the largest from segment to segment. [R]
+LEAST_TURN, SHARPEST_BREAK = np.radians(20.0), np.radians(65.0)
+# px: smallest semi-axis; edgels: shortest arc; breaks between the segments of the longest arc. [R]
+LEAST_RADIUS, SHORTEST_ARC, MOST_ARC_BREAKS = 1.5, 14, 40
+# Arcs of fewer segments than this are arcs only when all of them bend the same way. [R]
+FEW_ARC_SEGMENTS = 4
+# Largest rms distance of an arc's edgels from its ellipse, in tolerances of an edgel: of a first fit of FIRST_ROUNDS
+# rounds, and of the final one of FINAL_ROUNDS; this share of the edgels lies within one tolerance. [R]
+FIRST_RMS, FIRST_ROUNDS, FINAL_RMS, FINAL_ROUNDS, ARC_INLIERS = 0.6, 2, 0.45, 4, 0.95
+# An ellipse's major radius is at most this many times the extent of its edgels. [R]
+LARGEST_RADIUS_RATIO = 4.0
+# Numerical floors of the fit: pivot; discriminant 4 a c - b^2 of an ellipse; weight, as a share of the mean. [R]
+LEAST_PIVOT, LEAST_DISCRIMINANT, LEAST_WEIGHT_SHARE = 1e-13, 1e-9, 1e-3
+
+# -- low contrast ------------------------------------------------------------------------------------------------------
+
+# Segments with a mean gradient below this, in sigma of the gradient, have low contrast; shorter ones, px, are not
+# tracked. [R]
+LOW_CONTRAST, SHORTEST_TRACKED = 9.0, 9.0
+# Least median gradient of a window, in sigma of the gradient, that shows the edge. [R]
+SEEN = 1.2
+# px: length of the window along the line, its step, and the distance of the windows on its flanks. [R]
+WINDOW, TRACKING_STEP, TRACKING_FLANK = 9, 2.0, 3.0
+# The window's median gradient is at least this share of the segment's, and exceeds that of both flanks by this share.
+# [R]
+TRACKED_SHARE, TRACKED_PROMINENCE = 0.45, 0.4
+# Longest continuation: px, and as a share of the segment. [R]
+LONGEST_TRACK, LONGEST_TRACK_SHARE = 60.0, 2.0
+# px: a line is tracked as far as the sigma from its slope stays below this, and not from an end that another segment's
+# end touches within TOUCHING, px. [R]
+TRACKED_SIGMA, TOUCHING = 0.5, 4.5
+# A track stops at the end of a segment of the same line: within this distance, px, and sine; it may begin this far, px,
+# before the segment's end. [R]
+ON_TRACK, TRACK_SINE, TRACK_OVERLAP = 1.2, 0.08, 2.0
+
+# -- double steps ------------------------------------------------------------------------------------------------------
+
+# px^2: variance that linear interpolation between pixels adds to a step. [D] the triangle's 1/6
+INTERPOLATION_VARIANCE = 1.0 / 6.0
+# px: median localisation bias of a segment that hints at a second edge, and the least length of such a segment. [R]
+SUSPECT_BIAS, SUSPECT_LENGTH = 0.15, 20.0
+# Of more suspects than this the longest are fitted. [R] bounds the time
+MOST_SUSPECTS = 12
+# Two steps are accepted when their squared residual is below this share of that of one step, and below this share of
+# the profile's squares. [R]
+DOUBLE_GAIN, DOUBLE_RESIDUAL = 0.12, 0.02
+# px: position error of a step of an accepted pair beyond the stated one. [R]
+DOUBLE_SIGMA = 0.06
+# px: widest break in the chain of an edge that is fitted as a whole; rounds in which it may grow. [R]
+DOUBLE_BREAK, DOUBLE_BREAK_ROUNDS = 8.0, 3
+# Fragments are shorter than this share of the whole; cosine of segments of one direction. [R]
+FRAGMENT_SHARE, ONE_DIRECTION_COSINE = 0.5, 0.9
+# px: half length of a profile across the edge, and its step; sections along the edge. [R]
+PROFILE_REACH, PROFILE_STEP, SECTIONS = 4.0, 0.5, 4
+# Iterations of the least squares; it stops when the residual falls by less than this share. Damping at first, and its
+# factors after a better and a worse step. [R]
+MOST_ITERATIONS, CONVERGED, DAMPING, DAMPING_DOWN, DAMPING_UP = 12, 1e-6, 1e-2, 0.3, 5.0
+# px: gaps between the steps, and heights of the second over the first, at which the fit starts. [R]
+START_GAPS, START_RATIOS = (-2.5, -1.2, 1.2, 2.5), (-0.5, 0.5)
+# px: how much the gap of two steps may change from the middle to an end of the segment, and how far beyond the profile
+# the second step may lie. [R]
+MOST_SPREAD, BEYOND_PROFILE = 3.0, 1.0
+
+# -- a view ------------------------------------------------------------------------------------------------------------
+
+# Edgels per px^2, and edgels in all, above which only the strongest are kept. [R] bounds the time in texture
+MOST_EDGEL_DENSITY, MOST_EDGELS = 0.03, 40000
+# Segments that are matched, the longest first. [R] An image of a room has a thousand; time grows with the square.
+MOST_SEGMENTS = 6000
+# Thresholds of hysteresis in sigma of the gradient; where edgels were left out, the lower one is at least LOW_SHARE of
+# the upper one. [R]
+LOW_SIGMA, HIGH_SIGMA, LOW_SHARE = 5.0, 7.0, 0.5
+# Tolerance of straight segments: this many times the localisation noise, within limits, px. [R]
+TOLERANCE_NOISE, LEAST_TOLERANCE, MOST_TOLERANCE = 6.0, 0.2, 0.5
+# Edgels per px^2 below which an image is sparse: long chains of weak edgels count there. Least magnitude of an edgel
+# and least mean of a chain, in sigma of the gradient; least number of edgels. [R]
+SPARSE_DENSITY, WEAKEST_SIGMA, WEAK_MEAN_SIGMA, WEAK_COUNT = 0.01, 2.7, 3.3, 14
+# Edgels per px^2 above which an image is cluttered: print and texture end near true edges everywhere. [R]
+CLUTTERED_DENSITY = 0.02
