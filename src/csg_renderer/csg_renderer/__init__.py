@@ -1,7 +1,9 @@
 """Constructive solid geometry: modelling language, exact ray caster, model features, renderer node."""
 
+from msgs_py.renaming import renamed_names
+
 from .brep.model_features import boundary, model_features
-from .features.ideal_data import IdealData, Wear, ideal_data
+from .features.ideal_data import Degradation, IdealData, ideal_data
 from .features.library import load_model_features
 from .features.mesh_features import features_from_mesh
 from .language import SceneError, SceneWarning, load_models, load_scene, parse_scene, scene_names, scene_path
@@ -13,6 +15,7 @@ from .scene.terrain import Terrain
 from .visibility.hidden_lines import visible_features, visible_fragments
 
 __all__ = [
+    'Degradation',
     'Frame',
     'IdealData',
     'Light',
@@ -43,3 +46,6 @@ __all__ = [
     'visible_features',
     'visible_fragments',
 ]
+
+# Degradation was called Wear up to 0.1.
+__getattr__ = renamed_names(__name__, {'Wear': 'Degradation'})

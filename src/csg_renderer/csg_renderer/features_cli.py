@@ -6,15 +6,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose
 
 from .brep.model_features import boundary
+from .brep.settings import WHOLE_TURN
 from .features.drawing import Drawing, draw_mesh, draw_solid, save_drawing, view_from
 from .features.export import as_json, save_dxf, save_json
-from .features.mesh_features import CREASE_ANGLE, MESH_SUFFIXES, mesh_features, read_mesh
+from .features.mesh_features import MESH_SUFFIXES, mesh_features, read_mesh
+from .features.settings import CREASE_ANGLE
 from .language import load_models, load_scene
 from .scene.solid import Solid
 
@@ -33,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             _mesh(options)
         else:
             _scene(options)
-    except BrokenPipeError:  # the reader of our output has seen enough
+    except BrokenPipeError:  # the reader of the output has closed it
         sys.stderr.close()
         return 0
     except (OSError, ValueError) as error:
@@ -82,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _scene(options: argparse.Namespace) -> None:
+    """The features of every model of a scene file, printed and written."""
     models = load_models(options.model)
     if not models:
         print(f'{options.model}: draws no models')
@@ -116,6 +120,7 @@ def _draw(solid: Solid, pose: Pose | None, camera: PinholeCamera | None, look: S
 
 
 def _mesh(options: argparse.Namespace) -> None:
+    """The features of a mesh, printed and written."""
     if not 0.0 < options.crease_angle < 180.0:
         raise ValueError(f'--crease-angle: expected degrees between 0 and 180, got {options.crease_angle:g}')
     if not 0.0 < options.scale < np.inf:
@@ -147,14 +152,26 @@ def _save(features: FeatureSet, path: Path) -> None:
         features.save(path)
 
 
-def _save_json(options: argparse.Namespace, exported: dict) -> None:
+def _save_json(options: argparse.Namespace, exported: dict[str, dict[str, Any]]) -> None:
     for output in options.output:
         if Path(output).suffix.lower() == '.json':
             save_json(exported, output)
 
 
 def describe(name: str, features: FeatureSet, solid: Solid | None = None, table: bool = True) -> str:
-    """A model's features as text, millimetres and degrees; with a solid also faces, volume and notices."""
+    """A model's features as text, millimetres and degrees.
+
+    Parameters
+    ----------
+    name : str
+        Of the model.
+    features : FeatureSet
+        Model frame, metres.
+    solid : Solid, optional
+        Adds its faces, volume and notices, and the dihedral angles of its edges.
+    table : bool
+        Give a line for every feature, and not only their numbers.
+    """
     counts = ', '.join(
         f'{(features.kind == kind).sum()} {word}' for kind, word in zip(FeatureKind, ('edges', 'curves', 'axes'))
     )
@@ -186,7 +203,7 @@ def describe(name: str, features: FeatureSet, solid: Solid | None = None, table:
             second = ' '.join(f'{x:9.4f}' for x in features.directions[k]) if curve else _mm(features.end[k])
             size = '{:8.3f} {:8.3f}'.format(*features.radii[k] * 1e3) if curve else f'{features.lengths[k] * 1e3:17.3f}'
             angle = '' if np.isnan(angles[k]) else f'{angles[k]:.1f}'
-            if curve and features.arc[k, 1] < 2.0 * np.pi - 1e-6:
+            if curve and features.arc[k, 1] < WHOLE_TURN:
                 angle += f'  arc of {np.degrees(features.arc[k, 1]):.1f}'
             lines.append(f'  {k:3} {kind.name:5} {_mm(features.start[k])} {second} {size} {angle}'.rstrip())
     return '\n'.join(lines)

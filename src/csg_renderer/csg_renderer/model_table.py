@@ -1,6 +1,6 @@
 """``model_table``: the thesis' models, its counts beside ours (Tables 4.3, 5.1, 5.3, 5.6, 6.1, 6.2; the oil rig: 4.12).
 
-Every number of ours is worked out from the installed scene files when the command runs. The dimensions of the thesis'
+Every number of ours is computed from the installed scene files when the command runs. The dimensions of the thesis'
 models are lost, so a count that differs is shown as it is.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +66,8 @@ def table() -> dict[str, dict[str, dict[str, Any]]]:
     }
 
 
-def _row(count: Any, name: str, thesis: tuple) -> dict[str, Any]:
+def _row(count: Callable[[str], tuple[int, ...]], name: str, thesis: tuple[int | None, ...]) -> dict[str, Any]:
+    """One row of a table; a scene that cannot be read is a row with a reason."""
     try:
         return {'ours': count(name), 'thesis': thesis, 'problem': None}
     except (OSError, ValueError) as error:

@@ -1,12 +1,13 @@
-"""Ideal data: what both eyes see, with the truth; and its wear."""
+"""Ideal data: what both eyes see, with the truth; and its degradation."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import csg_renderer
 from csg_renderer import Placement, Scene, Solid, model_features
-from csg_renderer.features.ideal_data import Wear, ideal_data
+from csg_renderer.features.ideal_data import Degradation, ideal_data
 from msgs_py import BIN, FeatureKind, PinholeCamera, Pose, StereoRig
 
 L_SHAPE = Solid.block(-0.06, 0.02, -0.03) | Solid.block(-0.02, 0.06, -0.03)
@@ -59,16 +60,16 @@ def test_the_scenes_camera_is_the_default():
 
 
 def test_seed_decides_everything():
-    wear = Wear(pieces=3, err_par=1e-3, err_per=1e-3, normal_cone=0.1, keep=0.8)
-    one, same, other = (ideal_data(SCENE, RIG, wear=wear, seed=seed) for seed in (1, 1, 2))
+    degradation = Degradation(pieces=3, err_par=1e-3, err_per=1e-3, normal_cone=0.1, keep=0.8)
+    one, same, other = (ideal_data(SCENE, RIG, degradation=degradation, seed=seed) for seed in (1, 1, 2))
     assert one.features == same.features
     assert one.features != other.features
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_displacement_stays_inside_the_stated_error(seed):
-    wear = Wear(pieces=2, err_par=3e-3, err_per=1e-3)
-    data = ideal_data(SCENE, RIG, wear=wear, seed=seed)
+    degradation = Degradation(pieces=2, err_par=3e-3, err_per=1e-3)
+    data = ideal_data(SCENE, RIG, degradation=degradation, seed=seed)
     assert (data.features.err_par == 3e-3).all() and (data.features.err_per == 1e-3).all()
     across, along, length = distances_to_model(data, 0, L_SHAPE)
     assert 0.0 < across.max() <= 1e-3
@@ -76,7 +77,7 @@ def test_displacement_stays_inside_the_stated_error(seed):
 
 
 def test_fragments_keep_their_model_edge_and_do_not_overlap():
-    data = ideal_data(SCENE, RIG, wear=Wear(pieces=4, gap=0.2), seed=7)
+    data = ideal_data(SCENE, RIG, degradation=Degradation(pieces=4, gap=0.2), seed=7)
     assert len(data.features) > len(ideal_data(SCENE, RIG).features)
     across, along, _ = distances_to_model(data, 0, L_SHAPE)
     assert across.max() < 1e-12
@@ -90,9 +91,9 @@ def test_fragments_keep_their_model_edge_and_do_not_overlap():
 
 def test_thinning_and_short_fragments():
     whole = ideal_data(SCENE, RIG)
-    thin = ideal_data(SCENE, RIG, wear=Wear(keep=0.5), seed=1)
+    thin = ideal_data(SCENE, RIG, degradation=Degradation(keep=0.5), seed=1)
     assert 0 < len(thin.features) < len(whole.features)
-    long = ideal_data(SCENE, RIG, wear=Wear(shortest=0.025))
+    long = ideal_data(SCENE, RIG, degradation=Degradation(shortest=0.025))
     edges = long.features.of_kind(FeatureKind.EDGE)
     assert len(edges) and edges.lengths.min() >= 0.025
 
@@ -111,8 +112,17 @@ def test_clutter_is_in_the_bin_and_hides():
 )
 def test_wear_names_the_field(field, value):
     with pytest.raises(ValueError, match=field):
-        Wear(**{field: value})
+        Degradation(**{field: value})
 
 
 def test_an_empty_scene_gives_no_features():
     assert len(ideal_data(Scene([]), RIG).features) == 0
+
+
+def test_the_old_name_of_degradation_still_works():
+    with pytest.warns(FutureWarning, match='csg_renderer.Degradation'):
+        old = csg_renderer.Wear
+    assert old is Degradation
+    with pytest.warns(FutureWarning, match='degradation'):
+        data = ideal_data(SCENE, RIG, wear=Degradation(keep=0.0))
+    assert not len(data.features)

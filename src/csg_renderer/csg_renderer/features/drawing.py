@@ -15,15 +15,16 @@ from ..brep.boundary import Boundary
 from ..brep.model_features import boundary
 from ..scene.solid import Solid
 from ..visibility.hidden_lines import visible_fragments
-
-# A ray to a crease of a mesh ends this part of its length early, so that the crease's own triangles do not hide it.
-SHORT = 1e-4
-DISTANCE = 6.0  # of the eye from the model's middle, in model sizes
+from ..visibility.settings import CREASE_POINTS
+from .settings import BEFORE_CREASE, VIEW_DISTANCE, VIEW_FILL, VIEW_NEARER, VIEW_UPRIGHT
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Pixel polylines (k, 2) of a wire frame: seen and hidden creases, occluding contours, axes; image size."""
+    """A wire frame: polylines (k, 2), pixels, and the size of the image.
+
+    ``hidden`` holds all creases; those of ``seen`` are drawn over them.
+    """
 
     seen: list[np.ndarray]
     hidden: list[np.ndarray]
@@ -36,23 +37,39 @@ class Drawing:
 def view_from(
     direction: ArrayLike, low: np.ndarray, high: np.ndarray, width: int = 900, height: int = 700
 ) -> tuple[Pose, PinholeCamera]:
-    """camera_T_model and a camera that looks at a box from a direction (3,), model frame, z upwards in the picture.
+    """A camera that looks at a box, with z upwards in the picture.
 
-    Raises ValueError when the direction is zero.
+    Parameters
+    ----------
+    direction : (3,) array_like
+        From the box to the camera, model frame, any length but zero.
+    low, high : (3,) float64, metres, model frame
+        The box.
+    width, height : int, pixels
+
+    Returns
+    -------
+    Pose, PinholeCamera
+        camera_T_model and the camera.
+
+    Raises
+    ------
+    ValueError
+        The direction is zero.
     """
     back = np.asarray(direction, dtype=np.float64)
     if back.shape != (3,) or not np.linalg.norm(back) > 0.0:
         raise ValueError(f'direction: expected three numbers, not all zero, got {direction}')
     back = back / np.linalg.norm(back)
-    up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
+    up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < VIEW_UPRIGHT else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, back)
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(right, back), -back])
     size = float(np.linalg.norm(high - low)) or 1.0
     middle = 0.5 * (low + high)
-    focal = 0.9 * min(width, height) * (DISTANCE - 0.5)
+    focal = VIEW_FILL * min(width, height) * (VIEW_DISTANCE - VIEW_NEARER)
     return (
-        Pose(rotation, -rotation @ middle + [0.0, 0.0, DISTANCE * size]),
+        Pose(rotation, -rotation @ middle + [0.0, 0.0, VIEW_DISTANCE * size]),
         PinholeCamera.centred(width, height, focal),
     )
 
@@ -88,7 +105,7 @@ def draw_mesh(
     for line in lines:
         along = np.linspace(0.0, len(line) - 1.0, samples)
         points = np.stack([np.interp(along, np.arange(len(line)), line[:, k]) for k in range(3)], axis=1)
-        clear = ~_behind_triangles(points * (1.0 - SHORT), corners)
+        clear = ~_behind_triangles(points * (1.0 - BEFORE_CREASE), corners)
         starts = np.nonzero(clear & ~np.concatenate([[False], clear[:-1]]))[0]
         ends = np.nonzero(clear & ~np.concatenate([clear[1:], [False]]))[0]
         seen += [points[a : b + 1] for a, b in zip(starts, ends) if b > a]
@@ -107,6 +124,7 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
     """Write a PNG, SVG or PDF file, by its suffix. Raises ValueError for another suffix."""
     if Path(path).suffix.lower() not in ('.png', '.svg', '.pdf'):
         raise ValueError(f'{path}: expected .png, .svg or .pdf')
+    # matplotlib takes half a second to import, and only drawing needs it.
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
@@ -139,7 +157,7 @@ def other_creases(found: Boundary) -> list[np.ndarray]:
     lines = list(found.space_curves)
     for curve, low, high, ellipse in zip(found.curve, found.curve_low, found.curve_high, found.ellipse):
         if not ellipse:
-            t = np.linspace(low, high, 65)
+            t = np.linspace(low, high, CREASE_POINTS)
             x = np.stack([np.cos(t), np.sin(t), np.ones_like(t)], axis=1) @ found.conic[curve].T
             lines.append(x[:, :3] / x[:, 3:])
     return lines

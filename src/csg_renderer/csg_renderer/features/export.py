@@ -11,17 +11,24 @@ import numpy as np
 from msgs_py import FeatureKind, FeatureSet
 
 from ..brep.boundary import Boundary
+from ..visibility.settings import CREASE_POINTS
 
 
 def save_dxf(features: FeatureSet, path: str | Path, unit: float = 1e-3) -> None:
-    """A DXF (R12, ASCII): lines for edges and axes, 3D polylines for curves, one layer a kind.
+    """Write features as a DXF file (R12, ASCII): lines for edges and axes, 3D polylines for curves, one layer a kind.
 
-    unit : metres per drawing unit, millimetres unless said otherwise (DXF R12 itself has no unit).
+    Parameters
+    ----------
+    features : FeatureSet
+        Any frame, metres.
+    path : str or path
+    unit : float
+        Metres per unit of the drawing; DXF R12 itself has no unit.
     """
     lines = ['0', 'SECTION', '2', 'ENTITIES']
     for k in range(len(features)):
         layer = FeatureKind(int(features.kind[k])).name
-        points = features.polyline(k, 65) / unit
+        points = features.polyline(k, CREASE_POINTS) / unit
         if len(points) == 2:
             lines += ['0', 'LINE', '8', layer, *_point(points[0], 10), *_point(points[1], 11)]
             continue
@@ -33,11 +40,24 @@ def save_dxf(features: FeatureSet, path: str | Path, unit: float = 1e-3) -> None
 
 
 def _point(point: np.ndarray, code: int) -> list[str]:
+    """Group codes and values of a point (3,)."""
     return [text for axis, value in enumerate(point) for text in (str(code + 10 * axis), f'{value:.9g}')]
 
 
 def as_json(features: FeatureSet, found: Boundary | None = None) -> dict[str, Any]:
-    """A model as plain data, metres and radians; with its boundary also faces, angles, box, volume and notices."""
+    """A model as plain data that JSON can hold, metres and radians.
+
+    Parameters
+    ----------
+    features : FeatureSet
+        Model frame.
+    found : Boundary, optional
+        Its boundary, which adds faces, angles, bounding box, area, volume and notices.
+
+    Returns
+    -------
+    dict
+    """
     rows = []
     for k in range(len(features)):
         kind = FeatureKind(int(features.kind[k]))

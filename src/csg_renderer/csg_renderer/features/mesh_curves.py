@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Neighbouring segments that turn by less than this, radians, are one straight line.
-COLLINEAR = np.radians(0.2)
-# On a facetted curve the lengths of neighbouring segments change by no more than this factor.
-EVEN = 1.8
-# A fitted curve must pass its points within this part of its major radius.
-FIT = 2e-3
-FEWEST = 4  # points of a facetted curve
-SHORTEST_SWEEP = np.radians(20.0)
+from .settings import (
+    AMBIGUOUS_CONIC,
+    COLLINEAR,
+    EVEN,
+    FEWEST_ELLIPSE_POINTS,
+    FEWEST_POINTS,
+    FIT,
+    FLAT_ROUNDING,
+    LONGEST_SWEEP,
+    SHORTEST_SWEEP,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,19 +28,31 @@ class Chain:
 
     @property
     def closed(self) -> bool:
+        """The polyline ends where it begins."""
         return bool((self.points[0] == self.points[-1]).all())
 
     @property
     def steps(self) -> np.ndarray:
+        """(n, 3): from each point to the next."""
         return np.diff(self.points, axis=0)
 
     def part(self, low: int, high: int) -> Chain:
+        """The segments low to high - 1."""
         return Chain(self.points[low : high + 1], self.segment[low:high])
 
 
 @dataclass(frozen=True, eq=False)
 class FittedConic:
-    """centre, normal, major_axis (3,); radii (2,) major, minor; arc (2,): start from the major axis, sweep."""
+    """A circle or ellipse, or an arc of one.
+
+    Parameters
+    ----------
+    centre, normal, major_axis : (3,) float64, metres and unit vectors
+    radii : (2,) float64, metres
+        Major, minor.
+    arc : (2,) float64, radians
+        Start, from the major axis, and sweep.
+    """
 
     centre: np.ndarray
     normal: np.ndarray
@@ -117,8 +132,8 @@ def fit_conic(chain: Chain) -> FittedConic | None:
     points = chain.points[:-1] if closed else chain.points
     centre = points.mean(axis=0)
     _, spread, axes = np.linalg.svd(points - centre)
-    # Flat by its own bulge, not its length: a short piece of any space curve is nearly straight.
-    if len(points) < FEWEST or spread[2] > FIT * spread[1] + 1e-6 * spread[0]:
+    # Flatness is relative to the bulge and not to the length: a short piece of any space curve is nearly straight.
+    if len(points) < FEWEST_POINTS or spread[2] > FIT * spread[1] + FLAT_ROUNDING * spread[0]:
         return None
     normal = axes[2]
     flat = (points - centre) @ axes[:2].T
@@ -134,7 +149,7 @@ def fit_conic(chain: Chain) -> FittedConic | None:
     if at[-1] < at[0]:
         normal, at = -normal, -at
     sweep = at[-1] - at[0]
-    if not (np.diff(at) > 0.0).all() or not SHORTEST_SWEEP < sweep <= 2.0 * np.pi + 1e-6:
+    if not (np.diff(at) > 0.0).all() or not SHORTEST_SWEEP < sweep <= LONGEST_SWEEP:
         return None
     arc = np.array([0.0, 2.0 * np.pi]) if closed else np.array([at[0] % (2.0 * np.pi), sweep])
     return FittedConic(centre + middle @ axes[:2], normal, radii, major, arc)
@@ -152,13 +167,13 @@ def _circle(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
 
 
 def _ellipse(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """The same for an ellipse: the conic of least algebraic error, if it is an ellipse that passes the points."""
-    if len(p) < 6:
+    """The same for an ellipse: the conic of least algebraic error, if it is an ellipse near all points."""
+    if len(p) < FEWEST_ELLIPSE_POINTS:
         return None
     scale = np.abs(p).max()
     x, y = (p / scale).T
     _, s, v = np.linalg.svd(np.column_stack([x * x, x * y, y * y, x, y, np.ones_like(x)]))
-    if s[-2] < 1e-9 * s[0]:
+    if s[-2] < AMBIGUOUS_CONIC * s[0]:
         return None
     a, b, c, d, e, f = v[-1]
     form = np.array([[a, 0.5 * b], [0.5 * b, c]])

@@ -1,7 +1,7 @@
 """Matching features of a CAD mesh: creases merged to maximal lines, facetted rims fitted back to circles and ellipses.
 
-Most users' parts exist as meshes. What model_features reads off exactly from a tree is here recovered from triangles,
-within the error of the facetting: the vertices of a facetted rim are taken to lie on the curve.
+What model_features gives exactly from a tree is here estimated from triangles, within the error of the facetting: the
+vertices of a facetted rim are taken to lie on the curve.
 """
 
 from __future__ import annotations
@@ -15,26 +15,40 @@ import numpy as np
 from msgs_py import FeatureSet
 from msgs_py.numeric.grouping import linked_groups
 
+from ..brep.settings import WHOLE_TURN
 from ..brep.surfaces import cluster
-from .mesh_curves import COLLINEAR, Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
+from .mesh_curves import Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
+from .settings import COLLINEAR, CREASE_ANGLE, FLAT_FACE, LONG_SEGMENT, NORMAL_DECIMALS, PATCH, SAME_AXIS, WELD
 
 MESH_SUFFIXES = ('.stl', '.obj', '.ply', '.off')
-CREASE_ANGLE = np.radians(30.0)
-# Vertices closer than this part of the mesh's size are one.
-WELD = 2e-6
-# How well a patch's normals or planes must agree with a cylinder or a cone, and axes with each other (parts of size).
-PATCH = 0.02
-SAME_AXIS = 1e-3
 
 
 def features_from_mesh(
     path: str | os.PathLike[str], crease_angle: float = CREASE_ANGLE, scale: float = 1.0
 ) -> FeatureSet:
-    """Edges, planar curves and axes of an STL, OBJ, PLY or OFF file; metres, uncertainty zero.
+    """Edges, planar curves and axes of a mesh file.
 
-    crease_angle : radians, neighbouring triangles that turn by more meet in a crease; it must be larger than the angle
-    between the facets of a round surface. scale : metres per unit of the file, which says nothing of its unit.
-    Raises FileNotFoundError, and ValueError that names the file or the argument.
+    Parameters
+    ----------
+    path : str or path
+        An STL, OBJ, PLY or OFF file.
+    crease_angle : float, radians
+        Neighbouring triangles that turn by more meet in a crease; larger than the angle between the facets of a round
+        surface.
+    scale : float
+        Metres per unit of the file, which does not say what its unit is.
+
+    Returns
+    -------
+    FeatureSet
+        Frame of the file, metres, uncertainty zero.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such file.
+    ValueError
+        The file is no mesh, or an argument is out of range; the message names it.
     """
     if not 0.0 < crease_angle < np.pi:
         raise ValueError(f'crease_angle: expected radians between 0 and pi, got {crease_angle}')
@@ -45,7 +59,7 @@ def features_from_mesh(
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float64 and triangles (m, 3) int of a mesh file. Raises as features_from_mesh."""
+    """Vertices (n, 3) float64, units of the file, and triangles (m, 3) int of a mesh. Raises as features_from_mesh."""
     file = Path(path)
     if not file.is_file():
         raise FileNotFoundError(f'{path}: no such file')
@@ -66,7 +80,28 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: float = CREASE_ANGLE) -> FeatureSet:
-    """The features of a triangle mesh: vertices (n, 3) metres, triangles (m, 3) indices, anticlockwise from outside."""
+    """The matching features of a triangle mesh.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64, metres
+    triangles : (m, 3) int
+        Rows of ``vertices``, anticlockwise as seen from outside.
+    crease_angle : float, radians
+        Neighbouring triangles that turn by more meet in a crease.
+
+    Returns
+    -------
+    FeatureSet
+        Edges, then curves, then axes; frame of the vertices, metres, uncertainty zero.
+
+    Examples
+    --------
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> tetrahedron = mesh_features(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    >>> len(tetrahedron), tetrahedron.lengths.round(3).tolist()
+    (6, [1.0, 1.0, 1.0, 1.414, 1.414, 1.414])
+    """
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     label, first = cluster(vertices, WELD * size)
     points, triangles = vertices[first], label[triangles]
@@ -112,7 +147,7 @@ def _sort_out(
     lines: list[tuple[np.ndarray, np.ndarray]],
     rims: list[tuple[FittedConic, np.ndarray]],
 ) -> None:
-    """A chain without corners into straight lines and fitted curves; what is neither is left out.
+    """Add a chain without corners to straight lines and fitted curves; what is neither is left out.
 
     sides : (creases, 2) triangles at each crease; curved : (triangles,) bool, part of a round surface.
     """
@@ -132,10 +167,11 @@ def _sort_out(
             parts = even_runs(run)
             fits = [fit_conic(part) for part in parts]
         straight = [
-            len(part.segment) == 1 and length[part.segment[0]] > 3.0 * np.median(length[run.segment]) for part in parts
+            len(part.segment) == 1 and length[part.segment[0]] > LONG_SEGMENT * np.median(length[run.segment])
+            for part in parts
         ]
         if not all(fit is not None or line for fit, line in zip(fits, straight)):
-            continue  # a curve in no plane: its pieces would pass for arcs
+            continue  # a curve in no plane, whose pieces would be taken for arcs
         for part, fit in zip(parts, fits):
             if fit is None:
                 lines.append((part.points, sides[members[part.segment[0]][0]]))
@@ -147,7 +183,7 @@ def _merged(lines: list[tuple[np.ndarray, np.ndarray]], normal: np.ndarray, size
     """(n, 2, 3): straight creases, those joined that go straight on through a vertex between the same two planes."""
     ends = np.array([points for points, _ in lines]).reshape(-1, 2, 3)
     planes = [
-        sorted(tuple(np.round(normal[side], 4) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
+        sorted(tuple(np.round(normal[side], NORMAL_DECIMALS) + 0.0) if side >= 0 else (0.0, 0.0, 0.0) for side in sides)
         for _, sides in lines
     ]
     vertex = cluster(ends.reshape(-1, 3), WELD * size)[0].reshape(-1, 2)
@@ -175,12 +211,14 @@ def _curves(rims: list[tuple[FittedConic, np.ndarray]], normal: np.ndarray) -> F
         flat = [
             n
             for side in sides.T
-            if (side >= 0).all() and (n := normal[side].mean(axis=0)) @ n > 0.99 and abs(n @ conic.normal) > 0.99
+            if (side >= 0).all()
+            and (n := normal[side].mean(axis=0)) @ n > FLAT_FACE
+            and abs(n @ conic.normal) > FLAT_FACE
         ]
         looks = (flat[0] if flat else normal[sides[sides >= 0]].sum(axis=0)) @ conic.normal
         out.append(conic.normal if looks >= 0.0 else -conic.normal)
         start, sweep = conic.arc
-        whole = sweep > 2.0 * np.pi - 1e-6
+        whole = sweep > WHOLE_TURN
         arcs.append(conic.arc if looks >= 0.0 or whole else [-(start + sweep) % (2.0 * np.pi), sweep])
     return FeatureSet.from_curves(
         [c.centre for c, _ in rims],
@@ -209,7 +247,7 @@ def _axes(
         direction = axis[2]
         if spread[2] > PATCH * spread[0]:
             if np.abs(((p[:, 0] - apex) * n).sum(axis=1)).max() > PATCH * size:
-                # Neither cylinder nor cone: perhaps several that meet at shallow angles. Look only beside each rim.
+                # Neither cylinder nor cone: perhaps several that meet at shallow angles.
                 single += _rulings(rims, mine, normal)
                 continue
             direction = centres.mean(axis=0) - apex
@@ -225,7 +263,7 @@ def _axes(
                 found.append([ends[along.argmin()], ends[along.argmax()]])
             elif spread[2] <= PATCH * spread[0]:
                 single.append((ends[0], direction))
-    # Two stumps of one cylinder that goes through something round: its axis is between their outer ends.
+    # Two ends of one cylinder that goes through a round body: its axis is between its outer ends.
     for i, (one, direction) in enumerate(single):
         for other, _ in single[:i]:
             gap = other - one

@@ -1,0 +1,67 @@
+"""Thresholds of the features of meshes, of ideal data, and of drawings.
+
+Those of meshes were chosen with facetted primitives of 8 to 200 facets a turn and files of CAD programs; no command is
+kept. They are relative to the mesh's size (diagonal of its bounding box) where no unit is given.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# -- creases of a mesh -----------------------------------------------------------------------------------------------
+
+# Triangles that turn by more than this, radians, meet in a crease: larger than the angle between facets of a surface
+# with 12 facets a turn or more, smaller than the angle of any sensible edge.
+CREASE_ANGLE = np.radians(30.0)
+# Distance between vertices that are one: ten times the rounding of a 32-bit STL file.
+WELD = 2e-6
+# Turn between neighbouring segments, or triangles, that are straight or in one plane, radians.
+COLLINEAR = np.radians(0.2)
+# Decimals of the unit normals of two planes that are one.
+NORMAL_DECIMALS = 4
+
+# -- curves of a mesh ------------------------------------------------------------------------------------------------
+
+# Largest ratio of the lengths of neighbouring segments on one facetted curve.
+EVEN = 1.8
+# A straight side that goes on smoothly into arcs is longer than so many of their median segments.
+LONG_SEGMENT = 3.0
+# Largest distance of a point from the curve fitted to it, as a part of the curve's major radius; and of a flat curve's
+# points from its plane, as a part of its second spread, with rounding as a part of the first.
+FIT = 2e-3
+FLAT_ROUNDING = 1e-6
+# Fewest points of a facetted curve, and of an ellipse, which has five unknowns.
+FEWEST_POINTS = 4
+FEWEST_ELLIPSE_POINTS = 6
+# Shortest arc, and the longest with its rounding, radians.
+SHORTEST_SWEEP = np.radians(20.0)
+LONGEST_SWEEP = 2.0 * np.pi + 1e-6
+# Singular value, relative to the largest, at which more than one conic fits the points.
+AMBIGUOUS_CONIC = 1e-9
+# Cosine of the angle between a face's normals, or its normal and a curve's, that are one: the face is planar.
+FLAT_FACE = 0.99
+
+# -- axes of a mesh --------------------------------------------------------------------------------------------------
+
+# Largest spread of a patch's normals about a cylinder's or of its planes about a cone's apex, and of the direction of
+# two rims about one axis.
+PATCH = 0.02
+# Largest distance between the centres of rims on one axis, and between an apex and a vertex.
+SAME_AXIS = 1e-3
+
+# -- drawings --------------------------------------------------------------------------------------------------------
+
+# A ray to a crease of a mesh ends this part of its length early, so that the crease's own triangles do not hide it.
+BEFORE_CREASE = 1e-4
+# Distance of the eye from the model's middle, and how much nearer the model's nearest point is, in model sizes.
+VIEW_DISTANCE = 6.0
+VIEW_NEARER = 0.5
+# Part of the picture that the model fills.
+VIEW_FILL = 0.9
+# Cosine of the angle between the line of sight and z beyond which y points upwards in the picture.
+VIEW_UPRIGHT = 0.99
+
+# -- ideal data ------------------------------------------------------------------------------------------------------
+
+# Length below which a vector is not made a unit vector, metres or 1.
+LEAST_LENGTH = 1e-12
