@@ -98,7 +98,7 @@ def depth_colours(depth: FloatArray, near: float, far: float) -> ByteArray:
     share = np.clip((np.asarray(depth) - near) / max(far - near, 1e-9), 0.0, 1.0)
     hue = np.round(share * 120).astype(np.uint8)
     hsv = np.stack([hue, np.full_like(hue, 220), np.full_like(hue, 255)], axis=-1)
-    return np.asarray(cv2.cvtColor(hsv.reshape(1, -1, 3), cv2.COLOR_HSV2RGB)).reshape(-1, 3)
+    return np.asarray(cv2.cvtColor(hsv.reshape(1, -1, 3), cv2.COLOR_HSV2RGB), dtype=np.uint8).reshape(-1, 3)
 
 
 def _legend(canvas: ByteArray, near: float, far: float) -> None:

@@ -52,5 +52,5 @@ def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0
     if suffix in MESH_SUFFIXES:
         return {Path(path).stem: features_from_mesh(path, scale=mesh_scale)}
     if suffix == FEATURE_SUFFIX:
-        return {Path(path).stem: FeatureSet.load(path)}
+        return {Path(path).stem: FeatureSet.load(Path(path))}
     return {name: model_features(solid) for name, solid in load_models(path).items()}

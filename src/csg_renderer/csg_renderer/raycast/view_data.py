@@ -89,8 +89,8 @@ def plan_of(
         chosen = chosen[np.argsort(near[chosen], kind='stable')]
     camera_data = CameraData(view.local, data.origin, data.limit, data.sphere, leaf_span, near, data.listed, chosen)
     plan = Plan(
-        (np.arange(w) - camera.cx) / camera.fx,
-        (np.arange(h) - camera.cy) / camera.fy,
+        (np.arange(w, dtype=np.float64) - camera.cx) / camera.fx,
+        (np.arange(h, dtype=np.float64) - camera.cy) / camera.fy,
         1.0 / camera.fx,
         1.0 / camera.fy,
         np.ascontiguousarray(view.scene_T_camera[:3]),

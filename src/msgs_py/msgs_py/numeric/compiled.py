@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, cast
 
 import numba
 import numpy as np
@@ -117,7 +117,7 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return partial(njit, **options)
     dispatcher = numba.njit(**options)(function)
     if isinstance(dispatcher, Dispatcher):  # with compilation switched off it is the function itself
-        dispatcher._cache = ContentCache(function, options)  # type: ignore[attr-defined]
+        cast(Any, dispatcher)._cache = ContentCache(cast(FunctionType, function), options)
     return dispatcher
 
 
@@ -239,7 +239,7 @@ def _described_type(kind: Any) -> str:
         return f'compiled {content(kind.dispatcher.py_func)}'
     if isinstance(kind, types.BaseTuple):
         fields = getattr(kind, 'fields', ())
-        return f'{type(kind).__name__} {fields} {[_described_type(item) for item in iter(kind)]}'
+        return f'{type(kind).__name__} {fields} {[_described_type(item) for item in cast(Any, kind)]}'
     return repr(kind)
 
 

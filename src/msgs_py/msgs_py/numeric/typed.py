@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Float32Array: TypeAlias = NDArray[np.float32]
-IntArray: TypeAlias = NDArray[np.int64]
+# Indices and labels: of 32 bits in some records, of 64 where numpy makes them.
+IntArray: TypeAlias = NDArray[np.signedinteger[Any]]
 Int32Array: TypeAlias = NDArray[np.int32]
 Int8Array: TypeAlias = NDArray[np.int8]
 BoolArray: TypeAlias = NDArray[np.bool_]

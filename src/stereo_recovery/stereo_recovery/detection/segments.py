@@ -99,6 +99,11 @@ class Segments:
         return line_kernels.Lines(*arrays)
 
 
+def ends_exchanged(values: AnyArray, flip: BoolArray) -> AnyArray:
+    """(n, 2) values of both ends of n segments, the ends exchanged where ``flip`` (n,) says so."""
+    return np.where(flip[:, None], values[:, ::-1], values)
+
+
 def reversed_polarity(left: Segments, right: Segments, i: IntArray, j: IntArray) -> BoolArray:
     """Whether segments that show the same edge in both images are directed against each other.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..detection.junctions import Junctions
-from ..detection.segments import Segments, reversed_polarity
+from ..detection.segments import Segments, ends_exchanged, reversed_polarity
 from ..matching.matches import Matches
 from . import wireframe
 
@@ -45,9 +45,8 @@ def rough_ends(
     """
     i, j = matches.left, matches.right
     flip = reversed_polarity(left, right, i, j)
-    turned = np.where(flip[:, None], [1, 0], [0, 1])
     place, other, through = (
-        np.take_along_axis(a[j], turned, axis=1)
+        ends_exchanged(a[j], flip)
         for a in (right_junctions.abscissa, right_junctions.neighbour, right_junctions.t_junction)
     )
     flat = np.abs(left.direction[i, 1:2]) < FLAT

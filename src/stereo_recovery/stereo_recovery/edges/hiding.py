@@ -91,7 +91,7 @@ def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) ->
         return np.zeros(len(matches), bool)
     disparity = rig.left.fx * rig.baseline * (rays @ curve.normal) / depth
     told = matches.disparity[:, [0, 2]] - (rig.left.cx - rig.right.cx)
-    return (np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told)).all(axis=1)
+    return np.all(np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told), axis=1)
 
 
 def _along_axis(curve: Curve, own: Segments, places: np.ndarray, view: CameraView) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from msgs_py import StereoRig
 
 from ..detection.junctions import Junctions
-from ..detection.segments import Segments, reversed_polarity
+from ..detection.segments import Segments, ends_exchanged, reversed_polarity
 from ..detection.settings import SAGITTA_OFFSET, SAGITTA_SLOPE
 from ..matching.matches import Matches
 from . import broken_edges, corner_matching, flat_edges, vertices, wireframe
@@ -301,9 +301,8 @@ def edges(
     # The right segment's ends as places along the left one, by row or by column, whichever it follows.
     # Contrast may change its sign between the views, and with it the right segment's direction.
     flip = reversed_polarity(left, right, i, j)
-    turned = np.where(flip[:, None], [1, 0], [0, 1])
     right_place, right_sigma, right_other, right_through = (
-        np.take_along_axis(a[j], turned, axis=1)
+        ends_exchanged(a[j], flip)
         for a in (
             right_junctions.abscissa,
             right_junctions.sigma,

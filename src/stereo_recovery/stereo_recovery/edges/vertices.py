@@ -12,8 +12,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..detection.junctions import Junctions
-from ..detection.segments import Segments, line_table, reversed_polarity
+from ..detection.segments import Segments, ends_exchanged, line_table, reversed_polarity
 from ..matching.matches import Matches
 from . import vertex_kernels, wireframe
 
@@ -71,12 +73,13 @@ def vertices(
     """
     i, j = matches.left, matches.right
     flip = reversed_polarity(segments[0], segments[1], i, j)
-    turned = np.where(flip[:, None], [1, 0], [0, 1])
-    there = [
-        np.take_along_axis(a[j], turned, axis=1)
+    there: list[AnyArray] = [
+        ends_exchanged(a[j], flip)
         for a in (junctions[1].abscissa, junctions[1].neighbour, junctions[1].t_junction, junctions[1].sigma)
     ]
-    here = [a[i] for a in (junctions[0].abscissa, junctions[0].neighbour, junctions[0].t_junction, junctions[0].sigma)]
+    here: list[AnyArray] = [
+        a[i] for a in (junctions[0].abscissa, junctions[0].neighbour, junctions[0].t_junction, junctions[0].sigma)
+    ]
     p = segments[0].centre[i][:, None] + here[0][..., None] * segments[0].direction[i][:, None]
     q = segments[1].centre[j][:, None] + there[0][..., None] * segments[1].direction[j][:, None] - [0.0, offset_v]
     row = np.stack([np.ones_like(here[0]), here[0]], axis=-1)

@@ -8,6 +8,7 @@ the plane of two edges that meet sees one line, where the other eye sees a corne
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def join_matched(matches: Matches, left: Segments, right: Segments) -> tuple[Mat
         own = place[becomes[own]].astype(np.int32)
         side = side.select(kept)
         left, right = (left, side) if mirrored else (side, right)
-        matches = _without_doubles(replace(matches, **{'right' if mirrored else 'left': own}), left)
+        matches = _without_doubles(replace(matches, **cast(Any, {'right' if mirrored else 'left': own})), left)
     return matches, left, right
 
 
@@ -197,7 +198,9 @@ def split_matched(
                     share = ((ends - whole.start[0]) @ whole.direction[0]) / max(float(whole.length[0]), 1e-9)
                     first, last = (1.0 - share) * disparity[row, 0] + share * disparity[row, 2]
                     disparity[row] = first, 0.5 * (first + last), last
-            matches = replace(matches, disparity=disparity, rows=common, **{'right' if image else 'left': own})
+            matches = replace(
+                matches, disparity=disparity, rows=common, **cast(Any, {'right' if image else 'left': own})
+            )
     return matches, segments[0], segments[1]
 
 
