@@ -16,8 +16,9 @@ import numpy as np
 
 from model_matcher import MatchParams, MatchResult, ModelIndex
 from model_matcher.closed_form.synthetic import SyntheticScene
+from model_matcher.model.problem import SEARCH_WIDTH, make_problem
 from model_matcher.model.symmetry import symmetries
-from model_matcher.verification.acceptance import SEARCH_WIDTH, make_problem, refine_all
+from model_matcher.verification.refinement import refine_all
 from msgs_py import BIN, Pose
 
 ROOM = 256  # poses kept, near duplicates apart

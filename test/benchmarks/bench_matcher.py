@@ -36,7 +36,7 @@ from model_matcher.closed_form.synthetic import (
 from model_matcher.model.index import model_size
 from model_matcher.model.symmetry import symmetries
 from model_matcher.search.prefilter import prefilter
-from model_matcher.verification.acceptance import false_alarm_evidence
+from model_matcher.verification.false_alarms import false_alarm_evidence
 from msgs_py import FeatureKind, FeatureSet, Interpretation, Pose
 
 THESIS_SIZES = ('chipped_block', 'l_shape', 'wedge', 'chair', 'computer', 'plug')

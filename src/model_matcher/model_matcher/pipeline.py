@@ -5,31 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
+from .geometry.kernels import PARALLEL_SINE, rank_pairs
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, indexed
+from .model.problem import SEARCH_WIDTH, Problem, make_problem, usable
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
+from .search.free_scale import match_free
+from .search.pair_search import search_pairs
+from .search.prefilter import prefilter
 from .search.threads import spread
-from .verification.acceptance import (
-    DOUBTFUL,
-    KEEP,
-    NEARLY,
-    SEARCH_WIDTH,
-    Problem,
-    Refined,
-    conclude,
-    make_problem,
-    needed_evidence,
-    refine_all,
-    usable,
-)
+from .verification.acceptance import CANDIDATES, NEARLY, conclude
+from .verification.false_alarms import needed_evidence
+from .verification.refinement import DOUBTFUL, KEEP, Refined, refine_all
 
 NEIGHBOURS = 24
 PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
@@ -72,8 +67,6 @@ def match(
     except ValueError as error:
         return no_match(data, str(error))
     if params.scale == 'free':
-        from .search.free_scale import match_free
-
         # One length beyond all distance would be all that the scale is read off.
         keep = usable(data, unit=None)
         result = match_free(index, data.select(keep), params, started, match)
@@ -105,16 +98,12 @@ def match(
 
 def _all_parallel(rows: np.ndarray) -> bool:
     """Whether no two features fix a pose; a tree then finds what there is, with the shift along them left free."""
-    from .geometry.kernels import PARALLEL_SINE
-
     least = float(np.abs(rows[:, 3:6] @ rows[0, 3:6]).min())
     return 1.0 - least * least < PARALLEL_SINE**2 / 4.0
 
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:
     """The production search and what follows it."""
-    from .geometry.kernels import rank_pairs
-
     index, rows = problem.index, problem.rows
     n = len(rows)
     neighbours, all_ranked = EVERYONE, True
@@ -174,20 +163,17 @@ def _search(
     deadline: float,
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
-    from .search import pair_search as hypotheses
-
-    search: Any = hypotheses.search_pairs
     index, table = problem.index, problem.table
     block = max(8, BLOCK // len(problem.rows))
     looked = time.perf_counter()
-    for room in (hypotheses.CANDIDATES, PERIODIC * hypotheses.CANDIDATES):
+    for room in (CANDIDATES, PERIODIC * CANDIDATES):
         motions = np.zeros((room, 12))
         scores = np.zeros(room)
         state = np.array([0, 0, begin, 0])
         first, in_time = begin, True
         while first < len(pairs) and not state[3] and in_time:
             last = min(len(pairs), first + block)
-            search(
+            search_pairs(
                 pairs,
                 partners,
                 index.rows,
@@ -298,8 +284,6 @@ def survey(
     left = np.arange(len(data))
     n_models = len(indexes)
     if n_models > LIBRARY and params.scale == 'known':
-        from .search.prefilter import prefilter
-
         indexes = [indexes[k] for k in prefilter(indexes, data, params)]
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
     if not _warm:
@@ -380,6 +364,4 @@ def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
     bars = FeatureSet.from_edges(corners[:4], corners[:4] * [1, 1, 0] + [0, 0, 2])
     match(bars, bars)  # a tree's, all being parallel
     if n_models > LIBRARY:
-        from .search.prefilter import prefilter
-
         prefilter([indexed(model, 'model')], model, params or MatchParams())

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic import MODELS, fragment, make_scene, random_pose
 from model_matcher.geometry.kernels import assign
+from model_matcher.model.problem import make_problem
 from model_matcher.proof.branch_and_bound import sample_of
 from model_matcher.proof.certificate import prove
 from model_matcher.proof.feasibility import (
@@ -20,7 +21,6 @@ from model_matcher.proof.feasibility import (
     infeasible_subset,
     minimax_pose,
 )
-from model_matcher.verification.acceptance import make_problem
 from msgs_py import BIN, Pose
 
 SMALL = ('l_shape', 'wedge', 'chipped_block', 'cylinder_box', 'tubes')

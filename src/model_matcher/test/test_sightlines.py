@@ -7,7 +7,9 @@ import numpy as np
 from model_matcher import MatchParams, match
 from model_matcher.closed_form.synthetic import chipped_block
 from model_matcher.model.index import indexed
-from model_matcher.verification import acceptance, line_of_sight
+from model_matcher.model.problem import make_problem
+from model_matcher.verification import line_of_sight
+from model_matcher.verification.interpretations import covered
 from msgs_py import FeatureSet, Pose
 
 
@@ -78,10 +80,10 @@ def test_a_grid_is_not_a_period_off_though_something_lies_along_each_of_its_line
 
 def test_covered_length_counts_each_place_once():
     model = chipped_block()
-    problem = acceptance.make_problem(indexed(model, 'block'), model, MatchParams())
+    problem = make_problem(indexed(model, 'block'), model, MatchParams())
     whole = np.arange(len(model), dtype=np.int32)
     here = np.append(np.eye(3).ravel(), np.zeros(3))
     twice = FeatureSet.concatenate([model, model])
-    again = acceptance.make_problem(indexed(model, 'block'), twice, MatchParams())
-    assert np.isclose(acceptance.covered(problem, here, whole), model.lengths.sum())
-    assert np.isclose(acceptance.covered(again, here, np.tile(whole, 2)), model.lengths.sum())
+    again = make_problem(indexed(model, 'block'), twice, MatchParams())
+    assert np.isclose(covered(problem, here, whole), model.lengths.sum())
+    assert np.isclose(covered(again, here, np.tile(whole, 2)), model.lengths.sum())

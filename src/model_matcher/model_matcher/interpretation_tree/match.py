@@ -10,8 +10,10 @@ import numpy as np
 from msgs_py import BIN, FeatureSet, Interpretation
 from msgs_py.numeric.typed import FloatArray, IntArray
 
+from ..model.problem import Problem
 from ..params import MatchParams, MatchResult, no_match
-from ..verification.acceptance import Problem, conclude, refine_all
+from ..verification.acceptance import conclude
+from ..verification.refinement import refine_all
 from .absolute_pose import validate
 from .serial import serial_search
 from .settings import FIRST_FRACDEV, INTERPRETATIONS, PARALLEL_COSINE, REFINED

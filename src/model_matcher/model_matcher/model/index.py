@@ -9,6 +9,7 @@ import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet
 
+from ..geometry.kernels import build_pair_table, build_voxels
 from ..params import MatchParams
 
 VOXELS_ACROSS = 24
@@ -78,8 +79,6 @@ class ModelIndex:
 
     def voxels(self, tolerance: float) -> VoxelTable:
         """The table whose reach covers a tolerance (metres); the widest one when none does."""
-        from ..geometry.kernels import build_voxels
-
         wanted = tolerance / max(self.size, SMALLEST_FEATURE)
         reach = next((r for r in VOXEL_REACHES if r >= wanted), VOXEL_REACHES[-1])
         if reach not in self._voxels:
@@ -120,8 +119,6 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
 
     Raises ValueError when no feature is left.
     """
-    from ..geometry.kernels import build_pair_table
-
     keep = np.flatnonzero(features.lengths > SMALLEST_FEATURE)
     if len(keep) == 0:
         raise ValueError(

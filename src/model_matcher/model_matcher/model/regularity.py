@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..verification.visibility_evidence import hull_faces
+from .convex_hull import hull_faces
 from .index import ModelIndex
 
 PARALLEL = 0.9925  # cosine: nearer directions count as one (7 degrees)
@@ -33,7 +33,7 @@ class Regularity:
     usual : (d,) int32, numbers of the most frequent directions, which span the planes
     spanned : (q, d) int8, by plane and usual direction: 1 when it lies in the plane, 2 when it is upright to it
     upright : (d, d) int32, which usual direction is upright to two of them, -1 for none
-    faces, lies : of the model's convex hull, see :func:`.views.hull_faces`
+    faces, lies : of the model's convex hull, see :func:`.convex_hull.hull_faces`
     """
 
     order: np.ndarray

@@ -24,7 +24,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.kernels import pair_geometry
 from ..geometry.pair_bounds import possible
 from ..geometry.pair_pose import pair_frame, pair_pose
-from ..verification.acceptance import Problem
+from ..model.problem import Problem
 from .arc_consistency import DataRanges, Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
 from .feasibility import FEASIBLE, INFEASIBLE, Sample, all_fit, can_join, deviations, infeasible_subset, minimax_pose
 from .settings import GROUP, NARROWEST_CONE, NEAR, STEEP, WIDE

@@ -21,9 +21,11 @@ from msgs_py import BIN, FeatureSet, Interpretation
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from ..model.index import ModelIndex, index_model
+from ..model.problem import Problem, make_problem
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams, MatchResult
-from ..verification.acceptance import Problem, Refined, _interpretation, as_pose, make_problem, pose_covariances
+from ..verification.interpretations import as_interpretation, as_pose, pose_covariances
+from ..verification.refinement import Refined
 from .branch_and_bound import BranchAndBound, GivenUp, Larger, sample_of
 from .feasibility import all_fit, can_join, deviations, infeasible_subset, least_squares_pose, minimax_pose
 
@@ -146,7 +148,7 @@ def _as_interpretation(problem: Problem, assignment: Int32Array, motion: FloatAr
     )
     covariance = pose_covariances(problem.index, refined, [0])[0]
     found = as_pose(pose)
-    return _interpretation(problem, refined, 0, found, covariance, symmetric_poses(problem.index, found), None)
+    return as_interpretation(problem, refined, 0, found, covariance, symmetric_poses(problem.index, found), None)
 
 
 def prove(

@@ -18,8 +18,10 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
 
 from ..interpretation_tree.absolute_pose import validate
 from ..model.index import SMALLEST_FEATURE, ModelIndex, feature_rows
+from ..model.problem import make_problem
 from ..params import MatchParams, MatchResult, no_match
-from ..verification.acceptance import conclude, make_problem, refine_all
+from ..verification.acceptance import conclude
+from ..verification.refinement import refine_all
 
 STEP = 0.025  # of the logarithm: a search at one scale finds what is a little larger or smaller
 AROUND = 20  # steps to either side that a scale has to stand out from

@@ -20,8 +20,10 @@ from msgs_py import FeatureSet
 
 from ..geometry.kernels import rank_pairs
 from ..model.index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
+from ..model.problem import make_problem
 from ..params import MatchParams
-from ..verification.acceptance import make_problem, needed_evidence, refine_all
+from ..verification.false_alarms import needed_evidence
+from ..verification.refinement import refine_all
 from .prefilter_kernels import best_poses
 from .threads import spread
 

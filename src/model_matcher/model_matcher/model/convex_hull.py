@@ -1,0 +1,56 @@
+"""The faces of a model's convex hull, and which edges lie on them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from msgs_py import FeatureKind
+from msgs_py.numeric.vectors import perpendicular
+
+from .index import ModelIndex
+
+# Corners and edges lie on a face of the hull when they are this near to it, as a share of the model's size.
+ON_FACE = 0.005
+RIM = 16  # points that stand for a curve
+
+
+def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
+    """Faces of a model's convex hull: outward normals and offsets (h, 4), the face where normal . x + offset = 0,
+    metres; and lies (h, e) bool, which edges lie on them. A flat model has two faces, a straight one none."""
+    rows = index.rows
+    step = rows[:, 6:7] * rows[:, 3:6]
+    points = np.concatenate([rows[:, :3] - step, rows[:, :3] + step, _rims(index)])
+    planes = _planes(points, index.size)
+    lies = np.ones((len(planes), len(rows)), bool)
+    near = ON_FACE * index.size
+    for sign in (-1.0, 1.0):
+        away = np.abs((rows[:, :3] + sign * step) @ planes[:, :3].T + planes[:, 3])
+        lies &= (away < near).T
+    return planes, lies & (index.kind == FeatureKind.EDGE)
+
+
+def _rims(index: ModelIndex) -> np.ndarray:
+    rows = index.rows[index.kind == FeatureKind.CURVE]
+    angle = np.arange(RIM) * 2.0 * np.pi / RIM
+    normal = rows[:, 3:6]
+    u = -perpendicular(normal)
+    v = np.cross(normal, u)
+    around = np.cos(angle)[:, None, None] * u + np.sin(angle)[:, None, None] * v
+    return (rows[:, :3] + np.nan_to_num(rows[:, 7:8]) * around).reshape(-1, 3)
+
+
+def _planes(points: np.ndarray, size: float) -> np.ndarray:
+    middle = points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(points - middle, full_matrices=False)
+    if len(spread) < 3 or spread[1] < ON_FACE * size:
+        return np.zeros((0, 4))
+    if spread[2] < ON_FACE * size:
+        return np.array([[*(sign * axes[2]), -sign * float(axes[2] @ middle)] for sign in (-1.0, 1.0)])
+    try:
+        found = ConvexHull(points).equations
+    except QhullError:
+        return np.zeros((0, 4))
+    # The hull comes in triangles; a face is all of them in one plane.
+    _, first = np.unique(np.round(found / [0.01, 0.01, 0.01, 0.01 * size]), axis=0, return_index=True)
+    return np.ascontiguousarray(found[np.sort(first)])

@@ -1,0 +1,69 @@
+"""A model and data, made ready for each other: what of the data is usable, and within which tolerances it fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msgs_py import FeatureSet
+
+from ..params import MatchParams
+from .index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
+
+SEARCH_WIDTH = 1.6
+# Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
+FARTHEST = 1e6
+
+
+@dataclass(eq=False)
+class Problem:
+    """A model and data, made ready.
+
+    data : the n usable features; keep : (n,) their numbers among all n_data
+    rows : (n, 9), tolerances : (n, 3) as kernels.py wants them; radius_tol : metres
+    """
+
+    index: ModelIndex
+    data: FeatureSet
+    keep: np.ndarray
+    n_data: int
+    rows: np.ndarray
+    tolerances: np.ndarray
+    table: VoxelTable
+    radius_tol: float
+
+    @property
+    def grid(self) -> tuple:
+        """What the back-projection kernels take, model first."""
+        table = self.table
+        return (self.index.rows, self.index.kind, table.low, table.cell, table.shape, table.starts, table.items)
+
+    @property
+    def sample(self) -> tuple:
+        """The data as the kernels take it."""
+        return (self.rows, self.data.kind, self.tolerances)
+
+
+def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
+    """Numbers (k,) of the features that are neither without length nor beyond all distance, in place or in error.
+
+    unit : metres, of the data; None when it is not known: what most of the data is away then stands for a metre
+    """
+    far = np.maximum(np.abs(data.start), np.abs(data.end)).max(axis=1, initial=0.0)
+    if unit is None:
+        unit = 1.0 / (float(np.median(far)) or 1.0) if len(far) else 1.0
+    far = np.maximum(far, np.maximum(data.err_par, data.err_per))
+    return np.flatnonzero((data.lengths > SMALLEST_FEATURE) & (far < FARTHEST / unit))
+
+
+def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:
+    """Prepare data for a model; of it, what is :func:`usable`."""
+    keep = usable(data)
+    used = data if len(keep) == len(data) else data.select(keep)
+    rows = feature_rows(used)
+    tolerances = data_tolerances(used, rows, index.size, params)
+    widest = SEARCH_WIDTH * float(tolerances[:, 0].max(initial=0.0))
+    return Problem(
+        index, used, keep, len(data), rows, tolerances, index.voxels(widest), params.curvedev * index.max_radius
+    )

@@ -1,0 +1,26 @@
+"""How much evidence chance reaches, and an interpretation therefore needs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..model.problem import Problem
+from ..params import MatchParams
+
+# Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
+# TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
+LEAST, PER_DATA, TAIL = -0.6, 1.5, 1.3
+
+
+def needed_evidence(problem: Problem, params: MatchParams) -> float:
+    """Nats below which an interpretation counts as chance. A rate of 1 turns the test off."""
+    if params.false_alarm_rate >= 1.0:
+        return -np.inf
+    return false_alarm_evidence(len(problem.rows), params.false_alarm_rate)
+
+
+def false_alarm_evidence(n: int, rate: float) -> float:
+    """Nats that chance reaches in a share ``rate`` of the scenes of n data features."""
+    return LEAST + PER_DATA * math.log(max(n, 1)) - TAIL * math.log(max(rate, 1e-12))

@@ -1,0 +1,82 @@
+"""What a refined pose says: its covariance, what of the model it covers, and the interpretation to publish."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py import BIN, FeatureKind, Interpretation, Pose
+
+from ..geometry.least_squares import covariances
+from ..model.index import SMALLEST_FEATURE, ModelIndex
+from ..model.problem import Problem
+from .refinement import Refined
+
+BINS = 64  # places along a model edge that are looked at
+
+
+def as_pose(motion: np.ndarray) -> Pose:
+    return Pose(motion[:9].reshape(3, 3), motion[9:])
+
+
+def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> float:
+    """Metres of model edges that data lies along, each place counted once, and circumferences of matched curves.
+
+    motion : (12,), pose; assignment : (n,), BIN or a model feature
+    """
+    model, used = problem.index.rows, np.flatnonzero(assignment != BIN)
+    target = assignment[used]
+    curves = problem.index.kind == FeatureKind.CURVE
+    rims = np.where(curves, 2.0 * np.pi * np.nan_to_num(model[:, 7]), 0.0)[np.unique(target)].sum()
+    edges = ~curves[target]
+    used, target = used[edges], target[edges]
+    rows = problem.rows[used]
+    step = rows[:, 6:7] * rows[:, 3:6]
+    ends = (np.stack([rows[:, :3] - step, rows[:, :3] + step], axis=1) - motion[9:]) @ motion[:9].reshape(3, 3)
+    places = np.sort(((ends - model[target, None, :3]) * model[target, None, 3:6]).sum(axis=-1), axis=1)
+    share = (np.arange(BINS) + 0.5) / BINS * 2.0 - 1.0
+    at = share * model[target, 6:7]
+    hit = np.zeros((len(model), BINS), bool)
+    np.logical_or.at(hit, target, (at >= places[:, :1]) & (at <= places[:, 1:]))
+    return float(rims + (hit.mean(axis=1) * 2.0 * model[:, 6]).sum())
+
+
+def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> np.ndarray:
+    """(c, 6, 6) covariances of (x, y, z, rx, ry, rz), metres and radians, of the chosen candidates, from their fits.
+
+    A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
+    """
+    figures = refined.figures[chosen]
+    # The fit turns about the data's centre; the pose's translation is that of the model's origin.
+    return covariances(
+        refined.normals[chosen],
+        figures[:, 2].copy(),
+        refined.motions[chosen, 9:] - figures[:, 3:6],
+        index.size,
+        SMALLEST_FEATURE,
+    )
+
+
+def as_interpretation(
+    problem: Problem,
+    refined: Refined,
+    k: int,
+    pose: Pose,
+    covariance: np.ndarray,
+    others: tuple[Pose, ...],
+    reason: str | None,
+) -> Interpretation:
+    assignment = np.full(problem.n_data, BIN, np.int32)
+    sign = np.zeros(problem.n_data, np.int8)
+    chosen = np.flatnonzero(refined.assignments[k] != BIN)
+    assignment[problem.keep[chosen]] = problem.index.source[refined.assignments[k][chosen]]
+    sign[problem.keep[chosen]] = refined.signs[k][chosen]
+    return Interpretation(
+        problem.index.name,
+        assignment,
+        sign,
+        pose,
+        residual_rms=refined.figures[k, 1],
+        covariance=covariance,
+        symmetric_poses=others,
+        rejected_reason=reason,
+    )
