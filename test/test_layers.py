@@ -25,7 +25,17 @@ JOINS = ('closed_form',)
 # Rooms from the lowest to the highest: a module imports from its own room and from those before it. Modules at the root
 # of a package stand in the list by name where a room imports them; all others are after the last room.
 ROOMS = {
-    'msgs_py': ('numeric', '_checks', 'pose', 'camera', 'features', 'interpretation', 'codecs', 'node_runtime'),
+    'msgs_py': (
+        'numeric',
+        'settings',
+        '_checks',
+        'pose',
+        'camera',
+        'features',
+        'interpretation',
+        'codecs',
+        'node_runtime',
+    ),
     'dap_emulator': ('machine', 'fortran_plus', 'service'),
     'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
     'stereo_recovery': ('params', 'cameras', 'detection', 'matching', 'curves', 'edges'),

@@ -1,4 +1,4 @@
-"""The executables of the nodes, and what must be said before numpy is imported, which every package of the graph does.
+"""The executables of the nodes, and what must be set before numpy is imported, which every package of the graph does.
 
 OpenBLAS starts a thread for each core when it is loaded, and each spins for a while: a fifth of a node's start, taken
 from the nodes that start beside it. No node multiplies matrices so large that more than one thread would help.
@@ -13,20 +13,25 @@ from importlib import import_module
 def start(module: str) -> int:
     """Run a node's module; ``OPENBLAS_NUM_THREADS`` of the user's own is left alone."""
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    return import_module(module).main()
+    code: int = import_module(module).main()
+    return code
 
 
 def emulator_node() -> int:
+    """Run emulator_node."""
     return start('dap_emulator.node')
 
 
 def renderer_node() -> int:
+    """Run renderer_node."""
     return start('csg_renderer.node')
 
 
 def recovery_node() -> int:
+    """Run recovery_node."""
     return start('stereo_recovery.node')
 
 
 def matcher_node() -> int:
+    """Run matcher_node."""
     return start('model_matcher.node')

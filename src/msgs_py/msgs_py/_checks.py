@@ -5,11 +5,32 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .numeric.typed import FloatArray
 
-def as_finite(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
-    """Return value as a float64 array of the given shape (None: any length), every element finite.
 
-    Raises ValueError that starts with ``name``.
+def as_finite(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """A copy of a value as a float64 array of the given shape, every element finite.
+
+    Parameters
+    ----------
+    name : str
+        What the value is called in errors.
+    value : array_like of float
+    shape : tuple of int or None
+        Expected shape; None stands for any length.
+
+    Raises
+    ------
+    ValueError
+        Starts with ``name``.
+
+    Examples
+    --------
+    >>> as_finite('points', [[0, 0, 1]], (None, 3))
+    array([[0., 0., 1.]])
+    >>> as_finite('points', [[0, 0]], (None, 3))
+    Traceback (most recent call last):
+    ValueError: points: expected shape (n, 3), got (1, 2)
     """
     array = as_shaped(name, value, shape)
     if not np.isfinite(array).all():
@@ -17,7 +38,7 @@ def as_finite(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.
     return array
 
 
-def as_shaped(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
+def as_shaped(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     """As :func:`as_finite`, but NaN and infinity are allowed."""
     try:
         array = np.array(value, dtype=np.float64)

@@ -11,17 +11,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Relative slack when two intrinsics that a rectified pair must share are compared: calibration files carry about
-# this many digits.
-RECTIFIED_TOLERANCE = 1e-6
+from .numeric.typed import BoolArray, FloatArray
+from .settings import RECTIFIED_TOLERANCE
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
     """An ideal pinhole camera.
 
-    width, height : int, pixels; fx, fy : float > 0, pixels; cx, cy : float, pixels.
-    Raises ValueError, naming the field.
+    Parameters
+    ----------
+    width, height : int
+        Size of the image, pixels.
+    fx, fy : float
+        Focal lengths, pixels, above 0.
+    cx, cy : float
+        Principal point, pixels from the centre of the upper left pixel.
+
+    Raises
+    ------
+    ValueError
+        Names the field.
+
+    References
+    ----------
+    Hartley & Zisserman, Multiple View Geometry, 6.1.
+
+    Examples
+    --------
+    >>> camera = PinholeCamera.centred(640, 480, 800.0)
+    >>> camera.project([0.1, 0.0, 0.5])
+    array([479.5, 239.5])
+    >>> camera.rays([479.5, 239.5])
+    array([0.2, 0. , 1. ])
     """
 
     width: int
@@ -47,46 +69,106 @@ class PinholeCamera:
 
     @classmethod
     def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:
-        """Square pixels, principal point in the middle of the image; focal in pixels."""
+        """A camera with square pixels and its principal point in the middle of the image.
+
+        Parameters
+        ----------
+        width, height : int
+            Size of the image, pixels.
+        focal : float
+            Focal length, pixels.
+        """
         return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
     @property
-    def matrix(self) -> np.ndarray:
-        """(3, 3) float64, the calibration matrix K (Hartley & Zisserman 6.1)."""
+    def matrix(self) -> FloatArray:
+        """The calibration matrix K, (3, 3) float64, pixels (Hartley & Zisserman 6.1)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    def project(self, points: ArrayLike) -> np.ndarray:
-        """Camera-frame points (..., 3), metres, to pixels (..., 2). Points with z <= 0 give NaN."""
+    def project(self, points: ArrayLike) -> FloatArray:
+        """Pixels where the camera sees points.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like of float64
+            Metres, camera frame.
+
+        Returns
+        -------
+        (..., 2) float64
+            (u, v), pixels; NaN for points that do not lie before the camera (z <= 0).
+        """
         p = np.asarray(points, dtype=np.float64)
         z = np.where(p[..., 2] > 0.0, p[..., 2], np.nan)
         return np.stack([self.fx * p[..., 0] / z + self.cx, self.fy * p[..., 1] / z + self.cy], axis=-1)
 
-    def rays(self, pixels: ArrayLike) -> np.ndarray:
-        """Pixels (..., 2) to viewing directions (..., 3) with z = 1 (not normalised), camera frame."""
+    def rays(self, pixels: ArrayLike) -> FloatArray:
+        """Back-projection: the viewing directions of pixels.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array_like of float64
+            (u, v), pixels.
+
+        Returns
+        -------
+        (..., 3) float64
+            Directions with z = 1, not normalised, camera frame.
+        """
         uv = np.asarray(pixels, dtype=np.float64)
         x = (uv[..., 0] - self.cx) / self.fx
         y = (uv[..., 1] - self.cy) / self.fy
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
-    def pixel_grid(self) -> np.ndarray:
-        """(height, width, 2) float64: (u, v) of every pixel's centre."""
+    def pixel_grid(self) -> FloatArray:
+        """The centre (u, v) of every pixel, (height, width, 2) float64."""
         v, u = np.mgrid[0 : self.height, 0 : self.width]
         return np.stack([u, v], axis=-1).astype(np.float64)
 
-    def contains(self, pixels: ArrayLike) -> np.ndarray:
-        """(...,) bool: inside the image area, borders of the outermost pixels included. NaN is outside."""
+    def contains(self, pixels: ArrayLike) -> BoolArray:
+        """Whether pixels lie inside the image area, borders of the outermost pixels included.
+
+        Parameters
+        ----------
+        pixels : (..., 2) array_like of float64
+            (u, v), pixels.
+
+        Returns
+        -------
+        (...,) bool
+            False for NaN.
+        """
         uv = np.asarray(pixels, dtype=np.float64)
         u, v = uv[..., 0], uv[..., 1]
         with np.errstate(invalid='ignore'):
-            return (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)
+            inside: BoolArray = (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)
+        return inside
 
 
 @dataclass(frozen=True)
 class StereoRig:
     """A rectified pair: equal fx, fy, cy and size; the right camera sits at +baseline along the left camera's x.
 
-    left, right : PinholeCamera (cx may differ: a disparity offset); baseline : float > 0, metres.
-    Raises ValueError, naming what disagrees.
+    Parameters
+    ----------
+    left, right : PinholeCamera
+        Their cx may differ, which is an offset of the disparity.
+    baseline : float
+        Distance of the cameras, metres, above 0.
+
+    Raises
+    ------
+    ValueError
+        Names what disagrees.
+
+    Examples
+    --------
+    >>> rig = StereoRig.symmetric(PinholeCamera.centred(640, 480, 800.0), baseline=0.1)
+    >>> left, right = rig.project([0.0, 0.0, 0.5])
+    >>> rig.triangulate(left, right[0]).tolist()
+    [0.0, 0.0, 0.5]
+    >>> float(rig.disparity(0.5))
+    160.0
     """
 
     left: PinholeCamera
@@ -109,15 +191,26 @@ class StereoRig:
 
     @classmethod
     def symmetric(cls, camera: PinholeCamera, baseline: float) -> StereoRig:
-        """Both eyes alike."""
+        """A rig of two equal cameras."""
         return cls(camera, camera, baseline)
 
     @classmethod
     def from_camera_info(cls, left: Any, right: Any) -> StereoRig:
-        """From the projection matrices P of two sensor_msgs/CameraInfo (any objects with width, height, p).
+        """The rig that the projection matrices of two camera_info messages describe.
 
-        The right camera's P[0,3] must be -fx * baseline: negative, in pixel-metres. Zero, positive and
-        non-finite values are refused with the matrix printed (sensor_msgs/CameraInfo.msg).
+        Parameters
+        ----------
+        left, right : sensor_msgs.msg.CameraInfo
+            Or any objects with width, height (pixels) and the 12 elements p of P.
+
+        Raises
+        ------
+        ValueError
+            When P[0,3] of the right camera is not -fx * baseline: negative, in pixel-metres. The matrix is printed.
+
+        References
+        ----------
+        The comments in sensor_msgs/CameraInfo.msg.
         """
         p_left, p_right = (_projection(side, info) for side, info in (('left', left), ('right', right)))
         if abs(p_left[0, 3]) > RECTIFIED_TOLERANCE * p_left[0, 0]:
@@ -141,23 +234,58 @@ class StereoRig:
         return cls(cameras[0], cameras[1], -offset / p_right[0, 0])
 
     @property
-    def right_T_left(self) -> np.ndarray:
-        """(3,) float64, metres: add it to left-frame points to get right-frame points."""
+    def right_T_left(self) -> FloatArray:
+        """What is added to left-frame points to get right-frame points, (3,) float64, metres."""
         return np.array([-self.baseline, 0.0, 0.0])
 
-    def project(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Left-frame points (..., 3), metres, to left and right pixels (..., 2)."""
+    def project(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Pixels where both cameras see points.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like of float64
+            Metres, left frame.
+
+        Returns
+        -------
+        left, right : (..., 2) float64
+            (u, v), pixels; NaN for points that do not lie before the cameras.
+        """
         p = np.asarray(points, dtype=np.float64)
         return self.left.project(p), self.right.project(p + self.right_T_left)
 
-    def disparity(self, depth: ArrayLike) -> np.ndarray:
-        """u_left - u_right, pixels, of points at the given depth z, metres."""
-        return self.left.fx * self.baseline / np.asarray(depth, dtype=np.float64) + (self.left.cx - self.right.cx)
+    def disparity(self, depth: ArrayLike) -> FloatArray:
+        """The disparity u_left - u_right of points at a depth.
 
-    def triangulate(self, left_pixels: ArrayLike, u_right: ArrayLike) -> np.ndarray:
-        """Left pixels (..., 2) and their right columns (...,) to left-frame points (..., 3), metres.
+        Parameters
+        ----------
+        depth : (...,) array_like of float64
+            Coordinate z, metres, left frame.
 
-        A disparity that puts the point at or beyond infinity gives NaN.
+        Returns
+        -------
+        (...,) float64
+            Pixels.
+        """
+        disparity: FloatArray = self.left.fx * self.baseline / np.asarray(depth, dtype=np.float64) + (
+            self.left.cx - self.right.cx
+        )
+        return disparity
+
+    def triangulate(self, left_pixels: ArrayLike, u_right: ArrayLike) -> FloatArray:
+        """Points that both cameras see where they are said to.
+
+        Parameters
+        ----------
+        left_pixels : (..., 2) array_like of float64
+            (u, v) in the left image, pixels.
+        u_right : (...,) array_like of float64
+            Columns of the same points in the right image, pixels.
+
+        Returns
+        -------
+        (..., 3) float64
+            Metres, left frame; NaN where the disparity puts the point at or beyond infinity.
         """
         uv = np.asarray(left_pixels, dtype=np.float64)
         d = uv[..., 0] - np.asarray(u_right, dtype=np.float64) - (self.left.cx - self.right.cx)
@@ -165,7 +293,7 @@ class StereoRig:
         return self.left.rays(uv) * z[..., None]
 
 
-def _projection(side: str, info: Any) -> np.ndarray:
+def _projection(side: str, info: Any) -> FloatArray:
     """P of a CameraInfo as (3, 4) float64, checked."""
     p = np.asarray(info.p, dtype=np.float64)
     if p.size != 12:

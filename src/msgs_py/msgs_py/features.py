@@ -1,4 +1,4 @@
-"""Matching features: straight edges, planar curves and axes, as a struct of arrays.
+"""Matching features: straight edges, planar curves and axes, as a record of arrays.
 
 The same type carries a model's features (exact, uncertainty zero), the features recovered from a stereo pair,
 and the true features of a rendered scene.
@@ -16,10 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import as_finite, as_shaped
+from .numeric.typed import AnyArray, ByteArray, FloatArray
 from .numeric.vectors import farthest_axis
 from .pose import Pose
 
+# Start and sweep of a whole curve, radians.
 FULL_ARC = (0.0, 2.0 * np.pi)
+# Arrays of a FeatureSet, in the order of its arguments; a file may lack the last two.
+FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc')
 
 
 class FeatureKind(IntEnum):
@@ -34,27 +38,50 @@ class FeatureKind(IntEnum):
 class FeatureSet:
     """n features; every array has one row a feature.
 
-    kind : (n,) uint8, FeatureKind
-    start, end : (n, 3) float64, metres. EDGE: its end points, in no particular order. CURVE: start is the centre and
-        end - start the unit normal of its plane (outward where known). AXIS: the centres of the planar ends (cone:
-        apex to base centre)
-    radii : (n, 2) float64, metres: major, minor of a CURVE; NaN otherwise
-    err_par, err_per : (n,) float64, metres: uncertainty of the end points along and across (thesis 5.4); 0 for a model
-    major_axis : (n, 3) float64: unit direction of a CURVE's major radius, in its plane; NaN where unknown or no CURVE
-    arc : (n, 2) float64, radians: where a CURVE's visible piece starts, from major_axis about the normal, and how far
-        it runs (2 pi: the whole curve); NaN when not a CURVE. From 0 when major_axis is unknown
+    Parameters
+    ----------
+    kind : (n,) uint8
+        FeatureKind.
+    start, end : (n, 3) float64
+        Metres. EDGE: its end points, in no particular order. CURVE: start is the centre and end - start the unit normal
+        of its plane (outward where known). AXIS: the centres of the planar ends (cone: apex to base centre).
+    radii : (n, 2) float64
+        Major and minor radius of a CURVE, metres; NaN otherwise.
+    err_par, err_per : (n,) float64
+        Uncertainty of the end points along and across, metres; 0 for a model.
+    major_axis : (n, 3) float64, optional
+        Unit direction of a CURVE's major radius, in its plane; NaN where unknown or no CURVE.
+    arc : (n, 2) float64, optional
+        Radians: where the visible arc of a CURVE starts, from major_axis about the normal, and how far it runs (2 pi:
+        the whole curve); NaN when not a CURVE. From 0 when major_axis is unknown.
 
-    Raises ValueError, naming the array, when shapes disagree or a needed value is not finite.
+    Raises
+    ------
+    ValueError
+        Names the array, when shapes disagree or a needed value is not finite.
+
+    References
+    ----------
+    Thesis 5.4 (the uncertainties).
+
+    Examples
+    --------
+    >>> edges = FeatureSet.from_edges(start=[[0, 0, 0.5]], end=[[0.1, 0, 0.5]], err_par=0.001, err_per=0.0005)
+    >>> rim = FeatureSet.from_curves(centre=[[0, 0, 0.5]], normal=[[0, 0, -1]], radii=0.02)
+    >>> FeatureSet.concatenate([edges, rim])
+    FeatureSet(1 EDGE, 1 CURVE, 0 AXIS)
+    >>> edges.lengths
+    array([0.1])
     """
 
-    kind: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    radii: np.ndarray
-    err_par: np.ndarray
-    err_per: np.ndarray
-    major_axis: np.ndarray = None  # type: ignore[assignment]
-    arc: np.ndarray = None  # type: ignore[assignment]
+    kind: ByteArray
+    start: FloatArray
+    end: FloatArray
+    radii: FloatArray
+    err_par: FloatArray
+    err_per: FloatArray
+    major_axis: FloatArray = None  # type: ignore[assignment]
+    arc: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         kind = np.array(self.kind)
@@ -65,7 +92,7 @@ class FeatureSet:
             raise ValueError(f'kind: expected 0 (EDGE), 1 (CURVE) or 2 (AXIS), got {np.unique(kind)}')
         kind = kind.astype(np.uint8)
         curve = kind == FeatureKind.CURVE
-        arrays = {
+        arrays: dict[str, AnyArray] = {
             'kind': kind,
             'start': as_finite('start', _rows(self.start, n, 3), (n, 3)),
             'end': as_finite('end', _rows(self.end, n, 3), (n, 3)),
@@ -94,13 +121,22 @@ class FeatureSet:
 
     @classmethod
     def empty(cls) -> FeatureSet:
+        """No feature at all."""
         return cls.from_edges(np.zeros((0, 3)), np.zeros((0, 3)))
 
     @classmethod
     def from_edges(
         cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0, err_per: ArrayLike = 0.0
     ) -> FeatureSet:
-        """Straight edges from end points (n, 3), metres; uncertainties scalar or (n,)."""
+        """Straight edges from their end points.
+
+        Parameters
+        ----------
+        start, end : (n, 3) array_like of float64
+            Metres, any frame.
+        err_par, err_per : () or (n,) array_like of float64
+            Uncertainty of the end points along and across, metres.
+        """
         start = np.asarray(start, dtype=np.float64).reshape(-1, 3)
         n = len(start)
         return cls(
@@ -123,7 +159,28 @@ class FeatureSet:
         major_axis: ArrayLike | None = None,
         arc: ArrayLike | None = None,
     ) -> FeatureSet:
-        """Planar curves from centres (n, 3), normals (n, 3) of any length, radii (n, 2) or (n,) for circles."""
+        """Planar curves from their centres, normals and radii.
+
+        Parameters
+        ----------
+        centre : (n, 3) array_like of float64
+            Metres, any frame.
+        normal : (n, 3) array_like of float64
+            Normals of their planes, of any length but zero.
+        radii : (n, 2), (n,) or () array_like of float64
+            Major and minor radius, or the radius of circles, metres.
+        err_par, err_per : () or (n,) array_like of float64
+            Uncertainty along and across, metres.
+        major_axis : (n, 3) array_like of float64, optional
+            Unit directions of the major radii.
+        arc : (n, 2) array_like of float64, optional
+            Start and sweep, radians; the whole curve when it is not given.
+
+        Raises
+        ------
+        ValueError
+            For a normal of length zero, and as the class does.
+        """
         centre = np.asarray(centre, dtype=np.float64).reshape(-1, 3)
         normal = np.asarray(normal, dtype=np.float64).reshape(-1, 3)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -147,12 +204,13 @@ class FeatureSet:
     def from_axes(
         cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0, err_per: ArrayLike = 0.0
     ) -> FeatureSet:
-        """Axes from end points (n, 3), metres."""
+        """Axes from their end points; the parameters are those of :meth:`from_edges`."""
         edges = cls.from_edges(start, end, err_par, err_per)
         return replace(edges, kind=np.full(len(edges), FeatureKind.AXIS, np.uint8))
 
     @classmethod
     def concatenate(cls, sets: Iterable[FeatureSet]) -> FeatureSet:
+        """All features of several sets, in their order."""
         sets = list(sets)
         if not sets:
             return cls.empty()
@@ -164,39 +222,54 @@ class FeatureSet:
         return len(self.kind)
 
     @property
-    def vectors(self) -> np.ndarray:
-        """(n, 3) float64: end - start."""
+    def vectors(self) -> FloatArray:
+        """From start to end, (n, 3) float64, metres."""
         return self.end - self.start
 
     @property
-    def lengths(self) -> np.ndarray:
-        """(n,) float64, metres (1 for a CURVE, whose normal is a unit vector)."""
-        return np.linalg.norm(self.vectors, axis=1)
+    def lengths(self) -> FloatArray:
+        """Lengths, (n,) float64, metres (1 for a CURVE, whose normal is a unit vector)."""
+        lengths: FloatArray = np.linalg.norm(self.vectors, axis=1)
+        return lengths
 
     @property
-    def directions(self) -> np.ndarray:
-        """(n, 3) float64, unit, from start to end; zeros where the length is zero."""
+    def directions(self) -> FloatArray:
+        """Unit vectors from start to end, (n, 3) float64; zeros where the length is zero."""
         lengths = self.lengths[:, None]
-        return np.divide(self.vectors, lengths, out=np.zeros_like(self.start), where=lengths > 0.0)
+        unit: FloatArray = np.divide(self.vectors, lengths, out=np.zeros_like(self.start), where=lengths > 0.0)
+        return unit
 
     @property
-    def midpoints(self) -> np.ndarray:
-        """(n, 3) float64, metres: the middle of an EDGE or AXIS, the centre of a CURVE."""
+    def midpoints(self) -> FloatArray:
+        """The middle of an EDGE or AXIS, the centre of a CURVE, (n, 3) float64, metres."""
         middle = 0.5 * (self.start + self.end)
         return np.where((self.kind == FeatureKind.CURVE)[:, None], self.start, middle)
 
     def of_kind(self, kind: FeatureKind) -> FeatureSet:
+        """The features of one kind."""
         return self.select(self.kind == kind)
 
     def select(self, mask: ArrayLike) -> FeatureSet:
-        """A subset: mask is (n,) bool, or indices."""
+        """Some of the features.
+
+        Parameters
+        ----------
+        mask : (n,) array_like of bool, or array_like of int
+            Which to take, or their indices, in the order wanted.
+        """
         mask = np.asarray(mask)
         if mask.dtype != bool:
             mask = mask.astype(np.intp)
         return FeatureSet(*(getattr(self, name)[mask] for name in FIELDS))
 
     def transformed(self, pose: Pose) -> FeatureSet:
-        """In another frame: ``camera = model.transformed(camera_T_model)``. Sizes and errors follow the scale."""
+        """The features in another frame: ``camera = model.transformed(camera_T_model)``.
+
+        Parameters
+        ----------
+        pose : Pose
+            target_T_source; radii and uncertainties follow its scale.
+        """
         start = pose.apply(self.start)
         end = np.where(
             (self.kind == FeatureKind.CURVE)[:, None], start + pose.rotate(self.vectors), pose.apply(self.end)
@@ -212,8 +285,21 @@ class FeatureSet:
             self.arc,
         )
 
-    def polyline(self, index: int, samples: int = 64) -> np.ndarray:
-        """(m, 3) float64, metres: the feature as points to draw; 2 for an EDGE or AXIS, ``samples`` for a CURVE."""
+    def polyline(self, index: int, samples: int = 64) -> FloatArray:
+        """One feature as points to draw.
+
+        Parameters
+        ----------
+        index : int
+            Which feature.
+        samples : int
+            Points of a CURVE.
+
+        Returns
+        -------
+        (m, 3) float64
+            Metres; 2 points for an EDGE or AXIS, ``samples`` for a CURVE.
+        """
         if self.kind[index] != FeatureKind.CURVE:
             return np.stack([self.start[index], self.end[index]])
         normal = self.directions[index]
@@ -225,11 +311,12 @@ class FeatureSet:
         first /= np.linalg.norm(first)
         angle = self.arc[index, 0] + np.linspace(0.0, 1.0, samples) * self.arc[index, 1]
         major, minor = self.radii[index]
-        return (
+        points: FloatArray = (
             self.start[index]
             + major * np.cos(angle)[:, None] * first
             + minor * np.sin(angle)[:, None] * np.cross(normal, first)
         )
+        return points
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FeatureSet):
@@ -247,14 +334,21 @@ class FeatureSet:
     # -- files -------------------------------------------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
-        """Write a .npz file with one array a field."""
+        """Write a .npz file with one array for each field."""
         fields: dict[str, Any] = {name: getattr(self, name) for name in FIELDS}
         with open(path, 'wb') as file:
             np.savez_compressed(file, **fields)
 
     @classmethod
     def load(cls, path: str | Path) -> FeatureSet:
-        """Read a file written by :meth:`save`. Raises ValueError, naming the file, when it is not one."""
+        """Read a file written by :meth:`save`.
+
+        Raises
+        ------
+        FileNotFoundError
+        ValueError
+            Names the file, when it is no such file.
+        """
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = dict(file)
@@ -268,10 +362,7 @@ class FeatureSet:
             raise ValueError(f'{path}: not a feature file: {error}') from error
 
 
-FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc')
-
-
-def _rows(array: ArrayLike, n: int, columns: int) -> np.ndarray:
+def _rows(array: ArrayLike, n: int, columns: int) -> FloatArray:
     """An empty list stands for zero rows of any width."""
     array = np.asarray(array, dtype=np.float64)
     return array.reshape(n, columns) if array.size == 0 and n == 0 else array

@@ -7,40 +7,66 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._checks import as_finite
+from .numeric.typed import FloatArray, Int8Array, Int32Array, IntArray
 from .pose import Pose
 
-BIN = -1  # the assignment of a data feature that belongs to no model feature (thesis 5.10)
+# The assignment of a data feature that belongs to no model feature (thesis 5.10).
+BIN = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Interpretation:
     """One interpretation of a set of data features (thesis 5.3).
 
-    model : str, the model's name
-    assignment : (n,) int32, for each data feature the index of its model feature, or BIN (-1)
-    sign : (n,) int8, direction of each data feature relative to its model feature: +1, -1, 0 unknown
-    pose : camera_T_model
-    matched : int, number of assigned data features (taken from the assignment when not given)
-    residual_rms : float, metres, distance of matched data end points from their model features
-    covariance : (6, 6) float64 or None, of (x, y, z, rx, ry, rz), metres and radians, camera frame
-    symmetric_poses : other poses that explain the data equally well (symmetry or ambiguity)
-    proven : True when an exhaustive search has shown that no pose explains more data features within the tolerances
-    rejected_reason : None when accepted, otherwise why not
-    free_shift : (3,) float64 or None, camera frame, unit direction along which the data leaves the pose free to move:
-        all paired features are parallel to it
+    Parameters
+    ----------
+    model : str
+        The model's name.
+    assignment : (n,) int32
+        For each data feature the index of its model feature, or BIN (-1).
+    sign : (n,) int8
+        Direction of each data feature relative to its model feature: +1, -1, 0 unknown.
+    pose : Pose
+        camera_T_model.
+    matched : int, optional
+        Number of assigned data features; counted when it is not given.
+    residual_rms : float
+        Root mean square distance of matched data end points from their model features, metres.
+    covariance : (6, 6) float64, optional
+        Of (x, y, z, rx, ry, rz), metres and radians, camera frame.
+    symmetric_poses : tuple of Pose
+        Other poses that explain the data equally well (symmetry or ambiguity).
+    proven : bool
+        True when an exhaustive search has shown that no pose explains more data features within the tolerances.
+    rejected_reason : str, optional
+        None when accepted, otherwise why not.
+    free_shift : (3,) float64, optional
+        Unit direction, camera frame, along which the data leaves the pose free to move: all paired features are
+        parallel to it.
+
+    Raises
+    ------
+    ValueError
+        Names the field.
+
+    Examples
+    --------
+    >>> found = Interpretation('box', [2, BIN, 0], [1, 0, -1], Pose.identity())
+    >>> found.matched, found.accepted, found.data_indices.tolist()
+    (2, True, [0, 2])
     """
 
     model: str
-    assignment: np.ndarray
-    sign: np.ndarray
+    assignment: Int32Array
+    sign: Int8Array
     pose: Pose
     matched: int = -1
     residual_rms: float = float('nan')
-    covariance: np.ndarray | None = None
+    covariance: FloatArray | None = None
     symmetric_poses: tuple[Pose, ...] = field(default=())
     proven: bool = False
     rejected_reason: str | None = None
-    free_shift: np.ndarray | None = None
+    free_shift: FloatArray | None = None
 
     def __post_init__(self) -> None:
         assignment = np.array(self.assignment, dtype=np.int32)
@@ -69,11 +95,12 @@ class Interpretation:
 
     @property
     def accepted(self) -> bool:
+        """Whether nothing speaks against it."""
         return self.rejected_reason is None
 
     @property
-    def data_indices(self) -> np.ndarray:
-        """(matched,) int64: which data features are paired."""
+    def data_indices(self) -> IntArray:
+        """Which data features are paired, (matched,) int64."""
         return np.flatnonzero(self.assignment != BIN)
 
     def __repr__(self) -> str:

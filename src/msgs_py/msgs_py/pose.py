@@ -14,13 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import as_finite
-
-# How far a rotation matrix may be from orthonormal before it is refused (it is then no rounding error).
-ORTHONORMAL_TOLERANCE = 1e-6
+from .numeric.typed import FloatArray
+from .settings import ORTHONORMAL_TOLERANCE, SHORTEST_QUATERNION
 
 
 class PoseError(NamedTuple):
-    """How far one pose is from another: angle in radians, distance in metres, ratio of scales minus one."""
+    """How far one pose is from another: angle in radians, distance in metres, ratio of scales minus one.
+
+    Examples
+    --------
+    >>> round(PoseError(rotation=0.01, translation=0.0, scale=0.0).rotation_deg, 3)
+    0.573
+    """
 
     rotation: float
     translation: float
@@ -28,6 +33,7 @@ class PoseError(NamedTuple):
 
     @property
     def rotation_deg(self) -> float:
+        """The angle in degrees."""
         return float(np.degrees(self.rotation))
 
 
@@ -35,15 +41,31 @@ class PoseError(NamedTuple):
 class Pose:
     """A rigid motion, with a uniform scale for data of unknown size.
 
-    rotation : (3, 3) float64, orthonormal, determinant +1 (column form)
-    translation : (3,) float64, metres, target frame
-    scale : float > 0, 1 unless the data's size is unknown
+    Parameters
+    ----------
+    rotation : (3, 3) float64
+        Orthonormal, determinant +1 (column form).
+    translation : (3,) float64
+        Metres, target frame.
+    scale : float
+        Above 0; 1 unless the data's size is unknown.
 
-    Raises ValueError, naming the argument, for wrong shapes, non-finite values or an improper rotation.
+    Raises
+    ------
+    ValueError
+        Names the argument: a wrong shape, a value that is not finite, no rotation.
+
+    Examples
+    --------
+    >>> camera_T_model = Pose.from_rotation_vector([0, 0, np.pi / 2], translation=[0, 0, 0.5])
+    >>> camera_T_model.apply([0.1, 0.0, 0.0]).round(6).tolist()
+    [0.0, 0.1, 0.5]
+    >>> camera_T_model.compose(camera_T_model.inverse()) == Pose.identity()
+    True
     """
 
-    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
-    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    translation: FloatArray = field(default_factory=lambda: np.zeros(3))
     scale: float = 1.0
 
     def __post_init__(self) -> None:
@@ -63,11 +85,23 @@ class Pose:
 
     @classmethod
     def identity(cls) -> Pose:
+        """The motion that changes nothing."""
         return cls()
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Pose:
-        """From a (4, 4) column-form matrix whose upper left block is a positive multiple of a rotation."""
+        """The pose of a homogeneous matrix.
+
+        Parameters
+        ----------
+        matrix : (4, 4) array_like of float64
+            Column form, metres; its upper left block is a positive multiple of a rotation.
+
+        Raises
+        ------
+        ValueError
+            When it is not of that form.
+        """
         m = as_finite('matrix', matrix, (4, 4))
         if np.abs(m[3] - [0, 0, 0, 1]).max() > ORTHONORMAL_TOLERANCE:
             raise ValueError(f'matrix: last row is {m[3]}, expected 0 0 0 1')
@@ -79,48 +113,95 @@ class Pose:
 
     @classmethod
     def from_quaternion(cls, xyzw: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
-        """From a quaternion in ROS order (x, y, z, w); it is normalised, and refused when its norm is zero."""
+        """The pose of a quaternion and a translation.
+
+        Parameters
+        ----------
+        xyzw : (4,) array_like of float64
+            Quaternion in the order of ROS; it is normalised.
+        translation : (3,) array_like of float64
+            Metres, target frame.
+
+        Raises
+        ------
+        ValueError
+            When the quaternion's norm is zero.
+        """
         q = as_finite('quaternion', xyzw, (4,))
         norm = np.linalg.norm(q)
-        if norm < 1e-12:
+        if norm < SHORTEST_QUATERNION:
             raise ValueError('quaternion: norm is zero; an unset message field?')
         return cls(_rotations().from_quat(q / norm).as_matrix(), np.asarray(translation, float))
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
-        """From axis times angle (3,), radians, as OpenCV's rvec."""
+        """The pose of a rotation vector and a translation.
+
+        Parameters
+        ----------
+        rotation_vector : (3,) array_like of float64
+            Axis times angle, radians, as OpenCV's rvec.
+        translation : (3,) array_like of float64
+            Metres, target frame.
+        """
         vector = as_finite('rotation_vector', rotation_vector, (3,))
         return cls(_rotations().from_rotvec(vector).as_matrix(), np.asarray(translation, float))
 
     @property
-    def matrix(self) -> np.ndarray:
-        """(4, 4) float64, column form, scale included."""
+    def matrix(self) -> FloatArray:
+        """The homogeneous matrix, (4, 4) float64, column form, scale included."""
         m = np.eye(4)
         m[:3, :3] = self.scale * self.rotation
         m[:3, 3] = self.translation
         return m
 
     @property
-    def quaternion(self) -> np.ndarray:
-        """(4,) float64, unit, ROS order (x, y, z, w), w >= 0."""
-        q = _rotations().from_matrix(self.rotation).as_quat()
+    def quaternion(self) -> FloatArray:
+        """The unit quaternion, (4,) float64, in the order of ROS (x, y, z, w), w >= 0."""
+        q: FloatArray = _rotations().from_matrix(self.rotation).as_quat()
         return -q if q[3] < 0 else q
 
     @property
-    def rotation_vector(self) -> np.ndarray:
-        """(3,) float64, axis times angle, radians."""
-        return _rotations().from_matrix(self.rotation).as_rotvec()
+    def rotation_vector(self) -> FloatArray:
+        """Axis times angle, (3,) float64, radians."""
+        vector: FloatArray = _rotations().from_matrix(self.rotation).as_rotvec()
+        return vector
 
-    def apply(self, points: ArrayLike) -> np.ndarray:
-        """Source-frame points (..., 3) to the target frame."""
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Points in the target frame.
+
+        Parameters
+        ----------
+        points : (..., 3) array_like of float64
+            Metres, source frame.
+
+        Returns
+        -------
+        (..., 3) float64
+            Metres, target frame.
+        """
         p = np.asarray(points, dtype=np.float64)
-        return self.scale * (p @ self.rotation.T) + self.translation
+        moved: FloatArray = self.scale * (p @ self.rotation.T) + self.translation
+        return moved
 
-    def rotate(self, directions: ArrayLike) -> np.ndarray:
-        """Source-frame directions (..., 3) to the target frame; length kept."""
-        return np.asarray(directions, dtype=np.float64) @ self.rotation.T
+    def rotate(self, directions: ArrayLike) -> FloatArray:
+        """Directions in the target frame.
+
+        Parameters
+        ----------
+        directions : (..., 3) array_like of float64
+            Source frame.
+
+        Returns
+        -------
+        (..., 3) float64
+            Target frame, of the same lengths.
+        """
+        rotated: FloatArray = np.asarray(directions, dtype=np.float64) @ self.rotation.T
+        return rotated
 
     def inverse(self) -> Pose:
+        """The pose that takes points back: ``target_T_source.inverse()`` is ``source_T_target``."""
         rotation = self.rotation.T
         return Pose(rotation, -(rotation @ self.translation) / self.scale, 1.0 / self.scale)
 
@@ -132,7 +213,7 @@ class Pose:
         return Pose(rotation, self.apply(other.translation), self.scale * other.scale)
 
     def error_to(self, other: Pose) -> PoseError:
-        """How far ``other`` is from this pose. Symmetric in rotation and translation."""
+        """How far ``other`` is from this pose; angle and distance are the same in both directions."""
         relative = self.rotation.T @ other.rotation
         sine = 0.5 * np.linalg.norm(
             [relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]]
@@ -164,13 +245,16 @@ class Pose:
 
 
 def _rotations() -> Any:
-    """scipy's Rotation; who only renders or finds edges does without, and importing it is a fifth of a node's start."""
+    """Rotations of scipy, imported when they are needed.
+
+    Who only renders or finds edges does without, and importing them is a fifth of a node's start.
+    """
     from scipy.spatial.transform import Rotation
 
     return Rotation
 
 
-def _departure(rotation: np.ndarray) -> tuple[float, float]:
+def _departure(rotation: FloatArray) -> tuple[float, float]:
     """Largest element of R R^T - I, and the determinant; a tenth of the time that numpy needs for 3 x 3."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     departure = max(

@@ -186,6 +186,6 @@ def test_the_cache_is_the_users_own_unless_a_variable_moves_it(modules, tmp_path
 
 
 def test_the_cache_stays_within_its_size(modules, cache):
-    limited = 'import msgs_py.numeric.compiled as c\nc.MOST_BYTES = 1\n' + CALL
+    limited = 'import msgs_py.numeric.compiled as c\nc.CACHE_BYTES = 1\n' + CALL
     assert answer(start(modules, cache, '1', code=limited)) == '4'
     assert len(entries(cache)) <= 1

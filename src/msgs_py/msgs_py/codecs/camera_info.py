@@ -10,12 +10,30 @@ from .errors import CodecError
 
 
 def camera_infos_from_rig(rig: StereoRig, header: Header | None = None) -> tuple[CameraInfo, CameraInfo]:
-    """Left and right camera_info: no distortion, and P[0,3] = -fx * baseline on the right (CameraInfo.msg)."""
+    """The camera_info messages of a rig.
+
+    Parameters
+    ----------
+    rig : StereoRig
+    header : std_msgs.msg.Header, optional
+        Stamp and frame of both.
+
+    Returns
+    -------
+    left, right : sensor_msgs.msg.CameraInfo
+        Without distortion; P[0,3] is -fx * baseline on the right, as the comments in CameraInfo.msg say.
+    """
     return (_info(rig.left, 0.0, header), _info(rig.right, -rig.right.fx * rig.baseline, header))
 
 
 def rig_from_camera_infos(left: CameraInfo, right: CameraInfo) -> StereoRig:
-    """The rig of two camera_info messages. Raises CodecError, naming message and field."""
+    """The rig that two camera_info messages describe.
+
+    Raises
+    ------
+    CodecError
+        Names message and field.
+    """
     try:
         return StereoRig.from_camera_info(left, right)
     except CodecError:
@@ -26,6 +44,7 @@ def rig_from_camera_infos(left: CameraInfo, right: CameraInfo) -> StereoRig:
 
 
 def _info(camera: PinholeCamera, offset: float, header: Header | None) -> CameraInfo:
+    """One camera's message; offset is P[0,3], pixel-metres."""
     info = CameraInfo()
     if header is not None:
         info.header = header

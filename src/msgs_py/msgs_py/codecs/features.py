@@ -1,4 +1,4 @@
-"""FeatureSet to and from sensor_msgs/PointCloud2: one point a feature.
+"""FeatureSet to and from sensor_msgs/PointCloud2: one point for each feature.
 
 Fields, in this order: x y z float32 (the feature's middle, for viewers), kind uint8, then float64 start_x..z, end_x..z,
 radius_major, radius_minor, err_par, err_per, major_x..z, arc_start, arc_sweep. Decoding goes by field name; major_*
@@ -17,6 +17,7 @@ from std_msgs.msg import Header
 from ..features import FeatureSet
 from .errors import CodecError
 
+# Arrays of a FeatureSet, and the fields of the cloud that hold their columns.
 VECTORS = {
     'start': ('start_x', 'start_y', 'start_z'),
     'end': ('end_x', 'end_y', 'end_z'),
@@ -26,6 +27,7 @@ VECTORS = {
     'major_axis': ('major_x', 'major_y', 'major_z'),
     'arc': ('arc_start', 'arc_sweep'),
 }
+# Arrays that a cloud may lack.
 OPTIONAL = ('major_axis', 'arc')
 ROW = np.dtype(
     [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('kind', 'u1'), ('pad', 'V3')]
@@ -46,7 +48,27 @@ _CODES = {'f4': PointField.FLOAT32, 'u1': PointField.UINT8, 'f8': PointField.FLO
 
 
 def features_to_cloud(features: FeatureSet, header: Header | None = None) -> PointCloud2:
-    """One row a feature, little endian, height 1."""
+    """The message of a set of features.
+
+    Parameters
+    ----------
+    features : FeatureSet
+        Metres, in the header's frame.
+    header : std_msgs.msg.Header, optional
+
+    Returns
+    -------
+    sensor_msgs.msg.PointCloud2
+        One point for each feature, little endian, height 1; the fields are those at the top of this module.
+
+    Examples
+    --------
+    >>> cloud = features_to_cloud(FeatureSet.from_edges([[0, 0, 0.5]], [[0.1, 0, 0.5]]))
+    >>> cloud.width, cloud.fields[3].name
+    (1, 'kind')
+    >>> cloud_to_features(cloud)
+    FeatureSet(1 EDGE, 0 CURVE, 0 AXIS)
+    """
     rows = np.zeros(len(features), ROW)
     rows['x'], rows['y'], rows['z'] = features.midpoints.T
     rows['kind'] = features.kind
@@ -73,7 +95,13 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
 
 
 def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
-    """The features of a cloud. Raises CodecError, naming the field, when one is missing, truncated or out of range."""
+    """The features of a cloud.
+
+    Raises
+    ------
+    CodecError
+        Names the field, when one is missing, truncated or out of range.
+    """
     n = int(cloud.width) * int(cloud.height)
     point_step, row_step = int(cloud.point_step), int(cloud.row_step)
     offered = {field.name: field for field in cloud.fields}

@@ -9,9 +9,10 @@ import numpy as np
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
+from ..numeric.typed import AnyArray, ByteArray
 from .errors import CodecError
 
-# encoding: (element type without byte order, channels)
+# Encodings that are understood: element type without byte order, channels.
 ENCODINGS: dict[str, tuple[str, int]] = {
     'mono8': ('u1', 1),
     'rgb8': ('u1', 3),
@@ -21,16 +22,36 @@ ENCODINGS: dict[str, tuple[str, int]] = {
 }
 # The same memory layouts under the names OpenCV users publish.
 ALIASES = {'8UC1': 'mono8', '8UC3': 'bgr8', '16UC1': 'mono16'}
-# ITU-R BT.601, the weights of every grey conversion in OpenCV.
+# Weights of red, green and blue in a grey level: ITU-R BT.601, as in every grey conversion of OpenCV.
 LUMA = np.array([0.299, 0.587, 0.114])
 
 
-def image_to_array(message: Image) -> tuple[np.ndarray, str]:
+def image_to_array(message: Image) -> tuple[AnyArray, str]:
     """Pixels and encoding of an image.
 
-    Returns ((height, width) or (height, width, 3) array of uint8, uint16 or float32 in this machine's byte order,
-    encoding). The array is a view of the message's memory where that is possible: copy it before changing it.
-    Raises CodecError, naming the field, for unknown encodings and sizes that do not agree.
+    Parameters
+    ----------
+    message : sensor_msgs.msg.Image
+        Row padding and either byte order are understood.
+
+    Returns
+    -------
+    pixels : (height, width) or (height, width, 3) array of uint8, uint16 or float32
+        In this machine's byte order. It is a view of the message's memory where that is possible: copy it before
+        changing it.
+    encoding : str
+        One of ENCODINGS.
+
+    Raises
+    ------
+    CodecError
+        Names the field: an unknown encoding, or sizes that do not agree.
+
+    Examples
+    --------
+    >>> image_to_array(array_to_image(np.zeros((2, 3), np.uint8), 'mono8'))
+    (array([[0, 0, 0],
+           [0, 0, 0]], dtype=uint8), 'mono8')
     """
     encoding = ALIASES.get(message.encoding, message.encoding)
     if encoding not in ENCODINGS:
@@ -62,8 +83,23 @@ def image_to_array(message: Image) -> tuple[np.ndarray, str]:
     return (pixels.reshape(height, width, channels) if channels > 1 else pixels.reshape(height, width)), encoding
 
 
-def gray_from_image(message: Image) -> np.ndarray:
-    """Any supported image as (height, width) uint8 grey levels; 16 bit is scaled down, float images are refused."""
+def gray_from_image(message: Image) -> ByteArray:
+    """Grey levels of any image but a depth image.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.Image
+        Levels of 16 bits are divided by 256; colours are weighted as in ITU-R BT.601.
+
+    Returns
+    -------
+    (height, width) uint8
+
+    Raises
+    ------
+    CodecError
+        As :func:`image_to_array`, and for 32FC1.
+    """
     pixels, encoding = image_to_array(message)
     if encoding == 'mono8':
         return pixels
@@ -72,14 +108,30 @@ def gray_from_image(message: Image) -> np.ndarray:
     if encoding == '32FC1':
         raise CodecError('image.encoding: 32FC1 is a depth image, expected grey levels or colour')
     weights = LUMA if encoding == 'rgb8' else LUMA[::-1]
-    return np.rint(pixels @ weights).astype(np.uint8)
+    levels: ByteArray = np.rint(pixels @ weights).astype(np.uint8)
+    return levels
 
 
-def array_to_image(pixels: np.ndarray, encoding: str, header: Header | None = None) -> Image:
-    """An array as an image message, rows unpadded, in this machine's byte order.
+def array_to_image(pixels: AnyArray, encoding: str, header: Header | None = None) -> Image:
+    """The message of an array of pixels.
 
-    pixels : (height, width) or (height, width, 3), with the element type of the encoding
-    Raises CodecError when array and encoding do not agree.
+    Parameters
+    ----------
+    pixels : (height, width) or (height, width, 3) array
+        With the element type of the encoding.
+    encoding : str
+        One of ENCODINGS.
+    header : std_msgs.msg.Header, optional
+
+    Returns
+    -------
+    sensor_msgs.msg.Image
+        Rows unpadded, in this machine's byte order.
+
+    Raises
+    ------
+    CodecError
+        When array and encoding do not agree.
     """
     if encoding not in ENCODINGS:
         raise CodecError(f'encoding: {encoding!r} is unknown, expected one of {", ".join(ENCODINGS)}')

@@ -9,12 +9,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..features import FeatureKind, FeatureSet
 
-# One hue a kind: edges green, curves blue, axes orange.
+# Red, green, blue from 0 to 1 for each kind: edges green, curves blue, axes orange.
 DEFAULT_COLOURS = {
     FeatureKind.EDGE: (0.1, 0.8, 0.2),
     FeatureKind.CURVE: (0.2, 0.5, 1.0),
     FeatureKind.AXIS: (1.0, 0.6, 0.1),
 }
+# Points of a curve: a whole circle is then drawn to 0.2 % of its radius, 1 - cos(pi / 47).
 CURVE_SAMPLES = 48
 
 
@@ -26,10 +27,25 @@ def features_to_markers(
     width: float = 0.001,
     clear: bool = True,
 ) -> MarkerArray:
-    """One LINE_LIST a kind, namespace and id stable from frame to frame.
+    """One LINE_LIST for each kind of feature, namespace and id the same from frame to frame.
 
-    colours : (r, g, b) in 0..1 a kind; width : line width, metres; clear : begin with a DELETEALL, so that features
-    that are gone disappear from the view.
+    Parameters
+    ----------
+    features : FeatureSet
+        Metres, in the header's frame.
+    header : std_msgs.msg.Header, optional
+    namespace : str
+        Begin of the markers' namespaces.
+    colours : dict of FeatureKind to (r, g, b), optional
+        From 0 to 1.
+    width : float
+        Width of the lines, metres.
+    clear : bool
+        Begin with a DELETEALL, so that features that are gone disappear from the view.
+
+    Returns
+    -------
+    visualization_msgs.msg.MarkerArray
     """
     colours = DEFAULT_COLOURS if colours is None else colours
     array = MarkerArray()
@@ -55,6 +71,7 @@ def features_to_markers(
 
 
 def _marker(header: Header | None, namespace: str, identifier: int, action: int) -> Marker:
+    """A marker with its identity and nothing to draw yet."""
     marker = Marker()
     if header is not None:
         marker.header = header

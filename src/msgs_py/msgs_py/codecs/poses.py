@@ -13,7 +13,7 @@ from .errors import CodecError
 
 
 def pose_to_message(pose: Pose) -> PoseMessage:
-    """geometry_msgs/Pose; quaternion (x, y, z, w) with w >= 0. A scale has no place in the message and is left out."""
+    """The geometry_msgs/Pose of a pose; its quaternion has w >= 0. A scale has no place there and is left out."""
     message = PoseMessage()
     position, orientation = message.position, message.orientation
     position.x, position.y, position.z = (float(v) for v in pose.translation)
@@ -22,7 +22,18 @@ def pose_to_message(pose: Pose) -> PoseMessage:
 
 
 def pose_from_message(message: PoseMessage) -> Pose:
-    """The pose of a geometry_msgs/Pose. Raises CodecError for a zero quaternion or non-finite numbers."""
+    """The pose of a geometry_msgs/Pose.
+
+    Raises
+    ------
+    CodecError
+        For a quaternion of norm zero and for numbers that are not finite.
+
+    Examples
+    --------
+    >>> pose_from_message(pose_to_message(Pose.identity())) == Pose.identity()
+    True
+    """
     p, q = message.position, message.orientation
     try:
         return Pose.from_quaternion((q.x, q.y, q.z, q.w), (p.x, p.y, p.z))
@@ -31,6 +42,7 @@ def pose_from_message(message: PoseMessage) -> Pose:
 
 
 def pose_to_stamped(pose: Pose, header: Header | None = None) -> PoseStamped:
+    """The geometry_msgs/PoseStamped of a pose, with stamp and frame of a header."""
     message = PoseStamped(pose=pose_to_message(pose))
     if header is not None:
         message.header = header
@@ -38,6 +50,7 @@ def pose_to_stamped(pose: Pose, header: Header | None = None) -> PoseStamped:
 
 
 def poses_to_array(poses: Iterable[Pose], header: Header | None = None) -> PoseArray:
+    """The geometry_msgs/PoseArray of several poses, with stamp and frame of a header."""
     message = PoseArray(poses=[pose_to_message(pose) for pose in poses])
     if header is not None:
         message.header = header
@@ -45,4 +58,5 @@ def poses_to_array(poses: Iterable[Pose], header: Header | None = None) -> PoseA
 
 
 def array_to_poses(message: PoseArray) -> list[Pose]:
+    """The poses of a geometry_msgs/PoseArray; raises as :func:`pose_from_message`."""
     return [pose_from_message(pose) for pose in message.poses]

@@ -1,4 +1,4 @@
-"""Interpretations to and from diagnostic_msgs/DiagnosticArray: one status a hypothesis, best first.
+"""Interpretations to and from diagnostic_msgs/DiagnosticArray: one status for each hypothesis, best first.
 
 Values are JSON text, so that a person reads them and a program parses them back exactly.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -16,13 +17,28 @@ from ..interpretation import Interpretation
 from ..pose import Pose
 from .errors import CodecError
 
+# The message of a status whose interpretation is accepted.
 ACCEPTED = 'accepted'
+# Values that are read back; 'matched' and 'score' are there for a person.
+READ_BACK = ('residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven', 'free_shift')
 
 
 def report_from_interpretations(
     interpretations: Iterable[Interpretation], header: Header | None = None
 ) -> DiagnosticArray:
-    """Level OK and message 'accepted', or level WARN and the reason of rejection; name is the model's."""
+    """The report of interpretations.
+
+    Parameters
+    ----------
+    interpretations : iterable of Interpretation
+        Best first.
+    header : std_msgs.msg.Header, optional
+
+    Returns
+    -------
+    diagnostic_msgs.msg.DiagnosticArray
+        Each status has the model's name; level OK and message 'accepted', or level WARN and the reason of rejection.
+    """
     report = DiagnosticArray()
     if header is not None:
         report.header = header
@@ -51,24 +67,18 @@ def report_from_interpretations(
 
 
 def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]:
-    """The interpretations of a report. Raises CodecError, naming status and key, when one is missing or damaged."""
+    """The interpretations of a report.
+
+    Raises
+    ------
+    CodecError
+        Names status and key, when one is missing or damaged.
+    """
     result = []
     for index, status in enumerate(report.status):
         values = {item.key: item.value for item in status.values}
         try:
-            decoded = {
-                key: json.loads(values[key])
-                for key in (
-                    'residual_rms_m',
-                    'assignment',
-                    'sign',
-                    'pose',
-                    'covariance',
-                    'symmetric_poses',
-                    'proven',
-                    'free_shift',
-                )
-            }
+            decoded = {key: json.loads(values[key]) for key in READ_BACK}
             accepted = status.level == DiagnosticStatus.OK
             result.append(
                 Interpretation(
@@ -91,9 +101,11 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
     return result
 
 
-def _pose_values(pose: Pose) -> dict:
+def _pose_values(pose: Pose) -> dict[str, Any]:
+    """A pose as JSON writes it, without loss."""
     return {'rotation': pose.rotation.tolist(), 'translation': pose.translation.tolist(), 'scale': pose.scale}
 
 
-def _pose(values: dict) -> Pose:
+def _pose(values: dict[str, Any]) -> Pose:
+    """The pose that :func:`_pose_values` wrote."""
     return Pose(np.array(values['rotation']), np.array(values['translation']), values['scale'])

@@ -15,17 +15,30 @@ from ..pose import Pose
 def transform_message_type() -> type | None:
     """tf2_msgs/TFMessage, or None where tf2 is not installed (it does not come with the wheels)."""
     try:
-        return import_module('tf2_msgs.msg').TFMessage
+        message_type: type = import_module('tf2_msgs.msg').TFMessage
     except ImportError:
         return None
+    return message_type
 
 
 def poses_to_transforms(poses: Mapping[str, Pose], header: Header) -> list[TransformStamped]:
-    """One transform a pose: from the header's frame to the child frame it is listed under. Scales are left out."""
+    """Poses as transforms from the header's frame.
+
+    Parameters
+    ----------
+    poses : mapping of str to Pose
+        Child frame, and header's frame_T_child; scales are left out.
+    header : std_msgs.msg.Header
+
+    Returns
+    -------
+    list of geometry_msgs.msg.TransformStamped
+    """
     return [_transform(child, pose, header) for child, pose in poses.items()]
 
 
 def _transform(child: str, pose: Pose, header: Header) -> TransformStamped:
+    """One pose as a transform."""
     message = TransformStamped(header=header, child_frame_id=child)
     shift: Any = message.transform.translation
     turn: Any = message.transform.rotation

@@ -11,14 +11,45 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
-Value = bool | int | float | str | tuple
+# What a parameter may be; the items of a tuple are of one of the other types.
+Value = bool | int | float | str | tuple[Any, ...]
 
 T = TypeVar('T', bound='Config')
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """What a user is told of a parameter, and what is checked."""
+    """What a user is told of a parameter, and what is checked.
+
+    Parameters
+    ----------
+    name : str
+        Name of the ROS parameter.
+    default : bool, int, float, str or tuple
+        Its type is the parameter's.
+    description : str
+        One sentence for the user.
+    unit : str
+    minimum, maximum : float, optional
+        Smallest and largest value of a number.
+    choices : tuple
+        The only values accepted; empty for any.
+    read_only : bool
+        Whether it is set when the node is started only.
+    element : type
+        Type of a tuple's items.
+    formerly : tuple of str
+        Old names, which a node accepts with a warning.
+
+    Examples
+    --------
+    >>> sigma = ParameterSpec('sigma', 1.0, 'Width of the smoothing', unit='px', minimum=0.5, maximum=3.0)
+    >>> sigma.check(2)
+    2.0
+    >>> sigma.check(4.0)
+    Traceback (most recent call last):
+    ValueError: parameter sigma: 4 is out of range, expected 0.5 to 3 px
+    """
 
     name: str
     default: Value
@@ -26,13 +57,14 @@ class ParameterSpec:
     unit: str = ''
     minimum: float | None = None
     maximum: float | None = None
-    choices: tuple = ()
+    choices: tuple[Any, ...] = ()
     read_only: bool = False
     element: type = str
     formerly: tuple[str, ...] = ()
 
     @property
     def kind(self) -> type:
+        """The parameter's type."""
         return type(self.default)
 
     @property
@@ -47,12 +79,19 @@ class ParameterSpec:
         return f'at most {self.maximum:g}' if self.maximum is not None else ''
 
     def check(self, value: Any) -> Value:
-        """The value in the parameter's own type. Raises ValueError that names the parameter and what was expected."""
+        """A value in the parameter's own type.
+
+        Raises
+        ------
+        ValueError
+            Names the parameter and what was expected.
+        """
         if self.kind is tuple:
             if isinstance(value, str | bytes) or not hasattr(value, '__iter__'):
                 raise ValueError(f'parameter {self.name}: expected a list, got {value!r}')
             return tuple(self._check_one(item, self.element) for item in value)
-        return self._check_one(value, self.kind)
+        checked: Value = self._check_one(value, self.kind)
+        return checked
 
     def _check_one(self, value: Any, kind: type) -> Any:
         accepted = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
@@ -83,13 +122,28 @@ def parameter(
     unit: str = '',
     minimum: float | None = None,
     maximum: float | None = None,
-    choices: tuple = (),
+    choices: tuple[Any, ...] = (),
     read_only: bool = False,
     element: type = str,
     formerly: tuple[str, ...] = (),
 ) -> Any:
-    """A Config field. The default gives the type; ``element`` is the type of a tuple's items; ``formerly`` are old
-    names of the parameter, which a node accepts with a warning."""
+    """A field of a Config; the arguments are those of :class:`ParameterSpec`.
+
+    Parameters
+    ----------
+    name : str, optional
+        Name of the ROS parameter, where it is not the field's.
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True)
+    ... class Settings(Config):
+    ...     threshold: float = parameter(0.5, 'Least contrast', minimum=0.0, formerly=('contrast',))
+    >>> Settings.from_parameters({'threshold': 1})
+    Settings(threshold=1.0)
+    >>> Settings.former_names()
+    {'contrast': 'threshold'}
+    """
     return field(
         default=default,
         metadata={
@@ -111,7 +165,13 @@ def parameter(
 
 @dataclass(frozen=True)
 class Config:
-    """Base of every node's configuration. Raises ValueError, naming the parameter, when a value is not usable."""
+    """Base of every node's configuration, a frozen dataclass whose fields are made with :func:`parameter`.
+
+    Raises
+    ------
+    ValueError
+        Names the parameter, when a value is not usable.
+    """
 
     def __post_init__(self) -> None:
         for item, spec in _specs(type(self)):
@@ -123,15 +183,22 @@ class Config:
 
     @classmethod
     def parameters(cls) -> tuple[ParameterSpec, ...]:
+        """All parameters, in the order of the fields."""
         return tuple(spec for _, spec in _specs(cls))
 
     @classmethod
     def from_parameters(cls: type[T], values: Mapping[str, Any]) -> T:
-        """From ROS parameter names to values; missing ones take their default, unknown ones are refused."""
+        """The configuration with these values, by the names of ROS; what is missing takes its default.
+
+        Raises
+        ------
+        ValueError
+            For an unknown name or an unusable value.
+        """
         return cls().changed(values)
 
     def changed(self: T, values: Mapping[str, Any]) -> T:
-        """A copy with these ROS parameters changed."""
+        """A copy with these parameters changed, by the names of ROS; raises as :meth:`from_parameters`."""
         fields_by_name = {spec.name: item.name for item, spec in _specs(type(self))}
         unknown = [name for name in values if name not in fields_by_name]
         if unknown:
@@ -144,11 +211,12 @@ class Config:
         return {old: spec.name for spec in cls.parameters() for old in spec.formerly}
 
     def as_parameters(self) -> dict[str, Value]:
-        """ROS parameter names to values."""
+        """The values by the names of ROS."""
         return {spec.name: getattr(self, item.name) for item, spec in _specs(type(self))}
 
 
-def _specs(cls: type[Config]) -> list[tuple[Field, ParameterSpec]]:
+def _specs(cls: type[Config]) -> list[tuple[Field[Any], ParameterSpec]]:
+    """The fields of a Config and what is known of each."""
     pairs = []
     for item in fields(cls):
         if 'spec' not in item.metadata or item.default is MISSING:

@@ -16,8 +16,19 @@ PathLike = str | os.PathLike[str]
 class TrustedFolders:
     """Folders whose files may be opened on request.
 
-    folders : trusted as they are; starting_points : files or folders that the node was started with: a folder is
-    trusted, and the folder that holds a file; parameter : the node's parameter that adds folders, named in errors.
+    Parameters
+    ----------
+    folders : iterable of path
+        Trusted as they are.
+    starting_points : iterable of path
+        Files or folders that the node was started with: a folder is trusted, and the folder that holds a file.
+    parameter : str
+        The node's parameter that adds folders; errors name it.
+
+    Raises
+    ------
+    ValueError
+        For a path that no file system accepts.
     """
 
     def __init__(self, folders: Iterable[PathLike], starting_points: Iterable[PathLike], parameter: str) -> None:
@@ -30,9 +41,17 @@ class TrustedFolders:
         self.folders = tuple(dict.fromkeys(found))
 
     def check(self, given: PathLike) -> None:
-        """Raises ValueError when ``given`` is a path that leads (also through links or '..') out of the folders.
+        """Refuse a path that leads out of the folders, also through links or '..'.
 
-        A bare name that is no file here stands for something that comes with a package, and passes.
+        Parameters
+        ----------
+        given : path
+            A bare name that is no file here stands for something that comes with a package, and passes.
+
+        Raises
+        ------
+        ValueError
+            Names the folders, and the parameter that adds one.
         """
         if not _is_file_name(given):
             return

@@ -9,20 +9,39 @@ from collections import OrderedDict, deque
 
 import numpy as np
 
-RATE_WINDOW_S = 5.0
-LATENCY_SAMPLES = 200
-# A flood of different faults (a fuzzer, a broken driver) must not grow the memory of which were reported.
-REMEMBERED_PROBLEMS = 64
-REPEAT_LOG_S = 30.0
-# What is wrong with a message may be its length.
-LONGEST_TEXT = 1000
+from .settings import LATENCY_SAMPLES, LONGEST_TEXT, RATE_WINDOW_S, REMEMBERED_PROBLEMS, REPEAT_LOG_S
 
 
 class Health:
-    """Counters of one node. Times are seconds of a steady clock.
+    """Counters of one node.
 
-    dropped : inputs that arrived and were refused; lost : inputs that were published and never reached a callback,
-    because newer ones overtook them in the queue, or the network dropped or garbled them.
+    Parameters
+    ----------
+    now : float
+        Seconds of a steady clock, as all times here.
+
+    Attributes
+    ----------
+    processed : int
+        Inputs whose results are out.
+    dropped : int
+        Inputs that arrived and were refused.
+    lost : int
+        Inputs that were published and never reached a callback, because newer ones overtook them in the queue, or the
+        network dropped or garbled them.
+    problems : int
+        Problems reported, repeats included.
+    last_error : str
+        Text of the last one.
+
+    Examples
+    --------
+    >>> health = Health(now=0.0)
+    >>> health.problem(1.0, 'image.data: truncated'), health.problem(2.0, 'image.data: truncated')
+    ('image.data: truncated', None)
+    >>> health.done(3.0, latency_s=0.02)
+    >>> health.values(3.0)['latency_p50_ms']
+    '20.0'
     """
 
     def __init__(self, now: float) -> None:
@@ -39,7 +58,7 @@ class Health:
         self._seen: OrderedDict[str, tuple[float, int]] = OrderedDict()
 
     def done(self, now: float, latency_s: float) -> None:
-        """One input was processed and its results are out."""
+        """Count an input whose results are out, and that took so long."""
         self.processed += 1
         self.last_output_time = now
         self._outputs.append(now)
@@ -51,7 +70,13 @@ class Health:
         return self._latencies[-1] if self._latencies else float('nan')
 
     def problem(self, now: float, text: str) -> str | None:
-        """Note a problem; return what to log, or None when this was logged a moment ago."""
+        """Note a problem.
+
+        Returns
+        -------
+        str or None
+            What to log; None when the same was logged a moment ago.
+        """
         text = shortened(text)
         self.problems += 1
         self.last_error, self.last_error_time = text, now
@@ -100,7 +125,14 @@ def shortened(text: str) -> str:
 
 
 class SequenceGaps:
-    """Counts what one writer has published and a reader has not been given, from the writer's sequence numbers."""
+    """Counts what one writer has published and a reader has not been given, from the writer's sequence numbers.
+
+    Examples
+    --------
+    >>> gaps = SequenceGaps()
+    >>> [gaps.missed(number) for number in (1, 2, 5, 1)]
+    [0, 0, 2, 0]
+    """
 
     def __init__(self) -> None:
         self._last: int | None = None

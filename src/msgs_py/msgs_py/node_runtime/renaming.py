@@ -16,7 +16,11 @@ _F = TypeVar('_F', bound=Callable[..., Any])
 
 
 def notice(kind: str, old: str, new: str) -> str:
-    """What a user is told, in a log or a warning."""
+    """What a user of an old name is told, in a log or a warning.
+
+    >>> notice('topic', 'edges', 'features')
+    'topic edges is now features: use the new name, the old one will go'
+    """
     return f'{kind} {old} is now {new}: use the new name, the old one will go'
 
 
@@ -32,9 +36,16 @@ def without_effect(kind: str, name: str) -> str:
 def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
     """A ``__getattr__`` for a module whose public names were renamed.
 
-    module : its ``__name__``; names : old name to new name, in the same module, or 'package.module.name'.
+    Parameters
+    ----------
+    module : str
+        The module's ``__name__``.
+    names : mapping of str to str
+        Old name to new name, in the same module, or to 'package.module.name'.
 
-        __getattr__ = renamed_names(__name__, {'find': 'match'})
+    Examples
+    --------
+    >>> __getattr__ = renamed_names(__name__, {'find': 'match'})
     """
 
     def module_getattr(name: str) -> Any:
@@ -53,7 +64,10 @@ def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]
 def renamed_arguments(**names: str) -> Callable[[_F], _F]:
     """A decorator for a function whose arguments were renamed: ``@renamed_arguments(old='new')``.
 
-    Raises TypeError when both are given.
+    Raises
+    ------
+    TypeError
+        When the function is called with both.
     """
 
     def decorate(function: _F) -> _F:

@@ -32,16 +32,29 @@ from std_srvs.srv import Trigger
 from .config import Config, ParameterSpec
 from .health import Health, SequenceGaps, shortened
 from .renaming import notice
-from .stamp_sync import NANOSECONDS, StampSync
+from .settings import (
+    DIAGNOSTICS_DEPTH,
+    DIAGNOSTICS_PERIOD_S,
+    NANOSECONDS,
+    PENDING_SETS,
+    QUEUE_DEPTH,
+    SILENCE_LOG_S,
+    SILENCE_S,
+    UNBOUNDED_FLOAT,
+    UNBOUNDED_INTEGER,
+)
+from .stamp_sync import StampSync
 from .transport import make_room_for_images
 
 # REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
-# kind of publisher is heard. Shallow: a result that is late is worth less than the next one.
-OUTPUT_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, depth=2, reliability=QoSReliabilityPolicy.RELIABLE)
-INPUT_QOS = QoSProfile(history=QoSHistoryPolicy.KEEP_LAST, depth=2, reliability=QoSReliabilityPolicy.BEST_EFFORT)
-DIAGNOSTICS_PERIOD_S = 1.0
-SILENCE_S = 5.0
-SILENCE_LOG_S = 10.0
+# kind of publisher is heard.
+OUTPUT_QOS = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST, depth=QUEUE_DEPTH, reliability=QoSReliabilityPolicy.RELIABLE
+)
+INPUT_QOS = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST, depth=QUEUE_DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT
+)
+# What a node that takes stereo pairs listens to; a set of them has one stamp.
 STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
 
 _ARRAY_TYPES = {
@@ -67,7 +80,19 @@ class StereoMessages:
 class GraphNode(Node, Generic[_C]):
     """A node of the recognition graph, ``GraphNode[ItsConfig]``.
 
-    ``kwargs`` (context, namespace, parameter_overrides, ...) go to rclpy's Node.
+    Parameters
+    ----------
+    name : str
+        The node's name.
+    config_class : type of Config
+        Its parameters are declared.
+    **kwargs
+        For rclpy's Node: context, namespace, parameter_overrides, ...
+
+    Attributes
+    ----------
+    health : Health
+        Counters, which /diagnostics shows.
     """
 
     def __init__(self, name: str, config_class: type[_C], **kwargs: Any) -> None:
@@ -83,7 +108,7 @@ class GraphNode(Node, Generic[_C]):
         self._config = self._declare(config_class)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
-        self._diagnostics_out = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics_out = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
         # A steady clock: diagnostics go on when simulated time stands still.
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady_clock)
@@ -164,6 +189,7 @@ class GraphNode(Node, Generic[_C]):
         return config
 
     def _declare_one(self, spec: ParameterSpec, ignore_override: bool = False) -> None:
+        """Declare one parameter, with what a user's tools show of it."""
         descriptor = ParameterDescriptor(
             description=spec.description + (f' [{spec.unit}]' if spec.unit else ''),
             additional_constraints=spec.range_text,
@@ -175,14 +201,15 @@ class GraphNode(Node, Generic[_C]):
         if spec.kind is float and (low is not None or high is not None):
             descriptor.floating_point_range = [
                 FloatingPointRange(
-                    from_value=float(-1e308 if low is None else low), to_value=float(1e308 if high is None else high)
+                    from_value=float(-UNBOUNDED_FLOAT if low is None else low),
+                    to_value=float(UNBOUNDED_FLOAT if high is None else high),
                 )
             ]
         elif spec.kind is int and (low is not None or high is not None):
             descriptor.integer_range = [
                 IntegerRange(
-                    from_value=int(-(2**62) if low is None else low),
-                    to_value=int(2**62 if high is None else high),
+                    from_value=int(-UNBOUNDED_INTEGER if low is None else low),
+                    to_value=int(UNBOUNDED_INTEGER if high is None else high),
                     step=1,
                 )
             ]
@@ -246,9 +273,14 @@ class GraphNode(Node, Generic[_C]):
     # -- topics ------------------------------------------------------------------------------------------------
 
     def create_output(self, message_type: type, topic: str, formerly: tuple[str, ...] = ()) -> Publisher:
-        """A publisher, reliable and shallow, QoS overridable by parameters.
+        """A publisher, reliable, with a short queue; parameters may override its QoS.
 
-        formerly : old names of the topic; who still listens there is served, and named in a warning.
+        Parameters
+        ----------
+        message_type : type
+        topic : str
+        formerly : tuple of str
+            Old names of the topic; who still listens there is served, and a warning says so.
         """
 
         def publisher(name: str) -> Publisher:
@@ -276,7 +308,14 @@ class GraphNode(Node, Generic[_C]):
     ) -> Subscription:
         """A subscription whose callback may raise: that is reported, and the node lives on.
 
-        formerly : old names of the topic; what comes there is taken too, with a warning.
+        Parameters
+        ----------
+        message_type : type
+        topic : str
+        callback : callable
+            Takes the message.
+        formerly : tuple of str
+            Old names of the topic; what comes there is taken too, with a warning.
         """
         for old in formerly:
 
@@ -314,9 +353,19 @@ class GraphNode(Node, Generic[_C]):
         return subscription
 
     def listen_stereo(
-        self, callback: Callable[[StereoMessages], None], queue_size: int = 5, tolerance_s: float = 0.0
+        self, callback: Callable[[StereoMessages], None], queue_size: int = PENDING_SETS, tolerance_s: float = 0.0
     ) -> None:
-        """Subscribe to the four stereo topics; callback gets sets of equal stamps (or within the tolerance)."""
+        """Subscribe to the four stereo topics.
+
+        Parameters
+        ----------
+        callback : callable
+            Takes StereoMessages of one stamp.
+        queue_size : int
+            Incomplete sets that are kept.
+        tolerance_s : float
+            Largest difference of stamps inside a set, seconds.
+        """
         self._sync = sync = StampSync(STEREO_TOPICS, queue_size, round(tolerance_s * NANOSECONDS))
 
         def joined(topic: str) -> Callable[[Any], None]:
@@ -332,6 +381,8 @@ class GraphNode(Node, Generic[_C]):
             self.listen(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
 
     def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
+        """A callback that reports what the given one raises, under the name of its source."""
+
         def guarded(*arguments: Any) -> None:
             self._callback_start = time.monotonic()
             try:
@@ -350,7 +401,7 @@ class GraphNode(Node, Generic[_C]):
     # -- health ------------------------------------------------------------------------------------------------
 
     def done(self, header: Any = None) -> None:
-        """One input was processed and its results are published. Latency runs from the callback's start."""
+        """Count an input whose results are published; its latency runs from the callback's start."""
         now = time.monotonic()
         self.health.done(now, now - self._callback_start)
 
@@ -444,7 +495,16 @@ class _AlsoUnderOldNames:
 
 
 def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) -> None:
-    """One turn of the executor. What fails inside rclpy, outside of our guards (a malformed request), is reported."""
+    """One turn of the executor; what fails inside rclpy, outside of our guards (a malformed request), is reported.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Whose log or diagnostics say it.
+    executor : rclpy.executors.Executor
+    timeout_s : float, optional
+        Longest wait, seconds; without it, until something comes.
+    """
     try:
         executor.spin_once(timeout_sec=timeout_s)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -455,7 +515,20 @@ def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) ->
 
 
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown. Returns the exit code."""
+    """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown.
+
+    Parameters
+    ----------
+    factory : callable
+        Makes the node.
+    args : list of str, optional
+        Of the command; those of the process where it is left out.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
     make_room_for_images()
     try:
         rclpy.init(args=args)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-NANOSECONDS = 1_000_000_000
+from .settings import NANOSECONDS, PENDING_SETS
 
 
 @dataclass
@@ -27,13 +27,35 @@ class SyncCounters:
 class StampSync:
     """Collects one message of each topic with equal stamps (or within a tolerance).
 
-    topics : names; queue_size : incomplete sets kept, the oldest arrival goes first;
-    tolerance_ns : largest difference of stamps inside a set; jump_ns : a stamp this far behind the newest emitted set
-    means that the clock jumped back, and everything pending is forgotten.
+    Parameters
+    ----------
+    topics : sequence of str
+        Distinct names.
+    queue_size : int
+        Incomplete sets that are kept; the oldest arrival goes first.
+    tolerance_ns : int
+        Largest difference of stamps inside a set, nanoseconds.
+    jump_ns : int
+        A stamp this far behind the newest emitted set means that the clock jumped back, and everything pending is
+        forgotten.
+
+    Raises
+    ------
+    ValueError
+        Names the argument.
+
+    Examples
+    --------
+    >>> sync = StampSync(['left', 'right'])
+    >>> sync.add('left', 100, 'a')
+    >>> sync.add('right', 100, 'b')
+    {'left': 'a', 'right': 'b'}
+    >>> StampSync(['left', 'right']).explain()
+    'nothing received on left, right'
     """
 
     def __init__(
-        self, topics: Sequence[str], queue_size: int = 5, tolerance_ns: int = 0, jump_ns: int = NANOSECONDS
+        self, topics: Sequence[str], queue_size: int = PENDING_SETS, tolerance_ns: int = 0, jump_ns: int = NANOSECONDS
     ) -> None:
         if len(set(topics)) != len(topics) or not topics:
             raise ValueError(f'topics: expected distinct names, got {list(topics)}')
@@ -51,9 +73,20 @@ class StampSync:
         self._late_run = dict.fromkeys(self.topics, 0)
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> dict[str, Any] | None:
-        """Take a message; return the complete set it finishes, topic to message, or None.
+        """Take a message.
 
-        The set is already out of the queue when it is returned: a caller that raises loses that set and nothing else.
+        Parameters
+        ----------
+        topic : str
+        stamp_ns : int
+            Nanoseconds.
+        message : object
+
+        Returns
+        -------
+        dict of str to object, or None
+            The set that the message completes, by topic. It is already out of the queue: a caller that raises loses
+            that set and nothing else.
         """
         if topic not in self.counters.received:
             raise ValueError(f'topic: expected one of {", ".join(self.topics)}, got {topic!r}')
@@ -123,6 +156,7 @@ class StampSync:
         return messages
 
     def _evict(self) -> None:
+        """Keep the queue within its size."""
         while len(self._pending) > self.queue_size:
             self.counters.unmatched += len(self._pending.pop(0)[1])
 

@@ -33,21 +33,27 @@ from numba.core.caching import CompileResultCacheImpl, _Cache
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
+from .settings import CACHE_BYTES, NAME_CHARACTERS, SIZE_CHECKED_EVERY_S, USE_NOTED_AFTER_S
+
 # Moves the cache; numba's own NUMBA_CACHE_DIR is taken where this one is not set.
 FOLDER_VARIABLE = 'MSGS_PY_CACHE_DIR'
+# End of the names of the cache's files.
 SUFFIX = '.machinecode'
-# Bytes that the cache may take before the entries that were not used for longest are removed. All that the nodes need
-# is about 20 MB, so this holds some fifty versions of them.
-MOST_BYTES = 1 << 30
-# An entry's time of use is written again when it is older than this, seconds: a day.
-USED_AGAIN_AFTER = 86400.0
+# Length of a SHA-256 digest, with which a file begins.
 DIGEST_BYTES = 32
 # Functions of these are told apart by their name: their version is the library's, and numba's own is in the key.
 FOREIGN = ('builtins', 'cmath', 'llvmlite', 'math', 'numba', 'numpy', 'operator')
 
 
 def cache_folder() -> Path:
-    """Where machine code is kept: ``$MSGS_PY_CACHE_DIR``, or a folder in ``$NUMBA_CACHE_DIR`` or the user's cache."""
+    """Where machine code is kept.
+
+    Returns
+    -------
+    pathlib.Path
+        ``$MSGS_PY_CACHE_DIR``; without it a folder in ``$NUMBA_CACHE_DIR``, ``$XDG_CACHE_HOME`` or ``~/.cache``; for a
+        user without a home one among the temporary files.
+    """
     own = os.environ.get(FOLDER_VARIABLE)
     if own:
         return Path(own)
@@ -67,18 +73,22 @@ class ContentCache(_Cache):
 
     @property
     def cache_path(self) -> str:
+        """The folder of the entries."""
         return str(cache_folder())
 
     def enable(self) -> None:
+        """Read and write entries."""
         self._enabled = True
 
     def disable(self) -> None:
+        """Neither read nor write entries."""
         self._enabled = False
 
     def flush(self) -> None:
         """Nothing to do: what another content needs has another name."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function for these argument types; None where the cache has none."""
         target_context.refresh()
         if not self._enabled:
             return None
@@ -90,11 +100,13 @@ class ContentCache(_Cache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, unless it depends on addresses of this process."""
         if not self._enabled or data.library.has_dynamic_globals or any(not lift.can_cache for lift in data.lifted):
             return
         _write(self._path(sig, data.codegen), dumps(self._impl.reduce(data)))
 
     def _path(self, sig: Any, codegen: Any) -> Path:
+        """The entry's file: its name is the digest of all that the machine code depends on."""
         key = hashlib.sha256()
         for part in (
             sys.version_info[:2],
@@ -108,11 +120,27 @@ class ContentCache(_Cache):
         ):
             key.update(repr(part).encode())
             key.update(b'\0')
-        return cache_folder() / f'{self._function.__name__[:40]}-{key.hexdigest()}{SUFFIX}'
+        return cache_folder() / f'{self._function.__name__[:NAME_CHARACTERS]}-{key.hexdigest()}{SUFFIX}'
 
 
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """``numba.njit`` with the cache of this module; options as there, ``cache`` is always on."""
+    """``numba.njit`` with the cache of this module.
+
+    Parameters
+    ----------
+    function : callable, optional
+        The function to compile; without it a decorator is returned.
+    **options
+        As numba's; ``cache`` is always on.
+
+    Examples
+    --------
+    >>> @njit
+    ... def twice(x):
+    ...     return 2 * x
+    >>> twice(21)
+    42
+    """
     if function is None:
         return partial(njit, **options)
     dispatcher = numba.njit(**options)(function)
@@ -127,7 +155,18 @@ _own: dict[FunctionType, tuple[str, tuple[FunctionType, ...]]] = {}
 
 
 def content(function: FunctionType) -> str:
-    """Digest of a function and of all it reaches: callees in whatever module, and constants they take from globals."""
+    """Digest of all that a function's machine code is made of.
+
+    Parameters
+    ----------
+    function : function
+        A Python function that numba compiles.
+
+    Returns
+    -------
+    str
+        SHA-256 of its byte code and constants, and of those of all functions it reaches, in whatever module.
+    """
     reached, waiting = {function}, [function]
     while waiting:
         for callee in _described(waiting.pop())[1]:
@@ -164,6 +203,7 @@ def _described(function: FunctionType) -> tuple[str, tuple[FunctionType, ...]]:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
+    """A function's code and those of the functions and comprehensions inside it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -250,7 +290,7 @@ def _read(path: Path) -> bytes | None:
     """An entry's content; None where there is none, or what lies there is not whole."""
     try:
         data = path.read_bytes()
-        if time.time() - path.stat().st_mtime > USED_AGAIN_AFTER:
+        if time.time() - path.stat().st_mtime > USE_NOTED_AFTER_S:
             os.utime(path)
     except OSError:
         return None
@@ -277,8 +317,8 @@ _last_look: dict[Path, float] = {}
 
 
 def _forget_the_oldest(folder: Path) -> None:
-    """Keep the cache within its size; looked at once in an hour by each process that writes."""
-    if time.monotonic() - _last_look.get(folder, -np.inf) < 3600.0:
+    """Keep the cache within its size; each process that writes looks at it now and then."""
+    if time.monotonic() - _last_look.get(folder, -np.inf) < SIZE_CHECKED_EVERY_S:
         return
     _last_look[folder] = time.monotonic()
     entries = sorted(
@@ -286,7 +326,7 @@ def _forget_the_oldest(folder: Path) -> None:
     )
     total = sum(size for _, size, _ in entries)
     for _, size, path in entries:
-        if total <= MOST_BYTES:
+        if total <= CACHE_BYTES:
             break
         path.unlink(missing_ok=True)
         total -= size

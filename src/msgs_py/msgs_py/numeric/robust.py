@@ -8,10 +8,9 @@
 
 from __future__ import annotations
 
-# The median of |x| of a normal variable x of sigma 1 (its upper quartile).
-NORMAL_QUARTILE = 0.6745
-# Times the median of |x| gives sigma: 1 / NORMAL_QUARTILE, rounded as in most textbooks.
-MAD_TO_SIGMA = 1.4826
+from .settings import MAD_TO_SIGMA, NORMAL_QUARTILE
+
+__all__ = ['MAD_TO_SIGMA', 'NORMAL_QUARTILE', 'sigma_from_median']
 
 
 def sigma_from_median(median: float) -> float:

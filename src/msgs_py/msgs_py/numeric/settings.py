@@ -1,0 +1,18 @@
+"""Named numbers of the numeric room: the cache of machine code, and medians of normal noise."""
+
+from __future__ import annotations
+
+# Bytes that the cache may take before the entries that were not used for longest are removed. All that the nodes need
+# is about 20 MB, so this holds some fifty versions of them.
+CACHE_BYTES = 1 << 30
+# Age, seconds, after which the time of an entry's use is written again: a day.
+USE_NOTED_AFTER_S = 86400.0
+# Time between two looks of one process at the size of the cache, seconds: an hour.
+SIZE_CHECKED_EVERY_S = 3600.0
+# Characters of a function's name that an entry's file name begins with, for who lists the folder.
+NAME_CHARACTERS = 40
+
+# The median of |x| of a normal variable x of sigma 1 (its upper quartile).
+NORMAL_QUARTILE = 0.6745
+# Times the median of |x| gives sigma: 1 / NORMAL_QUARTILE, rounded as in most textbooks.
+MAD_TO_SIGMA = 1.4826
