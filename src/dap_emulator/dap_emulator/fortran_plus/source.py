@@ -46,7 +46,7 @@ class Statement:
 
 
 def statements(source: str, form: str = 'auto') -> list[Statement]:
-    """Cut a source text into statements.
+    r"""Cut a source text into statements.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def statements(source: str, form: str = 'auto') -> list[Statement]:
 
     Examples
     --------
-    >>> [statement.text for statement in statements('A = 1 &\\n    + 2 ! a sum\\nB = A')]
+    >>> [statement.text for statement in statements('A = 1 &\n    + 2 ! a sum\nB = A')]
     ['A = 1  + 2 ', 'B = A']
     """
     if form not in FORMS:

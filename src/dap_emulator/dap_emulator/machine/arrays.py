@@ -318,11 +318,11 @@ class DapArray:
             return self.like(kind, kind.fit(np.power(a, b).astype(kind.dtype, copy=False)))
 
     def plus(self, other: Operand, kind: Kind) -> DapArray:
-        """self + other in a word of this kind: in assembly a sum may grow by one plane at a time."""
+        """The sum in a word of this kind: in assembly it may grow by one plane at a time."""
         return self.binary('add', other, kind=kind)
 
     def minus(self, other: Operand, kind: Kind) -> DapArray:
-        """self - other in a word of this kind."""
+        """The difference in a word of this kind."""
         return self.binary('subtract', other, kind=kind)
 
     def __add__(self, other: Operand) -> DapArray:

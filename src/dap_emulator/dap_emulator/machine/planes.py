@@ -87,7 +87,7 @@ def from_planes(planes: WordArray, kind: Kind, shape: tuple[int, ...]) -> AnyArr
 
 
 def add(a: WordArray, b: WordArray, carry: WordArray) -> WordArray:
-    """a + b + carry modulo the word length, by rippling the carry: two loads and a store for every plane."""
+    """The sum a + b + carry modulo the word length, by rippling the carry: two loads and a store for every plane."""
     out = np.empty_like(a)
     for bit in range(len(a)):
         either = a[bit] ^ b[bit]
@@ -97,12 +97,12 @@ def add(a: WordArray, b: WordArray, carry: WordArray) -> WordArray:
 
 
 def subtract(a: WordArray, b: WordArray, all_ones: WordArray) -> WordArray:
-    """a - b: add the complement and one."""
+    """The difference a - b: add the complement and one."""
     return add(a, ~b & all_ones, all_ones)
 
 
 def multiply(a: WordArray, b: WordArray) -> WordArray:
-    """a * b modulo the word length: add a, shifted up, where b's bit is set."""
+    """The product a * b modulo the word length: add a, shifted up, where b's bit is set."""
     out = np.zeros_like(a)
     none = np.zeros_like(a[0])
     for bit in range(len(b)):
