@@ -1,5 +1,8 @@
-"""Calibration files of a stereo camera: OpenCV's YAML (K1, D1, R1, P1, K2, ...), ROS camera_info YAML, and the JSON of
-an ideal pair (width, height, K, baseline) that the renderer writes."""
+"""Calibration files of a stereo camera, in three forms.
+
+OpenCV's YAML (K1, D1, R1, P1, K2, ...), ROS camera_info YAML, and the JSON of an ideal pair (width, height, K,
+baseline) that the renderer writes.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,29 @@ OPENCV_NAMES = {
     'p': ('P{}',),
 }
 
+# A projection matrix is 3 x 4.
+PROJECTION_NUMBERS = 12
+
 
 @dataclass(frozen=True)
 class CameraFile:
-    """One camera, with the field names of sensor_msgs/CameraInfo (row-major lists)."""
+    """One camera, with the field names of sensor_msgs/CameraInfo.
+
+    Attributes
+    ----------
+    width, height : int, pixels
+        Of the raw image.
+    distortion_model : str
+        One of :data:`~stereo_recovery.cameras.rectification.DISTORTION_MODELS`.
+    d : list of float
+        Coefficients of the distortion.
+    k : list of 9 float, pixels
+        Calibration matrix of the raw camera, row by row.
+    r : list of 9 float
+        Rotation from the raw to the rectified camera frame, row by row.
+    p : list of 12 float, pixels
+        Projection matrix of the rectified camera, row by row.
+    """
 
     width: int
     height: int
@@ -38,10 +60,26 @@ class CameraFile:
 def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
     """Left and right camera of a calibration file.
 
-    size : (width, height) of the images, pixels, for files that do not say. A ROS camera_info file describes one
-    camera; give the left one, and the right one is looked for beside it ('left' in the name becomes 'right'), or give
-    one file with both (two documents, or the keys left and right).
-    Raises ValueError, naming the file and what it lacks; OSError when there is none.
+    A ROS camera_info file describes one camera; give the left one, and the right one is looked for beside it ('left' in
+    the name becomes 'right'), or give one file with both (two documents, or the keys left and right).
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    size : (width, height), pixels
+        Of the images, for files that do not say.
+
+    Returns
+    -------
+    left, right : CameraFile
+
+    Raises
+    ------
+    ValueError
+        When something is missing or not readable; the message names the file and what it lacks.
+    OSError
+        When there is no such file.
     """
     path = Path(path)
     text = path.read_text(encoding='utf-8', errors='replace')
@@ -64,7 +102,34 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
 
 
 def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
-    """The rectified pair of a calibration file; arguments and errors as for :func:`load_cameras`."""
+    """The rectified pair of a calibration file.
+
+    Parameters
+    ----------
+    path : str or Path
+        As for :func:`load_cameras`.
+    size : (width, height), pixels
+        Of the images, for files that do not say.
+
+    Returns
+    -------
+    StereoRig
+        Its unit of length is that of the file's projection matrices.
+
+    Raises
+    ------
+    ValueError, OSError
+        As :func:`load_cameras`, and for cameras that are no rectified pair.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, 'camera.json')
+    ...     _ = file.write_text('{"K": [[100, 0, 32], [0, 100, 24], [0, 0, 1]], "baseline": 0.1}')
+    ...     load_rig(file, (64, 48)).baseline
+    0.1
+    """
     cameras = load_cameras(path, size)
     try:
         return StereoRig.from_camera_info(*cameras)
@@ -73,6 +138,7 @@ def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
 
 
 def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
+    """Both cameras of OpenCV's YAML."""
     try:
         matrices = _opencv_matrices(path)
     except (cv2.error, SystemError) as error:  # bindings may wrap the one in the other
@@ -82,7 +148,7 @@ def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
     for number, found in zip((1, 2), matrices):
         if 'p' not in found:
             raise ValueError(f'{path}: no matrix P{number}; expected the projection matrices of stereoRectify')
-        p = np.reshape(found['p'], (3, 4)) if len(found['p']) == 12 else np.zeros((3, 4))
+        p = np.reshape(found['p'], (3, 4)) if len(found['p']) == PROJECTION_NUMBERS else np.zeros((3, 4))
         found.setdefault('k', p[:, :3].ravel().tolist())
         found.setdefault('r', np.eye(3).ravel().tolist())
         cameras.append(
@@ -108,6 +174,7 @@ def _opencv_matrices(path: Path) -> list[dict[str, list[float]]]:
 
 
 def _documents(path: Path, text: str) -> list[dict[str, Any]]:
+    """The YAML documents in a text, at least one, each a mapping."""
     try:
         documents = [d for d in yaml.safe_load_all(text) if d is not None]
     except yaml.YAMLError as error:
@@ -141,7 +208,10 @@ def _ideal(path: Path, document: dict[str, Any], size: tuple[int, int]) -> tuple
 
 
 def _ros(path: Path, side: str, document: Any, size: tuple[int, int]) -> CameraFile:
+    """The camera of one camera_info document; side, 'left' or 'right', is for messages."""
+
     def numbers(name: str, default: list[float] | None = None) -> list[float]:
+        """The numbers of an entry, which may be a list or have them as its data."""
         entry = document.get(name) if isinstance(document, dict) else None
         if entry is None and default is not None:
             return default

@@ -9,30 +9,64 @@ import cv2
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import AnyArray, FloatArray
 
-MODELS = {'': 5, 'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
+# Models of distortion, as sensor_msgs/CameraInfo names them, and how many coefficients each usually has.
+DISTORTION_MODELS = {'': 5, 'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
+# Numbers of coefficients that OpenCV takes (calib3d: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4[, tx, ty]]]]).
+COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+# Least |det R| of a matrix that is taken for a rotation, for which it is 1; rounding in a file changes it by far less.
+LEAST_DETERMINANT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """One camera of a pair, as sensor_msgs/CameraInfo gives it.
 
-    width, height : pixels, of the raw image; model : 'plumb_bob', 'rational_polynomial' or 'equidistant'
-    distortion : (n,) float64; matrix : (3, 3) of the raw camera; rotation : (3, 3), rectified_R_raw
-    projection : (3, 4) float64, of the rectified camera
+    Attributes
+    ----------
+    width, height : int, pixels
+        Of the raw image.
+    model : str
+        One of :data:`DISTORTION_MODELS`.
+    distortion : (n,) float64
+        Coefficients of the model.
+    matrix : (3, 3) float64, pixels
+        Calibration matrix of the raw camera.
+    rotation : (3, 3) float64
+        rectified_R_raw.
+    projection : (3, 4) float64, pixels
+        Of the rectified camera.
     """
 
     width: int
     height: int
     model: str
-    distortion: np.ndarray
-    matrix: np.ndarray
-    rotation: np.ndarray
-    projection: np.ndarray
+    distortion: FloatArray
+    matrix: FloatArray
+    rotation: FloatArray
+    projection: FloatArray
 
     @classmethod
     def from_camera_info(cls, side: str, info: Any) -> Calibration:
-        """From any object with the fields of a CameraInfo. Raises ValueError naming side and field."""
+        """From any object with the fields of a CameraInfo.
+
+        Parameters
+        ----------
+        side : str
+            'left' or 'right', for messages.
+        info : CameraInfo
+            The message, or an object with its fields.
+
+        Returns
+        -------
+        Calibration
+
+        Raises
+        ------
+        ValueError
+            When a field is unusable; the message names side and field.
+        """
         arrays = {}
         for name, shape in (('k', (3, 3)), ('r', (3, 3)), ('p', (3, 4))):
             value = np.asarray(getattr(info, name), dtype=np.float64)
@@ -47,33 +81,51 @@ class Calibration:
                 f'{side} camera_info: K has focal lengths {arrays["k"][0, 0]:g} and '
                 f'{arrays["k"][1, 1]:g}, expected > 0 (is the camera calibrated?)'
             )
-        if abs(np.linalg.det(arrays['r'])) < 0.5:
+        if abs(np.linalg.det(arrays['r'])) < LEAST_DETERMINANT:
             raise ValueError(f'{side} camera_info: R is no rotation: {arrays["r"].ravel().tolist()}')
         model = str(getattr(info, 'distortion_model', ''))
-        if model not in MODELS:
+        if model not in DISTORTION_MODELS:
             raise ValueError(
                 f'{side} camera_info: distortion_model {model!r} is unknown, expected one of '
-                + ', '.join(repr(m) for m in MODELS if m)
+                + ', '.join(repr(m) for m in DISTORTION_MODELS if m)
             )
         distortion = np.asarray(info.d, dtype=np.float64).ravel()
         if not np.isfinite(distortion).all():
             raise ValueError(f'{side} camera_info: D contains NaN or infinity')
-        if len(distortion) not in (0, 4, 5, 8, 12, 14):
-            raise ValueError(f'{side} camera_info: D has {len(distortion)} elements, expected {MODELS[model]}')
+        if len(distortion) not in COEFFICIENTS:
+            raise ValueError(
+                f'{side} camera_info: D has {len(distortion)} elements, expected {DISTORTION_MODELS[model]}'
+            )
         return cls(int(info.width), int(info.height), model, distortion, arrays['k'], arrays['r'], arrays['p'])
 
 
 class Rectifier:
-    """Maps for one pair of cameras, made once.
+    """Undistortion and rectification of one pair of cameras, by maps that are made once.
 
-    rig : the StereoRig of the rectified images. Raises ValueError, naming what is wrong with the calibration.
+    Parameters
+    ----------
+    left, right : CameraInfo
+        The messages, or objects with their fields.
+
+    Attributes
+    ----------
+    rig : StereoRig
+        Of the rectified images.
+
+    Raises
+    ------
+    ValueError
+        For an unusable calibration; the message names what is wrong with it.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd edition, section 11.12.
     """
 
     def __init__(self, left: Any, right: Any) -> None:
-        """left, right : CameraInfo messages, or objects with their fields."""
         self.rig = StereoRig.from_camera_info(left, right)
-        self._maps = []
-        self._sizes = []
+        self._maps: list[tuple[AnyArray, AnyArray]] = []
+        self._sizes: list[tuple[int, int]] = []
         for side, info in (('left', left), ('right', right)):
             calibration = Calibration.from_camera_info(side, info)
             size = (calibration.width, calibration.height)
@@ -88,11 +140,27 @@ class Rectifier:
                 maps = cv2.initUndistortRectifyMap(
                     calibration.matrix, distortion, calibration.rotation, new, size, cv2.CV_32FC1
                 )
-            self._maps.append(maps)
+            self._maps.append((np.asarray(maps[0]), np.asarray(maps[1])))
             self._sizes.append(size)
 
-    def apply(self, left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rectified images. Raises ValueError when an image is not of the calibration's size."""
+    def apply(self, left: AnyArray, right: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Rectified images.
+
+        Parameters
+        ----------
+        left, right : (h, w) or (h, w, 3)
+            Raw images.
+
+        Returns
+        -------
+        left, right : (h, w) or (h, w, 3)
+            Of the same element type.
+
+        Raises
+        ------
+        ValueError
+            When an image is not of the calibration's size.
+        """
         result = []
         for side, image, maps, size in zip(('left', 'right'), (left, right), self._maps, self._sizes):
             if image.shape[1::-1] != size:

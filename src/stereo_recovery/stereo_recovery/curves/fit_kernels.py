@@ -10,8 +10,10 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import MAD_TO_SIGMA
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .curve import CurveShape
+from .observations import ImagePoints
 from .settings import (
     CAUCHY_WIDTH,
     CURVATURE_VARIANCE_SHARE,
@@ -29,7 +31,7 @@ from .settings import (
 
 
 @njit
-def _second(normal, first):
+def _second(normal: FloatArray, first: FloatArray) -> FloatArray:
     """(3,) float64: the direction of the minor radius, normal x first."""
     return np.array(
         [
@@ -41,7 +43,7 @@ def _second(normal, first):
 
 
 @njit
-def _conic(centre, major, minor, camera, camera_x):
+def _conic(centre: FloatArray, major: FloatArray, minor: FloatArray, camera: FloatArray, camera_x: float) -> FloatArray:
     """(6,) float64: the image conic as a00, a01, a11, a02, a12, a22 of its symmetric matrix, negative inside.
 
     major, minor : (3,) float64, metres: the radii with their directions; camera : (4,): fx, fy, cx, cy; camera_x :
@@ -73,11 +75,12 @@ def _conic(centre, major, minor, camera, camera_x):
     norm = abs(q[5]) + 1e-300
     if q[0] + q[2] < 0.0:
         norm = -norm
-    return q / norm
+    conic: FloatArray = q / norm
+    return conic
 
 
 @njit
-def residuals(shape, seen, distance, bias):
+def residuals(shape: CurveShape, seen: ImagePoints, distance: FloatArray, bias: FloatArray) -> None:
     """Signed distances of pixels from the image conics of a curve, pixels, positive outside, into ``distance`` (n,).
 
     bias (n,) takes by how many pixels smoothing and the sub-pixel fit of edgels moved each towards the centre of
@@ -104,9 +107,11 @@ def residuals(shape, seen, distance, bias):
 
 
 @njit
-def moved(shape, step, circle):
-    """A curve changed by a step (8,): centre (3), tilts (2) about first and second, log radii (1 of a circle, or 2),
-    and of an ellipse the turn in its plane.
+def moved(shape: CurveShape, step: FloatArray, circle: bool) -> CurveShape:
+    """A curve changed by a step.
+
+    step : (8,) float64: displacement of the centre (3), metres; tilts about first and second (2), radians; log radii
+    (2; of a circle the first counts for both); turn of an ellipse in its plane, radians.
     """
     n = shape.normal + step[3] * _second(shape.normal, shape.first) - step[4] * shape.first
     n = n / np.sqrt((n * n).sum())
@@ -122,7 +127,7 @@ def moved(shape, step, circle):
 
 
 @njit
-def jacobian(shape, circle, seen, distance, bias):
+def jacobian(shape: CurveShape, circle: bool, seen: ImagePoints, distance: FloatArray, bias: FloatArray) -> FloatArray:
     """(n, p) float64: derivatives of the residuals by the parameters of :func:`moved`; residuals as there."""
     size = 6 if circle else 8
     n = len(seen.points)
@@ -140,7 +145,9 @@ def jacobian(shape, circle, seen, distance, bias):
 
 
 @njit
-def equations(shape, circle, seen, sigma, distance, bias):
+def equations(
+    shape: CurveShape, circle: bool, seen: ImagePoints, sigma: FloatArray, distance: FloatArray, bias: FloatArray
+) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray]:
     """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,) and jacobian (n, p).
 
     sigma : (n,) float64, pixels, of the edgels. Cauchy weights, scaled by the median of |distance| / sigma.
@@ -170,7 +177,7 @@ def equations(shape, circle, seen, sigma, distance, bias):
 
 
 @njit
-def _solve(matrix, right):
+def _solve(matrix: FloatArray, right: FloatArray) -> bool:
     """Solves matrix (p, p) x = right (p,) in place by Gaussian elimination with pivots; False when it is singular."""
     n = len(right)
     for c in range(n):
@@ -197,9 +204,8 @@ def _solve(matrix, right):
 
 
 @njit
-def axis_residual(axis, centre, normal, off):
-    """Of a curve against an axis, into off (4,): two tilts of its normal, radians, and two offsets of its centre,
-    metres.
+def axis_residual(axis: FloatArray, centre: FloatArray, normal: FloatArray, off: FloatArray) -> float:
+    """How a curve lies to an axis, into off (4,): two tilts of its normal, radians, two offsets of its centre, metres.
 
     axis : (4, 3) float64, rows: a point of the axis, its direction, two directions across it. Returns the sign of the
     normal along the axis.
@@ -212,7 +218,9 @@ def axis_residual(axis, centre, normal, off):
 
 
 @njit
-def _add_axis(axis, information, shape, matrix, gradient):
+def _add_axis(
+    axis: FloatArray, information: FloatArray, shape: CurveShape, matrix: FloatArray, gradient: FloatArray
+) -> float:
     """Adds an axis constraint with its information matrix (4, 4) to the normal equations; returns its cost."""
     off = np.empty(4)
     sign = axis_residual(axis, shape.centre, shape.normal, off)
@@ -234,7 +242,15 @@ def _add_axis(axis, information, shape, matrix, gradient):
 
 
 @njit
-def minimise(shape, circle, seen, sigma, rounds, axis, information):
+def minimise(
+    shape: CurveShape,
+    circle: bool,
+    seen: ImagePoints,
+    sigma: FloatArray,
+    rounds: int,
+    axis: FloatArray,
+    information: FloatArray,
+) -> tuple[bool, CurveShape]:
     """Moves a curve until its image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
     axis, information : see :func:`_add_axis`; information is (0, 0) for a fit without an axis constraint. Returns
@@ -282,9 +298,10 @@ def minimise(shape, circle, seen, sigma, rounds, axis, information):
 
 
 @njit
-def common_displacement(rows, weights, sigma, group, groups):
-    """(p, p) float64: variance that displacements common to all edgels of a group give the normal equations' right
-    side.
+def common_displacement(
+    rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: IntArray, groups: int
+) -> FloatArray:
+    """(p, p) float64: variance of the normal equations' right side by displacements common to a group's edgels.
 
     rows : (n, p) jacobian; weights : (n,), px^-2; sigma : (n,), pixels, of the common displacement; group : (n,) int64,
     which of ``groups`` groups an edgel is of.

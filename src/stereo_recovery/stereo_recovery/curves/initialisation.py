@@ -192,8 +192,29 @@ def disparity_of_parallel_plane(normal: FloatArray, samples: FloatArray, rig: St
 
 
 def mirrored(curve: Curve) -> Curve:
-    """The circle that looks nearly like this one to one camera: its plane mirrored at the plane square to the line of
-    sight. Between the two the cost of a fit has a maximum, so that one is not reached from the other."""
+    """The circle that looks nearly like this one to one camera: its plane mirrored at the plane square to the sight.
+
+    Between the two the cost of a fit has a maximum, so that one is not reached from the other.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame, metres.
+
+    Returns
+    -------
+    Curve
+        With the same centre and radii.
+
+    Examples
+    --------
+    A circle that leans to the right of the line of sight becomes one that leans to the left:
+
+    >>> leaning = np.array([0.6, 0.0, 0.8])
+    >>> shape = CurveShape(np.array([0.0, 0.0, 1.0]), leaning, np.array([0.0, 1.0, 0.0]), np.full(2, 0.1))
+    >>> (mirrored(Curve.unfitted(shape)).normal + 0.0).round(6).tolist()
+    [-0.6, 0.0, 0.8]
+    """
     sight = curve.centre / np.linalg.norm(curve.centre)
     normal = 2.0 * (curve.normal @ sight) * sight - curve.normal
     first = curve.first - normal * (curve.first @ normal)

@@ -72,8 +72,10 @@ def inliers(
 
 
 def _without_ends(mask: BoolArray, position: FloatArray) -> BoolArray:
-    """(n,) bool: runs of neighbours in chain order without CORNER_EDGELS edgels at either end; short runs go
-    altogether. position : (n, 2) float64, pixels."""
+    """(n,) bool: a mask whose runs of neighbours in chain order have lost CORNER_EDGELS edgels at either end.
+
+    Short runs go altogether. position : (n, 2) float64, pixels.
+    """
     index = np.flatnonzero(mask)
     if len(index) < 2:
         return np.zeros(len(mask), bool)

@@ -152,8 +152,11 @@ def _on_axes(pair: _ArcPair, axes: list[AxisOf], edgels: StereoEdgels) -> list[C
 
 
 def _curve_of_arcs(pair: _ArcPair, edgels: StereoEdgels) -> Curve | None:
-    """The curve that a pair of arcs shows, from starts by disparity and, unless those give one beyond doubt, from the
-    circles that look like either arc to one camera."""
+    """The curve that a pair of arcs shows.
+
+    Starts come from disparity and, unless those give one beyond doubt, from the circles that look like either arc to
+    one camera.
+    """
     curve = _best_of([recover_curve(start, edgels, pair.masks) for start in _starts(pair, edgels)], pair, edgels)
     if curve is not None and _is_beyond_doubt(curve, pair):
         return curve

@@ -46,8 +46,10 @@ def _shows(curve: Curve, left: BoolArray, right: BoolArray) -> bool:
 
 
 def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
-    """(4,) float64: centre, left frame, and radius, metres, of a sphere that explains a curve's edgels about as well as
-    the curve does; None when there is none."""
+    """(4,) float64, metres, left frame: centre and radius of the sphere that explains a curve's edgels about as well.
+
+    None when no sphere does.
+    """
     rig = edgels.rig
     middle = curve.centre - [0.5 * rig.baseline, 0.0, 0.0]
     mostly = curve.coverage > settings.MOSTLY_SEEN

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from .settings import LEAST_ADVANCE, LINK_RADIUS, SIDESTEP, SIDESTEP_COST, SIDESTEP_SHARE, TURN_COSINE
 
 
 @njit
-def keep_cheapest(successor, cost):
+def keep_cheapest(successor: Int32Array, cost: FloatArray) -> None:
     """Of all that have the same successor, the one with the least cost keeps it; the others get -1, in place.
 
     successor : (n,) int32, or -1; cost : (n,) float64
@@ -26,7 +27,9 @@ def keep_cheapest(successor, cost):
 
 
 @njit
-def successors(u, v, tu, tv, magnitude, height, width):
+def successors(
+    u: FloatArray, v: FloatArray, tu: FloatArray, tv: FloatArray, magnitude: FloatArray, height: int, width: int
+) -> Int32Array:
     """(n,) int32: for every edgel the one that follows it along its tangent, or -1; no two have the same successor.
 
     u, v : (n,) float64, pixels; tu, tv : (n,), unit tangent; height, width : of the image, pixels. The cost of a step
@@ -67,7 +70,9 @@ def successors(u, v, tu, tv, magnitude, height, width):
 
 
 @njit
-def trace(following, magnitude, high, minimum):
+def trace(
+    following: Int32Array, magnitude: FloatArray, high: float, minimum: int
+) -> tuple[Int32Array, IntArray, BoolArray]:
     """Chains of edgels along their successors, open ones first.
 
     following : (n,) int32, successor or -1; magnitude : (n,), grey levels per pixel; high : least mean of three

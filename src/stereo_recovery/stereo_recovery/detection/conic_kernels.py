@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from .settings import (
     ARC_INLIERS,
@@ -25,7 +26,7 @@ from .settings import (
 
 
 @njit
-def _solve5(a, b):
+def _solve5(a: FloatArray, b: FloatArray) -> bool:
     """Solve a (5, 5) system a x = b in place, x in b, by elimination with pivots; False when it is singular."""
     for c in range(5):
         pivot = c
@@ -51,7 +52,7 @@ def _solve5(a, b):
 
 
 @njit
-def fit(points, rounds):
+def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
     """Conic through points (n, 2) float64, pixels, n >= 5, by least squares in so many rounds.
 
     Returns (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f, negative inside, with a + c = 1 in scaled
@@ -119,7 +120,7 @@ def fit(points, rounds):
 
 
 @njit
-def radii(q):
+def radii(q: FloatArray) -> tuple[float, float]:
     """Major and minor radius, pixels, of the ellipse of :func:`fit`'s six numbers; (0, 0) when they are of none."""
     a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
     small = a * c - b * b
@@ -133,7 +134,16 @@ def radii(q):
 
 
 @njit
-def claim(segments, turns, position, limit, bounds, sagitta, arc, label):
+def claim(
+    segments: IntArray,
+    turns: FloatArray,
+    position: FloatArray,
+    limit: FloatArray,
+    bounds: IntArray,
+    sagitta: FloatArray,
+    arc: Int32Array,
+    label: int,
+) -> tuple[FloatArray, FloatArray]:
     """The longest stretches of a run of segments that one ellipse explains each; writes their labels into ``arc``.
 
     segments : (k,) int64, twice in a row for a closed chain; turns : (k - 1,) radians, between them; position : (n, 2)
@@ -200,7 +210,7 @@ def claim(segments, turns, position, limit, bounds, sagitta, arc, label):
 
 
 @njit
-def sampson(conic, points):
+def sampson(conic: FloatArray, points: FloatArray) -> FloatArray:
     """(n,) float64, pixels: value of a conic (3, 3) at points (n, 2), pixels, over its gradient there."""
     out = np.empty(len(points))
     for k in range(len(points)):

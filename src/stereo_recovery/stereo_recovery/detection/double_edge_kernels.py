@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
 from .sampling import clamped
 from .settings import (
@@ -24,7 +25,14 @@ from .settings import (
 
 
 @njit
-def sample(gx, gy, centre, direction, low, high):
+def sample(
+    gx: Float32Array,
+    gy: Float32Array,
+    centre: tuple[float, float],
+    direction: tuple[float, float],
+    low: float,
+    high: float,
+) -> tuple[FloatArray, FloatArray]:
     """Mean gradient across a line, in sections of its length.
 
     gx, gy : (h, w) float32, grey levels per pixel; centre (u, v), pixels, and unit direction of the line; low, high :
@@ -54,7 +62,9 @@ def sample(gx, gy, centre, direction, low, high):
 
 
 @njit
-def _model(profile, place, width, p, matrix, vector):
+def _model(
+    profile: FloatArray, place: FloatArray, width: float, p: FloatArray, matrix: FloatArray, vector: FloatArray
+) -> float:
     """Squared residual of parameters p (see :func:`two_steps`); fills the normal equations.
 
     profile, place : see :func:`sample`; width : pixels; matrix (6, 6), vector (6,) : overwritten
@@ -91,10 +101,10 @@ def _model(profile, place, width, p, matrix, vector):
 
 
 @njit
-def _descend(profile, place, width, p, free):
+def _descend(profile: FloatArray, place: FloatArray, width: float, p: FloatArray, free: IntArray) -> float:
     """Levenberg-Marquardt over the parameters with the numbers in ``free``, in place; returns the squared residual."""
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
-    cost = _model(profile, place, width, p, matrix, vector)
+    cost: float = _model(profile, place, width, p, matrix, vector)
     damping = DAMPING
     for _ in range(MOST_ITERATIONS):
         a = np.zeros((len(free), len(free)))
@@ -123,7 +133,7 @@ def _descend(profile, place, width, p, free):
 
 
 @njit
-def two_steps(profile, place, width):
+def two_steps(profile: FloatArray, place: FloatArray, width: float) -> tuple[FloatArray, float, float, FloatArray]:
     """The two steps that explain profiles across an edge best, and one step that does.
 
     profile, place : see :func:`sample`; width : pixels, standard deviation of a blurred step. Returns p (6,), the
@@ -151,4 +161,5 @@ def two_steps(profile, place, width):
     _model(profile, place, width, best, matrix, vector)
     for k in range(6):
         matrix[k, k] = matrix[k, k] * (1.0 + 1e-9) + 1e-9
-    return best, cost, single, np.linalg.inv(matrix)
+    inverse: AnyArray = np.linalg.inv(matrix)
+    return best, cost, single, inverse

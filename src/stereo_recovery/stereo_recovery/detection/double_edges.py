@@ -135,9 +135,9 @@ def _steps(
     usual: float,
     sigma: float,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Parameters (6,) of two steps (see :func:`.double_edge_kernels.two_steps`), and sigma (2, 2) of offset and slope
-    of each; None when one step explains the profile of segment k about as well.
+    """The two steps that the profile across segment k shows; None when one step explains it about as well.
 
+    Returns the parameters (6,) of :func:`.double_edge_kernels.two_steps`, and sigma (2, 2) of offset and slope of each.
     usual : median width of the picture's steps, pixels
     """
     low, high = extent

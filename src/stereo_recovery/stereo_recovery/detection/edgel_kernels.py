@@ -5,23 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from .sampling import bilinear, clamped
 from .settings import LEAST_CURVATURE, LEAST_INTERPOLATED, LOGARITHM_FLOOR
 
 
 @njit
-def _is_maximum(m2, gx, gy, y, x):
-    """Whether m2 (h, w) at row y, column x is the largest of three along the axis nearest to the gradient; of equal
-    ones the first is."""
-    centre = m2[y, x]
-    if abs(gx[y, x]) >= abs(gy[y, x]):
-        return centre > m2[y, x - 1] and centre >= m2[y, x + 1]
-    return centre > m2[y - 1, x] and centre >= m2[y + 1, x]
+def _is_maximum(m2: Float32Array, gx: Float32Array, gy: Float32Array, y: int, x: int) -> bool:
+    """Whether m2 (h, w) at (y, x) is the largest, or first of equals, of three along the axis nearest the gradient."""
+    dy, dx = (0, 1) if abs(gx[y, x]) >= abs(gy[y, x]) else (1, 0)
+    largest: bool = m2[y, x] > m2[y - dy, x - dx] and m2[y, x] >= m2[y + dy, x + dx]
+    return largest
 
 
 @njit
-def ridge_maxima(gx, gy, threshold):
+def ridge_maxima(
+    gx: Float32Array, gy: Float32Array, threshold: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Sub-pixel maxima of the gradient magnitude across its own direction, in raster order.
 
     gx, gy : (h, w) float32, grey levels per pixel; threshold : least magnitude. Returns u, v, gu, gv, width : (n,)
@@ -78,7 +79,9 @@ def ridge_maxima(gx, gy, threshold):
 
 
 @njit
-def zero_crossings(laplacian, gx, gy, threshold):
+def zero_crossings(
+    laplacian: Float32Array, gx: Float32Array, gy: Float32Array, threshold: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Sign changes of the Laplacian where the gradient is strong, linear interpolation (Marr and Hildreth).
 
     At most one per pixel: towards the neighbour along the axis nearest to the gradient.
@@ -109,7 +112,9 @@ def zero_crossings(laplacian, gx, gy, threshold):
 
 
 @njit
-def flanking_gradients(gx, gy, u, v, gu, gv, distance):
+def flanking_gradients(
+    gx: Float32Array, gy: Float32Array, u: FloatArray, v: FloatArray, gu: FloatArray, gv: FloatArray, distance: float
+) -> FloatArray:
     """(n, 2) float64: the gradient along an edgel's own gradient, on its dark and its bright flank, over the edgel's.
 
     gx, gy : (h, w) float32; u, v, gu, gv : (n,) positions and gradients of edgels; distance : of the flanks, pixels.

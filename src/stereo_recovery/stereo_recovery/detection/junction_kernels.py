@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
-from .line_kernels import abscissa_of, cosine_of, length_of, offset_of, point_at, sine_of, variance_at
+from .line_kernels import Lines, abscissa_of, cosine_of, length_of, offset_of, point_at, sine_of, variance_at
 from .settings import (
     AT_JUNCTION,
     BLUNT_GAP,
@@ -36,7 +37,7 @@ from .settings import (
 
 
 @njit
-def _boxes(lines, margin):
+def _boxes(lines: Lines, margin: float) -> FloatArray:
     """(n, 4) float64, pixels: least u, v and largest u, v of every segment, with a margin."""
     box = np.empty((len(lines.centre), 4))
     for i in range(len(box)):
@@ -48,13 +49,14 @@ def _boxes(lines, margin):
 
 
 @njit
-def _outside(box, k, x, y):
+def _outside(box: FloatArray, k: int, x: float, y: float) -> bool:
     """Whether a point, pixels, is outside box k."""
-    return x < box[k, 0] or y < box[k, 1] or x > box[k, 2] or y > box[k, 3]
+    outside: bool = x < box[k, 0] or y < box[k, 1] or x > box[k, 2] or y > box[k, 3]
+    return outside
 
 
 @njit
-def _continues(lines, box, k, i, point, collinear):
+def _continues(lines: Lines, box: FloatArray, k: int, i: int, point: tuple[float, float], collinear: float) -> bool:
     """Whether a segment other than i continues segment k on its line beyond a point, pixels.
 
     box : see :func:`_boxes`; collinear : largest sine between the two
@@ -78,7 +80,7 @@ def _continues(lines, box, k, i, point, collinear):
 
 
 @njit
-def find_junctions(lines, widest):
+def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array, BoolArray, FloatArray]:
     """Abscissa, neighbour, T-junction flag and sigma, (n, 2) each, of :class:`.junctions.Junctions`.
 
     lines : :class:`.line_kernels.Lines` of n segments; widest : largest gap, pixels
@@ -143,7 +145,7 @@ def find_junctions(lines, widest):
 
 
 @njit
-def _share_junctions(lines, abscissa, neighbour, sigma):
+def _share_junctions(lines: Lines, abscissa: FloatArray, neighbour: Int32Array, sigma: FloatArray) -> None:
     """Ends without a junction, of chains that are lost where they near another one, get that one's junction, in place.
 
     abscissa, neighbour, sigma : (n, 2), see :class:`.junctions.Junctions`
@@ -185,7 +187,7 @@ def _share_junctions(lines, abscissa, neighbour, sigma):
 
 
 @njit
-def spurious(lines):
+def spurious(lines: Lines) -> BoolArray:
     """(n,) bool: short segments that only show how a longer one bends where it nears another one, or blurs.
 
     lines : :class:`.line_kernels.Lines` of n segments. Both ends of such a segment are near the longer one's line.

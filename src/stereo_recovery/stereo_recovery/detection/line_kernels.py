@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .settings import CAUCHY, CORNER_TRIM, CORNER_TRIM_SHARE, LEAST_SCALE
 
@@ -44,49 +44,57 @@ class FittedLines(NamedTuple):
 
 
 @njit
-def point_at(lines, i, s):
+def point_at(lines: Lines, i: int, s: float) -> tuple[float, float]:
     """The point of line i at abscissa s, pixels."""
     return lines.centre[i, 0] + s * lines.direction[i, 0], lines.centre[i, 1] + s * lines.direction[i, 1]
 
 
 @njit
-def abscissa_of(lines, i, x, y):
+def abscissa_of(lines: Lines, i: int, x: float, y: float) -> float:
     """Pixels along line i from its centre to the foot of a point."""
-    return (x - lines.centre[i, 0]) * lines.direction[i, 0] + (y - lines.centre[i, 1]) * lines.direction[i, 1]
+    abscissa: float = (x - lines.centre[i, 0]) * lines.direction[i, 0] + (y - lines.centre[i, 1]) * lines.direction[
+        i, 1
+    ]
+    return abscissa
 
 
 @njit
-def offset_of(lines, i, x, y):
+def offset_of(lines: Lines, i: int, x: float, y: float) -> float:
     """Pixels from line i to a point, signed."""
-    return (x - lines.centre[i, 0]) * lines.direction[i, 1] - (y - lines.centre[i, 1]) * lines.direction[i, 0]
+    offset: float = (x - lines.centre[i, 0]) * lines.direction[i, 1] - (y - lines.centre[i, 1]) * lines.direction[i, 0]
+    return offset
 
 
 @njit
-def length_of(lines, i):
+def length_of(lines: Lines, i: int) -> float:
     """Pixels."""
-    return lines.extent[i, 1] - lines.extent[i, 0]
+    length: float = lines.extent[i, 1] - lines.extent[i, 0]
+    return length
 
 
 @njit
-def cosine_of(lines, i, k):
+def cosine_of(lines: Lines, i: int, k: int) -> float:
     """Cosine of the angle between the directions of lines i and k."""
-    return lines.direction[i, 0] * lines.direction[k, 0] + lines.direction[i, 1] * lines.direction[k, 1]
+    cosine: float = lines.direction[i, 0] * lines.direction[k, 0] + lines.direction[i, 1] * lines.direction[k, 1]
+    return cosine
 
 
 @njit
-def sine_of(lines, i, k):
+def sine_of(lines: Lines, i: int, k: int) -> float:
     """Sine of the angle from the direction of line i to that of line k."""
-    return lines.direction[i, 0] * lines.direction[k, 1] - lines.direction[i, 1] * lines.direction[k, 0]
+    sine: float = lines.direction[i, 0] * lines.direction[k, 1] - lines.direction[i, 1] * lines.direction[k, 0]
+    return sine
 
 
 @njit
-def variance_at(lines, i, s):
+def variance_at(lines: Lines, i: int, s: float) -> float:
     """Variance, px^2, of line i across itself at abscissa s."""
-    return lines.sigma[i, 0] ** 2 + (s * lines.sigma[i, 1]) ** 2
+    variance: float = lines.sigma[i, 0] ** 2 + (s * lines.sigma[i, 1]) ** 2
+    return variance
 
 
 @njit
-def regression(x, y, w, a, b):
+def regression(x: FloatArray, y: FloatArray, w: FloatArray, a: int, b: int) -> tuple[float, float, float, float]:
     """Orthogonal regression of points a..b-1 with weights w: centre, unit direction along the order of points."""
     sw = sx = sy = 0.0
     for i in range(a, b):
@@ -108,7 +116,7 @@ def regression(x, y, w, a, b):
 
 
 @njit
-def fit_lines(x, y, sigma, bounds):
+def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray) -> FittedLines:
     """Robust orthogonal regression of every run of edgels, without the edgels beside its ends.
 
     x, y, sigma : (n,) float64, position and its sigma, pixels; bounds : (k, 2) int, runs [first, last). Returns
@@ -188,7 +196,7 @@ def fit_lines(x, y, sigma, bounds):
 
 
 @njit
-def medians(values, bounds):
+def medians(values: FloatArray, bounds: IntArray) -> FloatArray:
     """(k,) float64: median of each run [first, last) of values (n,); bounds (k, 2)."""
     out = np.empty(len(bounds))
     for k in range(len(bounds)):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
 
-from .line_kernels import length_of
+from .line_kernels import Lines, length_of
 from .sampling import bilinear
 from .settings import (
     LONGEST_TRACK,
@@ -25,16 +26,18 @@ from .settings import (
 
 
 @njit
-def _room(lines, extent, i, e):
-    """Pixels by which end e of segment i may be moved outwards: as far as its line is known, and up to the next segment
-    of the same line; none where another segment ends at the same place.
+def _room(lines: Lines, extent: FloatArray, i: int, e: int) -> float:
+    """Pixels by which end e of segment i may be moved outwards.
+
+    That is as far as its line is known, and up to the next segment of the same line; none where another segment ends at
+    the same place.
 
     extent : (n, 2), pixels, of the segments as they are now
     """
     tu, tv = lines.direction[i, 0], lines.direction[i, 1]
     cu, cv = lines.centre[i, 0], lines.centre[i, 1]
     outward = 1.0 if e == 1 else -1.0
-    room = min(LONGEST_TRACK, LONGEST_TRACK_SHARE * length_of(lines, i))
+    room: float = min(LONGEST_TRACK, LONGEST_TRACK_SHARE * length_of(lines, i))
     if lines.sigma[i, 1] > 0.0:
         room = min(room, TRACKED_SIGMA / lines.sigma[i, 1] - outward * extent[i, e])
     eu, ev = cu + extent[i, e] * tu, cv + extent[i, e] * tv
@@ -58,7 +61,9 @@ def _room(lines, extent, i, e):
 
 
 @njit
-def track(lines, magnitude, low_contrast, gx, gy, least):
+def track(
+    lines: Lines, magnitude: FloatArray, low_contrast: BoolArray, gx: Float32Array, gy: Float32Array, least: float
+) -> FloatArray:
     """(n, 2) float64, pixels: extent of segments, of those with low contrast as far as the picture shows their lines.
 
     lines : :class:`.line_kernels.Lines` of n segments; magnitude (n,), gx, gy (h, w), least : grey levels per pixel;

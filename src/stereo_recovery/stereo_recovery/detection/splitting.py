@@ -131,8 +131,7 @@ def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float
 
 
 def _bent(segments: Segments, whole: Segments, runs: list[list[int]], limit: float) -> BoolArray:
-    """(m,) bool: runs of segments some end of which is farther than ``limit``, pixels, from the line through all of
-    them (``whole``, m segments)."""
+    """(m,) bool: runs of segments with an end farther than limit, pixels, from the line through all (whole, m)."""
     member = np.concatenate(runs)
     run = np.repeat(np.arange(len(runs)), [len(r) for r in runs])
     across = np.stack([-whole.direction[run, 1], whole.direction[run, 0]], axis=1)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from .chain_kernels import keep_cheapest
-from .line_kernels import cosine_of, length_of, offset_of, point_at, regression, sine_of, variance_at
+from .line_kernels import Lines, cosine_of, length_of, offset_of, point_at, regression, sine_of, variance_at
 from .settings import (
     BREAK_MARGIN,
     BREAK_RANGE,
@@ -26,7 +27,7 @@ from .settings import (
 
 
 @njit
-def _fits(x, y, w, limit, a, b):
+def _fits(x: FloatArray, y: FloatArray, w: FloatArray, limit: FloatArray, a: int, b: int) -> bool:
     """Whether points a..b-1 lie within their limits of their own line."""
     cx, cy, tx, ty = regression(x, y, w, a, b)
     fits = True
@@ -38,7 +39,7 @@ def _fits(x, y, w, limit, a, b):
 
 
 @njit
-def _farthest(x, y, a, b):
+def _farthest(x: FloatArray, y: FloatArray, a: int, b: int) -> int:
     """The point farthest from the chord of a..b-1, at least two points from its ends."""
     dx, dy = x[b - 1] - x[a], y[b - 1] - y[a]
     norm = np.sqrt(dx * dx + dy * dy)
@@ -54,7 +55,9 @@ def _farthest(x, y, a, b):
 
 
 @njit
-def split(x, y, limit, offsets, minimum):
+def split(
+    x: FloatArray, y: FloatArray, limit: FloatArray, offsets: IntArray, minimum: int
+) -> tuple[IntArray, IntArray]:
     """Recursive fit and segment (thesis 3.10.1): straight segments that cover every chain.
 
     x, y : (n,) float64, edgels in chain order, pixels; limit : (n,) how far each may stand off its line, pixels;
@@ -118,7 +121,7 @@ def split(x, y, limit, offsets, minimum):
 
 
 @njit
-def continuations(lines, straightness):
+def continuations(lines: Lines, straightness: float) -> Int32Array:
     """(n,) int32: which segment continues each one on the same straight line, or -1; no two have the same.
 
     lines : :class:`.line_kernels.Lines` of n segments; straightness : offset of real edges from a line, pixels

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..detection.segments import Segments
 from ..matching.matches import Matches
 from ..matching.merging import JoinedLine, joined_line, with_line
@@ -62,15 +64,15 @@ class FlatEdge:
     end_sigma, fixed : (2,) as in :class:`.lines3d.Lines3D`; told : (2,) pixels, sigma of disparity at the ends
     """
 
-    members: np.ndarray
+    members: AnyArray
     partner: int
     line: JoinedLine
-    extent: np.ndarray
-    coefficient: np.ndarray
-    covariance: np.ndarray
-    end_sigma: np.ndarray
-    fixed: np.ndarray
-    told: np.ndarray
+    extent: AnyArray
+    coefficient: AnyArray
+    covariance: AnyArray
+    end_sigma: AnyArray
+    fixed: AnyArray
+    told: AnyArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ class _Corner:
     sigma: float
 
 
-def broken_lines(segments: Segments) -> list[tuple[np.ndarray, JoinedLine]]:
+def broken_lines(segments: Segments) -> list[tuple[AnyArray, JoinedLine]]:
     """Flat straight segments, those that lie on one line together: indices and the line through them, longest first."""
     flat = np.flatnonzero((np.abs(segments.direction[:, 1]) < FLAT) & (segments.length > SCRAP))
     flat = flat[np.argsort(-segments.length[flat], kind='stable')]
@@ -125,7 +127,7 @@ def broken_lines(segments: Segments) -> list[tuple[np.ndarray, JoinedLine]]:
 
 
 def complete(
-    matches: Matches, left: Segments, right: Segments, coefficient: np.ndarray, covariance: np.ndarray
+    matches: Matches, left: Segments, right: Segments, coefficient: AnyArray, covariance: AnyArray
 ) -> list[FlatEdge]:
     """The flat edges of which at least one end is a corner with an edge that tells its depth.
 
@@ -162,12 +164,11 @@ def with_whole(
     whole: list[FlatEdge],
     matches: Matches,
     left: Segments,
-    coefficient: np.ndarray,
-    covariance: np.ndarray,
-    ends_sigma: np.ndarray,
-) -> tuple[Matches, Segments, np.ndarray, np.ndarray, np.ndarray]:
-    """Matches, left segments, coefficients, covariances and what the match knows of the ends (see
-    :func:`.flat_edges.ends_sigma`), with these edges, last, in the place of their segments."""
+    coefficient: AnyArray,
+    covariance: AnyArray,
+    ends_sigma: AnyArray,
+) -> tuple[Matches, Segments, AnyArray, AnyArray, AnyArray]:
+    """Matches, left segments, coefficients, covariances and end sigmas, with these edges, last, for their segments."""
     keep = ~np.isin(matches.left, np.concatenate([edge.members for edge in whole]))
     for edge in whole:
         left = with_line(left, int(edge.members[0]), edge.line)
@@ -193,9 +194,8 @@ def with_whole(
     )
 
 
-def _tellers(line: JoinedLine, teller: Segments, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """What the steep edges that reach the line know about the disparity there: (k, 3) float64 rows of place along the
-    line, disparity and its sigma, pixels, in the order of places."""
+def _tellers(line: JoinedLine, teller: Segments, coefficient: AnyArray, covariance: AnyArray) -> AnyArray:
+    """(k, 3) float64: abscissa, disparity and its sigma, pixels, that steep edges tell of a line, by abscissa."""
     sine = line.direction[0] * teller.direction[:, 1] - line.direction[1] * teller.direction[:, 0]
     away = teller.centre - line.centre
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -210,12 +210,13 @@ def _tellers(line: JoinedLine, teller: Segments, coefficient: np.ndarray, covari
     good &= beyond < np.maximum(END_LEAST, END_SHARE * teller.length)
     far = max(END_LEAST, END_SHARE * (line.extent[1] - line.extent[0]))
     good &= (place > line.extent[0] - far) & (place < line.extent[1] + far)
-    table = np.column_stack([place, disparity, sigma])[good]
-    return table[np.argsort(table[:, 0], kind='stable')]
+    table: AnyArray = np.column_stack([place, disparity, sigma])[good]
+    ordered: AnyArray = table[np.argsort(table[:, 0], kind='stable')]
+    return ordered
 
 
 def _told(
-    members: np.ndarray, line: JoinedLine, tellers: np.ndarray, left: Segments, right: Segments, partners: np.ndarray
+    members: AnyArray, line: JoinedLine, tellers: AnyArray, left: Segments, right: Segments, partners: AnyArray
 ) -> FlatEdge | None:
     """The edge that its tellers support best among those that both images show; None when they show none."""
     span = line.extent[1] - line.extent[0]
@@ -260,14 +261,14 @@ def _ends_of(edge: FlatEdge) -> list[_Corner]:
 
 
 def _edge(
-    members: np.ndarray,
+    members: AnyArray,
     line: JoinedLine,
-    tellers: np.ndarray,
-    at: tuple[np.ndarray, np.ndarray],
-    agree: np.ndarray,
+    tellers: AnyArray,
+    at: tuple[AnyArray, AnyArray],
+    agree: AnyArray,
     stop: _Corner | None,
     right: Segments,
-    partners: np.ndarray,
+    partners: AnyArray,
 ) -> FlatEdge | None:
     """The edge that these tellers agree on: least squares of what they say; None when they leave it open.
 
@@ -305,9 +306,7 @@ def _edge(
     return FlatEdge(members, partner, line, extent, coefficient, covariance, np.where(fixed, 1.0, 3.0), fixed, told)
 
 
-def _with_stop(
-    line: JoinedLine, known: _Corner, end: int, right: Segments, partners: np.ndarray
-) -> list[_Corner] | None:
+def _with_stop(line: JoinedLine, known: _Corner, end: int, right: Segments, partners: AnyArray) -> list[_Corner] | None:
     """Both ends, of which one (0 or 1) is known; the other is where the line stops in the left and the right image."""
     # From the corner along the line, which has nearly the same slope in the right image.
     run = (1.0 if end == 0 else -1.0) * line.direction
@@ -333,16 +332,17 @@ def _with_stop(
     return [known, other] if end == 0 else [other, known]
 
 
-def _overlap(line: JoinedLine, ends: list[_Corner], right: Segments, partners: np.ndarray) -> np.ndarray:
+def _overlap(line: JoinedLine, ends: list[_Corner], right: Segments, partners: AnyArray) -> AnyArray:
     """(k,) pixels that each right segment shows of the edge between two corners."""
     places = _along(line, ends, right, partners)
     first, last = ends[0].abscissa, ends[1].abscissa
-    return np.maximum(np.nan_to_num(np.minimum(places[:, 1], last) - np.maximum(places[:, 0], first)), 0.0)
+    overlap: AnyArray = np.nan_to_num(np.minimum(places[:, 1], last) - np.maximum(places[:, 0], first))
+    overlap = np.maximum(overlap, 0.0)
+    return overlap
 
 
-def _along(line: JoinedLine, ends: list[_Corner], right: Segments, partners: np.ndarray) -> np.ndarray:
-    """(k, 2) ends of right segments as places along the left line, by the disparity of the edge; NaN for those off
-    it."""
+def _along(line: JoinedLine, ends: list[_Corner], right: Segments, partners: AnyArray) -> AnyArray:
+    """(k, 2) ends of right segments as abscissas on the left line, by the edge's disparity; NaN for those off it."""
     corner = [line.centre + end.abscissa * line.direction - [end.disparity, 0.0] for end in ends]
     run = corner[1] - corner[0]
     length = max(float(np.hypot(*run)), 1e-9)
@@ -356,10 +356,9 @@ def _along(line: JoinedLine, ends: list[_Corner], right: Segments, partners: np.
 
 
 def _shown(
-    line: JoinedLine, ends: list[_Corner], left: Segments, members: np.ndarray, right: Segments, partners: np.ndarray
+    line: JoinedLine, ends: list[_Corner], left: Segments, members: AnyArray, right: Segments, partners: AnyArray
 ) -> float:
-    """The smaller of the shares of the edge that the left and the right image show; 0 when either shows that the line
-    goes on beyond its ends."""
+    """Share of the edge that both images show; 0 when either shows that the line goes on beyond its ends."""
     if len(partners) == 0:
         return 0.0
     corner = [line.centre + end.abscissa * line.direction - [end.disparity, 0.0] for end in ends]

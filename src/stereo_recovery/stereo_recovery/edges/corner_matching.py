@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
 from ..matching.matches import Matches
@@ -100,5 +102,7 @@ def more_matches(
     )
 
 
-def _point(segments: Segments, index: np.ndarray, place: np.ndarray) -> np.ndarray:
-    return segments.centre[index] + place[:, None] * segments.direction[index]
+def _point(segments: Segments, index: AnyArray, place: AnyArray) -> AnyArray:
+    """(k, 2) float64, pixels: the points of segments at these abscissas."""
+    point: AnyArray = segments.centre[index] + place[:, None] * segments.direction[index]
+    return point

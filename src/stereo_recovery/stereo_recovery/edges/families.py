@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import AnyArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
@@ -40,15 +41,15 @@ class _Rows:
     of direction; covariance : (n, 2, 2) of disparity over focal length and of its slope
     """
 
-    image: np.ndarray
-    depth: np.ndarray
-    middle: np.ndarray
-    along: np.ndarray
-    sigma: np.ndarray
-    disparity: np.ndarray
-    covariance: np.ndarray
+    image: AnyArray
+    depth: AnyArray
+    middle: AnyArray
+    along: AnyArray
+    sigma: AnyArray
+    disparity: AnyArray
+    covariance: AnyArray
 
-    def variances(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def variances(self, d: AnyArray) -> tuple[AnyArray, AnyArray]:
         """(n,) each: of the two rows' products with a direction (3,) or (n, 3)."""
         lever = ((d[..., :2] - d[..., 2:] * self.middle) * self.along).sum(axis=1)
         w = np.broadcast_to(d[..., 2], lever.shape)
@@ -57,7 +58,7 @@ class _Rows:
         return image, np.einsum('ni,nij,nj->n', by, self.covariance, by)
 
 
-def _rows(left: Segments, index: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray, rig: StereoRig) -> _Rows:
+def _rows(left: Segments, index: AnyArray, coefficient: AnyArray, covariance: AnyArray, rig: StereoRig) -> _Rows:
     focal = rig.left.fx
     middle = (left.centre[index] - [rig.left.cx, rig.left.cy]) / focal
     along = left.direction[index]
@@ -70,9 +71,8 @@ def _rows(left: Segments, index: np.ndarray, coefficient: np.ndarray, covariance
     return _Rows(image, depth, middle, along, left.sigma[index] * scale, disparity, covariance * np.outer(scale, scale))
 
 
-def _direction(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Direction (..., 3) that satisfies rows of which this (..., 3, 3) is the weighted sum of squares, and its
-    covariance (..., 3, 3)."""
+def _direction(information: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Direction (..., 3) and covariance (..., 3, 3) by least squares, given the rows' normal matrix (..., 3, 3)."""
     values, vectors = np.linalg.eigh(information)
     spread = np.einsum(
         '...ik,...k,...jk->...ij', vectors[..., 1:], 1.0 / np.maximum(values[..., 1:], 1e-9), vectors[..., 1:]
@@ -80,18 +80,18 @@ def _direction(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vectors[..., 0], spread
 
 
-def _squares(rows: _Rows, d: np.ndarray) -> np.ndarray:
+def _squares(rows: _Rows, d: AnyArray) -> AnyArray:
     """(n, 3, 3): the rows' squares by their weights."""
     image, depth = rows.variances(d)
-    return (
+    squares: AnyArray = (
         np.einsum('ni,nj->nij', rows.image, rows.image) / image[:, None, None]
         + np.einsum('ni,nj->nij', rows.depth, rows.depth) / depth[:, None, None]
     )
+    return squares
 
 
-def _fits(rows: _Rows, d: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool: edges that may have a direction d, (3,) or (n, 3), of covariance (3, 3) or (n, 3, 3); and the chance
-    (n,) that an edge of any direction, seen as well as this one, might have it."""
+def _fits(rows: _Rows, d: AnyArray, spread: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """(n,) bool: edges that may have a direction d of this covariance; (n,): chance that any edge might have it."""
     image, depth = rows.variances(d)
     spread = np.broadcast_to(spread, (len(image), 3, 3))
     good, chance = np.ones(len(image), bool), np.ones(len(image))
@@ -103,15 +103,14 @@ def _fits(rows: _Rows, d: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, n
     return good, chance
 
 
-def _of_normal(curve: Curve) -> np.ndarray:
+def _of_normal(curve: Curve) -> AnyArray:
     """(3, 3): what a curve's normal says of its own direction, as rows' squares by their weights."""
     flat = np.eye(3) - np.outer(curve.normal, curve.normal)
     return flat / (curve.tilt**2 + WANDER**2)
 
 
-def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Directions that several edges, or an axis, share: what each edge adds (n, 3, 3), what they and the axes say in
-    all (3, 3), and how many others tell each edge (n,), an axis for two.
+def _families(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray]]:
+    """Directions that edges share: normal matrices of each edge (n, 3, 3) and of all (3, 3), others of each edge (n,).
 
     order : seeds, the best known edge first; axes : (k, 3, 3) what axes of circles say, the best known first
     """
@@ -120,7 +119,7 @@ def _families(rows: _Rows, order: np.ndarray, axes: np.ndarray) -> list[tuple[np
     alone = _squares(rows, own)
     told = np.zeros(len(order), bool)
     told_axes = np.zeros(len(axes), bool)
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    found: list[tuple[AnyArray, AnyArray, AnyArray]] = []
     tried = 0
     for seed, k in [(axes, k) for k in range(len(axes))] + [(alone, k) for k in order]:
         if told_axes[k] if seed is axes else told[k]:
@@ -186,10 +185,9 @@ def aligned(lines: Lines3D, left: Segments, curves: Sequence[Curve], rig: Stereo
 
 
 def _told(
-    rows: _Rows, rig: StereoRig, added: np.ndarray, total: np.ndarray, others: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a family says of each edge without the edge's own share: by how much its slope in disparity is off (n,), how
-    that depends on the edge's coefficients (n, 2), and the variance (n,), infinite for what is not of the family."""
+    rows: _Rows, rig: StereoRig, added: AnyArray, total: AnyArray, others: AnyArray
+) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Residual (n,), its row (n, 2) and variance (n,) of a parallel group's direction, without each edge's share."""
     d, spread = _direction(total - added)
     lever = ((d[:, :2] - d[:, 2:] * rows.middle) * rows.along).sum(axis=1)
     good, chance = _fits(rows, d, spread)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, ends_exchanged, reversed_polarity
 from ..matching.matches import Matches
@@ -37,7 +39,7 @@ SAME_CORNER = 1.5
 
 def rough_ends(
     matches: Matches, left: Segments, right: Segments, junctions: Junctions, right_junctions: Junctions
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[AnyArray, AnyArray]:
     """Disparity at the left segment's ends as the match has it, and its sigma: (n, 2) float64, pixels.
 
     Chains of flat edges end at different places in the two images; where both run into a corner, the corners count. An
@@ -62,12 +64,13 @@ def rough_ends(
     return disparity, np.where(flat, sigma, MATCH_SIGMA)
 
 
-def _same_neighbour(matches: Matches, lefts: int, rights: int, k: np.ndarray, m: np.ndarray) -> np.ndarray:
+def _same_neighbour(matches: Matches, lefts: int, rights: int, k: AnyArray, m: AnyArray) -> AnyArray:
     """Whether left segments k and right segments m may be one edge: they are matched, or neither is with any other."""
     partner, taken = np.full(lefts, -1), np.zeros(rights, bool)
     partner[matches.left[::-1]] = matches.right[::-1]
     taken[matches.right] = True
-    return (partner[k] == m) | ((partner[k] < 0) & ~taken[m])
+    same: AnyArray = (partner[k] == m) | ((partner[k] < 0) & ~taken[m])
+    return same
 
 
 def shared_corners(
@@ -77,7 +80,7 @@ def shared_corners(
     junctions: Junctions,
     right_junctions: Junctions,
     rectification_sigma: float,
-) -> np.ndarray:
+) -> AnyArray:
     """Ends that are corners in both images, at one height: (k, 4) float64: edge, place along it, disparity, sigma.
 
     They say where an edge along the rows is even when its neighbour there was not matched. If it was, it has to have
@@ -110,9 +113,7 @@ def shared_corners(
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def far_corners(
-    matches: Matches, left: Segments, right: Segments, junctions: Junctions
-) -> tuple[np.ndarray, np.ndarray]:
+def far_corners(matches: Matches, left: Segments, right: Segments, junctions: Junctions) -> tuple[AnyArray, AnyArray]:
     """Corners that the chains of flat edges do not reach, but their lines do, in both images.
 
     Returns joints (k, 4), see :func:`.lines3d.meetings`, the flat edge first, and its ends (k,) int.
@@ -146,9 +147,8 @@ def far_corners(
     return np.array(rows, dtype=np.float64).reshape(-1, 4), np.array(ends, dtype=int)
 
 
-def _hits(side: Segments, k: int, others: np.ndarray, end: int, length: float) -> tuple[np.ndarray, ...]:
-    """Where the line of segment k meets those of others, beyond its end: place on k, place on the other, which end of
-    the other, whether that end is there, and how far beyond."""
+def _hits(side: Segments, k: int, others: AnyArray, end: int, length: float) -> tuple[AnyArray, ...]:
+    """Where segment k's line meets others: both abscissas, the other's end, whether it is there, how far beyond."""
     t, u = side.direction[k], side.direction[others]
     run = side.centre[others] - side.centre[k]
     sine = t[0] * u[:, 1] - t[1] * u[:, 0]
@@ -168,16 +168,15 @@ def _hits(side: Segments, k: int, others: np.ndarray, end: int, length: float) -
 
 
 def confirmed(
-    joints: np.ndarray,
-    known: np.ndarray,
-    coefficient: np.ndarray,
+    joints: AnyArray,
+    known: AnyArray,
+    coefficient: AnyArray,
     matches: Matches,
     left: Segments,
     right: Segments,
     right_junctions: Junctions,
-) -> np.ndarray:
-    """(k,) bool: joints that the right image allows: where an edge of known disparity says a flat one ends, its segment
-    in the right image does.
+) -> AnyArray:
+    """(k,) bool: joints that the right image allows: the flat edge's segment ends there in it, too.
 
     joints : (k, 4), see :func:`.lines3d.meetings`; known : (n,) bool, edges whose coefficient (n, 2) is measured.
     """
@@ -200,7 +199,7 @@ def confirmed(
     return kept
 
 
-def same_lines(matches: Matches, left: Segments, right: Segments) -> np.ndarray:
+def same_lines(matches: Matches, left: Segments, right: Segments) -> AnyArray:
     """Pairs of flat segments that lie on one line in both images, as joints like those of :func:`meetings`, two a pair.
 
     Where print or an occluder has broken a long edge, each segment has one true corner; together they have two.
@@ -232,14 +231,14 @@ def same_lines(matches: Matches, left: Segments, right: Segments) -> np.ndarray:
 
 
 def solve(
-    information: np.ndarray,
-    vector: np.ndarray,
-    known: np.ndarray,
-    coefficient: np.ndarray,
-    covariance: np.ndarray,
-    joints: np.ndarray,
-    ends_known: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+    information: AnyArray,
+    vector: AnyArray,
+    known: AnyArray,
+    coefficient: AnyArray,
+    covariance: AnyArray,
+    joints: AnyArray,
+    ends_known: AnyArray,
+) -> tuple[AnyArray, AnyArray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, the flat ones solved from what the known ones say.
 
     information, vector : what each edge's own lines say; known : (n,) bool, edges whose coefficients stay

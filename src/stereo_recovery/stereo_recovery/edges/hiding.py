@@ -1,5 +1,4 @@
-"""Ends of edges that a curved surface hides: behind an occluding contour or a rim, each camera sees another
-point there.
+"""Ends of edges that a curved surface hides: each camera sees another point there.
 
 An edge that stops at an outline, or at a rim it has nothing to do with, goes on behind it. Such an end is no corner: it
 says nothing about depth. Edges that do end on a rim lie in its plane or run along its axis.
@@ -13,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import AnyArray
 
 from ..curves.curve import CameraView, Curve, angles, camera_views, image_conic
 from ..curves.occluding_contours import CurvedSurface, contour_sides
@@ -72,7 +72,7 @@ def hidden_ends(
     return result[0], result[1]
 
 
-def _on_rim(curve: Curve, points: np.ndarray, view: CameraView) -> np.ndarray:
+def _on_rim(curve: Curve, points: AnyArray, view: CameraView) -> AnyArray:
     """(n,) bool: pixels that lie on what is seen of a curve."""
     near = np.abs(sampson(image_conic(curve, view), points)) < NEAR
     if near.any():
@@ -82,7 +82,7 @@ def _on_rim(curve: Curve, points: np.ndarray, view: CameraView) -> np.ndarray:
     return near
 
 
-def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) -> np.ndarray:
+def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) -> AnyArray:
     """(n,) bool: pairs both of whose ends are where the curve's plane has them."""
     ends = np.stack([left.start, left.end], axis=1)[matches.left]
     rays = np.stack([rig.left.rays(ends[:, k]) for k in (0, 1)], axis=1)
@@ -91,14 +91,17 @@ def _in_plane(curve: Curve, matches: Matches, left: Segments, rig: StereoRig) ->
         return np.zeros(len(matches), bool)
     disparity = rig.left.fx * rig.baseline * (rays @ curve.normal) / depth
     told = matches.disparity[:, [0, 2]] - (rig.left.cx - rig.right.cx)
-    return np.all(np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told), axis=1)
+    near: AnyArray = np.abs(disparity - told) < IN_PLANE + PLANE_SHARE * np.abs(told)
+    both: AnyArray = near[:, 0] & near[:, 1]
+    return both
 
 
-def _along_axis(curve: Curve, own: Segments, places: np.ndarray, view: CameraView) -> np.ndarray:
+def _along_axis(curve: Curve, own: Segments, places: AnyArray, view: CameraView) -> AnyArray:
     """(n, 2) bool: segments that run at their ends as a line along the curve's axis does."""
     vanishing = view.matrix @ curve.normal
     # All lines along the axis meet in its vanishing point, which may be at infinity.
     towards = vanishing[:2] - places * vanishing[2]
     length = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-12)
     sine = (own.direction[:, None, 0] * towards[..., 1] - own.direction[:, None, 1] * towards[..., 0]) / length
-    return (np.abs(sine) < ALONG_AXIS) & (curve.centre[2] > 0.0)
+    result: AnyArray = (np.abs(sine) < ALONG_AXIS) & (curve.centre[2] > 0.0)
+    return result

@@ -1,5 +1,4 @@
-"""Straight edges in space from matched segments: disparity as a linear function along the left line, and its
-covariance.
+"""Straight edges in space from matched segments: disparity along the left line, linear, and its covariance.
 
 Along a left line with points c + s t, disparity is d(s) = a + b s. The matched right line measures it wherever the
 edge leaves the rows; an edge along the rows is hardly measured at all. What both lines know is kept as an information
@@ -14,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import AnyArray
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, ends_exchanged, reversed_polarity
@@ -44,7 +44,7 @@ SAME_CORNER = 1.5
 SAME_EXTENT = 0.15
 LEAST_SHARE = 0.01
 # Coefficients (n, 2) and covariances (n, 2, 2) of matched edges, what the match knows of their ends (n, 2), and joints.
-Solution = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+Solution = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +57,14 @@ class Lines3D:
     the edge runs from one known corner to another, whatever its segments say
     """
 
-    left: np.ndarray
-    right: np.ndarray
-    extent: np.ndarray
-    coefficient: np.ndarray
-    covariance: np.ndarray
-    end_sigma: np.ndarray
-    fixed: np.ndarray
-    strut: np.ndarray
+    left: AnyArray
+    right: AnyArray
+    extent: AnyArray
+    coefficient: AnyArray
+    covariance: AnyArray
+    end_sigma: AnyArray
+    fixed: AnyArray
+    strut: AnyArray
 
     def __len__(self) -> int:
         return len(self.left)
@@ -103,8 +103,8 @@ def measure(
     right: Segments,
     rectification_sigma: float,
     offset_v: float = 0.0,
-    ends_sigma: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+    ends_sigma: AnyArray | None = None,
+) -> tuple[AnyArray, AnyArray]:
     """What the two fitted lines say: information (n, 2, 2) and information vector (n, 2) of a, b.
 
     rectification_sigma : pixels by which the two images' rows may disagree; offset_v : by which they do on the whole;
@@ -142,10 +142,9 @@ def measure(
 
 
 def _without_common_sagitta(
-    left: Segments, right: Segments, i: np.ndarray, j: np.ndarray, slope: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sigma (n, 2) of the segments i and j: an edge that bends alike in both images is bent in space, and its chord is
-    as well measured as a straight edge; only what they do not share makes the disparity vague.
+    left: Segments, right: Segments, i: AnyArray, j: AnyArray, slope: AnyArray
+) -> tuple[AnyArray, AnyArray]:
+    """Sigma (n, 2) of segments i and j without the sagitta that both share: such an edge is bent in space.
 
     slope : (n,) of disparity along the left segment.
     """
@@ -171,7 +170,7 @@ def _without_common_sagitta(
 
 def meetings(
     matches: Matches, left: Segments, right: Segments, junctions: Junctions, right_junctions: Junctions
-) -> np.ndarray:
+) -> AnyArray:
     """Corners at which two matched edges share their end: (k, 4) float64: edge, place along it, edge, place along it.
 
     An end that runs into the middle of another edge is (mostly) hidden by it, in either image, and is left out.
@@ -253,8 +252,7 @@ def edges(
     offset: float = 0.0,
     cluttered: bool = False,
 ) -> tuple[Lines3D, Segments, Segments]:
-    """All straight edges of a pair of segmented images, and the segments of both, where those of one broken edge have
-    become its line and edges from corner to corner are added at the end.
+    """All straight edges of a pair of images, and the segments of both, with the fragments of an edge made one.
 
     rectification_sigma : see :func:`measure`; offset : pixels, disparity of infinitely far points; cluttered : so much
     print ends near the edges that its corners cannot speak against them.
@@ -266,7 +264,7 @@ def edges(
         offset_v = 0.0
     sides, ends = (left, right), (junctions, right_junctions)
 
-    def solved(of: Matches) -> tuple[Matches, Solution, tuple[np.ndarray, np.ndarray], vertices.Vertices]:
+    def solved(of: Matches) -> tuple[Matches, Solution, tuple[AnyArray, AnyArray], vertices.Vertices]:
         of, solution = _solved(of, left, right, junctions, right_junctions, spread_v, offset_v)
         # Parallel edges tell the depth of one along the rows, and so that of its corners.
         told = borrow(of, left, *solution, offset)
@@ -353,26 +351,25 @@ def edges(
     ), *more.segments
 
 
-def doubt(segments: Segments, junctions: Junctions) -> np.ndarray:
-    """(n, 2) float64, pixels: sigma that a corner's place has beyond that of its lines: where edges are short, one
-    hides the other, and where the other's chain ends far from it."""
+def doubt(segments: Segments, junctions: Junctions) -> AnyArray:
+    """(n, 2) float64, pixels: sigma of a corner beyond that of its lines: short, hidden or far edges."""
     other = junctions.neighbour
     x = segments.centre[:, None] + junctions.abscissa[..., None] * segments.direction[:, None]
     along = ((x - segments.centre[other]) * segments.direction[other]).sum(axis=2)
     beyond = np.maximum(segments.extent[other, 0] - along, along - segments.extent[other, 1])
     short = np.minimum(segments.length[:, None], segments.length[other]) < SHORT_EDGE
-    return np.sqrt((HIDDEN * junctions.t_junction) ** 2 + (SMALL * short) ** 2 + (FAR * (beyond > FAR_GAP)) ** 2) * (
-        other >= 0
-    )
+    variance = (HIDDEN * junctions.t_junction) ** 2 + (SMALL * short) ** 2 + (FAR * (beyond > FAR_GAP)) ** 2
+    extra: AnyArray = np.sqrt(variance) * (other >= 0)
+    return extra
 
 
 @dataclass(frozen=True, eq=False)
 class EdgesInSpace:
     """Straight edges in the left optical frame: end points (n, 2, 3), metres, and their 3 sigma bounds (n,), metres."""
 
-    ends: np.ndarray
-    err_par: np.ndarray
-    err_per: np.ndarray
+    ends: AnyArray
+    err_par: AnyArray
+    err_per: AnyArray
 
 
 def to_space(lines: Lines3D, left: Segments, rig: StereoRig) -> EdgesInSpace:

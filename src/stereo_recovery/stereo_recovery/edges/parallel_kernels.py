@@ -5,10 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 
 @njit
-def parallel(edges, able, lenders, centre, direction, own, covariance, slope_sigma, gate, wander, slope_wander):
+def parallel(
+    edges: IntArray,
+    able: BoolArray,
+    lenders: IntArray,
+    centre: FloatArray,
+    direction: FloatArray,
+    own: FloatArray,
+    covariance: FloatArray,
+    slope_sigma: FloatArray,
+    gate: float,
+    wander: float,
+    slope_wander: float,
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which lenders an edge is parallel to in the image, and what they say of its depth.
 
     edges : (m,), lenders : (k,) numbers of edges; able : (m, k) bool, pairs to be looked at; centre, direction (n, 2)

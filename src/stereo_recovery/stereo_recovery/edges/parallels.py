@@ -10,7 +10,11 @@ it is led on from the better end.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+
+from msgs_py.numeric.typed import AnyArray
 
 from ..detection.segments import Segments
 from ..matching.matches import Matches
@@ -43,12 +47,12 @@ SURE = 4.0
 def borrow(
     matches: Matches,
     left: Segments,
-    coefficient: np.ndarray,
-    covariance: np.ndarray,
-    ends_sigma: np.ndarray,
-    joints: np.ndarray,
+    coefficient: AnyArray,
+    covariance: AnyArray,
+    ends_sigma: AnyArray,
+    joints: AnyArray,
     offset: float,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[AnyArray, AnyArray]:
     """Coefficients (n, 2) and covariance (n, 2, 2) of all edges, see :class:`.lines3d.Lines3D`: vague ones improved.
 
     ends_sigma : (n, 2), pixels: how well the match knows the disparity at the left segment's ends
@@ -118,7 +122,7 @@ def borrow(
 
 
 def _trusted(
-    f: int, joints: np.ndarray, middle: float, length: np.ndarray, tellers: np.ndarray, told: tuple
+    f: int, joints: AnyArray, middle: float, length: AnyArray, tellers: AnyArray, told: tuple[Any, ...]
 ) -> float | None:
     """The place along edge f, along the rows, at which its depth is beyond doubt; None when neither end is better.
 

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..curves.curve import Curve
 
 # How far from the circle's plane and from touching it, in radii beside three sigma, an edge may be.
@@ -18,8 +20,8 @@ NEAR = 0.5
 
 
 def joined_ends(
-    ends: np.ndarray, err_par: np.ndarray, err_per: np.ndarray, curves: Sequence[Curve]
-) -> tuple[np.ndarray, np.ndarray]:
+    ends: AnyArray, err_par: AnyArray, err_per: AnyArray, curves: Sequence[Curve]
+) -> tuple[AnyArray, AnyArray]:
     """Ends of edges (n, 2, 3), metres, with those that run into a circle put to the touching point, and err_par (n,).
 
     err_par, err_per : (n,) metres, three sigma along and across.
@@ -50,7 +52,7 @@ def joined_ends(
     return ends, err_par
 
 
-def _is_seen(curve: Curve, towards: np.ndarray) -> bool:
+def _is_seen(curve: Curve, towards: AnyArray) -> bool:
     """Whether the curve's visible arc holds the point in this direction from the centre."""
     angle = np.arctan2(towards @ curve.second, towards @ curve.first)
     start, extent = curve.arc

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 # A segment runs into a corner that is this near to its line, and this far beyond or before its end, pixels and as a
 # share of its length.
@@ -20,7 +21,9 @@ ABSENT = 7.0
 
 
 @njit
-def meetings(table, point, disparity, sigma, own):
+def meetings(
+    table: FloatArray, point: FloatArray, disparity: FloatArray, sigma: FloatArray, own: IntArray
+) -> tuple[BoolArray, FloatArray]:
     """The corners in space that segments of one image run into, by what other edges know of them.
 
     table : (n, 8) float64 rows of segments: centre u, v; direction; first and last place; sigma of offset and slope
@@ -66,14 +69,25 @@ def meetings(table, point, disparity, sigma, own):
 
 
 @njit
-def _told(point, own, first, q, k):
+def _told(point: FloatArray, own: IntArray, first: int, q: int, k: int) -> bool:
     """Whether corner q is corner first, and not known from segment k."""
     du, dv = point[q, 0] - point[first, 0], point[q, 1] - point[first, 1]
-    return abs(du) < 2.0 * BESIDE and abs(dv) < 2.0 * BESIDE and own[q] != k
+    same: bool = abs(du) < 2.0 * BESIDE and abs(dv) < 2.0 * BESIDE and own[q] != k
+    return same
 
 
 @njit
-def missed(own, other, found, value, table, far, edge, point, sign):
+def missed(
+    own: IntArray,
+    other: IntArray,
+    found: BoolArray,
+    value: FloatArray,
+    table: FloatArray,
+    far: FloatArray,
+    edge: IntArray,
+    point: FloatArray,
+    sign: float,
+) -> BoolArray:
     """(n,) bool: pairs that end at a corner in one image and miss it in the other.
 
     own, other : (n,) segments of the pairs in the one and the other image; table, far : their rows as for

@@ -42,11 +42,11 @@ class Vertices:
     disparity, sigma : (m,) float64, pixels
     """
 
-    edge: np.ndarray
-    own: np.ndarray
-    point: np.ndarray
-    disparity: np.ndarray
-    sigma: np.ndarray
+    edge: AnyArray
+    own: AnyArray
+    point: AnyArray
+    disparity: AnyArray
+    sigma: AnyArray
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ def vertices(
     matches: Matches,
     segments: tuple[Segments, Segments],
     junctions: tuple[Junctions, Junctions],
-    coefficient: np.ndarray,
-    covariance: np.ndarray,
+    coefficient: AnyArray,
+    covariance: AnyArray,
     offset_v: float,
 ) -> Vertices:
     """The corners that matched edges show in both images.
@@ -126,17 +126,17 @@ def vertices(
     )
 
 
-def _at_height(segments: Segments, index: np.ndarray, height: np.ndarray) -> np.ndarray:
+def _at_height(segments: Segments, index: AnyArray, height: AnyArray) -> AnyArray:
     """(...) bool: whether segment ``index`` (-1: none) is seen at this height, pixels."""
     a, b = segments.start[index, 1], segments.end[index, 1]
-    return (index >= 0) & (height > np.minimum(a, b) - STOPS) & (height < np.maximum(a, b) + STOPS)
+    seen: AnyArray = (index >= 0) & (height > np.minimum(a, b) - STOPS) & (height < np.maximum(a, b) + STOPS)
+    return seen
 
 
 def line_tables(
     segments: tuple[Segments, Segments], offset_v: float, junctions: tuple[Junctions, Junctions] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the segments of both images, see :func:`.vertex_kernels.meetings`, at the left image's heights; up to
-    their corners where these are given."""
+) -> tuple[AnyArray, AnyArray]:
+    """Rows of both images' segments (:func:`.vertex_kernels.meetings`) at the left heights, up to given corners."""
     left, right = line_table(segments[0]), line_table(segments[1])
     if junctions is not None:
         left[:, 4:6], right[:, 4:6] = junctions[0].abscissa, junctions[1].abscissa
@@ -144,7 +144,7 @@ def line_tables(
     return left, right
 
 
-def contradicted(matches: Matches, segments: tuple[Segments, Segments], known: Vertices, offset_v: float) -> np.ndarray:
+def contradicted(matches: Matches, segments: tuple[Segments, Segments], known: Vertices, offset_v: float) -> AnyArray:
     """(n,) bool: pairs that end at a corner in one image and miss that corner in the other."""
     wrong = np.zeros(len(matches), bool)
     pairs, tables = (matches.left, matches.right), line_tables(segments, offset_v)
@@ -214,7 +214,7 @@ def between(
     return result
 
 
-def _same(points: np.ndarray, others: np.ndarray) -> bool:
+def _same(points: AnyArray, others: AnyArray) -> bool:
     """Whether an edge (2, 2) lies on one of the others (n, 2, 2), or one of them on it."""
     here = np.broadcast_to(points, others.shape)
     same = np.zeros(len(others), bool)
@@ -238,15 +238,15 @@ class Strut:
     """
 
     segments: tuple[Segments, Segments]
-    extent: np.ndarray
-    coefficient: np.ndarray
-    covariance: np.ndarray
-    end_sigma: np.ndarray
+    extent: AnyArray
+    coefficient: AnyArray
+    covariance: AnyArray
+    end_sigma: AnyArray
 
 
 def struts(found: list[tuple[int, int, list[_Meeting]]], segments: tuple[Segments, Segments], offset_v: float) -> Strut:
     """The edges that :func:`between` found. The line of the image that shows one is its line in both images."""
-    rows: list[list[dict[str, np.ndarray]]] = [[], []]
+    rows: list[list[dict[str, AnyArray]]] = [[], []]
     extent, coefficient, covariance = [], [], []
     for side, k, ends in found:
         source = {f.name: getattr(segments[side], f.name)[k] for f in fields(Segments)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.typed import AnyArray
 
 # Disparity, pixels, by which two edges may miss each other at a corner they share (rounded corners, blur).
 CORNER_SIGMA = 0.03
@@ -16,13 +17,16 @@ CORNER_SIGMA = 0.03
 GATE = 3.5
 
 
-def misses(joints: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
+def misses(joints: AnyArray, coefficient: AnyArray) -> AnyArray:
     """(k,) float64, pixels: by how much disparity two edges miss each other at their corners."""
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
-    return coefficient[e, 0] + coefficient[e, 1] * joints[:, 1] - coefficient[f, 0] - coefficient[f, 1] * joints[:, 3]
+    result: AnyArray = (
+        coefficient[e, 0] + coefficient[e, 1] * joints[:, 1] - coefficient[f, 0] - coefficient[f, 1] * joints[:, 3]
+    )
+    return result
 
 
-def agree(joints: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def agree(joints: AnyArray, coefficient: AnyArray, covariance: AnyArray) -> AnyArray:
     """(k,) bool: corners at which the edges' own measurements allow one disparity."""
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)
     he = np.stack([np.ones(len(e)), joints[:, 1]], axis=1)
@@ -32,10 +36,11 @@ def agree(joints: np.ndarray, coefficient: np.ndarray, covariance: np.ndarray) -
         + np.einsum('ni,nij,nj->n', hf, covariance[f], hf)
         + CORNER_SIGMA**2
     )
-    return misses(joints, coefficient) ** 2 < GATE**2 * variance
+    result: AnyArray = misses(joints, coefficient) ** 2 < GATE**2 * variance
+    return result
 
 
-def among(joints: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def among(joints: AnyArray, kept: AnyArray) -> AnyArray:
     """The joints of edges that are kept, (n,) bool, by their new numbers."""
     number = np.cumsum(kept) - 1
     joints = joints[kept[joints[:, [0, 2]].astype(int)].all(axis=1)].copy()
@@ -44,8 +49,8 @@ def among(joints: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def solve_measured(
-    information: np.ndarray, vector: np.ndarray, joints: np.ndarray, extent: np.ndarray, least: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    information: AnyArray, vector: AnyArray, joints: AnyArray, extent: AnyArray, least: float
+) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Edges that measure their own depth well, solved together at the corners where they agree.
 
     information (n, 2, 2), vector (n, 2) : what each edge's own lines say; joints : (k, 4); extent : (n, 2), pixels, the
@@ -65,7 +70,7 @@ def solve_measured(
     return coefficient, covariance, known
 
 
-def joined(information: np.ndarray, vector: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def joined(information: AnyArray, vector: AnyArray, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Least squares with these corners, one connected wire frame at a time."""
     n = len(information)
     e, f = joints[:, 0].astype(int), joints[:, 2].astype(int)

@@ -12,6 +12,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..detection.edgels import Edgels
 from ..detection.segments import Segments, fit_segments
 from ..detection.settings import LEVEL_SINE, SAGITTA_OFFSET, SAGITTA_SLOPE
@@ -36,16 +38,16 @@ class JoinedLine:
     miss : pixels, the largest distance of an end of the segments from the line
     """
 
-    centre: np.ndarray
-    direction: np.ndarray
-    extent: np.ndarray
+    centre: AnyArray
+    direction: AnyArray
+    extent: AnyArray
     rms: float
     sagitta: float
-    sigma: np.ndarray
+    sigma: AnyArray
     miss: float
 
 
-def joined_line(segments: Segments, members: np.ndarray, along: np.ndarray) -> JoinedLine:
+def joined_line(segments: Segments, members: AnyArray, along: AnyArray) -> JoinedLine:
     """The line that orthogonal regression over all points of these segments gives.
 
     members : (k,) indices of segments; along : (2,) a direction that the result's roughly has.
@@ -139,8 +141,7 @@ def join_matched(matches: Matches, left: Segments, right: Segments) -> tuple[Mat
 
 
 def _without_doubles(matches: Matches, left: Segments) -> Matches:
-    """Pairs that have become the same, as one: disparity at the new segment's ends by the line through all of
-    theirs."""
+    """Pairs that have become the same, as one, with the disparity that the line through all of theirs gives."""
     pairs, first, inverse = np.unique(
         np.stack([matches.left, matches.right], axis=1), axis=0, return_index=True, return_inverse=True
     )
@@ -204,7 +205,7 @@ def split_matched(
     return matches, segments[0], segments[1]
 
 
-def _crossing(segments: Segments, j: int, k: int) -> np.ndarray | None:
+def _crossing(segments: Segments, j: int, k: int) -> AnyArray | None:
     """Where segments j and k, whose chains stop before it, meet in a corner; None when they do not."""
     (tu, tv), (xu, xv) = segments.direction[j], segments.direction[k]
     sine = tu * xv - tv * xu

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import AnyArray
+
 from ..detection.segments import Segments
 from . import relaxation_kernels
 from .matches import Matches, match_of
@@ -33,9 +35,8 @@ UNALIKE, ALONE = 0.3, 0.15
 FIRST_ROUNDS = 5
 
 
-def sides(grey: np.ndarray, segments: Segments, offset: float = 3.0) -> np.ndarray:
-    """(n, SAMPLES, 2) float64: grey level beside each segment, from its start to its end, on its dark and bright
-    side."""
+def sides(grey: AnyArray, segments: Segments, offset: float = 3.0) -> AnyArray:
+    """(n, SAMPLES, 2) float64: grey levels on the dark and the bright flank of each segment, from start to end."""
     if len(segments) == 0:
         return np.zeros((0, SAMPLES, 2))
     share = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -46,12 +47,13 @@ def sides(grey: np.ndarray, segments: Segments, offset: float = 3.0) -> np.ndarr
     v = np.clip(points[..., 1], 0.0, grey.shape[0] - 1.001)
     x, y = u.astype(np.intp), v.astype(np.intp)
     u, v = u - x, v - y
-    return (1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1]) + v * (
+    levels: AnyArray = (1.0 - v) * ((1.0 - u) * grey[y, x] + u * grey[y, x + 1]) + v * (
         (1.0 - u) * grey[y + 1, x] + u * grey[y + 1, x + 1]
     )
+    return levels
 
 
-def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
+def backdrop(grey: AnyArray, share: float = 0.3) -> float:
     """Grey level that at least this share of a picture has, within a few levels; -1000 when there is none."""
     counts, edges = np.histogram(grey[::4, ::4], bins=64, range=(0.0, 256.0))
     pairs = counts[:-1] + counts[1:]
@@ -59,14 +61,15 @@ def backdrop(grey: np.ndarray, share: float = 0.3) -> float:
     return float(edges[k + 1]) if pairs[k] > share * max(counts.sum(), 1) else -1000.0
 
 
-def _table(segments: Segments, beside: np.ndarray) -> np.ndarray:
+def _table(segments: Segments, beside: AnyArray) -> AnyArray:
+    """(n, 9) float64: rows of segments as :func:`.relaxation_kernels.candidates` takes them."""
     middle = np.median(beside[:, INNER], axis=1)
     return np.hstack([segments.start, segments.end, segments.direction, middle, segments.magnitude[:, None]])
 
 
 def match(
-    left_grey: np.ndarray,
-    right_grey: np.ndarray,
+    left_grey: AnyArray,
+    right_grey: AnyArray,
     left: Segments,
     right: Segments,
     lowest: float,
@@ -108,7 +111,7 @@ def match(
     return Matches(node[chosen, 0], node[chosen, 1], value[chosen, :3], value[chosen, 3:5], belief[chosen])
 
 
-def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
+def _contrast(left: AnyArray, right: AnyArray, node: AnyArray) -> float:
     """How much, grey levels, the sides of matched edges typically differ in this pair, with room to spare."""
     if len(node) < FEW:
         return SIDE_CONTRAST
@@ -116,7 +119,7 @@ def _contrast(left: np.ndarray, right: np.ndarray, node: np.ndarray) -> float:
     return float(np.clip(LIKE * np.median(difference), LEAST_CONTRAST, SIDE_CONTRAST))
 
 
-def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np.ndarray:
+def _support(left: AnyArray, value: AnyArray, near: tuple[AnyArray, ...], count: int) -> AnyArray:
     """(k,) float64: the share of an edge's neighbourhood that has been matched with disparities like its own."""
     other, gap, place, weight = (a[left] for a in near)
     theirs = np.where(other >= 0, match_of(left, count)[other], -1)
@@ -128,8 +131,14 @@ def _support(left: np.ndarray, value: np.ndarray, near: tuple, count: int) -> np
 
 
 def _relaxed(
-    node: np.ndarray, value: np.ndarray, left: Segments, right: Segments, near: tuple, flat_sine: float, rounds: int
-) -> tuple[np.ndarray, np.ndarray]:
+    node: AnyArray,
+    value: AnyArray,
+    left: Segments,
+    right: Segments,
+    near: tuple[AnyArray, ...],
+    flat_sine: float,
+    rounds: int,
+) -> tuple[AnyArray, AnyArray]:
     """How strong every candidate is when its turn comes, and its belief."""
     first = np.searchsorted(node[:, 0], np.arange(len(left) + 1))
     right_of = np.argsort(node[:, 1], kind='stable')
@@ -145,8 +154,9 @@ def _relaxed(
 
 
 def _unique(
-    node: np.ndarray, value: np.ndarray, strength: np.ndarray, among: np.ndarray, left: np.ndarray, right: np.ndarray
-) -> np.ndarray:
+    node: AnyArray, value: AnyArray, strength: AnyArray, among: AnyArray, left: AnyArray, right: AnyArray
+) -> AnyArray:
     """Strongest first; a row of a segment is matched once."""
     order = among[np.argsort(-strength[among], kind='stable')]
-    return relaxation_kernels.greedy(node, value, order, left, right)
+    chosen: AnyArray = relaxation_kernels.greedy(node, value, order, left, right)
+    return chosen

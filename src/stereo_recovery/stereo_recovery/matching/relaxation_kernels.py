@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 # How much a candidate may disagree with a neighbour: support is half at this disparity gradient (PMF's limit is 0.5, up
 # to which it counts in full; surfaces steeper than that are rare, and grading tells a period's neighbours apart), and
@@ -49,7 +50,7 @@ LEAST_LIKENESS = 0.04
 
 
 @njit
-def _beside(samples, row, first, last, side):
+def _beside(samples: FloatArray, row: FloatArray, first: float, last: float, side: int) -> float:
     """Grey level beside a segment between two rows: samples (m, 2) from its start to its end, row (9,) of its table."""
     m = len(samples)
     run = row[3] - row[1]
@@ -67,7 +68,17 @@ def _beside(samples, row, first, last, side):
 
 
 @njit
-def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sine, backdrop, contrast):
+def candidates(
+    left: FloatArray,
+    right: FloatArray,
+    left_beside: FloatArray,
+    right_beside: FloatArray,
+    lowest: float,
+    highest: float,
+    flat_sine: float,
+    backdrop: float,
+    contrast: float,
+) -> tuple[Int32Array, FloatArray]:
     """All pairs of segments that could be one edge: same contrast sign, common rows, allowed disparity and slope.
 
     left, right : (n, 9) float64 rows: start u, v; end u, v; direction u, v; grey level on the dark and the bright
@@ -193,7 +204,7 @@ def candidates(left, right, left_beside, right_beside, lowest, highest, flat_sin
 
 
 @njit
-def neighbours(left, radius, most):
+def neighbours(left: FloatArray, radius: float, most: int) -> tuple[Int32Array, FloatArray, Int8Array, FloatArray]:
     """For every left segment the ``most`` heaviest others near it.
 
     Returns other (n, most) int32 (-1: none), gap (n, most) pixels between the nearest of start, middle and end, which
@@ -250,15 +261,16 @@ def neighbours(left, radius, most):
 
 
 @njit
-def _rival(strength, nearer):
+def _rival(strength: float, nearer: float) -> float:
     """Strength of a competitor that is nearer by this disparity."""
     return strength * FARTHER if -BESIDE < nearer < -LEAST_BESIDE else strength
 
 
 @njit
-def _supporters(node, value, first, other, gap, place):
-    """For every candidate those of its neighbours that may support it: where each one's start (k + 1,), and of each
-    supporter its candidate, the neighbour's column in ``other``, and the share of its belief that counts."""
+def _supporters(
+    node: Int32Array, value: FloatArray, first: IntArray, other: Int32Array, gap: FloatArray, place: Int8Array
+) -> tuple[IntArray, Int32Array, Int8Array, FloatArray]:
+    """Supporters of candidates: each one's start (k + 1,); of each its candidate, column in ``other``, and share."""
     start = np.zeros(len(node) + 1, np.int64)
     who, column, share = np.empty(64 * len(node), np.int32), np.empty(64 * len(node), np.int8), np.empty(64 * len(node))
     count = 0
@@ -290,7 +302,19 @@ def _supporters(node, value, first, other, gap, place):
 
 
 @njit
-def relax(node, value, first, other, gap, place, weight, length, right_of, right_first, rounds):
+def relax(
+    node: Int32Array,
+    value: FloatArray,
+    first: IntArray,
+    other: Int32Array,
+    gap: FloatArray,
+    place: Int8Array,
+    weight: FloatArray,
+    length: FloatArray,
+    right_of: IntArray,
+    right_first: IntArray,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray]:
     """Relaxation: a candidate is as strong as its own evidence and the support of its neighbours' candidates.
 
     node, value : from :func:`candidates`, ordered by left segment; first (n + 1,): where each segment's candidates
@@ -329,9 +353,16 @@ def relax(node, value, first, other, gap, place, weight, length, right_of, right
 
 
 @njit
-def standing(node, value, strength, belief, first, right_of, right_first):
-    """(k,) float64: how strong every candidate is when its turn comes: a farther one waits for a nearer one, a few
-    pixels beside it, that is at least nearly as strong."""
+def standing(
+    node: Int32Array,
+    value: FloatArray,
+    strength: FloatArray,
+    belief: FloatArray,
+    first: IntArray,
+    right_of: IntArray,
+    right_first: IntArray,
+) -> FloatArray:
+    """(k,) float64: strength of candidates; a farther one waits for a nearer one beside it that is nearly as strong."""
     result = strength * belief
     for a in range(len(node)):
         for side in range(2):
@@ -351,7 +382,7 @@ def standing(node, value, strength, belief, first, right_of, right_first):
 
 
 @njit
-def _one_edge(table, i, k, other, j):
+def _one_edge(table: FloatArray, i: int, k: int, other: FloatArray, j: int) -> bool:
     """Whether segments i and k of one image (rows as for :func:`candidates`) can both be segment j of the other.
 
     Either they are parts of one line, or two edges that meet and that the other eye, in their plane, sees as one.
@@ -364,15 +395,16 @@ def _one_edge(table, i, k, other, j):
     first, last = min(table[i, 1], table[i, 3]), max(table[i, 1], table[i, 3])
     top, bottom = min(table[k, 1], table[k, 3]), max(table[k, 1], table[k, 3])
     gap = top - last if dv > 0.0 else first - bottom
-    return (
+    meet: bool = (
         -END_SLACK < gap < 2.0 * END_SLACK
         and abs(min(first, top) - min(other[j, 1], other[j, 3])) < END_SLACK
         and abs(max(last, bottom) - max(other[j, 1], other[j, 3])) < END_SLACK
     )
+    return meet
 
 
 @njit
-def _rivals(node, value, a, b, left, right):
+def _rivals(node: Int32Array, value: FloatArray, a: int, b: int, left: FloatArray, right: FloatArray) -> bool:
     """Whether candidates a and b claim the same rows of the same segment, or different straight edges for it."""
     if node[a, 0] != node[b, 0] and node[a, 1] != node[b, 1]:
         return False
@@ -382,11 +414,12 @@ def _rivals(node, value, a, b, left, right):
         return True
     common = min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3])
     shorter = min(value[a, 4] - value[a, 3], value[b, 4] - value[b, 3])
-    return common > 0.3 * shorter or shorter < 1e-9
+    both: bool = common > 0.3 * shorter or shorter < 1e-9
+    return both
 
 
 @njit
-def greedy(node, value, order, left, right):
+def greedy(node: Int32Array, value: FloatArray, order: IntArray, left: FloatArray, right: FloatArray) -> IntArray:
     """Candidates in the given order, without those that claim what an earlier one has; (m,) int64."""
     chosen = np.empty(len(order), np.int64)
     count = 0
@@ -414,7 +447,7 @@ def greedy(node, value, order, left, right):
 
 
 @njit
-def compatible(node, value, chosen, left, right):
+def compatible(node: Int32Array, value: FloatArray, chosen: IntArray, left: FloatArray, right: FloatArray) -> BoolArray:
     """(k,) bool: the chosen candidates and those that claim nothing the chosen have."""
     kept = np.ones(len(node), np.bool_)
     is_chosen = np.zeros(len(node), np.bool_)
