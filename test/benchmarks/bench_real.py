@@ -1,18 +1,22 @@
 """Stereo recovery on real pairs, beside the recipe of LSD, epipolar matching and triangulation: recall, errors, speed.
 
 A row per pair. Pairs that are not on this machine are named as absent; real_scoring.py says where they are looked for.
+Run alone it is bench_photoreal on all real families: machined parts, a printed cube, tags, rooms, boards, a box.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from functools import partial
 
 import cv2
 import numpy as np
+from bench_photoreal import main, measured
 from measure import OURS, Absent, Measurement, milliseconds
 from real_scoring import BoxScore, RealPair, chessboards, method_of, score_board, score_box, teaboxes
 from stereo_scoring import peer
+from true_pairs import REAL
 
 from stereo_recovery import recover
 
@@ -38,6 +42,7 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     for factor in SCALES:
         yield from _boards([pair.scaled(factor) for pair in boards[:1]], OURS)
         yield from _boxes([pair.scaled(factor) for pair in boxes[:1]], OURS)
+    yield from measured(REAL, 1 if quick else None)
 
 
 def _method(pair: RealPair, by: str):
@@ -102,3 +107,7 @@ def _time(method, pair: RealPair) -> float:
 
 def _shares(score: BoxScore) -> str:
     return 'covered ' + ' '.join(f'{share:.2f}' for share in score.covered)
+
+
+if __name__ == '__main__':
+    sys.exit(main(default=('real',)))

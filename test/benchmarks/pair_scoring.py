@@ -42,11 +42,17 @@ def score(pair: TruePair, features: FeatureSet) -> dict[str, Any]:
         total, have = float(weight[asked].sum()), float(weight[asked & found].sum())
         row |= {f'asked{name}_px': total, f'found{name}_px': have, f'recall{name}': _share(have, total)}
     length = mine['weight']
-    for name, chosen in (('reported', judged), ('right', judged & right), ('gross', judged & gross)):
-        row[f'{name}_px'] = float(length[chosen].sum())
+    h, w = pair.parts.shape
+    at = np.clip(np.round(mine['pixel']).astype(int), 0, [w - 1, h - 1])
+    parts = judged & (pair.parts[at[:, 1], at[:, 0]] | ~pair.judged[at[:, 1], at[:, 0]])
+    chosen = {'reported': judged, 'right': judged & right, 'gross': judged & gross}
+    chosen |= {'parts': parts, 'right_parts': parts & right}
+    for name, which in chosen.items():
+        row[f'{name}_px'] = float(length[which].sum())
     row['all_px'] = float(length.sum())
     row['right'] = _share(row['right_px'], row['reported_px'])
     row['gross'] = _share(row['gross_px'], row['reported_px'])
+    row['right_parts'] = _share(row['right_parts_px'], row['parts_px'])
     row |= _precision(pair, edges, mine, on_edge)
     row |= _circles(pair, features.of_kind(FeatureKind.CURVE))
     if np.isfinite(pair.plane).all():
@@ -61,7 +67,7 @@ def _share(part: float, whole: float) -> float | None:
 
 
 def _samples(pair: TruePair, edges: FeatureSet) -> dict[str, np.ndarray]:
-    """Samples of the reported edges, evenly in the left image: point, pixel, disparity, slope, direction, owner, weight."""
+    """Samples of the reported edges, evenly in the left image."""
     start, end = (x[:, :2] / np.maximum(x[:, 2:], 1e-6) for x in (edges.start, edges.end))
     focal = np.array([pair.rig.left.fx, pair.rig.left.fy])
     inverse = 1.0 / np.maximum(np.stack([edges.start[:, 2], edges.end[:, 2]], axis=1), 1e-6)
@@ -87,9 +93,9 @@ def _samples(pair: TruePair, edges: FeatureSet) -> dict[str, np.ndarray]:
     }
 
 
-def _space(pixel: np.ndarray, disparity: np.ndarray) -> np.ndarray:
+def _space(pair: TruePair, pixel: np.ndarray, disparity: np.ndarray) -> np.ndarray:
     """Coordinates in which two samples are one place when none differs by more than 1."""
-    return np.column_stack([pixel / PLACE_PX, disparity / DISPARITY_PX])
+    return np.column_stack([pixel / PLACE_PX, disparity / (DISPARITY_PX + pair.slack)])
 
 
 def _neighbours(tree: cKDTree, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -104,10 +110,10 @@ def found_samples(pair: TruePair, mine: dict[str, np.ndarray]) -> np.ndarray:
     found = np.zeros(len(pair.weight), bool)
     if len(mine['owner']) == 0 or len(found) == 0:
         return found
-    tree = cKDTree(_space(mine['pixel'], mine['disparity']))
+    tree = cKDTree(_space(pair, mine['pixel'], mine['disparity']))
     known = np.isfinite(pair.direction[:, :1])
     for disparity in (pair.near, pair.far) if (pair.near != pair.far).any() else (pair.near,):
-        index, there = _neighbours(tree, _space(pair.pixel, disparity))
+        index, there = _neighbours(tree, _space(pair, pair.pixel, disparity))
         in_image = np.abs(np.einsum('skj,sj->sk', mine['slope'][index], pair.slope))
         in_space = np.abs(np.einsum('skj,sj->sk', mine['direction'][index], pair.direction))
         along = np.where(known, in_space, in_image) >= np.cos(np.radians(SAME_DEG))
@@ -122,7 +128,9 @@ def judged_samples(pair: TruePair, mine: dict[str, np.ndarray]) -> tuple[np.ndar
     if count == 0:
         return right, right, right, on_edge
     if len(pair.weight):
-        index, there = _neighbours(cKDTree(_space(pair.pixel, pair.near)), _space(mine['pixel'], mine['disparity']))
+        index, there = _neighbours(
+            cKDTree(_space(pair, pair.pixel, pair.near)), _space(pair, mine['pixel'], mine['disparity'])
+        )
         right |= there.any(axis=1)
         known = np.isfinite(pair.direction[index]).all(axis=2)
         along = np.abs(np.einsum('skj,sj->sk', pair.direction[index], mine['direction']))
@@ -132,18 +140,23 @@ def judged_samples(pair: TruePair, mine: dict[str, np.ndarray]) -> tuple[np.ndar
     beside = beside_disparity(pair.surface, mine['pixel'], mine['slope'])
     off = np.abs(beside - mine['disparity'][:, None])
     off = np.where(np.isfinite(off), off, np.inf).min(axis=1)
-    right |= off <= DISPARITY_PX
+    right |= off <= DISPARITY_PX + pair.slack
     h, w = pair.judged.shape
     at = np.round(mine['pixel']).astype(int)
     inside = (at >= 0).all(axis=1) & (at[:, 0] < w) & (at[:, 1] < h)
     judged = inside & pair.judged[np.clip(at[:, 1], 0, h - 1), np.clip(at[:, 0], 0, w - 1)]
-    return right, ~right & (off > GROSS_PX), judged | right & (on_edge >= 0), on_edge
+    if not pair.judged.all() and len(pair.edges):
+        # What follows a true edge in the picture is judged though the surfaces end there.
+        index, there = _neighbours(cKDTree(pair.pixel / PLACE_PX), mine['pixel'] / PLACE_PX)
+        along = np.abs(np.einsum('skj,sj->sk', pair.slope[index], mine['slope'])) >= np.cos(np.radians(SAME_DEG))
+        judged |= inside & (there & along).any(axis=1)
+    return right, ~right & (off > GROSS_PX + pair.slack), judged, on_edge
 
 
 def _precision(pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], on_edge: np.ndarray) -> dict[str, Any]:
     """How near the reported edges are to the true ones they belong to, and whether the stated bounds hold."""
     names = ('angle_deg', 'across_mm', 'along_mm', 'end_mm')
-    empty: dict[str, Any] = {name: [] for name in names} | {'inside_per': [], 'inside_par': [], 'pieces': []}
+    empty: dict[str, Any] = {name: [] for name in names} | {'inside_per': [], 'inside_par': []}
     if len(edges) == 0 or len(pair.edges) == 0:
         return empty
     count = np.bincount(mine['owner'], minlength=len(edges))
@@ -161,6 +174,7 @@ def _precision(pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], o
     across = np.linalg.norm(away - places[..., None] * line[:, None], axis=2)
     beyond = np.maximum(np.maximum(-places, places - true_length[:, None]), 0.0)
     turn = np.degrees(np.arccos(np.minimum(1.0, np.abs(np.einsum('nj,nj->n', edges.directions[own], line)))))
+    stated = edges.err_per[own] > 0.0
     # The ends of what was found of each true edge, where most of it was found.
     end_errors: list[float] = []
     for m in np.unique(best):
@@ -173,9 +187,8 @@ def _precision(pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], o
         'across_mm': (1e3 * across).ravel().tolist(),
         'along_mm': (1e3 * beyond).ravel().tolist(),
         'end_mm': [1e3 * e for e in end_errors],
-        'inside_per': (across <= edges.err_per[own, None]).all(axis=1).tolist(),
-        'inside_par': (beyond <= edges.err_par[own, None] + 1e-12).all(axis=1).tolist(),
-        'pieces': own.tolist(),
+        'inside_per': (across <= edges.err_per[own, None])[stated].ravel().tolist(),
+        'inside_par': (beyond <= edges.err_par[own, None] + 1e-12)[stated].ravel().tolist(),
     }
 
 
@@ -246,6 +259,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         result[f'recall{name}'] = _share(add(f'found{name}_px'), add(f'asked{name}_px'))
     for name in ('right', 'gross', 'wrong_period'):
         result[name] = _share(add(f'{name}_px'), add('reported_px'))
+    result['right_parts'] = _share(add('right_parts_px'), add('parts_px'))
     if not any('wrong_period' in row for row in rows):
         result['wrong_period'] = None
     pooled = {

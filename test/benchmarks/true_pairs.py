@@ -52,6 +52,10 @@ LEAST_CONTRAST = 6.0
 LONG, STRONG = 25.0, 15.0
 # Nearer to the rows than this, in either eye, an edge's own disparity is worth little.
 NEAR_ROWS_DEG = 8.0
+# About half of a circle has to be in view before it is asked for, and an arc has this many points to count as one.
+HALF, LEAST_ARC = 0.45, 5
+# The card box's folds are round and its scale uncertain; a moving camera with a rolling shutter took cube and tags.
+SLACK_PX = {'teabox': 0.75, 'visp_cube': 0.25, 'tags': 0.25}
 # Share of an edge of the printed cube that both eyes see, from which it counts as visible.
 SEEN = 0.95
 
@@ -70,6 +74,7 @@ class TruePair:
         bool, near the rows; asked : (s,) bool, counts for the recall
     surface : (h, w) float32, disparity of the surface in the left image, NaN where there is none or none known
     judged : (h, w) bool, where a report that lies on nothing true is wrong
+    parts : (h, w) bool, the part of judged where the known objects themselves are seen
     circle : (c, 12) float64: centre, normal, radii, share that is seen, diameter in pixels, contrast, asked for
     plane : (4,) float64, a board: normal . p = plane[3]; NaN for other pairs
     """
@@ -93,8 +98,14 @@ class TruePair:
     asked: np.ndarray
     surface: np.ndarray
     judged: np.ndarray
+    parts: np.ndarray
     circle: np.ndarray
     plane: np.ndarray
+
+    @property
+    def slack(self) -> float:
+        """By how much the truth itself may be off, pixels of disparity."""
+        return SLACK_PX.get(self.family, 0.0)
 
     @property
     def scale(self) -> float:
@@ -152,6 +163,7 @@ class _Raw:
     surface: np.ndarray
     judged: np.ndarray
     plane: np.ndarray
+    parts: np.ndarray | None = None
 
 
 def _raw(left: np.ndarray, right: np.ndarray, rig: StereoRig, edges: Any = (), **more: Any) -> _Raw:
@@ -202,7 +214,7 @@ def _photoreal(folder: Path, name: str) -> _Raw:
     ]
     circle = np.array(circle).reshape(-1, 12)
     # Half of it in view, and enough of it to be a curve.
-    circle[:, 11] = (circle[:, 8] >= 0.5) & (circle[:, 10] >= LEAST_CONTRAST)
+    circle[:, 11] = (circle[:, 8] >= HALF) & (circle[:, 10] >= LEAST_CONTRAST)
     curves = [_arc(c) for c in truth['curves']]
     raw = _raw(
         left,
@@ -269,23 +281,22 @@ def _openvgr(folder: Path, name: str) -> _Raw:
         judged = cv2.dilate(part.astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
     straight = [v['points'] for v in truth['visible'] if v['kind'] == 'edge']
     curves = [np.array(v['points']) for v in truth['visible'] if v['kind'] == 'curve']
-    circle = [_circle_through(c, rig) for c in curves]
+    curves = [c for c in curves if len(c) >= LEAST_ARC]
     return _raw(
         left,
         right,
         rig,
         straight,
         curves=curves,
-        circle=np.array([c for c in circle if c is not None]).reshape(-1, 12),
+        circle=np.array([_circle_through(c, rig) for c in curves]).reshape(-1, 12),
         surface=surface.astype(np.float32),
         judged=judged,
+        parts=judged & (cv2.dilate(part.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0),
     )
 
 
-def _circle_through(points: np.ndarray, rig: StereoRig) -> list[float] | None:
-    """The circle of an arc in space, None when too little of it is given."""
-    if len(points) < 5:
-        return None
+def _circle_through(points: np.ndarray, rig: StereoRig) -> list[float]:
+    """The circle of an arc in space; its contrast is measured later."""
     middle = points.mean(axis=0)
     first, second, normal = np.linalg.svd(points - middle)[2]
     x, y = (points - middle) @ first, (points - middle) @ second
@@ -294,7 +305,7 @@ def _circle_through(points: np.ndarray, rig: StereoRig) -> list[float] | None:
     centre = middle + a * first + b * second
     share = np.linalg.norm(np.diff(points, axis=0), axis=1).sum() / (2.0 * np.pi * radius)
     pixels = 2.0 * radius * rig.left.fx / centre[2]
-    return [*centre, *normal, radius, radius, min(share, 1.0), pixels, np.nan, float(share >= 0.5)]
+    return [*centre, *normal, radius, radius, min(share, 1.0), pixels, np.nan, float(share >= HALF)]
 
 
 def _cube(folder: Path, name: str) -> _Raw:
@@ -322,8 +333,44 @@ def _cube(folder: Path, name: str) -> _Raw:
         edges[share > 0.05],
         asked=share[share > 0.05] >= SEEN,
         surface=surface,
-        judged=np.isfinite(surface),
+        judged=_inner(surface),
     )
+
+
+def _inner(surface: np.ndarray) -> np.ndarray:
+    """Where a surface is known and its outline is not near: a report there may lie on what is behind."""
+    return cv2.erode(np.isfinite(surface).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+
+
+# The rest of the wall's pictures disagree with its plane by more than half a pixel: the camera moved too fast.
+TAG_PAIRS = ('00_26', '02_24', '04_24', '06_28', '08_26', '08_28', '54_48', '64_30')
+
+
+def _tag_names(folder: Path) -> list[str]:
+    # Older versions of OpenCV have no detector of tags.
+    here = hasattr(cv2, 'aruco') and hasattr(cv2.aruco, 'ArucoDetector')
+    return [f'tags {pair}' for pair in TAG_PAIRS if here and (folder / f'cube_{pair}_left.png').exists()]
+
+
+def _tags(folder: Path, name: str) -> _Raw:
+    """The wall behind the cube: tags that OpenCV reads in both eyes lie in one plane of disparities."""
+    stem = f'cube_{name.split()[-1]}'
+    left, right = (_grey(folder / f'{stem}_{side}.png') for side in ('left', 'right'))
+    rig = _rig(json.loads((folder / f'{stem}_camera.json').read_text()))
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), settings)
+    seen = []
+    for image in (left, right):
+        corners, numbers, _ = detector.detectMarkers(image)
+        seen.append({int(n): c.reshape(4, 2).astype(float) for n, c in zip(np.ravel(numbers), corners)})
+    both = sorted(set(seen[0]) & set(seen[1]))
+    at, other = (np.concatenate([eye[n] for n in both]) for eye in seen)
+    plane = np.linalg.lstsq(np.column_stack([at, np.ones(len(at))]), (at - other)[:, 0], rcond=None)[0]
+    space = rig.triangulate(at, at[:, 0] - np.column_stack([at, np.ones(len(at))]) @ plane).reshape(-1, 4, 3)
+    edges = np.stack([space, np.roll(space, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    surface = _faces_disparity(list(space), rig)
+    return _raw(left, right, rig, edges, surface=surface, judged=_inner(surface))
 
 
 _AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -389,8 +436,8 @@ def _teabox(folder: Path, name: str) -> _Raw:
     vertices = Pose.from_rotation_vector(entry['rvec'], entry['tvec_m']).apply(np.array(reference['vertices_m'], float))
     surface = _faces_disparity([vertices[[0, 1, 2, 3]], vertices[[0, 1, 5, 4]]], rig)
     # The card's folds are round: a report just inside the outline may lie on the board behind it.
-    inside = cv2.erode(np.isfinite(surface).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    return _raw(left, right, rig, vertices[np.array(reference['visible_edges'])], surface=surface, judged=inside)
+    edges = vertices[np.array(reference['visible_edges'])]
+    return _raw(left, right, rig, edges, surface=surface, judged=_inner(surface))
 
 
 # -- families --------------------------------------------------------------------------------------------------
@@ -418,6 +465,7 @@ def _numbered(prefix: str) -> Callable[[Path], list[str]]:
 _REAL = {
     'openvgr': Family('real/openvgr', _stems('*_left.png', '_left.png'), '{}*', _openvgr, ('models/*.csg',)),
     'visp_cube': Family('real/visp_cube/pairs', _stems('*_left.png', '_left.png'), '{}*', _cube, ('truth.json',)),
+    'tags': Family('real/visp_cube/pairs', _tag_names, '*_{}_*', _tags),
     'middlebury': Family(
         'real/middlebury', _stems('*_left.png', '_left.png'), '{}*', _middlebury, ('calibration.json',)
     ),
@@ -511,6 +559,11 @@ def _derived(raw: _Raw, name: str, family: str) -> TruePair:
         samples = _image_samples(raw)
     else:
         samples = _space_samples(raw)
+    circle = raw.circle.copy()
+    for number in np.flatnonzero(np.isnan(circle[:, 10])):
+        own = samples['contrast'][samples['edge'] == -1 - number]
+        circle[number, 10] = np.median(own) if len(own) else 0.0
+        circle[number, 11] *= circle[number, 10] >= LEAST_CONTRAST
     return TruePair(
         name=name,
         family=family,
@@ -520,7 +573,8 @@ def _derived(raw: _Raw, name: str, family: str) -> TruePair:
         edges=raw.edges,
         surface=raw.surface,
         judged=raw.judged,
-        circle=raw.circle,
+        parts=raw.judged if raw.parts is None else raw.parts,
+        circle=circle,
         plane=raw.plane,
         **samples,
     )
