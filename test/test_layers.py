@@ -41,6 +41,7 @@ ROOMS = {
     'stereo_recovery': ('params', 'cameras', 'detection', 'matching', 'curves', 'edges'),
     'model_matcher': (
         'params',
+        'settings',
         'geometry',
         'model',
         'verification',

@@ -13,10 +13,22 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera
 
 Colour = tuple[int, int, int]  # blue, green, red, as OpenCV writes files
 
-GREEN, RED, ORANGE, BLUE, GREY = (80, 220, 60), (60, 60, 255), (40, 160, 255), (255, 160, 60), (150, 150, 150)
+
+def _colour(rgb: str) -> Colour:
+    """A colour written as on web pages, #rrggbb.
+
+    >>> _colour('#3cdc50')
+    (80, 220, 60)
+    """
+    red, green, blue = bytes.fromhex(rgb[1:])
+    return blue, green, red
+
+
+GREEN, RED, ORANGE = _colour('#3cdc50'), _colour('#ff3c3c'), _colour('#ffa028')
+BLUE, GREY, PURPLE = _colour('#3ca0ff'), _colour('#969696'), _colour('#dc50dc')
 KIND_COLOURS = {FeatureKind.EDGE: GREEN, FeatureKind.CURVE: BLUE, FeatureKind.AXIS: ORANGE}
 # Colours of interpretations, in the order of their rank, repeated after the last.
-COLOURS: tuple[Colour, ...] = (GREEN, ORANGE, BLUE, (220, 80, 220), RED)
+COLOURS = (GREEN, ORANGE, BLUE, PURPLE, RED)
 # Lines are drawn on an enlarged image, so that sub-pixel differences show.
 ENLARGE = 2
 _SHIFT = 6  # fractional bits of OpenCV's fixed-point coordinates

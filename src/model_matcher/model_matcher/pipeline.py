@@ -22,27 +22,25 @@ from .search.free_scale import match_free
 from .search.pair_search import search_pairs
 from .search.prefilter import prefilter
 from .search.threads import spread
+from .settings import (
+    ALL_PAIRED,
+    AT_ONCE,
+    BLOCK,
+    LARGE,
+    LEAST_PATIENCE,
+    LIBRARY,
+    LOOK_S,
+    MOST_PATIENCE,
+    NEIGHBOURS,
+    PERIODIC,
+    RANKING_PART,
+    SEARCHING_PART,
+)
 from .verification.acceptance import CANDIDATES, NEARLY, conclude
 from .verification.false_alarms import needed_evidence
 from .verification.refinement import DOUBTFUL, KEEP, Refined, refine_all
 
-NEIGHBOURS = 24
-PATIENCE = (30.0, 8000.0)  # hypotheses without improvement; see hypotheses.search_pairs
-# When what was found could be chance, the search goes on, with a new list of candidates: accidents that explain many
-# features may have filled the first, or ended it early.
-MORE_PATIENCE = (np.inf, 8000.0)
-BLOCK = 4096  # data pairs x data features before the first look at the clock, but 8 pairs at least
-QUICK, SLOW = 0.002, 0.02  # seconds between two looks at the clock: less is too often, more too seldom
-# With more data than LARGE, the time limit is shared out: pairs are ranked until, and searched until. With less, no
-# step but the search takes long.
-LARGE = 5000
-RANKING, SEARCHING = 0.3, 0.75
-AT_ONCE = 2048  # features whose neighbours are looked up between two looks at the clock
-EVERYONE = np.zeros((0, 0), np.int32)
-# So many times more candidates are kept when the list is full of poses nearly as good as the best, as of a grid.
-PERIODIC = 4
 _warm: list[bool] = []  # not empty once everything is compiled
-LIBRARY = 20  # of a larger library only the models that the prefilter lets through are searched
 
 
 def match(
@@ -106,16 +104,16 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     """The production search and what follows it."""
     index, rows = problem.index, problem.rows
     n = len(rows)
-    neighbours, all_ranked = EVERYONE, True
-    if n > 600:
+    neighbours, all_ranked = np.zeros((0, 0), np.int32), True
+    if n > ALL_PAIRED:
         longest = 1.1 * float(index.rows[:, 6].max()) + float(problem.tolerances[:, 0].max())
-        neighbours, all_ranked = _neighbours(rows, longest, started + RANKING * params.time_limit_s)
+        neighbours, all_ranked = _neighbours(rows, longest, started + RANKING_PART * params.time_limit_s)
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
-    searching = params.time_limit_s * (SEARCHING if n > LARGE else 1.0)  # what is left is for the refinement
+    searching = params.time_limit_s * (SEARCHING_PART if n > LARGE else 1.0)  # what is left is for the refinement
     parts: list[tuple[Refined, _Found]] = []
-    for patience in (PATIENCE, MORE_PATIENCE):
+    for least in (LEAST_PATIENCE, np.inf):
         begin = parts[-1][1].pairs if parts else 0
-        found = _search(problem, pairs, partners, begin, patience, started + searching)
+        found = _search(problem, pairs, partners, begin, (least, MOST_PATIENCE), started + searching)
         refined = (
             refine_all(problem, found.motions, found.scores, params)
             if n <= LARGE
@@ -201,7 +199,10 @@ def _search(
             )
             first = last
             now = time.perf_counter()
-            block = 2 * block if now - looked < QUICK else max(8, block // 2) if now - looked > SLOW else block
+            if now - looked > LOOK_S:
+                block = max(8, block // 2)
+            elif now - looked < LOOK_S / 10:
+                block *= 2
             looked = now
             in_time = now <= deadline
         if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:

@@ -14,15 +14,7 @@ from csg_renderer import Frame, Scene
 from csg_renderer.scene.solid import FACES
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseError
 
-# A found edge belongs to a true one when it is this close to parallel, and both its ends are this close to it.
-SAME_DIRECTION_DEG = 10.0
-SAME_PLACE_M = 0.003
-# A pairing is judged by where the ends lie, more strictly; the direction of an edge of a few millimetres says little,
-# and only has to tell it from its neighbours.
-PAIRED_DIRECTION_DEG = 30.0
-PAIRED_PLACE_M = 0.0015
-# A true edge counts as found when this part of it is covered.
-COVERED = 0.5
+from .settings import FOUND_SHARE, PAIRED_DIRECTION_DEG, SAME_DIRECTION_DEG, SAME_PLACE_M
 
 
 @dataclass(frozen=True)
@@ -43,7 +35,7 @@ class EdgeComparison:
 
     @property
     def edges_found(self) -> int:
-        return int((self.covered >= COVERED).sum())
+        return int((self.covered >= FOUND_SHARE).sum())
 
     @property
     def recall(self) -> float:
@@ -129,7 +121,7 @@ class AssignmentComparison:
 
 
 def compare_assignment(
-    found: Interpretation, model: FeatureSet, data: FeatureSet, same_place_m: float = PAIRED_PLACE_M
+    found: Interpretation, model: FeatureSet, data: FeatureSet, same_place_m: float = SAME_PLACE_M / 2
 ) -> AssignmentComparison:
     """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge,
     to within same_place_m (metres) or the error that the data edge states, whichever is larger.

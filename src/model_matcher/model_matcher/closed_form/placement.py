@@ -12,19 +12,12 @@ import numpy as np
 
 from csg_renderer import Light, Scene, Solid, load_scene, model_features
 from csg_renderer.language import find_scene
-from csg_renderer.language.values import rotation
 from csg_renderer.raycast.render import scene_rig
 from csg_renderer.raycast.settings import DEFAULT_BASELINE_RATIO
 from msgs_py import PinholeCamera, Pose, StereoRig
 
 from .case import Case
-
-# An object that is not in front of the camera as drawn: its enclosing sphere then spans this part of the image, seen
-# from beside and above.
-SPAN = 0.7
-VIEW = Pose((rotation('X', -30.0) @ rotation('Y', 40.0))[:3, :3])
-# Lights of a scene that has none: a key and a fill light, by position in distances of the object and brightness.
-LIGHTS = (((-0.6, -1.0, 0.1), 0.7), ((1.0, -0.2, 0.3), 0.35))
+from .settings import LIGHTS, SPAN, VIEW
 
 
 def load_case_scene(case: Case) -> Scene:

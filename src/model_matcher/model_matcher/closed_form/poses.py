@@ -13,10 +13,9 @@ from msgs_py import Pose
 
 from .case import Case
 from .placement import case_pose, load_case_scene, model_centre
+from .settings import JITTER
 
 SWEEPS = ('grid', 'random', 'turntable')
-# Random poses shift the object by up to this part of its distance.
-JITTER = 0.08
 
 
 def sweep_cases(case: Case, sweep: str, count: int, distance: float | None = None) -> list[Case]:

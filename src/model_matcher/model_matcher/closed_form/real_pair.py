@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -23,17 +23,32 @@ from ..pipeline import match
 from .comparison import best_pose_error, compare_edges
 
 PAIR = '01'
-# The physical size of a square is not published; lengths are in squares, and this says how long we take one to be.
-SQUARE_M = 0.025
-# Inner corners (i, j) lie at (i, j, 0); the printed pattern ends here (measured, see the data's README).
-COLUMNS, ROWS = range(9), range(6)
-X_LIMITS, Y_LIMITS = (-0.52, 8.48), (-0.96, 5.94)
+
+
+class Chessboard(NamedTuple):
+    """A printed chessboard with its inner corners (i, j) at (i, j, 0), in squares.
+
+    square : metres, the side of one; columns, rows : of inner corners; x_limits, y_limits : squares, where the printed
+    pattern ends
+    """
+
+    square: float
+    columns: range
+    rows: range
+    x_limits: tuple[float, float]
+    y_limits: tuple[float, float]
+
+
+# The size of a square is not published: it is what we take it to be. The limits are measured, see the data's README.
+BOARD = Chessboard(0.025, range(9), range(6), (-0.52, 8.48), (-0.96, 5.94))
+SQUARE_M = BOARD.square
 
 
 def chessboard_model() -> FeatureSet:
     """The grid lines of the printed board as edges, metres, board frame (x along the rows, z into the board)."""
-    start = [(x, Y_LIMITS[0], 0.0) for x in COLUMNS] + [(X_LIMITS[0], y, 0.0) for y in ROWS]
-    end = [(x, Y_LIMITS[1], 0.0) for x in COLUMNS] + [(X_LIMITS[1], y, 0.0) for y in ROWS]
+    (left, right), (top, bottom) = BOARD.x_limits, BOARD.y_limits
+    start = [(x, top, 0.0) for x in BOARD.columns] + [(left, y, 0.0) for y in BOARD.rows]
+    end = [(x, bottom, 0.0) for x in BOARD.columns] + [(right, y, 0.0) for y in BOARD.rows]
     return FeatureSet.from_edges(SQUARE_M * np.array(start), SQUARE_M * np.array(end))
 
 
@@ -97,7 +112,7 @@ def board_symmetries(pose: Pose) -> list[Pose]:
 
     The printed margins differ by a few hundredths of a square, less than a grid of straight lines can tell.
     """
-    middle = SQUARE_M * np.array([(COLUMNS[0] + COLUMNS[-1]) / 2, (ROWS[0] + ROWS[-1]) / 2, 0.0])
+    middle = SQUARE_M * np.array([np.mean(BOARD.columns), np.mean(BOARD.rows), 0.0])
     turn = Pose.from_rotation_vector([0.0, 0.0, np.pi])
     about_middle = Pose(turn.rotation, middle - turn.rotate(middle))
     return [pose.compose(about_middle)]

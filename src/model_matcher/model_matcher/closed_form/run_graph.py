@@ -40,11 +40,7 @@ from .case import Case
 from .comparison import compare_edges, surface_residual
 from .result import CaseResult, judge
 from .scene_files import prepare
-
-TIMEOUT_S = 60.0  # seconds that one message or service may take before the case is given up
-SPIN_S = 0.05  # seconds that the executor waits before the awaited condition is tested again
-# Rendering, recovery and matching of the first pair include compiling; the times reported are of the pair after it.
-WARM_PAIRS = 1
+from .settings import SPIN_S, TIMEOUT_S, WARM_PAIRS
 
 
 def run_case(

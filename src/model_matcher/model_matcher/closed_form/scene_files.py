@@ -20,11 +20,9 @@ from msgs_py import FeatureSet, Pose, StereoRig
 
 from .case import Case
 from .placement import case_lights, case_pose, case_rig, load_case_scene, model_centre, stands_as_drawn
+from .settings import CLUTTER_DEPTH, CLUTTER_SIZE
 
 SCENE_FILE = 'scene.csg'
-# Clutter: sizes relative to the object, distances relative to its distance.
-CLUTTER_SIZE = (0.2, 0.6)
-CLUTTER_DEPTH = (0.9, 1.5)
 
 
 class PreparedCase(NamedTuple):

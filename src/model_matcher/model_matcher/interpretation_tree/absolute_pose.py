@@ -17,7 +17,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, IntArray
 from msgs_py.numeric.vectors import perpendicular
 
 from ..model.index import feature_rows, model_size
-from .settings import FREE, NOT_ZERO, ON_AXIS, OPPOSITE, PSEUDO_INVERSE
+from .settings import FREE, NOT_ZERO, ON_AXIS, ROUNDING
 
 
 @dataclass(eq=False)
@@ -129,7 +129,7 @@ def _smallest_turn(one: FloatArray, other: FloatArray) -> FloatArray:
     v = other / max(float(np.linalg.norm(other)), NOT_ZERO)
     axis = np.cross(u, v)
     c = float(u @ v)
-    if c < -1.0 + OPPOSITE:
+    if c < -1.0 + ROUNDING:
         across = perpendicular(u)
         half_turn: FloatArray = 2.0 * np.outer(across, across) - np.eye(3)
         return half_turn
@@ -217,7 +217,7 @@ def _best_similarities(
     left4[:, 3, 3] = np.einsum('mki,mki->m', along, placed)
     right4[:, :3] = np.einsum('mkij,mkj->mi', projection, data_points)
     right4[:, 3] = np.einsum('mki,mki->m', along, data_points)
-    solution = np.einsum('mij,mj->mi', np.linalg.pinv(left4, rcond=PSEUDO_INVERSE, hermitian=True), right4)
+    solution = np.einsum('mij,mj->mi', np.linalg.pinv(left4, rcond=ROUNDING, hermitian=True), right4)
     scale = np.where(solution[:, 3] > 0.0, solution[:, 3], 1.0)
     values, vectors = np.linalg.eigh(left4[:, :3, :3])
     free = np.where((values[:, 0] > FREE * values[:, 2])[:, None], np.nan, vectors[:, :, 0])

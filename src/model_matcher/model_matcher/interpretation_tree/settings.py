@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 # -- how much a search may do --------------------------------------------------------------------------------------
 # A search is limited in steps, not by a clock, so that its result is the same on every machine. The rates turn a time
 # limit in seconds into steps; they were measured on one core of the development machine, no command kept.
@@ -37,11 +39,11 @@ PARALLEL_COSINE = 0.98
 
 # An eigenvalue below this fraction of the largest leaves a shift or a turn open.
 FREE = 1e-9
-# Relative size below which the pseudo-inverse of the similarity fit drops a singular value.
-PSEUDO_INVERSE = 1e-12
+# What rounding may do to a cosine, or to a singular value as a part of the largest: directions whose cosine is below
+# -1 + ROUNDING are opposite, and any perpendicular axis turns one into the other; the pseudo-inverse of the similarity
+# fit drops a singular value below it.
+ROUNDING = 1e-12
 # Points of which none is farther than this fraction of the model's size from an axis do not determine a turn about it.
 ON_AXIS = 1e-6
-# Directions whose cosine is below -1 + OPPOSITE are opposite: any perpendicular axis turns one into the other.
-OPPOSITE = 1e-12
-# Sums of weights and eigenvalues are divided by at least this.
-NOT_ZERO = 1e-300
+# Sums of weights and eigenvalues are divided by at least this: the smallest number of full precision.
+NOT_ZERO = float(np.finfo(float).tiny)

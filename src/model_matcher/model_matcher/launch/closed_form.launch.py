@@ -13,9 +13,6 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-# A node that has died is started again. Threads of OpenBLAS are of no use to small matrices and slow the start down.
-PROCESS = {'output': 'screen', 'respawn_delay': 0.5, 'additional_env': {'OPENBLAS_NUM_THREADS': '1'}}
-
 ARGUMENTS = {
     'namespace': ('', 'Namespace of all nodes'),
     'scene': ('l_shape_v1', 'Scene file, or the name of a scene of csg_renderer'),
@@ -40,7 +37,11 @@ def generate_launch_description():
             namespace=value['namespace'],
             respawn=value['respawn'],
             parameters=[file, parameters or {}],
-            **PROCESS,
+            # Half a second lets the dead one's topics go.
+            respawn_delay=0.5,
+            output='screen',
+            # Threads of OpenBLAS are of no use to small matrices and slow the start down.
+            additional_env={'OPENBLAS_NUM_THREADS': '1'},
         )
 
     return LaunchDescription(

@@ -15,9 +15,6 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-# A node that has died is started again. Threads of OpenBLAS are of no use to small matrices and slow the start down.
-PROCESS = {'output': 'screen', 'respawn_delay': 0.5, 'additional_env': {'OPENBLAS_NUM_THREADS': '1'}}
-
 ARGUMENTS = {
     'namespace': ('', 'Namespace of both nodes'),
     'models': ("['l_shape']", 'Model files, folders, or names of models of csg_renderer'),
@@ -38,17 +35,28 @@ def generate_launch_description():
     share = FindPackageShare('model_matcher')
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
     sim_time = {'use_sim_time': ParameterValue(value['use_sim_time'], value_type=bool)}
+
+    def node(**arguments):
+        """A node that is started again when it has died; half a second lets the dead one's topics go."""
+        # Threads of OpenBLAS are of no use to small matrices and slow the start down.
+        return Node(
+            namespace=value['namespace'],
+            respawn=value['respawn'],
+            respawn_delay=0.5,
+            output='screen',
+            additional_env={'OPENBLAS_NUM_THREADS': '1'},
+            **arguments,
+        )
+
     return LaunchDescription(
         [
             *[
                 DeclareLaunchArgument(name, default_value=default, description=text)
                 for name, (default, text) in ARGUMENTS.items()
             ],
-            Node(
+            node(
                 package='stereo_recovery',
                 executable='recovery_node',
-                namespace=value['namespace'],
-                respawn=value['respawn'],
                 parameters=[
                     PathJoinSubstitution([FindPackageShare('stereo_recovery'), 'config', 'recovery.yaml']),
                     {'rectify': ParameterValue(value['rectify'], value_type=bool)},
@@ -60,13 +68,10 @@ def generate_launch_description():
                     ('right/image_rect', value['right_image']),
                     ('right/camera_info', value['right_info']),
                 ],
-                **PROCESS,
             ),
-            Node(
+            node(
                 package='model_matcher',
                 executable='matcher_node',
-                namespace=value['namespace'],
-                respawn=value['respawn'],
                 parameters=[
                     PathJoinSubstitution([share, 'config', 'matcher.yaml']),
                     {
@@ -75,7 +80,6 @@ def generate_launch_description():
                     },
                     sim_time,
                 ],
-                **PROCESS,
             ),
             Node(
                 package='rviz2',

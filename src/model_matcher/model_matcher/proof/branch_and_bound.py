@@ -29,7 +29,10 @@ from .arc_consistency import DataRanges, Groups, Nodes, forward_check, listed, n
 from .feasibility import FEASIBLE, INFEASIBLE, Sample, all_fit, can_join, deviations, infeasible_subset, minimax_pose
 from .settings import GROUP, NARROWEST_CONE, NEAR, STEEP, WIDE
 
-NO_NODES: IntArray = np.zeros(0, np.int64)
+
+def _no_nodes() -> IntArray:
+    """No data or model features."""
+    return np.zeros(0, np.int64)
 
 
 class GivenUp(Exception):
@@ -74,10 +77,10 @@ class BranchAndBound:
         self.most, self.deadline = most, deadline
         self.index, self.radius_tol = problem.index, problem.radius_tol
         self.sample = sample_of(problem)
-        self.nodes = Nodes(NO_NODES, NO_NODES)
+        self.nodes = Nodes(_no_nodes(), _no_nodes())
         self.disjoint: list[list[int]] = []  # groups of data features
         self.refuted: list[frozenset[int]] = []  # data features that are not all in a larger interpretation
-        self.groups_refuted = Groups(np.full(len(self.sample.data), -1), NO_NODES)  # of the disjoint ones
+        self.groups_refuted = Groups(np.full(len(self.sample.data), -1), _no_nodes())  # of the disjoint ones
         self.assignment: Int32Array | None = None
         self.motion: FloatArray | None = None
         self.branches = 0
@@ -174,7 +177,7 @@ class BranchAndBound:
             self.disjoint = self.groups(features[np.lexsort((cones, domains > WIDE))], spare + 1)
         for number, group in enumerate(self.disjoint[: spare + 1]):
             if frozenset(group) not in self.refuted:
-                self.assign(group, NO_NODES, free, None)
+                self.assign(group, _no_nodes(), free, None)
                 self.refuted.append(frozenset(group))
                 of, sizes = self.groups_refuted
                 of[group] = number

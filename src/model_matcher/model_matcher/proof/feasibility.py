@@ -27,7 +27,6 @@ from .settings import (
     BELOW_ONE,
     DAMPING,
     FEW,
-    FIT_STEPS,
     LEAST_GAIN,
     LEAST_ROOM,
     LEAST_SQUARE,
@@ -44,9 +43,9 @@ from .settings import (
     WIDEST_CONE,
 )
 
-FEASIBLE, INFEASIBLE, OPEN = 1, 0, 2
-FIRST_END, SECOND_END, ALONG, TILT = 0, 1, 2, 3
-BLOCKS = 4  # of residuals, for each pairing
+INFEASIBLE, FEASIBLE, OPEN = range(3)
+# Blocks of residuals of a pairing, and how many there are.
+FIRST_END, SECOND_END, ALONG, TILT, BLOCKS = range(5)
 
 
 class Sample(NamedTuple):
@@ -505,7 +504,7 @@ def least_squares_pose(motion, assignment, sign, sample, normal, figures):
             for axis in range(3):
                 centre[axis] += data[k, axis]
     centre /= max(matched, 1)
-    for turn in range(FIT_STEPS + 1):
+    for turn in range(NEWTON_STEPS + 1):
         for k in range(n):
             sign[k] = 0
             if assignment[k] >= 0:
@@ -519,7 +518,7 @@ def least_squares_pose(motion, assignment, sign, sample, normal, figures):
             motion, model, data, sample.kinds, sample.tolerances, assignment, sign, centre, normal, right
         )
         figures[0], figures[1] = np.sqrt(squares / max(points, 1)), cost / max(equations - 6, 1)
-        if turn == FIT_STEPS:
+        if turn == NEWTON_STEPS:
             break
         _damp(normal)
         if not solve6(normal, right, step):

@@ -23,7 +23,7 @@ ANGLES = 180
 LINEARISATIONS = 4
 # Powers of the sums that approach the maximum: 2, 4, 8, ..., 2 ** POWERS.
 POWERS = 10
-# Newton steps for each power at most.
+# Newton steps for each power at most, and Gauss-Newton steps of a least-squares pose of an assignment.
 NEWTON_STEPS = 8
 # The first step of the line search is the whole Newton step; it is multiplied by this until the sum falls, but is not
 # made shorter than the second number.
@@ -42,8 +42,6 @@ DAMPING = 1e-9
 LIGHT = 1e-9
 # Room along a model feature (metres), and the squared residuals that others are compared with, are at least these.
 LEAST_ROOM, LEAST_SQUARE = 1e-9, 1e-12
-# A least-squares pose of an assignment takes so many Gauss-Newton steps.
-FIT_STEPS = 8
 # Rounding allowed where a pairing is at its tolerance, as a part of it.
 AT_TOLERANCE = 1e-9
 
