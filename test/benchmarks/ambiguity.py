@@ -16,7 +16,8 @@ import numpy as np
 
 from model_matcher import MatchParams, MatchResult, ModelIndex
 from model_matcher.closed_form.synthetic import SyntheticScene
-from model_matcher.model.problem import SEARCH_WIDTH, make_problem
+from model_matcher.model.problem import make_problem
+from model_matcher.model.settings import SEARCH_WIDTH
 from model_matcher.model.symmetry import symmetries
 from model_matcher.verification.refinement import refine_all
 from msgs_py import BIN, Pose

@@ -15,7 +15,8 @@ from msgs_py import BIN, FeatureSet, Interpretation
 from .geometry.kernels import PARALLEL_SINE, rank_pairs
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, indexed
-from .model.problem import SEARCH_WIDTH, Problem, make_problem, usable
+from .model.problem import Problem, make_problem, usable
+from .model.settings import SEARCH_WIDTH
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
@@ -36,9 +37,10 @@ from .settings import (
     RANKING_PART,
     SEARCHING_PART,
 )
-from .verification.acceptance import CANDIDATES, NEARLY, conclude
+from .verification.acceptance import conclude
 from .verification.false_alarms import needed_evidence
-from .verification.refinement import DOUBTFUL, KEEP, Refined, refine_all
+from .verification.refinement import Refined, refine_all
+from .verification.settings import CANDIDATES, DOUBTFUL, KEEP, NEARLY_ALL
 
 _warm: list[bool] = []  # not empty once everything is compiled
 
@@ -205,7 +207,7 @@ def _search(
                 block *= 2
             looked = now
             in_time = now <= deadline
-        if np.floor(scores[-1]) < NEARLY * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
+        if np.floor(scores[-1]) < NEARLY_ALL * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
             break
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     return _Found(motions, scores, int(state[2]), int(state[0]), stopped)

@@ -8,8 +8,9 @@ from model_matcher.closed_form.synthetic import box, chipped_block, l_shape, lat
 from model_matcher.model.index import ModelIndex, feature_rows
 from model_matcher.model.problem import make_problem
 from model_matcher.model.regularity import regularity
-from model_matcher.verification.evidence import ANGLE, CROWDED, NEIGHBOURS, coincidences, meet, neighbours, plane_table
+from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table
 from model_matcher.verification.false_alarms import needed_evidence
+from model_matcher.verification.settings import ANGLE, CROWDED, NEIGHBOURS
 from msgs_py import FeatureSet
 
 SIZE = np.array([0.10, 0.06, 0.04])

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from csg_renderer import load_scene, model_features, scene_path
 from model_matcher import match
 from model_matcher.closed_form.comparison import best_pose_error
-from model_matcher.verification.acceptance import OUTDONE, _presence
+from model_matcher.verification.acceptance import _presence
 from model_matcher.verification.refinement import Refined
+from model_matcher.verification.settings import OUTDONE
 from msgs_py import FeatureSet, Pose
 
 

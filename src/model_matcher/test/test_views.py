@@ -6,7 +6,8 @@ import pytest
 from model_matcher import index_model
 from model_matcher.closed_form.synthetic import box, cylinder_box, l_shape
 from model_matcher.model.convex_hull import hull_faces
-from model_matcher.verification.visibility_evidence import BY_CHANCE, HIDDEN, SEEN, THINNED, nats_of_view
+from model_matcher.verification.settings import BY_CHANCE, HIDDEN, SEEN, THINNED
+from model_matcher.verification.visibility_evidence import nats_of_view
 from msgs_py import FeatureSet, Pose
 
 SIZE = np.array([0.10, 0.06, 0.04])

@@ -14,9 +14,10 @@ from ..model.problem import Problem
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import conclude
 from ..verification.refinement import refine_all
+from ..verification.settings import CANDIDATES
 from .absolute_pose import validate
 from .serial import serial_search
-from .settings import FIRST_FRACDEV, INTERPRETATIONS, PARALLEL_COSINE, REFINED
+from .settings import FIRST_FRACDEV, INTERPRETATIONS, PARALLEL_COSINE
 from .tables import build_tables
 from .tree import TreeResult, subgraph_search, tree_search
 
@@ -72,7 +73,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     matched = (result.assignments >= 0).sum(axis=1)
     stats['valid'] = int(checked.valid.sum())
     deviation = np.sqrt(np.nanmean(np.where(result.assignments >= 0, checked.deviations, np.nan) ** 2, axis=1))
-    order = np.lexsort((deviation, -checked.passed.sum(axis=1), -matched))[:REFINED]
+    order = np.lexsort((deviation, -checked.passed.sum(axis=1), -matched))[:CANDIDATES]
     for name, free in (('free_shift', checked.free_shift), ('free_turn', checked.free_turn)):
         if np.isfinite(free[order[0]]).all():
             stats[name] = [float(value) for value in free[order[0]]]  # of the best, camera frame

@@ -27,9 +27,8 @@ LARGEST_PAIRS = 2_000_000
 
 # -- what is done with feasible interpretations ----------------------------------------------------------------------
 
-# Feasible interpretations that a search returns at most (the thesis' NOI), and how many, best first, are refined.
+# Feasible interpretations that a search returns at most (the thesis' NOI); the best of them are refined.
 INTERPRETATIONS = 256
-REFINED = 16
 # The closed-form pose is tested with this multiple of MatchParams.fracdev; the refined one with fracdev itself.
 FIRST_FRACDEV = 4.0
 # Cosine of the angle to the free shift above which a data feature counts as parallel to it.

@@ -9,10 +9,7 @@ from msgs_py import FeatureKind
 from msgs_py.numeric.vectors import perpendicular
 
 from .index import ModelIndex
-
-# Corners and edges lie on a face of the hull when they are this near to it, as a share of the model's size.
-ON_FACE = 0.005
-RIM = 16  # points that stand for a curve
+from .settings import CURVE_POINTS, ON_FACE, SAME_FACE
 
 
 def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
@@ -32,7 +29,7 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
 
 def _rims(index: ModelIndex) -> np.ndarray:
     rows = index.rows[index.kind == FeatureKind.CURVE]
-    angle = np.arange(RIM) * 2.0 * np.pi / RIM
+    angle = np.arange(CURVE_POINTS) * 2.0 * np.pi / CURVE_POINTS
     normal = rows[:, 3:6]
     u = -perpendicular(normal)
     v = np.cross(normal, u)
@@ -52,5 +49,6 @@ def _planes(points: np.ndarray, size: float) -> np.ndarray:
     except QhullError:
         return np.zeros((0, 4))
     # The hull comes in triangles; a face is all of them in one plane.
-    _, first = np.unique(np.round(found / [0.01, 0.01, 0.01, 0.01 * size]), axis=0, return_index=True)
+    steps = SAME_FACE * np.array([1.0, 1.0, 1.0, size])
+    _, first = np.unique(np.round(found / steps), axis=0, return_index=True)
     return np.ascontiguousarray(found[np.sort(first)])

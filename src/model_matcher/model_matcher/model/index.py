@@ -11,10 +11,8 @@ from msgs_py import FeatureKind, FeatureSet
 
 from ..geometry.kernels import build_pair_table, build_voxels
 from ..params import MatchParams
+from .settings import VOXEL_REACHES, VOXELS_ACROSS
 
-VOXELS_ACROSS = 24
-# Voxel tables exist for these reaches (fractions of the model's size); the smallest sufficient one is used.
-VOXEL_REACHES = (0.02, 0.03, 0.04, 0.06, 0.085, 0.12, 0.17, 0.25)
 SMALLEST_FEATURE = 1e-9  # metres: a shorter edge has no direction
 
 

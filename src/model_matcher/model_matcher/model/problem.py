@@ -10,10 +10,7 @@ from msgs_py import FeatureSet
 
 from ..params import MatchParams
 from .index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
-
-SEARCH_WIDTH = 1.6
-# Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
-FARTHEST = 1e6
+from .settings import FARTHEST, SEARCH_WIDTH
 
 
 @dataclass(eq=False)

@@ -14,11 +14,7 @@ import numpy as np
 
 from .convex_hull import hull_faces
 from .index import ModelIndex
-
-PARALLEL = 0.9925  # cosine: nearer directions count as one (7 degrees)
-UPRIGHT = 0.12  # cosine: and so do right angles
-MAX_DIRECTIONS = 10  # the most frequent ones span the planes
-MAX_NORMALS = 24
+from .settings import MAX_DIRECTIONS, MAX_NORMALS, PARALLEL_COSINE, PERPENDICULAR_COSINE
 
 
 @dataclass(eq=False)
@@ -76,13 +72,14 @@ def regularity(index: ModelIndex) -> Regularity:
 
 def _find(index: ModelIndex) -> Regularity:
     rows = index.rows
+    parallel, perpendicular = PARALLEL_COSINE, PERPENDICULAR_COSINE
     directions = rows[:, 3:6]
     order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0)).astype(np.int32)
     number = np.full(len(rows), -1, np.int32)
     distinct: list[np.ndarray] = []
     for j in order:
         if number[j] < 0:
-            alike = (number < 0) & (np.abs(directions @ directions[j]) > PARALLEL)
+            alike = (number < 0) & (np.abs(directions @ directions[j]) > parallel)
             number[alike] = len(distinct)
             distinct.append(directions[j])
     usual = np.argsort(-np.bincount(number), kind='stable')[:MAX_DIRECTIONS]
@@ -91,25 +88,27 @@ def _find(index: ModelIndex) -> Regularity:
         for b in usual[:place]:
             normal = np.cross(distinct[a], distinct[b])
             length = np.linalg.norm(normal)
-            if length > UPRIGHT and not any(abs(normal @ other) > PARALLEL * length for other in normals):
+            if length > perpendicular and not any(abs(normal @ other) > parallel * length for other in normals):
                 normals.append(normal / length)
     # The lines of a flat model lie in its plane only: the other planes along them are upright to it.
     for a in usual:
-        flat = [normal for normal in normals if abs(normal @ distinct[a]) < UPRIGHT]
+        flat = [normal for normal in normals if abs(normal @ distinct[a]) < perpendicular]
         if len(flat) == 1:
             upright = np.cross(flat[0], distinct[a])
             normals.append(upright / np.linalg.norm(upright))
     stack = np.array(normals).reshape(-1, 3)
     cosine = np.abs(stack @ directions.T)
-    lies = (cosine < UPRIGHT) | ((cosine > PARALLEL) & (rows[:, 6] == 0.0))
+    lies = (cosine < perpendicular) | ((cosine > parallel) & (rows[:, 6] == 0.0))
     chosen = np.argsort(-lies.sum(axis=1), kind='stable')[:MAX_NORMALS]
     stack, lies = stack[chosen], lies[chosen]
     offsets = np.where(lies, stack @ rows[:, :3].T, np.nan)
     frequent = np.array(distinct)[usual]
     towards = np.abs(stack @ frequent.T)
-    spanned = np.where(towards > PARALLEL, 2, np.where(towards < UPRIGHT, 1, 0)).astype(np.int8)
+    spanned = np.where(towards > parallel, 2, np.where(towards < perpendicular, 1, 0)).astype(np.int8)
     towards = np.abs(frequent @ frequent.T)
-    both = (towards[:, None, :] < UPRIGHT) & (towards[None, :, :] < UPRIGHT) & (towards < PARALLEL)[:, :, None]
+    both = (
+        (towards[:, None, :] < perpendicular) & (towards[None, :, :] < perpendicular) & (towards < parallel)[:, :, None]
+    )
     upright = np.where(both.any(axis=2), both.argmax(axis=2), -1).astype(np.int32)
     return Regularity(
         order,

@@ -12,10 +12,9 @@ import numpy as np
 
 from msgs_py import Pose
 
+from ..geometry.kernels import PARALLEL_SINE
 from .index import ModelIndex
-
-TOLERANCE = 0.004  # of the model's size: what data of the usual accuracy cannot tell apart
-PARALLEL = 0.985  # cosine: from here on two directions do not fix a motion well
+from .settings import SAME_POSE_DEG, SAME_POSE_SHARE, SYMMETRY_COSINE, SYMMETRY_TOLERANCE
 
 _known: WeakKeyDictionary[ModelIndex, tuple[Pose, ...]] = WeakKeyDictionary()
 
@@ -43,15 +42,15 @@ def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ())
 def _alike(index: ModelIndex, a: Pose, b: Pose) -> bool:
     """Within 1 degree and 1 % of the model's size."""
     return (
-        a.error_to(b).rotation_deg < 1.0
-        and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < 0.01 * index.size
+        a.error_to(b).rotation_deg < SAME_POSE_DEG
+        and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < SAME_POSE_SHARE * index.size
     )
 
 
 def _find(index: ModelIndex) -> tuple[Pose, ...]:
     rows = index.rows
     mids, directions = rows[:, 0:3], rows[:, 3:6]
-    tolerance = TOLERANCE * index.size
+    tolerance = SYMMETRY_TOLERANCE * index.size
     alike = _lookalikes(index, tolerance)
     base = _base_pair(directions, alike)
     if base is None:
@@ -63,12 +62,12 @@ def _find(index: ModelIndex) -> tuple[Pose, ...]:
     found: list[Pose] = []
     for k in np.flatnonzero(alike[i]):
         partners = alike[j] & (np.abs(np.linalg.norm(mids - mids[k], axis=1) - gap) < 2.0 * tolerance)
-        partners &= np.abs(np.abs(directions @ directions[k]) - abs(c)) < 0.01
+        partners &= np.abs(np.abs(directions @ directions[k]) - abs(c)) < SYMMETRY_COSINE
         for m in np.flatnonzero(partners):
             for first in (1.0, -1.0):
                 for second in (1.0, -1.0):
                     u, v = first * directions[k], second * directions[m]
-                    if abs(u @ v - c) > 0.01:
+                    if abs(u @ v - c) > SYMMETRY_COSINE:
                         continue
                     rotation = _frame(u, v).T @ source
                     shift = 0.5 * (mids[k] + mids[m] - rotation @ (mids[i] + mids[j]))
@@ -93,7 +92,8 @@ def _base_pair(directions: np.ndarray, alike: np.ndarray) -> tuple[int, int] | N
     """Two features far from parallel with as few lookalikes as possible; None when all are parallel."""
     count = alike.sum(axis=1)
     product = (count[:, None] * count).astype(float)
-    product[np.abs(directions @ directions.T) > PARALLEL] = np.inf
+    # Nearer to parallel than that, two directions do not fix a motion well.
+    product[np.abs(directions @ directions.T) > np.cos(np.arcsin(PARALLEL_SINE))] = np.inf
     best = int(np.argmin(product))
     if not np.isfinite(product.flat[best]):
         return None

@@ -25,9 +25,10 @@ from ..geometry.kernels import pair_geometry
 from ..geometry.pair_bounds import possible
 from ..geometry.pair_pose import pair_frame, pair_pose
 from ..model.problem import Problem
+from ..model.settings import SEARCH_WIDTH
 from .arc_consistency import DataRanges, Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
 from .feasibility import FEASIBLE, INFEASIBLE, Sample, all_fit, can_join, deviations, infeasible_subset, minimax_pose
-from .settings import GROUP, NARROWEST_CONE, NEAR, STEEP, WIDE
+from .settings import GROUP, NARROWEST_CONE, STEEP, WIDE
 
 
 def _no_nodes() -> IntArray:
@@ -148,7 +149,7 @@ class BranchAndBound:
         chosen = order[: int((least <= 1.0).sum())]
         if len(chosen) < self.most:
             return
-        for a_more in order[len(chosen) : int((least <= NEAR).sum())]:
+        for a_more in order[len(chosen) : int((least <= SEARCH_WIDTH).sum())]:
             more, pose = np.append(chosen, a_more), motion.copy()
             if minimax_pose(pose, more, nearest[more], sample, np.empty(len(more))) == FEASIBLE:
                 chosen, motion = more, pose

@@ -8,8 +8,6 @@ from __future__ import annotations
 STEEP = 0.3
 # A data feature with more pairings than this excludes little; the tree branches on it last.
 WIDE = 24
-# In tolerances: a pairing whose largest residual is below this under the known pose may fit under another pose.
-NEAR = 1.6
 # Data features in a group that the tree branches on: three lines fix a pose, and one more makes it well determined.
 GROUP = 4
 # Radians: cones of directions are at least this wide where the worth of a pair of features is divided by them.

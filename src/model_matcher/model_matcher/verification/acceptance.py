@@ -11,23 +11,14 @@ import numpy as np
 from msgs_py import BIN, Interpretation, Pose
 
 from ..model.problem import Problem
+from ..model.settings import SAME_POSE_SHARE
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
 from .interpretations import as_interpretation, as_pose, covered, pose_covariances
 from .line_of_sight import settle
 from .refinement import Refined
-
-# Candidate poses that a search keeps; a search keeps more where many are nearly as good as the best.
-CANDIDATES = 16
-# A candidate whose data is claimed to more than this share by a better interpretation competes with it.
-CLAIMED = 0.34
-# A pose explains the data of another and more: this share of the data, and evidence of its own that is less by no more
-# than so many nats for each further model feature; features beyond FURTHER make no difference.
-SAME_DATA, OUTDONE, FURTHER = 0.9, 4.0, 2.0
-# Candidates that explain this share of the most distinct model features are ranked by how much of them is covered;
-# covers that differ by less than that share are equal.
-NEARLY, SAME_COVER = 0.9, 0.02
+from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, OUTDONE, SAME_COVER
 
 
 def conclude(
@@ -124,7 +115,7 @@ def _presence(refined: Refined, common: np.ndarray) -> None:
     further = np.minimum(distinct[:, None] - distinct, FURTHER)
     more = (
         (further > 0.0)
-        & (common >= SAME_DATA * common.diagonal())
+        & (common >= NEARLY_ALL * common.diagonal())
         & (evidence[:, None] < evidence)
         & (evidence[:, None] > evidence - OUTDONE * further)
     )
@@ -144,7 +135,7 @@ def _ranked(problem: Problem, refined: Refined) -> list[int]:
     distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
     cover = np.zeros(len(distinct))
     if len(distinct) > CANDIDATES:
-        for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY * distinct.max(initial=0.0))):
+        for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY_ALL * distinct.max(initial=0.0))):
             cover[k] = covered(problem, refined.motions[k], refined.assignments[k])
     step = max(SAME_COVER * cover.max(initial=0.0), 1e-12)
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
@@ -161,6 +152,6 @@ def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool
         if mine[:9] @ other[:9] < 3.0 - 3e-4:
             continue
         gap = (mine[:9] - other[:9]).reshape(3, 3) @ problem.index.middle + mine[9:] - other[9:]
-        if np.linalg.norm(gap) < 0.01 * problem.index.size:
+        if np.linalg.norm(gap) < SAME_POSE_SHARE * problem.index.size:
             return True
     return False

@@ -31,25 +31,30 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 
 from ..geometry.kernels import CURVE, pair_geometry
-from ..model.regularity import PARALLEL, UPRIGHT
+from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
+from .settings import (
+    ANGLE,
+    AT_ENDS,
+    BIAS,
+    COVERED,
+    CROWDED,
+    ENOUGH,
+    FIXING_SINE,
+    FRAGMENTS,
+    MISSED,
+    NEIGHBOURHOOD,
+    NEIGHBOURS,
+    PER_OFFSET,
+    PER_RADIUS,
+    PLACING_SINE,
+    REACH,
+    RUNS_ON_SINE,
+    SAME_LENGTH,
+    SHORT,
+    WHOLE,
+    WORST,
+)
 from .visibility_evidence import nats_of_view
-
-ANGLE = 0.05
-PER_RADIUS = 2.0
-PER_OFFSET = 0.5  # of a feature that lies in no plane of the usual orientations: there are many of such
-COVERED = 0.75
-WHOLE = 0.7
-FRAGMENTS = -1.0  # no less for all lengths together: where all is broken, pieces say little
-BIAS = 0.15  # of the tolerance; ideal data is no infinite proof
-WORST = 4.0  # a single plane off by the whole tolerance takes back no more than this, its coincidence included
-ENOUGH = 64  # matched features that are looked at: with so many there is no doubt
-NEIGHBOURS = 2.2
-MISSED = 0.03  # of an instance's own edges, per matched feature, noise takes so many that meet the others
-AT_ENDS = 0.3  # of the pieces strewn about that meet, so many do so end to end
-CROWDED = 0.03
-REACH = 0.12  # edges meet when their lines do within this share of their lengths beyond their ends
-NEARLY_PARALLEL = 0.2
-SHORT = 6.0  # tolerances; the direction of a shorter edge is too poor to say that it is not the model's
 
 
 @njit
@@ -103,18 +108,18 @@ def free_angles(u, earlier, count):
     least = 2
     for a in range(count):
         v = earlier[a]
-        if abs(u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) < UPRIGHT:
+        if abs(u[0] * v[0] + u[1] * v[1] + u[2] * v[2]) < PERPENDICULAR_COSINE:
             least = min(least, 1)
         for b in range(a):
             w = earlier[b]
             x, y, z = v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
             length = np.sqrt(x * x + y * y + z * z)
-            if length < UPRIGHT:
+            if length < PERPENDICULAR_COSINE:
                 continue
             c = abs(x * u[0] + y * u[1] + z * u[2]) / length
-            if c > PARALLEL:
+            if c > PARALLEL_COSINE:
                 return 0
-            if c < UPRIGHT:
+            if c < PERPENDICULAR_COSINE:
                 least = min(least, 1)
     return least - 1 if count == 1 else least
 
@@ -187,7 +192,7 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
             freedom = 3
             fresh = True
             for r in range(n_radii):
-                fresh = fresh and abs(radii[r] - model[j, 7]) > 0.05 * model[j, 7]
+                fresh = fresh and abs(radii[r] - model[j, 7]) > SAME_LENGTH * model[j, 7]
             if fresh:
                 radii[n_radii] = model[j, 7]
                 n_radii += 1
@@ -196,7 +201,7 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
         for i in range(q):
             if regular[i] and number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
                 length = _remainder(normals[i], fixed, n_fixed, rest)
-                if length > 0.4:
+                if length > FIXING_SINE:
                     fixed[n_fixed] = rest / length
                     n_fixed += 1
         while n_fixed < freedom:
@@ -207,11 +212,11 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
                     not regular[i]
                     or number[i, j] < 0
                     or known[i, number[i, j]]
-                    or _remainder(normals[i], fixed, n_fixed, rest) <= 0.4
+                    or _remainder(normals[i], fixed, n_fixed, rest) <= FIXING_SINE
                 ):
                     continue
                 value = nats[i]
-                if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > 0.3:
+                if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > PLACING_SINE:
                     value = -1.0
                 if value < least:
                     best, least = i, value
@@ -262,7 +267,7 @@ def coverage(model, kind_m, data, kind_d, low, high, direction):
         whole = high[j] - low[j] >= COVERED * length
         repeated = False
         for i in range(j):
-            same = direction[i] == direction[j] and abs(2.0 * model[i, 6] - length) < 0.05 * length
+            same = direction[i] == direction[j] and abs(2.0 * model[i, 6] - length) < SAME_LENGTH * length
             if same and high[i] > low[i] and (high[i] - low[i] >= COVERED * 2.0 * model[i, 6]) == whole:
                 repeated = True
                 break
@@ -270,7 +275,7 @@ def coverage(model, kind_m, data, kind_d, low, high, direction):
             continue
         fitting = alike = 0
         for k in range(n):
-            if kind_d[k] != CURVE and 2.0 * data[k, 6] <= 1.05 * length:
+            if kind_d[k] != CURVE and 2.0 * data[k, 6] <= (1.0 + SAME_LENGTH) * length:
                 fitting += 1
                 if 2.0 * data[k, 6] >= COVERED * length:
                     alike += 1
@@ -287,7 +292,7 @@ def meet(a, b, tolerance):
     if x * x + y * y + z * z > reach * reach:
         return False
     _, s, d, fa, fb, _ = pair_geometry(a, b)
-    if s < NEARLY_PARALLEL or abs(d) > tolerance:
+    if s < RUNS_ON_SINE or abs(d) > tolerance:
         return False
     beyond = tolerance / s
     return abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond
@@ -300,7 +305,7 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
     cx = motion[0] * middle[0] + motion[1] * middle[1] + motion[2] * middle[2] + motion[9]
     cy = motion[3] * middle[0] + motion[4] * middle[1] + motion[5] * middle[2] + motion[10]
     cz = motion[6] * middle[0] + motion[7] * middle[1] + motion[8] * middle[2] + motion[11]
-    radius = 0.6 * size
+    radius = NEIGHBOURHOOD * size
     matched = np.empty(n, np.int64)
     count = 0
     explained = unexplained = tolerance = 0.0

@@ -8,10 +8,7 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..params import MatchParams
-
-# Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
-# TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
-LEAST, PER_DATA, TAIL = -0.6, 1.5, 1.3
+from .settings import FALSE_ALARM_LEAST, FALSE_ALARM_PER_DATA, FALSE_ALARM_TAIL
 
 
 def needed_evidence(problem: Problem, params: MatchParams) -> float:
@@ -23,4 +20,6 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
 
 def false_alarm_evidence(n: int, rate: float) -> float:
     """Nats that chance reaches in a share ``rate`` of the scenes of n data features."""
-    return LEAST + PER_DATA * math.log(max(n, 1)) - TAIL * math.log(max(rate, 1e-12))
+    return (
+        FALSE_ALARM_LEAST + FALSE_ALARM_PER_DATA * math.log(max(n, 1)) - FALSE_ALARM_TAIL * math.log(max(rate, 1e-12))
+    )

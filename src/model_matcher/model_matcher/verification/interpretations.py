@@ -10,8 +10,7 @@ from ..geometry.least_squares import covariances
 from ..model.index import SMALLEST_FEATURE, ModelIndex
 from ..model.problem import Problem
 from .refinement import Refined
-
-BINS = 64  # places along a model edge that are looked at
+from .settings import PLACES
 
 
 def as_pose(motion: np.ndarray) -> Pose:
@@ -33,9 +32,9 @@ def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> flo
     step = rows[:, 6:7] * rows[:, 3:6]
     ends = (np.stack([rows[:, :3] - step, rows[:, :3] + step], axis=1) - motion[9:]) @ motion[:9].reshape(3, 3)
     places = np.sort(((ends - model[target, None, :3]) * model[target, None, 3:6]).sum(axis=-1), axis=1)
-    share = (np.arange(BINS) + 0.5) / BINS * 2.0 - 1.0
+    share = (np.arange(PLACES) + 0.5) / PLACES * 2.0 - 1.0
     at = share * model[target, 6:7]
-    hit = np.zeros((len(model), BINS), bool)
+    hit = np.zeros((len(model), PLACES), bool)
     np.logical_or.at(hit, target, (at >= places[:, :1]) & (at <= places[:, 1:]))
     return float(rims + (hit.mean(axis=1) * 2.0 * model[:, 6]).sum())
 

@@ -14,13 +14,7 @@ from msgs_py.numeric.compiled import njit
 
 from ..geometry.kernels import CURVE
 from ..geometry.least_squares import _add_row, apply_step, placed_line, solve6
-
-# Error across over error along the line of sight of a pair whose baseline is a fifth of the distance.
-STEREO = 0.14
-# Residuals more alike than this say that the line of sight plays no part.
-ALIKE = 0.7
-FEWEST = 4
-TURNS = 4
+from .settings import ALIKE, ALONG_SIGHT_SINE, EXACT, FEWEST, FITS, STEREO_RATIO
 
 
 @njit
@@ -50,7 +44,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
             # lx: across both the line and the line of sight; ex: across the line, in the plane of both.
             lx, ly, lz = uy * sz - uz * sy, uz * sx - ux * sz, ux * sy - uy * sx
             length = np.sqrt(lx * lx + ly * ly + lz * lz)
-            if length < 0.05:
+            if length < ALONG_SIGHT_SINE:
                 continue
             lx, ly, lz = lx / length, ly / length, lz / length
             ex, ey, ez = ly * uz - lz * uy, lz * ux - lx * uz, lx * uy - ly * ux
@@ -135,17 +129,17 @@ def settle(motion, model, data, kind_d, tols, assignment, sign, size):
     step = np.zeros(6)
     before = motion.copy()
     ratio = 1.0
-    for turn in range(TURNS + 1):
+    for turn in range(FITS + 1):
         sums = _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right)
-        if sums[3] < 1.0 or sums[1] <= (1e-6 * size) ** 2 * sums[3]:
+        if sums[3] < 1.0 or sums[1] <= (EXACT * size) ** 2 * sums[3]:
             break
         seen = np.sqrt(sums[0] / sums[2]) / np.sqrt(sums[1] / sums[3])
-        if turn == TURNS:
+        if turn == FITS:
             if seen > ALIKE:
                 motion[:] = before
                 return 1.0
             break
-        ratio = np.sqrt(min(seen, 1.0) * STEREO)
+        ratio = np.sqrt(min(seen, 1.0) * STEREO_RATIO)
         _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right)
         trace = 0.0
         for i in range(6):

@@ -15,13 +15,7 @@ from ..model.regularity import regularity
 from ..params import MatchParams
 from .evidence import evidence, plane_table
 from .false_alarms import needed_evidence
-
-# Tolerance widths of successive fits: a pose from two short edges is off by more than the data's own error.
-WIDTHS = np.array([1.5, 1.2, 1.0, 1.0])
-# Candidates within this share of the best score are refined; all of them, when the best evidence is less than what is
-# needed and so many nats.
-KEEP = 0.6
-DOUBTFUL = 5.0
+from .settings import DOUBTFUL, KEEP, WIDTHS
 
 
 @dataclass(eq=False)
@@ -185,7 +179,7 @@ def refine_all(
         doubtful,
         *problem.grid,
         *problem.sample,
-        WIDTHS,
+        np.array(WIDTHS),
         problem.radius_tol,
         index.middle,
         index.size,

@@ -17,10 +17,7 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-# Chances that a feature is explained: by a pose at random, among objects as regular as the model; where the model is,
-# when any feature may be missing; there, when it is in view, and when it is hidden. Measured with the thresholds of
-# finishing.py.
-BY_CHANCE, THINNED, SEEN, HIDDEN = 0.28, 0.39, 0.47, 0.1
+from .settings import BY_CHANCE, HIDDEN, SEEN, THINNED
 
 
 @njit

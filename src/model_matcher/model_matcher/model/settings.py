@@ -1,0 +1,47 @@
+"""Numbers of what is known of a model before any search: its tables, its regularity, its symmetry, its hull."""
+
+from __future__ import annotations
+
+# -- data that can be used -------------------------------------------------------------------------------------------
+
+# Metres: what is said to be farther is a mistake, and its squares and cubes would be without number.
+FARTHEST = 1e6
+
+# -- voxel tables ----------------------------------------------------------------------------------------------------
+
+# Cells of a table along the model's longest side.
+VOXELS_ACROSS = 24
+# Tables exist for these reaches (fractions of the model's size); the smallest sufficient one is used.
+VOXEL_REACHES = (0.02, 0.03, 0.04, 0.06, 0.085, 0.12, 0.17, 0.25)
+# Tolerances that data has to be within while poses are searched, in tolerances: a pose from two short edges is off by
+# more than the data's own error.
+SEARCH_WIDTH = 1.6
+
+# -- regularity ------------------------------------------------------------------------------------------------------
+
+# Cosines: nearer directions count as one (7 degrees), and so do right angles.
+PARALLEL_COSINE = 0.9925
+PERPENDICULAR_COSINE = 0.12
+# The most frequent directions, which span the planes, and the orientations of planes with most features in them.
+MAX_DIRECTIONS = 10
+MAX_NORMALS = 24
+
+# -- symmetry --------------------------------------------------------------------------------------------------------
+
+# In model sizes: what data of the usual accuracy cannot tell apart.
+SYMMETRY_TOLERANCE = 0.004
+# Two symmetric pairs of directions have cosines that differ by no more than this.
+SYMMETRY_COSINE = 0.01
+# Poses are the same when they turn a model by less than this (degrees) and move its middle by less than this part of
+# its size against each other.
+SAME_POSE_DEG = 1.0
+SAME_POSE_SHARE = 0.01
+
+# -- convex hull -----------------------------------------------------------------------------------------------------
+
+# Corners and edges lie on a face of the hull when they are this near to it, as a part of the model's size.
+ON_FACE = 0.005
+# Normals and offsets (in model sizes) of the hull's triangles that differ by less than this are of one face.
+SAME_FACE = 0.01
+# Points that stand for a curve.
+CURVE_POINTS = 16

@@ -1,0 +1,100 @@
+"""Numbers of verification. Evidence is in nats: natural logarithms of ratios of probabilities.
+
+Those of the evidence were measured on the synthetic scenes of test/benchmarks/bench_matcher.py (presets clutter, absent
+and false_alarms); change one only together with FALSE_ALARM_*, which are the measured result of all.
+"""
+
+from __future__ import annotations
+
+# -- candidates and their refinement ---------------------------------------------------------------------------------
+
+# Candidate poses that a search keeps, and that are refined; more where many are nearly as good as the best.
+CANDIDATES = 16
+# In tolerances: what counts as on the model in successive fits. A pose from two short edges is off by more than the
+# data's own error.
+WIDTHS = (1.5, 1.2, 1.0, 1.0)
+# Candidates within this part of the best score are refined; all of them, when the best evidence is less than what is
+# needed and so many nats.
+KEEP = 0.6
+DOUBTFUL = 5.0
+
+# -- the line of sight -----------------------------------------------------------------------------------------------
+
+# Error across over error along the line of sight of a pair whose baseline is a fifth of the distance.
+STEREO_RATIO = 0.14
+# Residuals more alike than this say that the line of sight plays no part.
+ALIKE = 0.7
+# Data features that a ratio can be read off, and fits that it is read off in turn.
+FEWEST, FITS = 4, 4
+# Sine of the angle between an edge and the line of sight below which the edge says nothing across it.
+ALONG_SIGHT_SINE = 0.05
+# Residuals along the line of sight of less than this part of the model's size are rounding.
+EXACT = 1e-6
+
+# -- coincidences ----------------------------------------------------------------------------------------------------
+
+# Chance that an angle of a direction is what a direction of the model has, for each direction that the model has.
+ANGLE = 0.05
+# Nats of a distinct radius, and of a feature that lies in no plane of the usual orientations: there are many of such.
+PER_RADIUS = 2.0
+PER_OFFSET = 0.5
+# Radii and lengths that differ by less than this part are equal.
+SAME_LENGTH = 0.05
+# In tolerances: systematic error of a plane, which more data does not take away; ideal data is no infinite proof.
+BIAS = 0.15
+# Nats: a single plane off by the whole tolerance takes back no more than this, its coincidence included.
+WORST = 4.0
+# Matched features that are looked at: with so many there is no doubt.
+ENOUGH = 64
+# A normal fixes a feature, or places the pose, when this much of it (a sine) is outside the span of those before.
+FIXING_SINE, PLACING_SINE = 0.4, 0.3
+
+# -- coverage --------------------------------------------------------------------------------------------------------
+
+# A model edge is found whole when this part of its length is covered, for which the chance in the model is WHOLE.
+COVERED = 0.75
+WHOLE = 0.7
+# Nats: no less for all lengths together; where all is broken, pieces say little.
+FRAGMENTS = -1.0
+
+# -- neighbours ------------------------------------------------------------------------------------------------------
+
+# Unexplained data that meets the explained data of a chance pose, on average.
+NEIGHBOURS = 2.2
+# Of an instance's own edges, per matched feature, noise takes so many that meet the others.
+MISSED = 0.03
+# Of the pieces strewn about that meet, so many do so end to end.
+AT_ENDS = 0.3
+# Part of the real objects that have patterns at their edges, or stand on others.
+CROWDED = 0.03
+# Edges meet when their lines do within this part of their lengths beyond their ends.
+REACH = 0.12
+# Sine below which two edges do not meet but run on.
+RUNS_ON_SINE = 0.2
+# In tolerances: the direction of a shorter edge is too poor to say that it is not the model's.
+SHORT = 6.0
+# In model sizes: radius about the model's middle in which unexplained data is counted for its density.
+NEIGHBOURHOOD = 0.6
+
+# -- what is in view -------------------------------------------------------------------------------------------------
+
+# Chances that a feature is explained: by a pose at random, among objects as regular as the model; where the model is,
+# when any feature may be missing; there, when it is in view, and when it is hidden.
+BY_CHANCE, THINNED, SEEN, HIDDEN = 0.28, 0.39, 0.47, 0.1
+
+# -- acceptance ------------------------------------------------------------------------------------------------------
+
+# Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
+# TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
+FALSE_ALARM_LEAST, FALSE_ALARM_PER_DATA, FALSE_ALARM_TAIL = -0.6, 1.5, 1.3
+# A candidate whose data is claimed to more than this part by a better interpretation competes with it.
+CLAIMED = 0.34
+# So large a part of the data of another pose, or of the most distinct model features of any, counts as nearly all.
+NEARLY_ALL = 0.9
+# A pose that explains nearly all data of another, and more, has its evidence, unless its own is less by more than so
+# many nats for each further model feature; features beyond FURTHER make no difference.
+OUTDONE, FURTHER = 4.0, 2.0
+# Parts of the model covered by data that differ by less than this part are equal.
+SAME_COVER = 0.02
+# Places along a model edge that are looked at.
+PLACES = 64
