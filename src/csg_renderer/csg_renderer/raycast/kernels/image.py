@@ -11,6 +11,7 @@ from msgs_py.numeric.compiled import njit
 from ..program import TERRAIN
 from ..settings import MOST_BOUNDARY_PIXELS
 from ..tiling import NOWHERE
+from .records import PixelRun
 from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
 from .secondary_rays import secondary_row
 from .shade import light_run, normals_run, points_row
@@ -47,11 +48,11 @@ def product_spans(chosen, csg, leaf_span, leaf_depth, size, span, band, near):
 
 
 @kernel
-def hit_row(work, m, row, y, first, last, offset, products, count, csg, camera, plan, terrains):
+def hit_row(work, m, run, y, offset, products, count, csg, camera, plan, terrains):
     """Nearest hits of the rays (s[X + j], y, 1), j < m, into DEPTH and HIT.
 
-    first, last : the pixels of this row that the rays lie in. offset : the pixel of ray 0 when rays are one a pixel,
-    or -1 when they are scattered over first..last. products[:count] are considered.
+    run : the PixelRun that the rays lie in. offset : the pixel of ray 0 when rays are one a pixel, or -1 when they are
+    scattered over the run. products[:count] are considered.
     terrains : the terrains, or None, which compiles without them
     """
     s = work.row
@@ -64,8 +65,8 @@ def hit_row(work, m, row, y, first, last, offset, products, count, csg, camera, 
         q = products[k]
         low, high = 0, m
         if not plan.whole:
-            left, right = plan.span[q, row, 0], plan.span[q, row, 1]
-            if left > last or right < first or left > right:
+            left, right = plan.span[q, run.row, 0], plan.span[q, run.row, 1]
+            if left > run.last or right < run.first or left > right:
                 continue
             if offset >= 0:
                 low, high = max(left - offset, 0), min(right + 1 - offset, m)
@@ -80,40 +81,16 @@ def hit_row(work, m, row, y, first, last, offset, products, count, csg, camera, 
                 open_pixels += 1 if s[DEPTH + j] > nearest else 0
             if open_pixels == 0:
                 continue
-        product_row(
-            work.row,
-            j0,
-            j1,
-            q,
-            first + low if offset >= 0 else first,
-            first + high - 1 if offset >= 0 else last,
-            row,
-            y,
-            plan.tolerance,
-            csg,
-            camera,
-            plan.whole,
-            work.counts,
-        )
+        first = run.first + low if offset >= 0 else run.first
+        last = run.first + high - 1 if offset >= 0 else run.last
+        within = PixelRun(run.row, first, last)
+        product_row(s, j0, j1, q, within, y, plan.tolerance, csg, camera, plan.whole, work.counts)
         drawn = True
         ambiguous |= csg.ambiguity[q] > 0.0
     if ambiguous:
-        settle_row(s, m, y, plan.tolerance, csg, camera, work.times, work.hits, work.starts, work.counts)
+        settle_row(work, m, y, plan.tolerance, csg, camera)
     for k in range(camera.listed.shape[0]):
-        list_row(
-            s,
-            ZERO,
-            end,
-            camera.listed[k],
-            y,
-            plan.tolerance,
-            csg,
-            camera,
-            work.times,
-            work.hits,
-            work.starts,
-            work.counts,
-        )
+        list_row(work, ZERO, end, camera.listed[k], y, plan.tolerance, csg, camera)
     if terrains is not None:
         terrain_row(s, end, y, terrains, camera.local, plan.tolerance)
 
@@ -225,9 +202,10 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
         m = right - left
         for row in range(top, bottom):
             y = plan.ys[row]
+            run = PixelRun(row, left, right - 1)
             for j in range(m):
                 s[X + np.uint64(j)] = plan.xs[left + j]
-            hit_row(work, m, row, y, left, right - 1, left, products, count, csg, camera, plan, terrains)
+            hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)
             colour_row(work, m, y, csg, materials, plan, secondary, terrains, plan.box == 0)
             write_truth(s, m, row, left, target, object_of)
             if plan.box > 0:
@@ -237,7 +215,7 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
                     y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
-                    hit_row(work, m, row, y, left, right - 1, left, products, count, csg, camera, plan, terrains)
+                    hit_row(work, m, run, y, left, products, count, csg, camera, plan, terrains)
                     colour_row(work, m, y, csg, materials, plan, secondary, terrains, plan.box > 0)
                     for j in range(ZERO, np.uint64(m)):
                         work.colours[0, j] += s[RED + j]
@@ -293,21 +271,9 @@ def smooth_rows(thread, threads, csg, camera, materials, plan, target, work, sec
                 for pixel in range(count):
                     for u in range(3):
                         s[X + np.uint64(3 * pixel + u)] = plan.xs[columns[pixel]] + offsets[u] * plan.dx
-                hit_row(
-                    work,
-                    3 * count,
-                    row,
-                    y,
-                    columns[0],
-                    columns[count - 1],
-                    -1,
-                    camera.chosen,
-                    camera.chosen.shape[0],
-                    csg,
-                    camera,
-                    plan,
-                    terrains,
-                )
+                run = PixelRun(row, columns[0], columns[count - 1])
+                chosen = camera.chosen
+                hit_row(work, 3 * count, run, y, -1, chosen, chosen.shape[0], csg, camera, plan, terrains)
                 colour_row(work, 3 * count, y, csg, materials, plan, secondary, terrains, plan.box == 0)
                 for pixel in range(count):
                     for u in range(3):

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..program import BLOCK, CONE, CYLINDER, SPHERE, TERRAIN
 from ..settings import PARALLEL, TINY
+from .records import Ray
 from .rows import (
     BLUE,
     FACE_IN,
@@ -109,6 +110,12 @@ def leaf_rays(s, j0, j1, kind, leaf, inverse):
 
 
 @kernel
+def ray_of(s, j):
+    """Ray j of a batch: OX, DX of the scene frame."""
+    return Ray(s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j], s[DX + j], s[DX + ONE + j], s[DX + ONE + ONE + j])
+
+
+@kernel
 def invert_rays(s, n):
     """One over the directions DX, into IX; zeros give something huge."""
     for j in range(ZERO, n):
@@ -171,23 +178,7 @@ def cast_rays(s, n, csg, work, secondary, terrains):
         for j in range(ZERO, n):
             if s[INSIDE + j] == 0.0:
                 continue
-            count = child_list(
-                csg,
-                csg.inverse,
-                csg.sphere,
-                child,
-                s[OX + j],
-                s[OX + ONE + j],
-                s[OX + ONE + ONE + j],
-                s[DX + j],
-                s[DX + ONE + j],
-                s[DX + ONE + ONE + j],
-                tolerance,
-                work.times,
-                work.hits,
-                work.starts,
-                work.counts,
-            )
+            count = child_list(csg, csg.inverse, csg.sphere, child, ray_of(s, j), tolerance, work)
             for i in range(0, count, 2):
                 entry, here = work.times[i], work.hits[i]
                 if entry > departure:
@@ -199,19 +190,7 @@ def cast_rays(s, n, csg, work, secondary, terrains):
             leaf = terrains.leaf[g]
             here = leaf * LEAF_STEP
             for j in range(ZERO, n):
-                entry = terrain_ray(
-                    terrains,
-                    g,
-                    csg.inverse[leaf],
-                    s[OX + j],
-                    s[OX + ONE + j],
-                    s[OX + ONE + ONE + j],
-                    s[DX + j],
-                    s[DX + ONE + j],
-                    s[DX + ONE + ONE + j],
-                    departure,
-                    s[REACH + j],
-                )
+                entry = terrain_ray(terrains, g, csg.inverse[leaf], ray_of(s, j), departure, s[REACH + j])
                 if entry < s[BEST + j] - tolerance or (entry <= s[BEST + j] + tolerance and here < s[MET + j]):
                     s[BEST + j], s[MET + j], s[REACH + j] = entry, here, entry + tolerance
 
@@ -251,23 +230,7 @@ def arriving_light(s, n, csg, materials, work, secondary, terrains):
         for j in range(ZERO, n):
             if s[INSIDE + j] == 0.0 or s[LIGHT + j] == 0.0:
                 continue
-            count = child_list(
-                csg,
-                csg.inverse,
-                csg.sphere,
-                child,
-                s[OX + j],
-                s[OX + ONE + j],
-                s[OX + ONE + ONE + j],
-                s[DX + j],
-                s[DX + ONE + j],
-                s[DX + ONE + ONE + j],
-                tolerance,
-                work.times,
-                work.hits,
-                work.starts,
-                work.counts,
-            )
+            count = child_list(csg, csg.inverse, csg.sphere, child, ray_of(s, j), tolerance, work)
             for i in range(0, count, 2):
                 if work.times[i] < s[REACH + j] and work.times[i + 1] > departure:
                     s[LIGHT + j] *= materials.coefficients[int(work.hits[i] / LEAF_STEP), 5]
@@ -275,23 +238,10 @@ def arriving_light(s, n, csg, materials, work, secondary, terrains):
         for g in range(terrains.leaf.shape[0]):
             leaf = terrains.leaf[g]
             for j in range(ZERO, n):
-                if (
-                    s[LIGHT + j] > 0.0
-                    and terrain_ray(
-                        terrains,
-                        g,
-                        csg.inverse[leaf],
-                        s[OX + j],
-                        s[OX + ONE + j],
-                        s[OX + ONE + ONE + j],
-                        s[DX + j],
-                        s[DX + ONE + j],
-                        s[DX + ONE + ONE + j],
-                        departure,
-                        s[REACH + j],
-                    )
-                    < INF
-                ):
+                if s[LIGHT + j] <= 0.0:
+                    continue
+                entry = terrain_ray(terrains, g, csg.inverse[leaf], ray_of(s, j), departure, s[REACH + j])
+                if entry < INF:
                     s[LIGHT + j] *= materials.coefficients[leaf, 5]
 
 

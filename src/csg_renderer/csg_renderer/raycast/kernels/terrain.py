@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..settings import CELL_SLACK, HEIGHT_SLACK
+from .records import Ray
 from .rows import DEPTH, HIT, NX, PX, STRIDE, VX, X, kernel
 from .tree import LEAF_STEP, NOTHING
 
@@ -15,8 +16,14 @@ ZERO, ONE = np.uint64(0), np.uint64(STRIDE)
 
 
 @kernel
-def crossing_in_cell(a, b, c, d, bilinear, fx, fy, z, u, v, w, length):
-    """Smallest s in 0..length where a ray meets a cell's terrains, else inf. It starts at (fx, fy, z) of the cell."""
+def crossing_in_cell(corners, bilinear, ray, length):
+    """Smallest s in 0..length where a ray meets the terrain of a cell, else inf.
+
+    corners : heights at (0, 0), (1, 0), (0, 1) and (1, 1) of the cell, metres; ray : a Ray of the cell's frame, whose
+    x and y are fractions of the cell
+    """
+    a, b, c, d = corners
+    fx, fy, z, u, v, w = ray
     start = z - a - (b - a) * fx - (c - a) * fy
     if bilinear:
         k = a - b - c + d
@@ -61,8 +68,9 @@ def crossing_in_cell(a, b, c, d, bilinear, fx, fy, z, u, v, w, length):
 
 
 @kernel
-def walk(terrains, g, ox, oy, oz, u, v, w, nearest, farthest):
-    """Where a ray of the grid frame first meets the ground between nearest and farthest, inf if nowhere."""
+def walk(terrains, g, ray, nearest, farthest):
+    """Where a Ray of the grid frame first meets the terrain between nearest and farthest, inf if nowhere."""
+    ox, oy, oz, u, v, w = ray
     rows, columns, base = terrains.rows[g], terrains.columns[g], terrains.start[g]
     enter, leave = nearest, farthest
     for axis in range(3):
@@ -89,20 +97,14 @@ def walk(terrains, g, ox, oy, oz, u, v, w, nearest, farthest):
         stop = min(to_x, to_y, leave)
         if stop >= t:
             k = base + j * columns + i
-            found = crossing_in_cell(
+            corners = (
                 terrains.heights[k],
                 terrains.heights[k + 1],
                 terrains.heights[k + columns],
                 terrains.heights[k + columns + 1],
-                terrains.bilinear[g],
-                ox + t * u - i,
-                oy + t * v - j,
-                oz + t * w,
-                u,
-                v,
-                w,
-                stop - t,
             )
+            within = Ray(ox + t * u - i, oy + t * v - j, oz + t * w, u, v, w)
+            found = crossing_in_cell(corners, terrains.bilinear[g], within, stop - t)
             if found < INF:
                 return t + found
             t = stop
@@ -117,20 +119,18 @@ def walk(terrains, g, ox, oy, oz, u, v, w, nearest, farthest):
 
 
 @kernel
-def terrain_ray(terrains, g, m, ox, oy, oz, dx, dy, dz, nearest, farthest):
-    """As walk, for a ray of the frame that m (3, 4) takes to the grid frame."""
-    return walk(
-        terrains,
-        g,
+def terrain_ray(terrains, g, m, ray, nearest, farthest):
+    """As walk, for a Ray of the frame that m (3, 4) takes to the grid frame."""
+    ox, oy, oz, dx, dy, dz = ray
+    local = Ray(
         m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz + m[0, 3],
         m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz + m[1, 3],
         m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz + m[2, 3],
         m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz),
         m[1, 0] * dx + (m[1, 1] * dy + m[1, 2] * dz),
         m[2, 0] * dx + (m[2, 1] * dy + m[2, 2] * dz),
-        nearest,
-        farthest,
     )
+    return walk(terrains, g, local, nearest, farthest)
 
 
 @kernel
@@ -140,8 +140,8 @@ def terrain_row(s, end, y, terrains, local, tolerance):
         leaf = terrains.leaf[g]
         code = leaf * LEAF_STEP
         for j in range(ZERO, end):
-            depth = s[DEPTH + j]
-            t = terrain_ray(terrains, g, local[leaf], 0.0, 0.0, 0.0, s[X + j], y, 1.0, tolerance, depth + tolerance)
+            depth, ray = s[DEPTH + j], Ray(0.0, 0.0, 0.0, s[X + j], y, 1.0)
+            t = terrain_ray(terrains, g, local[leaf], ray, tolerance, depth + tolerance)
             if (
                 t < depth - tolerance
                 or (t <= depth + tolerance and code < s[HIT + j])

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..program import INTERSECT, UNION
 from ..settings import NEVER, PARALLEL, TINY
+from .records import Ray
 from .rows import (
     CODE,
     DEPTH,
@@ -37,10 +38,10 @@ NOTHING = -1.0
 
 
 @kernel
-def product_row(s, j0, j1, q, first, last, row, y, tolerance, csg, camera, whole, counts):
+def product_row(s, j0, j1, q, run, y, tolerance, csg, camera, whole, counts):
     """Merge the first entries of product q, on rays (s[X + j], y, 1) for j0 <= j < j1, into DEPTH and HIT.
 
-    first, last, row : the pixels that the rays lie in, for the spans of subtracted primitives; whole : ignore the spans
+    run : the PixelRun that the rays lie in, for the spans of subtracted primitives; whole : ignore the spans
     counts : (3,) int64: intersections, nodes, combines are added
     """
     begin, end = csg.product_start[q], csg.product_start[q + 1]
@@ -84,7 +85,7 @@ def product_row(s, j0, j1, q, first, last, row, y, tolerance, csg, camera, whole
     slots = np.uint64(0)
     for f in range(split, end):
         leaf = csg.factors[f]
-        if not whole and (camera.span[leaf, row, 0] > last or camera.span[leaf, row, 1] < first):
+        if not whole and (camera.span[leaf, run.row, 0] > run.last or camera.span[leaf, run.row, 1] < run.first):
             continue
         leaf_row(s, j0, j1, csg.kind[leaf], leaf, camera.local, camera.origin, camera.limit, y)
         counts[0] += n * csg.halfspaces[leaf]
@@ -129,8 +130,9 @@ SUBTRACTED_OUT, SUBTRACTED_CODE = np.uint64(STRIDE), np.uint64(2 * STRIDE)
 
 
 @kernel
-def local_span(kind, m, ox, oy, oz, dx, dy, dz):
-    """near, far, face_in, face_out of one ray, given in the frame that m (3, 4) takes to the leaf's unit frame."""
+def local_span(kind, m, ray):
+    """near, far, face_in, face_out of one Ray, given in the frame that m (3, 4) takes to the leaf's unit frame."""
+    ox, oy, oz, dx, dy, dz = ray
     lx = m[0, 0] * dx + (m[0, 1] * dy + m[0, 2] * dz)
     ly = m[1, 0] * dx + (m[1, 1] * dy + m[1, 2] * dz)
     lz = m[2, 0] * dx + (m[2, 1] * dy + m[2, 2] * dz)
@@ -194,12 +196,14 @@ def combine(op, times, hits, start, middle, end, tolerance):
 
 
 @kernel
-def child_list(csg, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance, times, hits, starts, counts):
-    """All boundaries of a child along a ray, into times and hits; how many is returned.
+def child_list(csg, matrices, spheres, child, ray, tolerance, work):
+    """All boundaries of a child along a Ray, into work.times and work.hits; how many is returned.
 
     matrices : (n, 3, 4) from the ray's frame to the unit frames; spheres : (n, 4) about the leaves in the ray's frame,
-    centre and squared radius. times, hits : room for 4 boundaries a leaf; starts : room for a stack of leaves.
+    centre and squared radius.
     """
+    times, hits, starts, counts = work.times, work.hits, work.starts, work.counts
+    ox, oy, oz, dx, dy, dz = ray
     depth = 0
     end = 0
     square = dx * dx + dy * dy + dz * dz
@@ -215,7 +219,7 @@ def child_list(csg, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance,
             along = cx * dx + cy * dy + cz * dz
             near, far, face_in, face_out = INF, -INF, 0.0, 0.0
             if (cx * cx + cy * cy + cz * cz - spheres[op, 3]) * square <= along * along:
-                near, far, face_in, face_out = local_span(csg.kind[op], matrices[op], ox, oy, oz, dx, dy, dz)
+                near, far, face_in, face_out = local_span(csg.kind[op], matrices[op], ray)
                 counts[0] += csg.halfspaces[op]
             if far - near > tolerance:
                 times[end], hits[end] = near, op * LEAF_STEP + FACE_STEP * face_in
@@ -235,26 +239,12 @@ def child_list(csg, matrices, spheres, child, ox, oy, oz, dx, dy, dz, tolerance,
 
 
 @kernel
-def list_row(s, j0, j1, child, y, tolerance, csg, camera, times, hits, starts, counts):
+def list_row(work, j0, j1, child, y, tolerance, csg, camera):
     """Merge the first boundary beyond the camera of a child, entry or exit, into DEPTH and HIT (see product_row)."""
+    s, times, hits = work.row, work.times, work.hits
     for j in range(j0, j1):
-        count = child_list(
-            csg,
-            camera.local,
-            camera.sphere,
-            child,
-            0.0,
-            0.0,
-            0.0,
-            s[X + j],
-            y,
-            1.0,
-            tolerance,
-            times,
-            hits,
-            starts,
-            counts,
-        )
+        ray = Ray(0.0, 0.0, 0.0, s[X + j], y, 1.0)
+        count = child_list(csg, camera.local, camera.sphere, child, ray, tolerance, work)
         for k in range(count):
             if tolerance < times[k] < NEVER:
                 entry, code, depth = times[k], hits[k] + (k % 2), s[DEPTH + j]
@@ -264,12 +254,13 @@ def list_row(s, j0, j1, child, y, tolerance, csg, camera, times, hits, starts, c
 
 
 @kernel
-def settle_row(s, m, y, tolerance, csg, camera, times, hits, starts, counts):
+def settle_row(work, m, y, tolerance, csg, camera):
     """Ask the programs where products were in doubt.
 
     Where several faces coincide, the products of a tree may disagree with it on whose face bounds the solid: what
     bounds one product may be inside the next. The place is certain, and a list of boundaries names the face.
     """
+    s, times, hits = work.row, work.times, work.hits
     for k in range(m):
         j = np.uint64(k)
         hit = s[HIT + j]
@@ -277,23 +268,8 @@ def settle_row(s, m, y, tolerance, csg, camera, times, hits, starts, counts):
             continue
         s[HIT + j] = np.floor(hit)
         child = csg.child_of[int(hit / LEAF_STEP)]
-        count = child_list(
-            csg,
-            camera.local,
-            camera.sphere,
-            child,
-            0.0,
-            0.0,
-            0.0,
-            s[X + j],
-            y,
-            1.0,
-            tolerance,
-            times,
-            hits,
-            starts,
-            counts,
-        )
+        ray = Ray(0.0, 0.0, 0.0, s[X + j], y, 1.0)
+        count = child_list(csg, camera.local, camera.sphere, child, ray, tolerance, work)
         for i in range(0, count, 2):
             if times[i] > tolerance:
                 if abs(times[i] - s[DEPTH + j]) <= 2.0 * tolerance:
