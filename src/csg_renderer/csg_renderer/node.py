@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -19,7 +21,7 @@ from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
 
 from .language import SceneError, SceneFile, read_scene
-from .language.loader import models_folder
+from .language.includes import models_folder
 from .raycast.engines import ENGINES
 from .raycast.frame import Frame
 from .raycast.render import render_stereo, scene_rig, viewing_hints
@@ -82,7 +84,7 @@ class RendererConfig(Config):
 class RendererNode(GraphNode[RendererConfig]):
     """Publishes left/ and right/ image_rect and camera_info, and on demand depth and ground truth."""
 
-    def __init__(self, **kwargs) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('renderer_node', RendererConfig, **kwargs)
         self._images = [self.create_output(Image, f'{side}/image_rect') for side in ('left', 'right')]
         self._infos = [self.create_output(CameraInfo, f'{side}/camera_info') for side in ('left', 'right')]
@@ -133,7 +135,7 @@ class RendererNode(GraphNode[RendererConfig]):
         return {'scene': self.config.scene, 'pairs': self._pair_index}
 
     @property
-    def _outputs(self) -> list:
+    def _outputs(self) -> list[Any]:
         return [*self._images, *self._infos, self._depth, self._pose, self._features]
 
     def _load(self, name: str) -> None:
@@ -261,7 +263,7 @@ def _read(name: str) -> SceneFile:
         raise ValueError(f'scene: {error}') from None
 
 
-def _changed_at(path) -> int:
+def _changed_at(path: str | Path) -> int:
     """Modification time in nanoseconds, 0 while there is no such file (editors replace files when they save)."""
     try:
         return os.stat(path).st_mtime_ns

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.typed import FloatArray
 
 from .pieces import Pieces, line_pieces
 from .settings import GENERIC_PHASE, ON_SURFACE, PARALLEL, RULINGS, SAME_HEIGHT, SHORTEST_AXIS
@@ -115,7 +116,8 @@ def _own_ends(table: SurfaceTable, group: int, inverse: np.ndarray) -> np.ndarra
     """Unit-frame z of the ends of all cylinders that share the surface."""
     leaves = np.nonzero((table.slots == group).any(axis=1))[0]
     points = np.concatenate([[table.frames[k][:3, 3], table.frames[k][:3, 3] + table.frames[k][:3, 2]] for k in leaves])
-    return points @ inverse[2, :3] + inverse[2, 3]
+    heights: FloatArray = points @ inverse[2, :3] + inverse[2, 3]
+    return heights
 
 
 def connected(angle: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import BoolArray, FloatArray
 from msgs_py.numeric.vectors import perpendicular
 
 from .settings import (
@@ -293,12 +294,14 @@ def identity(conic: np.ndarray) -> np.ndarray:
     dual = conic @ np.diag([1.0, 1.0, -1.0]) @ np.swapaxes(conic, 1, 2)
     dual = dual.reshape(len(conic), 16)
     dual = dual / np.linalg.norm(dual, axis=1, keepdims=True)
-    return dual * np.where(dual[:, :1] * 0.3 + dual[:, 5:6] * 0.7 + dual[:, 10:11] * 0.5 < 0.0, -1.0, 1.0)
+    signed: FloatArray = dual * np.where(dual[:, :1] * 0.3 + dual[:, 5:6] * 0.7 + dual[:, 10:11] * 0.5 < 0.0, -1.0, 1.0)
+    return signed
 
 
 def is_ellipse(conic: np.ndarray) -> np.ndarray:
     """(n,) bool for conics (n, 4, 3): closed, and parametrised by its conjugate diameters."""
-    return (np.abs(conic[:, 3, :2]) <= ELLIPSE_ROW).all(axis=1)
+    ellipse: BoolArray = (np.abs(conic[:, 3, :2]) <= ELLIPSE_ROW).all(axis=1)
+    return ellipse
 
 
 def _degenerate(a: np.ndarray, b: np.ndarray) -> list[tuple[float, float]]:

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .axes import connected
 from .faces import NODES, WEIGHTS, FacePart, Outline, quadrature
@@ -80,21 +81,26 @@ class _Chart:
             h = np.clip(h, -1.0, 1.0)
             cap = 0.5 * (h * np.sqrt(1.0 - h * h) + np.arcsin(h))
             value = (c * origin[0] + s * origin[1]) * cap + origin[2] * 0.5 * h * h + self.determinant * h
-        return sign * value
+        flux: FloatArray = sign * value
+        return flux
 
     def area(self, t: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Integral from 0 to h of |N| dh."""
+        area: FloatArray
         c, s = np.cos(t), np.sin(t)
         if self.kind == 'CYLINDER':
-            return np.linalg.norm(np.stack([c, s, 0 * c], axis=-1) @ self.cofactor.T, axis=-1) * h
+            area = np.linalg.norm(np.stack([c, s, 0 * c], axis=-1) @ self.cofactor.T, axis=-1) * h
+            return area
         if self.kind == 'CONE':
-            return np.linalg.norm(np.stack([c, s, -np.ones_like(c)], axis=-1) @ self.cofactor.T, axis=-1) * 0.5 * h * h
+            area = np.linalg.norm(np.stack([c, s, -np.ones_like(c)], axis=-1) @ self.cofactor.T, axis=-1) * 0.5 * h * h
+            return area
         # In the angle from the equator the integrand is smooth up to the poles.
         polar = np.arcsin(np.clip(h, -1.0, 1.0))
         at = 0.5 * polar[..., None] * (1.0 + NODES)
         normal = np.stack([np.cos(at) * c[..., None], np.cos(at) * s[..., None], np.sin(at)], axis=-1)
         size = np.linalg.norm(normal @ self.cofactor.T, axis=-1) * np.cos(at)
-        return 0.5 * polar * (size * WEIGHTS).sum(axis=-1)
+        area = 0.5 * polar * (size * WEIGHTS).sum(axis=-1)
+        return area
 
     def angle_step(self, nodes: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """dt along a curve; zero on the axis, where the angle is undefined."""
@@ -223,7 +229,8 @@ def _linked(label: np.ndarray, owner: np.ndarray, beside: np.ndarray, following:
             parts.setdefault(int(border), []).append(int(label[interval]))
     links = [(own[0], other) for own in parts.values() for other in own[1:]]
     links += [(parts[a][0], parts[b][0]) for a, b in following if a in parts and b in parts]
-    return linked_groups(int(label.max()) + 1, links)[label]
+    groups: IntArray = linked_groups(int(label.max()) + 1, links)[label]
+    return groups
 
 
 def _add_poles(

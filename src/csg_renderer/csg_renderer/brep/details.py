@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import FloatArray
+
 from .conics import positions
 from .curved_faces import curved_faces
 from .faces import FacePart, Outline, planar_faces, quadrature
@@ -243,7 +245,8 @@ def _vertices(anatomy: Anatomy) -> np.ndarray:
         at = np.array(apexes)
         found.append(at[_apex_remains(table, at)])
     points = np.concatenate(found)
-    return points[cluster(points, SAME_VERTEX)[1]]
+    distinct: FloatArray = points[cluster(points, SAME_VERTEX)[1]]
+    return distinct
 
 
 def _apex_remains(table: SurfaceTable, at: np.ndarray) -> np.ndarray:

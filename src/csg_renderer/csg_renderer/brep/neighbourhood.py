@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import BoolArray
 from msgs_py.numeric.vectors import perpendicular
 
 from .settings import GRAZING_SLOPE, NO_GRADIENT, ON_SURFACE, SAME_ANGLE, SAME_CURVATURE, SECTOR_CHUNK
@@ -165,7 +166,8 @@ def _sector_truth(table: SurfaceTable, points: np.ndarray, groups: np.ndarray, s
     local = side[..., table.slots] * table.slot_sign.astype(np.int8)
     # A group that does not pass through the point keeps the sign that it has there.
     far = np.where(np.abs(seen) > ON_SURFACE, np.sign(seen), 0.0).astype(np.int8)
-    return np.where(far[:, None] != 0, far[:, None], local).max(axis=-1) < 1
+    inside: BoolArray = np.where(far[:, None] != 0, far[:, None], local).max(axis=-1) < 1
+    return inside
 
 
 def _mix(code: np.ndarray) -> np.ndarray:

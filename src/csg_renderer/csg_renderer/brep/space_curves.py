@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import FloatArray
+
 from .conics import quadric_angles
 from .neighbourhood import classify, faces_through
 from .pieces import Pieces, creases
@@ -202,7 +204,8 @@ def _sampled(curve: RuledCurve, low: float, high: float) -> np.ndarray:
     points = curve.points(np.linspace(low, high, 2 * count + 1))
     # A nearly flat quadric can bring a crossing next to infinity; what is finite is kept, an odd number of points.
     finite = points[np.isfinite(points).all(axis=1)]
-    return finite[: len(finite) - (len(finite) + 1) % 2]
+    odd: FloatArray = finite[: len(finite) - (len(finite) + 1) % 2]
+    return odd
 
 
 def _cuts(table: SurfaceTable, curve: RuledCurve, turn: np.ndarray, own: set[int]) -> np.ndarray:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.typed import FloatArray
 
 from ..scene.solid import Operation, Primitive, Solid
 from .settings import APEX_SLOPE, GENERIC_DIRECTION, LEAST_QUADRIC_SLOPE, SAME_SURFACE
@@ -91,11 +92,13 @@ class SurfaceTable:
 
     def metres(self, points: np.ndarray) -> np.ndarray:
         """Normalised points (..., 3) to model-frame metres."""
-        return points * self.size + self.centre
+        metres: FloatArray = points * self.size + self.centre
+        return metres
 
     def normalised(self, points: np.ndarray) -> np.ndarray:
         """Model-frame metres (..., 3) to normalised points."""
-        return (points - self.centre) / self.size
+        normalised: FloatArray = (points - self.centre) / self.size
+        return normalised
 
     def values(self, points: np.ndarray) -> np.ndarray:
         """(n, groups + 1): signed distance of (n, 3) normalised points to every group, first order for a quadric."""
@@ -137,7 +140,8 @@ class SurfaceTable:
 
     def leaf_values(self, values: np.ndarray) -> np.ndarray:
         """(n, m, 6): group values (n, groups + 1) with the sign that they have for each leaf, negative inside."""
-        return values[..., self.slots] * self.slot_sign
+        signed: FloatArray = values[..., self.slots] * self.slot_sign
+        return signed
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(n,) bool: normalised points (n, 3) inside the solid; points on its boundary may go either way."""

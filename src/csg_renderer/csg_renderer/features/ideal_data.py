@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, StereoRig
+from msgs_py.numeric.typed import FloatArray
 from msgs_py.renaming import renamed_arguments
 
 from ..brep.model_features import model_features
@@ -263,4 +264,5 @@ def _in_ellipsoid(direction: np.ndarray, degradation: Degradation, rng: np.rando
     ball = rng.normal(size=(n, 3))
     ball *= (rng.random(n) ** (1.0 / 3.0) / np.maximum(np.linalg.norm(ball, axis=1), LEAST_LENGTH))[:, None]
     along = (ball * direction).sum(axis=1, keepdims=True) * direction
-    return degradation.err_par * along + degradation.err_per * (ball - along)
+    errors: FloatArray = degradation.err_par * along + degradation.err_per * (ball - along)
+    return errors

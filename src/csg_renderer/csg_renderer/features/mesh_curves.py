@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import FloatArray
+
 from .settings import (
     AMBIGUOUS_CONIC,
     COLLINEAR,
@@ -94,7 +96,7 @@ def turns(chain: Chain) -> np.ndarray:
     """(n,) radians: the turn at the start of each segment; at a closed chain's start from its last segment."""
     d = chain.steps
     before = np.roll(d, 1, axis=0)
-    angle = np.arctan2(np.linalg.norm(np.cross(before, d), axis=1), (before * d).sum(axis=1))
+    angle: FloatArray = np.arctan2(np.linalg.norm(np.cross(before, d), axis=1), (before * d).sum(axis=1))
     if not chain.closed:
         angle[0] = np.pi
     return angle

@@ -14,6 +14,7 @@ import numpy as np
 
 from msgs_py import FeatureSet
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.typed import FloatArray
 
 from ..brep.settings import WHOLE_TURN
 from ..brep.surfaces import cluster
@@ -274,7 +275,8 @@ def _axes(
                 found.append([one, other])
     pairs = np.array(found).reshape(-1, 2, 3)
     ordered = np.sort(pairs, axis=1).reshape(-1, 6)
-    return pairs[cluster(ordered, SAME_AXIS * size)[1]]
+    axes: FloatArray = pairs[cluster(ordered, SAME_AXIS * size)[1]]
+    return axes
 
 
 def _rulings(

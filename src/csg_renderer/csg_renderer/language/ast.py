@@ -157,7 +157,8 @@ def _at(token: Token) -> Place:
     return Place(token.line, token.column, len(token))
 
 
-class Build(Transformer):
+# lark 0.12 has one type argument here, lark 1 has two.
+class Build(Transformer):  # type: ignore[type-arg]
     """Grammar rules to nodes; runs inside the LALR parser, so its depth does not depend on the text."""
 
     def start(self, c: list[Any]) -> Any:
@@ -201,7 +202,8 @@ class Build(Transformer):
         steps = tuple(node for node in c if isinstance(node, Step))
         last, *suffixes = c[len(steps) :]
         if not steps and not suffixes:
-            return last
+            operand: Expression = last
+            return operand
         place = steps[0].operand.place if steps else last.place
         return Combination(place, steps, last, tuple(suffixes))
 
@@ -234,7 +236,8 @@ class Build(Transformer):
 
     def group(self, c: list[Any]) -> Expression:
         # Parentheses close a combination to the suffixes that follow; a single operand needs no closing.
-        return c[0]
+        inside: Expression = c[0]
+        return inside
 
     def arguments(self, c: list[Any]) -> tuple[Place, tuple[Expression, ...]]:
         return (c[0].place if c else Place(1, 1), tuple(c))

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from msgs_py.numeric.typed import FloatArray
+
 from ..brep.surfaces import SurfaceTable, compile_surfaces
 from ..scene.solid import FACES, Primitive, Solid
 
@@ -44,7 +46,8 @@ class Face:
     @property
     def outward(self) -> np.ndarray:
         """(3,): the mean outward normal, a unit vector only where the face is flat and has material on one side."""
-        return self.normals.mean(axis=0)
+        mean: FloatArray = self.normals.mean(axis=0)
+        return mean
 
 
 def paint_faces(solid: Solid) -> Solid:

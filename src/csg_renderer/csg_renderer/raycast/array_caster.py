@@ -41,6 +41,7 @@ class Rays:
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Rows and columns of PEs."""
         return self.direction[0].shape
 
 
@@ -50,7 +51,14 @@ Boundary = tuple[DapArray, DapArray, Any, Any]  # enter, leave, face entered, fa
 class Caster:
     """Intersections on one machine.
 
-    length : bytes of the REALs; tolerance : boundaries this close along a ray are one
+    Parameters
+    ----------
+    dap : Dap
+        The machine that the work is charged to.
+    kind : Kind
+        Of the REALs, 4 to 8 bytes.
+    tolerance : float
+        Boundaries this close along a ray are one, metres.
     """
 
     def __init__(self, dap: Dap, kind: Kind, tolerance: float) -> None:
@@ -59,6 +67,7 @@ class Caster:
         self.tiny = TINY if kind.bits == 64 else SHORT_WORD_TINY
 
     def filled(self, value: float, shape: tuple[int, ...]) -> DapArray:
+        """A REAL plane of one value."""
         return f.filled(self.dap, value, shape, self.kind)
 
     def localise(self, rays: Rays, m: Any, parallel: float) -> Rays:
@@ -108,10 +117,11 @@ class Caster:
         return f.filled(self.dap, face + first_code, shape, CODES)
 
     def _faces(self, one: Any, other: Any, mask: DapArray) -> DapArray:
-        """one where the mask is true, else other; both face numbers or planes of them."""
+        """Face numbers: those of ``one`` where the mask is true, else of ``other``."""
         if not isinstance(one, DapArray) and not isinstance(other, DapArray):
             one = f.filled(self.dap, one, mask.shape, CODES)
-        return f.merge(one, other, mask)
+        merged: DapArray = f.merge(one, other, mask)
+        return merged
 
     def _slab(self, rays: Rays, axis: int, face: int) -> Boundary:
         """0 <= coordinate <= 1: faces ``face`` (at 0) and ``face + 1`` (at 1)."""
@@ -275,7 +285,7 @@ class Caster:
         return t, hit, flags
 
     def first_hit(self, spans: Spans, nearest: float, entries_only: bool) -> tuple[DapArray, DapArray, DapArray]:
-        """t (infinite on a miss), code and "enters there" of the first boundary beyond ``nearest``."""
+        """Place (infinite on a miss), code and "enters there" of the first boundary beyond ``nearest``."""
         shape = spans.t[0].shape
         t = self.filled(INFINITE, shape)
         hit = f.filled(self.dap, -1, shape, CODES)

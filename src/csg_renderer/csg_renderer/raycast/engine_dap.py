@@ -8,7 +8,7 @@ cycles, computed and not simulated. REAL*8 gives the other engines' image; short
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -38,7 +38,13 @@ from .settings import (
 
 OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE'}
 KIND_NAMES = {code: name for name, code in KIND_CODES.items()}
-Vector = tuple[Any, Any, Any]
+# Each component is a number for all PEs or a plane with one for each; so are values of a material.
+Vector: TypeAlias = tuple[Any, Any, Any]
+Components: TypeAlias = Sequence[Any]
+# The nearest boundary on every ray: t, code, and whether the ray enters there.
+Hit: TypeAlias = tuple[DapArray, DapArray, DapArray]
+# Rays still to be cast, with their weight in their pixel (None: all of it), level, hits if known, and leaves to meet.
+Pending: TypeAlias = tuple[Rays, DapArray | None, int, Hit | None, list[int]]
 
 
 def render_views(scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
@@ -136,9 +142,9 @@ class _Tracer:
 
     def _cast(
         self, children: Sequence[np.ndarray], rays: Rays, transforms: np.ndarray, nearest: float, entries_only: bool
-    ) -> tuple[DapArray, DapArray, DapArray]:
+    ) -> Hit:
         """t, code and "enters there" of the nearest boundary of some children."""
-        best: tuple[DapArray, DapArray, DapArray] | None = None
+        best: Hit | None = None
         for code in children:
             other = self.caster.first_hit(self._spans(code, rays, transforms), nearest, entries_only)
             best = other if best is None else self._nearer(best, other)
@@ -168,7 +174,7 @@ class _Tracer:
                 stack.append(self.caster.combine(OPERATOR_NAMES[int(op)], left, right))
         return stack[0]
 
-    def _nearer(self, best: tuple, other: tuple) -> tuple[DapArray, DapArray, DapArray]:
+    def _nearer(self, best: Hit, other: Hit) -> Hit:
         """The nearer of two hits; within the tolerance, the lower code's."""
         (t, hit, entering), (new_t, new_hit, new_entering) = best, other
         found, empty = new_t < INFINITE, ~(t < INFINITE)
@@ -178,12 +184,14 @@ class _Tracer:
 
     # Shading it.
 
-    def _shade(self, rays: Rays, hits: tuple, leaves: list[int], shaded: bool = True) -> tuple[list, Vector]:
+    def _shade(
+        self, first: Rays, first_hits: Hit, shown: list[int], shaded: bool = True
+    ) -> tuple[list[DapArray], Vector]:
         """Colours and outward normals of the first hits, with what further levels add."""
-        program, shape = self.view.program, rays.shape
+        program, shape = self.view.program, first.shape
         colour = [self.caster.filled(0.0, shape) for _ in range(3)]
         facing: Vector | None = None
-        pending: list[tuple] = [(rays, None, 1, hits, leaves)]
+        pending: list[Pending] = [(first, None, 1, first_hits, shown)]
         every = sorted(range(len(program.kind)))
         while pending:
             rays, weight, level, hits, leaves = pending.pop()
@@ -201,18 +209,18 @@ class _Tracer:
             # A ray that meets nothing is given a point where numbers stay finite; its results are masked out.
             reach = f.merge(t, 1.0, seen)
             points = [o + reach * d for o, d in zip(rays.origin, rays.direction)]
-            look = self._look(hit, leaves, points, rays.direction, entering)
+            surfaces = self._surfaces(hit, leaves, points, rays.direction, entering)
             if facing is None:
-                facing = look['normal']
+                facing = surfaces['normal']
             if not lit:
                 continue
             flip = ~entering
-            towards = tuple(f.merge(-n, n, flip) for n in look['normal'])
+            towards = tuple(f.merge(-n, n, flip) for n in surfaces['normal'])
             view = self._unit(rays.direction)
-            local, mirrored = self._illuminate(look, points, towards, view, leaves)
+            local, mirrored = self._illuminate(surfaces, points, towards, view, leaves)
             last = level == self.options.levels
-            clear = 0.0 if last else look['transparency']
-            mirror = 0.0 if last else look['reflection']
+            clear = 0.0 if last else surfaces['transparency']
+            mirror = 0.0 if last else surfaces['reflection']
             through = 1.0 - clear
             share = through if weight is None else weight * through
             for channel, value in zip(colour, local):
@@ -229,8 +237,8 @@ class _Tracer:
         assert facing is not None
         return colour, facing
 
-    def _look(
-        self, hit: DapArray, leaves: list[int], points: list, direction: Sequence[DapArray], entering: DapArray
+    def _surfaces(
+        self, hit: DapArray, leaves: list[int], points: Components, direction: Sequence[DapArray], entering: DapArray
     ) -> dict[str, Any]:
         """Outward normal, face colour and material at every hit: one masked assignment for each face that shows."""
         program, shape = self.view.program, hit.shape
@@ -263,7 +271,7 @@ class _Tracer:
             **materials,
         }
 
-    def _normal(self, leaf: int, kind: int, face: int, points: list, direction: Sequence[DapArray]) -> Sequence:
+    def _normal(self, leaf: int, kind: int, face: int, points: Components, direction: Sequence[DapArray]) -> Components:
         """Unit normal of a face, its sign not yet settled: three numbers, or planes for a curved face."""
         inverse = self.view.program.inverse[leaf]
         if face < len(FACES[KIND_NAMES[kind]]) - 1 or KIND_NAMES[kind] in ('BLOCK', 'PLANE'):
@@ -288,29 +296,30 @@ class _Tracer:
         scale = 1.0 / f.sqrt(f.merge(1.0, square, apex))
         return [f.merge(-d, component * scale, apex) for component, d in zip(normal, direction)]
 
-    def _sum(self, terms: list) -> Any:
+    def _sum(self, terms: Components) -> Any:
         total = terms[0]
         for term in terms[1:]:
             total = total + term
         return total
 
-    def _dot(self, a: Sequence, b: Sequence) -> Any:
+    def _dot(self, a: Components, b: Components) -> Any:
         return self._sum([p * q for p, q in zip(a, b)])
 
-    def _unit(self, vectors: Sequence) -> Vector:
+    def _unit(self, vectors: Components) -> Vector:
         length = f.sqrt(self._dot(vectors, vectors))
         length.assign(1.0, length.compare('eq', 0.0))
         return (vectors[0] / length, vectors[1] / length, vectors[2] / length)
 
     def _illuminate(
-        self, look: dict[str, Any], points: list, normal: Vector, view: Vector, leaves: list[int]
-    ) -> tuple[list, Vector]:
+        self, surfaces: dict[str, Any], points: Components, normal: Components, view: Vector, leaves: list[int]
+    ) -> tuple[list[Any], Vector]:
         """Linear colours and the mirrored viewing ray (thesis 4.5, shading.py)."""
         program = self.view.program
         slope = self._dot(view, normal) * 2.0
         mirrored = (view[0] - slope * normal[0], view[1] - slope * normal[1], view[2] - slope * normal[2])
         result = [
-            look['ambient'] * channel * float(light) for channel, light in zip(look['colour'], program.ambient_light)
+            surfaces['ambient'] * channel * float(light)
+            for channel, light in zip(surfaces['colour'], program.ambient_light)
         ]
         glossy = any(program.material[leaf, 2] > 0.0 for leaf in leaves)
         for position, light in zip(program.lights, program.light_colours):
@@ -324,23 +333,25 @@ class _Tracer:
             if self.options.shadows and f.any_(lit):
                 through = self._transmission(points, to_light, distance)
                 arriving = arriving * through
-            shade = look['diffuse'] * arriving
+            shade = surfaces['diffuse'] * arriving
             highlight = None
             if glossy:
                 along = self._dot(mirrored, to_light)
                 shining = f.merge(
-                    self._power(f.merge(along, 1.0, along > 0.0), look['shininess'], leaves), 0.0, (along > 0.0) & lit
+                    self._power(f.merge(along, 1.0, along > 0.0), surfaces['shininess'], leaves),
+                    0.0,
+                    (along > 0.0) & lit,
                 )
                 if self.options.shadows and f.any_(lit):
                     shining = shining * through
-                highlight = look['specular'] * shining
-            for index, channel in enumerate(look['colour']):
+                highlight = surfaces['specular'] * shining
+            for index, channel in enumerate(surfaces['colour']):
                 value = shade * channel if highlight is None else shade * channel + highlight
                 result[index] = result[index] + value * float(light[index])
         return result, mirrored
 
     def _power(self, base: DapArray, exponent: Any, leaves: list[int]) -> DapArray:
-        """base ** exponent; one pass for each exponent that the leaves have."""
+        """Raise to a power; one pass for each exponent that the leaves have."""
         if not isinstance(exponent, DapArray):
             return base.power(int(exponent) if float(exponent).is_integer() else float(exponent))
         result = self.caster.filled(1.0, base.shape)
@@ -349,7 +360,7 @@ class _Tracer:
             result.assign(raised, exponent.compare('eq', value))
         return result
 
-    def _transmission(self, points: list, direction: Vector, distance: DapArray) -> DapArray:
+    def _transmission(self, points: Components, direction: Vector, distance: DapArray) -> DapArray:
         """How much light comes along rays of some length: the product of transparencies in the way."""
         program = self.view.program
         light = self.caster.filled(1.0, distance.shape)

@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from msgs_py.numeric.typed import ByteArray
+
 from .frame import Frame
 from .settings import DEPTH_GREY_RANGE, HUE_STEP, LEAST_DEPTH_RANGE
 
@@ -41,7 +43,8 @@ def depth_picture(frame: Frame) -> np.ndarray:
 def normal_picture(frame: Frame) -> np.ndarray:
     """(h, w, 3) uint8: camera-frame normals as colours, x, y, z in -1..1 to red, green, blue; background black."""
     normals = np.nan_to_num(frame.camera_normal, nan=-1.0)
-    return np.rint((normals + 1.0) * 127.5).astype(np.uint8)
+    picture: ByteArray = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
+    return picture
 
 
 def id_picture(ids: np.ndarray) -> np.ndarray:
@@ -51,7 +54,8 @@ def id_picture(ids: np.ndarray) -> np.ndarray:
     values = np.where(np.arange(n) % 2, 255, 190).astype(np.uint8)
     hsv = np.stack([hues, np.full(n, 170, dtype=np.uint8), values], axis=-1)[None]
     colours = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0] if n else np.zeros((0, 3), dtype=np.uint8)
-    return np.concatenate([colours, np.zeros((1, 3), dtype=np.uint8)]).astype(np.uint8)[ids]
+    picture: ByteArray = np.concatenate([colours, np.zeros((1, 3), dtype=np.uint8)]).astype(np.uint8)[ids]
+    return picture
 
 
 def save_arrays(path: Path, frame: Frame) -> Path:

@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from msgs_py import Pose
+from msgs_py.numeric.typed import FloatArray
 
 from ..scene.scene import Scene
 from ..scene.solid import Operation, Primitive, Solid
@@ -32,7 +33,8 @@ _BOX = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0
 def _octagon() -> np.ndarray:
     """(8, 2): the regular octagon about the unit circle."""
     angle = (np.arange(8) + 0.5) * (np.pi / 4)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.cos(np.pi / 8)
+    octagon: FloatArray = np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.cos(np.pi / 8)
+    return octagon
 
 
 def _outlines() -> dict[int, np.ndarray]:

@@ -10,16 +10,23 @@ a solid misses it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeAlias
 from typing import cast as cast_to
 
 import numpy as np
+
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..scene.terrain import Terrain, first_crossing
 from ..scene.terrain import gradient as slope
 from .frame import FACE_SLOTS, MISS, RenderStats
 from .program import BLOCK, CONE, CYLINDER, HALFSPACES, INTERSECT, PLANE, SPHERE, UNION, Program, View
 from .settings import APEX, FAR, NEVER, PARALLEL, TINY
+
+# One span of every ray: where it enters, where it leaves, the face there, each (n,).
+Convex: TypeAlias = tuple[FloatArray, FloatArray, IntArray, IntArray]
 
 
 @dataclass
@@ -88,7 +95,7 @@ def localise(origin: np.ndarray, direction: np.ndarray, transform: np.ndarray) -
     return np.where(np.abs(at - nearest) < reach, nearest, at), local
 
 
-def _slab(origin, direction, axis: int, face: int):
+def _slab(origin: FloatArray, direction: FloatArray, axis: int, face: int) -> Convex:
     """The part of a ray with 0 <= coordinate <= 1; faces ``face`` (at 0) and ``face + 1`` (at 1)."""
     o, d = origin[:, axis], direction[:, axis]
     inverse = 1.0 / d
@@ -102,7 +109,7 @@ def _slab(origin, direction, axis: int, face: int):
     )
 
 
-def _meet(first, second):
+def _meet(first: Convex, second: Convex) -> Convex:
     """The common part of two convex spans. Equal ends keep the first's face."""
     enter_1, leave_1, in_1, out_1 = first
     enter_2, leave_2, in_2, out_2 = second
@@ -115,7 +122,9 @@ def _meet(first, second):
     )
 
 
-def _quadratic(origin, direction, signs, constant):
+def _quadratic(
+    origin: FloatArray, direction: FloatArray, signs: tuple[float, float, float], constant: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Coefficients of a t^2 + 2 b t + c for x^2 s0 + y^2 s1 + z^2 s2 - constant."""
     (ox, oy, oz), (dx, dy, dz) = origin.T, direction.T
     s0, s1, s2 = signs
@@ -126,7 +135,7 @@ def _quadratic(origin, direction, signs, constant):
     )
 
 
-def _roots(a, b, c):
+def _roots(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Both roots of a t^2 + 2 b t + c without cancellation, and whether they are real and distinct."""
     discriminant = b * b - a * c
     real = discriminant > 0.0
@@ -135,7 +144,7 @@ def _roots(a, b, c):
     return q / np.where(np.abs(a) < TINY, TINY, a), c / q, real
 
 
-def _between(a, b, c, face: int):
+def _between(a: FloatArray, b: FloatArray, c: FloatArray, face: int) -> Convex:
     """Where a t^2 + 2 b t + c <= 0 with a >= 0; a ray along a cylinder's axis is inside it always or never."""
     along = a < TINY
     first, second, real = _roots(np.where(along, 1.0, a), b, c)
@@ -148,7 +157,7 @@ def _between(a, b, c, face: int):
     return enter, leave, faces, faces
 
 
-def _cone(origin, direction):
+def _cone(origin: FloatArray, direction: FloatArray) -> Convex:
     """x^2 + y^2 <= z^2 and 0 <= z <= 1. Only the nappe above the apex counts, and in it a ray has one span."""
     a, b, c = _quadratic(origin, direction, (1.0, 1.0, -1.0), 0.0)
     first, second, real = _roots(a, b, c)
@@ -279,7 +288,7 @@ def nearest_of(best: Hits, other: Hits, tolerance: float) -> Hits:
 
 def cast(
     view: View,
-    children,
+    children: Iterable[IntArray],
     origin: np.ndarray,
     direction: np.ndarray,
     transforms: np.ndarray,
@@ -294,13 +303,21 @@ def cast(
         spans = child_spans(view.program, code, origin, direction, transforms, view.tolerance, stats)
         best = nearest_of(best, first_hits(spans, nearest, entries_only), view.tolerance)
     for leaf in view.program.terrains:
-        t = _ground(view, leaf, origin, direction, transforms[leaf], nearest, np.inf)
+        t = _meet_terrain(view, leaf, origin, direction, transforms[leaf], nearest, np.inf)
         hit = np.where(np.isfinite(t), leaf * FACE_SLOTS, MISS)
         best = nearest_of(best, Hits(t, hit, np.ones(n, bool)), view.tolerance)
     return best
 
 
-def _ground(view: View, leaf: int, origin, direction, transform, nearest, farthest) -> np.ndarray:
+def _meet_terrain(
+    view: View,
+    leaf: int,
+    origin: FloatArray,
+    direction: FloatArray,
+    transform: FloatArray,
+    nearest: float,
+    farthest: FloatArray | float,
+) -> FloatArray:
     """(n,) where rays meet a terrain; transform (3, 4) takes their frame to the grid's."""
     terrain = cast_to(Terrain, view.program.leaves[leaf])
     at = np.broadcast_to(origin @ transform[:, :3].T + transform[:, 3], direction.shape)
@@ -321,7 +338,7 @@ def transmission(
             blocked = (spans.t[:, column] < distance - view.departure) & (spans.t[:, column + 1] > view.departure)
             light = np.where(blocked, light * transparency[spans.hit[:, column] // FACE_SLOTS], light)
     for leaf in view.program.terrains:
-        t = _ground(
+        t = _meet_terrain(
             view, leaf, origin, direction, view.program.inverse[leaf, :3], view.departure, distance - view.departure
         )
         light = np.where(np.isfinite(t), light * transparency[leaf], light)

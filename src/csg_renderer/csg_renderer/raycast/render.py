@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +112,11 @@ def render(
 
 
 def render_stereo(
-    scene: Scene, rig: StereoRig | None = None, world_to_camera: Pose | None = None, engine: str = 'native', **options
+    scene: Scene,
+    rig: StereoRig | None = None,
+    world_to_camera: Pose | None = None,
+    engine: str = 'native',
+    **options: Any,
 ) -> tuple[Frame, Frame]:
     """A rectified pair, (left, right). world_to_camera places the left camera; options as for :func:`render`.
 

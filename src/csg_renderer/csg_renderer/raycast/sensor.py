@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from msgs_py.numeric.typed import ByteArray
+
 from .settings import LUMA
 
 
@@ -44,7 +46,8 @@ class SensorModel:
         if self.noise_sigma > 0.0:
             noise = np.random.default_rng(self.seed).standard_normal(values.shape, dtype=np.float32)
             values = values + np.float32(self.noise_sigma) * noise
-        return np.rint(values).clip(0.0, 255.0).astype(np.uint8)
+        pixels: ByteArray = np.rint(values).clip(0.0, 255.0).astype(np.uint8)
+        return pixels
 
 
 def grey(image: np.ndarray) -> np.ndarray:

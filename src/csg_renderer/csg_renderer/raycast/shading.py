@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import ByteArray, FloatArray
+
 from .frame import FACE_SLOTS
 from .program import Program
 
@@ -28,7 +30,7 @@ def illuminate(
     leaf = hit // FACE_SLOTS
     colour = program.colours[leaf, hit % FACE_SLOTS]
     ambient, diffuse, specular, shininess = program.material[leaf, :4].T
-    result = ambient[:, None] * colour * program.ambient_light
+    result: FloatArray = ambient[:, None] * colour * program.ambient_light
     mirrored = reflect(direction, normal)
     for index, (position, light) in enumerate(zip(program.lights, program.light_colours)):
         to_light = unit(position - points)
@@ -44,7 +46,8 @@ def illuminate(
 def reflect(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """(n, 3) unit: viewing rays mirrored at the surface."""
     ray = unit(direction)
-    return ray - 2.0 * np.einsum('ni,ni->n', ray, normal)[:, None] * normal
+    mirrored: FloatArray = ray - 2.0 * np.einsum('ni,ni->n', ray, normal)[:, None] * normal
+    return mirrored
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -55,4 +58,5 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 def quantise(colours: np.ndarray) -> np.ndarray:
     """Linear 0..1 to uint8, clipped and rounded."""
-    return (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    pixels: ByteArray = (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    return pixels

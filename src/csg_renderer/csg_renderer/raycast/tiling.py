@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from .settings import SPAN_MARGIN
 
@@ -19,7 +20,18 @@ NOWHERE = 2**30
 
 
 @njit(error_model='numpy', nogil=True)
-def leaf_spans(points, starts, near, fx, fy, cx, cy, width, spans, depths):
+def leaf_spans(
+    points: FloatArray,
+    starts: IntArray,
+    near: float,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    width: int,
+    spans: Int32Array,
+    depths: FloatArray,
+) -> None:
     """Fill spans (n, h, 2) int32, first and last pixel of each leaf in each image row, and its least depth (n,).
 
     points : (p, 3) float64 camera frame, corners of convex outlines; starts : (n + 1,) into points; a leaf without
@@ -58,7 +70,7 @@ def leaf_spans(points, starts, near, fx, fy, cx, cy, width, spans, depths):
 
 
 @njit(error_model='numpy', nogil=True)
-def convex_hull(points):
+def convex_hull(points: FloatArray) -> FloatArray:
     """(m, 2) corners of the convex hull of (k, 2) points, in order (Andrew's monotone chain)."""
     count = points.shape[0]
     # Sorted by insertion: there are some eight points, and a general sort would have to be compiled.
@@ -86,7 +98,7 @@ def convex_hull(points):
 
 
 @njit(error_model='numpy', nogil=True)
-def fill_hull(hull, width, span):
+def fill_hull(hull: FloatArray, width: int, span: Int32Array) -> None:
     """Fill span (h, 2) with the pixels of each row that a convex polygon touches."""
     height = span.shape[0]
     size = hull.shape[0]

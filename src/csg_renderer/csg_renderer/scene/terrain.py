@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from msgs_py import Pose
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .solid import Solid, Surface, as_matrix
 
@@ -133,7 +134,7 @@ def gradient(terrain: Terrain, points: np.ndarray) -> np.ndarray:
     return np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
 
 
-def cell_of(terrain: Terrain, points: np.ndarray):
+def cell_of(terrain: Terrain, points: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Column and row of the cell of each point, and the place in it, 0..1."""
     rows, columns = terrain.heights.shape
     i = np.clip(np.floor(points[:, 0]), 0, columns - 2).astype(np.int64)
@@ -141,7 +142,7 @@ def cell_of(terrain: Terrain, points: np.ndarray):
     return i, j, points[:, 0] - i, points[:, 1] - j
 
 
-def corners(terrain: Terrain, i: np.ndarray, j: np.ndarray):
+def corners(terrain: Terrain, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Heights of a cell's corners: (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)."""
     h = terrain.heights
     return h[j, i], h[j, i + 1], h[j + 1, i], h[j + 1, i + 1]

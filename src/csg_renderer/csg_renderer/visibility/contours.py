@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import IntArray
+
 from ..brep.conics import section
 from ..brep.pieces import Pieces, conic_pieces, line_pieces
 from ..brep.surfaces import SurfaceTable
@@ -64,4 +66,5 @@ def _on_boundary(
 def _owned(pieces: Pieces, group: int) -> np.ndarray:
     """(k,) int: pieces where the group is a smooth sheet of the boundary."""
     rows = np.unique(pieces.branches.point[pieces.branches.group == group])
-    return rows[~pieces.branches.crease[rows]]
+    owned: IntArray = rows[~pieces.branches.crease[rows]]
+    return owned

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..brep.boundary import Boundary, arcs
 from ..brep.conics import evaluate
@@ -302,7 +303,8 @@ def ends_of(segment: np.ndarray, spans: Spans) -> np.ndarray:
     """(k, 2, 3): the end points of spans of segments (n, 2, 3)."""
     start, end = segment[spans.row, 0], segment[spans.row, 1]
     t = np.stack([spans.low, spans.high], axis=1)[..., None]
-    return start[:, None] + t * (end - start)[:, None]
+    ends: FloatArray = start[:, None] + t * (end - start)[:, None]
+    return ends
 
 
 def round_circles(wires: Wires, spans: Spans) -> Spans:
@@ -351,4 +353,5 @@ def _rims(found: Boundary, ends: np.ndarray) -> np.ndarray:
         & (np.abs((offset * normal).sum(axis=2)) < slack)
         & (distance < np.linalg.norm(found.conic[found.curve, :3, 0], axis=1))
     )
-    return np.where(about.any(axis=1)[:, None], about, oblique)
+    owners: BoolArray = np.where(about.any(axis=1)[:, None], about, oblique)
+    return owners

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msgs_py.numeric.typed import BoolArray
+
 from ..brep.conics import evaluate, quadric_angles
 from .settings import EDGE_ON, PAST_END, SHORTEST_PIECE
 
@@ -200,4 +202,5 @@ def _within(angle: np.ndarray, wires: Wires) -> np.ndarray:
     """(c, ...) bool: angles that lie in their conic's range."""
     shape = (-1,) + (1,) * (angle.ndim - 1)
     low, span = wires.low.reshape(shape), (wires.high - wires.low).reshape(shape)
-    return (angle - low + PAST_END) % (2.0 * np.pi) <= span + 2.0 * PAST_END
+    within: BoolArray = (angle - low + PAST_END) % (2.0 * np.pi) <= span + 2.0 * PAST_END
+    return within

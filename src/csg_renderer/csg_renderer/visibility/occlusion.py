@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from msgs_py.numeric.typed import BoolArray
+
 from ..brep.settings import ON_SURFACE
 from ..brep.surfaces import SurfaceTable
 from .settings import LEVEL_RAY, PARALLEL_RAY, RAY_CHUNK, THIN
@@ -43,7 +45,8 @@ def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: floa
     inside = (enter[:, None, :] < middle[..., None]) & (middle[..., None] < leave[:, None, :])
     solid = table.combine(inside)
     thickness = np.diff(stops, axis=1) * np.linalg.norm(ray, axis=1)[:, None]
-    return (solid & (thickness > thin)).any(axis=1)
+    hidden: BoolArray = (solid & (thickness > thin)).any(axis=1)
+    return hidden
 
 
 def leaf_intervals(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
