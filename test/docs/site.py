@@ -21,6 +21,9 @@ OUT = ROOT / 'out' / 'site'
 PAGES = OUT / 'pages'
 PACKAGES = ('msgs_py', 'dap_emulator', 'csg_renderer', 'stereo_recovery', 'model_matcher')
 PICTURES = ('.png', '.jpg', '.svg', '.gif')
+STYLE = ROOT / 'test' / 'docs' / 'site.css'
+# A README would become the face of the navigation's section that it stands in.
+RENAMED = {'test/README.md': 'test/tests.md'}
 LINK = re.compile(r'(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)')
 # Pages of the repository in the order of the navigation: title and place.
 ABOUT = (
@@ -48,9 +51,15 @@ def pages() -> list[Path]:
     return found
 
 
+def place_in_site(page: Path) -> str:
+    """Where a page of the repository stands among the site's pages."""
+    place = page.relative_to(ROOT).as_posix()
+    return RENAMED.get(place, place)
+
+
 def copy(page: Path, known: set[Path]) -> None:
     """A page with its pictures; links to what is no page become the names of what they led to."""
-    target = PAGES / page.relative_to(ROOT)
+    target = PAGES / place_in_site(page)
     target.parent.mkdir(parents=True, exist_ok=True)
 
     def link(match: re.Match[str]) -> str:
@@ -59,9 +68,9 @@ def copy(page: Path, known: set[Path]) -> None:
             return match.group(0)
         led_to = (page.parent / place).resolve()
         if led_to.is_dir() and (led_to / 'README.md') in known:
-            return f'{label}({os.path.relpath(led_to / "README.md", page.parent)}{anchor or ""})'
+            led_to = led_to / 'README.md'
         if led_to in known:
-            return match.group(0)
+            return f'{label}({os.path.relpath(PAGES / place_in_site(led_to), target.parent)}{anchor or ""})'
         if led_to.suffix in PICTURES:
             kept = PAGES / led_to.relative_to(ROOT)
             kept.parent.mkdir(parents=True, exist_ok=True)
@@ -82,11 +91,17 @@ def purpose(folder: Path) -> str:
 
 
 def exported(package: str) -> list[str]:
-    """Public names of a package, as its ``__all__`` lists them."""
+    """Public names of a package, from its ``__all__``; old names, which only ``__getattr__`` knows, are left out."""
     tree = ast.parse((ROOT / 'src' / package / package / '__init__.py').read_text(encoding='utf-8'))
+    imported = {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
     for node in tree.body:
         if isinstance(node, ast.Assign) and getattr(node.targets[0], 'id', '') == '__all__':
-            return sorted(ast.literal_eval(node.value))
+            return sorted(imported & set(ast.literal_eval(node.value)))
     return []
 
 
@@ -142,8 +157,9 @@ def main(arguments: list[str] | None = None) -> int:
         {'Packages': packages},
         {'Results': 'test/experiments/RESULTS.md'},
         {'Reference': [{package: reference(package)} for package in PACKAGES]},
-        {'About': [{title: path} for title, path in ABOUT]},
+        {'About': [{title: place_in_site(ROOT / path)} for title, path in ABOUT]},
     ]
+    shutil.copyfile(STYLE, PAGES / STYLE.name)
     source = (ROOT / 'mkdocs.yml').read_text(encoding='utf-8')
     config = OUT / 'mkdocs.yml'
     config.write_text(

@@ -27,7 +27,17 @@ FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', '
 
 
 class FeatureKind(IntEnum):
-    """What a feature is. An EDGE is a straight crease, a CURVE a circle or ellipse, an AXIS a line of rotation."""
+    """What a feature is.
+
+    Attributes
+    ----------
+    EDGE : int
+        A straight crease.
+    CURVE : int
+        A circle or an ellipse, or an arc of one.
+    AXIS : int
+        The line about which a cylinder or a cone is round.
+    """
 
     EDGE = 0
     CURVE = 1

@@ -10,8 +10,8 @@ from ._checks import as_finite
 from .numeric.typed import FloatArray, Int8Array, Int32Array, IntArray
 from .pose import Pose
 
-# The assignment of a data feature that belongs to no model feature (thesis 5.10).
 BIN = -1
+"""The assignment of a data feature that belongs to no model feature (thesis 5.10)."""
 
 
 @dataclass(frozen=True, eq=False)
