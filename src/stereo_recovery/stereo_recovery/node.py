@@ -63,7 +63,11 @@ class RecoveryConfig(Config):
         maximum=LIMITS['min_disparity'][1],
     )
     max_disparity: float = parameter(
-        0.0, 'Largest disparity of a match; 0: nearly the width of the image', unit='px', minimum=0.0, maximum=1e5
+        0.0,
+        'Largest disparity of a match; 0: nearly the width of the image',
+        unit='px',
+        minimum=0.0,
+        maximum=LIMITS['min_disparity'][1],
     )
     support_radius: float = parameter(
         DEFAULT.support_radius,

@@ -32,11 +32,7 @@ from .matching.matches import Matches
 from .matching.merging import join_matched, split_matched
 from .matching.relaxation import match
 from .params import RecoveryParams
-
-# Largest disparity that is looked for unless a parameter limits it, as a share of the image's width.
-MOST_DISPARITY_SHARE = 0.9
-# Matches of the exchanged images from which the two are taken to be swapped.
-SWAPPED_MATCHES = 3
+from .settings import MOST_DISPARITY_SHARE, SWAPPED_MATCHES
 
 
 @dataclass(frozen=True, eq=False)

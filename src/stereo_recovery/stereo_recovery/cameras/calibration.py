@@ -16,6 +16,8 @@ import yaml
 
 from msgs_py import StereoRig
 
+from .settings import PROJECTION_NUMBERS
+
 # Names under which OpenCV programs write the same matrices; {} is 1 or 2.
 OPENCV_NAMES = {
     'k': ('K{}', 'M{}', 'cameraMatrix{}', 'camera_matrix_{}'),
@@ -23,9 +25,6 @@ OPENCV_NAMES = {
     'r': ('R{}',),
     'p': ('P{}',),
 }
-
-# A projection matrix is 3 x 4.
-PROJECTION_NUMBERS = 12
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class CameraFile:
     width, height : int, pixels
         Of the raw image.
     distortion_model : str
-        One of :data:`~stereo_recovery.cameras.rectification.DISTORTION_MODELS`.
+        One of :data:`~stereo_recovery.cameras.settings.DISTORTION_MODELS`.
     d : list of float
         Coefficients of the distortion.
     k : list of 9 float, pixels

@@ -11,12 +11,7 @@ import numpy as np
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import AnyArray, FloatArray
 
-# Models of distortion, as sensor_msgs/CameraInfo names them, and how many coefficients each usually has.
-DISTORTION_MODELS = {'': 5, 'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
-# Numbers of coefficients that OpenCV takes (calib3d: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4[, tx, ty]]]]).
-COEFFICIENTS = (0, 4, 5, 8, 12, 14)
-# Least |det R| of a matrix that is taken for a rotation, for which it is 1; rounding in a file changes it by far less.
-LEAST_DETERMINANT = 0.5
+from .settings import COEFFICIENTS, DISTORTION_MODELS, LEAST_DETERMINANT
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +23,7 @@ class Calibration:
     width, height : int, pixels
         Of the raw image.
     model : str
-        One of :data:`DISTORTION_MODELS`.
+        One of :data:`~.settings.DISTORTION_MODELS`.
     distortion : (n,) float64
         Coefficients of the model.
     matrix : (3, 3) float64, pixels

@@ -14,6 +14,7 @@ from msgs_py import FeatureSet, StereoRig
 from msgs_py.numeric.typed import FloatArray, Int8Array
 
 from ..detection.segments import Segments
+from ..detection.settings import LEAST_DIVISOR
 from . import settings
 from .curve import CameraView, Curve, camera_views, image_conic
 from .occluding_contours import Contours, CurvedSurface, cylinder_contours, longest_contours
@@ -97,15 +98,15 @@ def _coaxial(curves: list[Curve]) -> list[list[int]]:
 
 def _on_axis(known: Curve, other: Curve) -> bool:
     """Whether a curve lies on the axis of one that is known better."""
-    limit = settings.COAXIAL_TILT + 3.0 * min(other.tilt, settings.COAXIAL_TILT)
+    limit = settings.COAXIAL_TILT + settings.BOUND_SIGMA * min(other.tilt, settings.COAXIAL_TILT)
     if abs(known.normal @ other.normal) < np.cos(limit):
         return False
     run = other.centre - known.centre
     along = run @ known.normal
     off = np.linalg.norm(run - along * known.normal)
-    spread = 3.0 * np.sqrt(np.trace(known.covariance[:3, :3]) + np.trace(other.covariance[:3, :3]))
+    spread = settings.BOUND_SIGMA * np.sqrt(np.trace(known.covariance[:3, :3]) + np.trace(other.covariance[:3, :3]))
     small = min(known.radii[0], other.radii[0])
-    return bool(off < max(settings.OFF_AXIS * small, spread) + 3.0 * known.tilt * abs(along))
+    return bool(off < max(settings.OFF_AXIS * small, spread) + settings.BOUND_SIGMA * known.tilt * abs(along))
 
 
 def _ends(curves: list[Curve], members: list[int]) -> list[list[int]]:
@@ -152,7 +153,7 @@ def _cylinder_axis(curve: Curve, segments: tuple[Segments, Segments], rig: Stere
         return None
     # Each contour's plane holds the axis: one linear equation in the two tilts of the normal, beside the rim's own.
     frame = np.stack([curve.second, -curve.first])
-    of_rim = np.linalg.inv(curve.covariance[3:5, 3:5] + 1e-12 * np.eye(2))
+    of_rim = np.linalg.inv(curve.covariance[3:5, 3:5] + settings.LEAST_TILT_VARIANCE * np.eye(2))
     slopes = contours.normals @ frame.T
     information = of_rim + slopes.T @ (slopes / contours.sigma[:, None] ** 2)
     step = -np.linalg.solve(information, slopes.T @ ((contours.normals @ curve.normal) / contours.sigma**2))
@@ -172,7 +173,7 @@ def _cylinder_axis(curve: Curve, segments: tuple[Segments, Segments], rig: Stere
         curve.centre,
         curve.centre + height * direction,
         along + end_error + settings.AXIS_LENGTH_ERROR * abs(height),
-        across + 3.0 * tilt * abs(height),
+        across + settings.BOUND_SIGMA * tilt * abs(height),
     )
 
 
@@ -200,7 +201,7 @@ def _cone_axis(
     ):
         return None, None
     # The planes' distance from the apex is taken for three sigma of what their stated errors leave out.
-    spread = np.linalg.inv(information) + (miss / 3.0) ** 2 * np.eye(3)
+    spread = np.linalg.inv(information) + (miss / settings.BOUND_SIGMA) ** 2 * np.eye(3)
     direction = run / np.linalg.norm(run)
     return Axis(apex, curve.centre, *_worse([_bounds(c, direction) for c in (spread, curve.covariance)])), apex
 
@@ -212,7 +213,9 @@ def _apex(curve: Curve, contours: Contours) -> tuple[FloatArray, FloatArray]:
     """
     frame = np.stack([curve.first, curve.second])
     offset = ((contours.cameras - curve.centre) * contours.normals).sum(axis=1)
-    far = float(np.median(np.abs(offset) / np.maximum(np.abs(contours.normals @ curve.normal), 1e-3)))
+    far = float(
+        np.median(np.abs(offset) / np.maximum(np.abs(contours.normals @ curve.normal), settings.LEAST_CONTOUR_COSINE))
+    )
     weight = 1.0 / (np.median(contours.sigma) * np.linalg.norm(curve.centre))
     on_axis = 1.0 / (settings.APEX_AXIS_SIGMA * curve.radii[0] + curve.tilt * far)
     if len(contours.normals) > 2:
@@ -246,7 +249,7 @@ def _tangent_sides(curve: Curve, segments: Segments, view: CameraView) -> Int8Ar
     shape = level * np.linalg.inv(conic[:2, :2])
     across = np.stack([-segments.direction[:, 1], segments.direction[:, 0]], axis=1)
     # Half the width of the ellipse across a segment's line; a tangent is so far from the centre.
-    width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), 1e-12))
+    width = np.sqrt(np.maximum(np.einsum('ni,ij,nj->n', across, shape, across), LEAST_DIVISOR))
     offset = ((segments.centre - centre) * across).sum(axis=1)
     sign = np.sign(offset)
     touch = centre + sign[:, None] * (across @ shape) / width[:, None]
@@ -269,7 +272,7 @@ def _tangent_sides(curve: Curve, segments: Segments, view: CameraView) -> Int8Ar
 def _across_axis(curve: Curve, view: CameraView) -> FloatArray:
     """(2,) float64: direction in the image square to the image of the curve's normal."""
     centre = curve.centre - view.centre
-    tip = centre + 0.01 * curve.radii[0] * curve.normal
+    tip = centre + settings.AXIS_STEP * curve.radii[0] * curve.normal
     a, b = (view.matrix @ p for p in (centre, tip))
     run = b[:2] / b[2] - a[:2] / a[2]
     return np.array([-run[1], run[0]])

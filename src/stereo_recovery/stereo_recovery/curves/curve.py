@@ -10,6 +10,8 @@ import numpy as np
 from msgs_py import FeatureSet, PinholeCamera, StereoRig
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
+from . import settings
+
 
 class CurveShape(NamedTuple):
     """Where a planar curve is, left optical frame, metres; what the compiled least squares change.
@@ -231,9 +233,9 @@ def curve_features(curves: list[Curve]) -> FeatureSet:
     along, across = [], []
     for c in curves:
         spread = c.covariance[:3, :3]
-        along.append(3.0 * np.sqrt(c.normal @ spread @ c.normal))
+        along.append(settings.BOUND_SIGMA * np.sqrt(c.normal @ spread @ c.normal))
         flat = np.stack([c.first, c.second])
-        across.append(3.0 * np.sqrt(np.linalg.eigvalsh(flat @ spread @ flat.T)[-1]))
+        across.append(settings.BOUND_SIGMA * np.sqrt(np.linalg.eigvalsh(flat @ spread @ flat.T)[-1]))
     return FeatureSet.from_curves(
         [c.centre for c in curves],
         [c.normal for c in curves],

@@ -15,10 +15,6 @@ from .axis_constraint import AxisConstraint
 from .curve import CameraView, Curve, CurveShape, angles, cross
 from .observations import ImagePoints, StereoEdgels
 
-# How many times larger the true covariance of a fit is than that of independent edgels, for smoothing of sigma 1; an
-# axis constraint has to be weighed against that.
-CORRELATED_EDGELS = 2.0 * CORRELATION_LENGTH
-
 
 def refine(
     curve: Curve,
@@ -68,7 +64,7 @@ def refine(
             sigma,
             rounds,
             np.zeros((4, 3)) if axis is None else axis.table,
-            information * CORRELATED_EDGELS,
+            information * settings.CORRELATED_EDGELS,
         )
         if not good:
             return None
@@ -83,7 +79,7 @@ def refine(
         if axis is not None:
             slope = axis.jacobian(shape.normal, shape.first)
             prior = slope.T @ information @ slope
-            matrix[:5, :5] += prior * CORRELATED_EDGELS
+            matrix[:5, :5] += prior * settings.CORRELATED_EDGELS
         variance_factor = max(1.0, float(weights @ (distance * distance)) / max(count - len(matrix), 1))
         covariance = _covariance(
             matrix, prior, variance_factor, _common_part(rows, weights, edgels.bias, sigma, _sectors(shape, edgels))
@@ -134,7 +130,8 @@ def _covariance(matrix: FloatArray, prior: FloatArray, variance_factor: float, c
     if len(prior):
         # The constraint is part of M with the factor CORRELATED_EDGELS; its own variance has that factor squared.
         size = len(matrix)
-        spread -= _widened(prior * CORRELATED_EDGELS * correlated, size) - _widened(prior * CORRELATED_EDGELS**2, size)
+        factor = settings.CORRELATED_EDGELS
+        spread -= _widened(prior * factor * correlated, size) - _widened(prior * factor**2, size)
     covariance: FloatArray = inverse @ spread @ inverse
     return covariance
 

@@ -12,6 +12,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import MAD_TO_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
 
+from ..detection.settings import SMALLEST
 from .curve import CurveShape
 from .observations import ImagePoints
 from .settings import (
@@ -72,7 +73,7 @@ def _conic(centre: FloatArray, major: FloatArray, minor: FloatArray, camera: Flo
     for j in range(3):
         for i in range(j + 1):
             q[i + j * (j + 1) // 2] = a[0, i] * a[0, j] + a[1, i] * a[1, j] - a[2, i] * a[2, j]
-    norm = abs(q[5]) + 1e-300
+    norm = abs(q[5]) + SMALLEST
     if q[0] + q[2] < 0.0:
         norm = -norm
     conic: FloatArray = q / norm
@@ -95,7 +96,7 @@ def residuals(shape: CurveShape, seen: ImagePoints, distance: FloatArray, bias: 
             gu = q[0] * u + q[1] * v + q[3]
             gv = q[1] * u + q[2] * v + q[4]
             value = gu * u + gv * v + q[3] * u + q[4] * v + q[5]
-            g2 = gu * gu + gv * gv + 1e-300
+            g2 = gu * gu + gv * gv + SMALLEST
             g = np.sqrt(g2)
             curvature = (q[0] * gv * gv - 2.0 * q[1] * gu * gv + q[2] * gu * gu) / (g2 * g)
             twice = 2.0 * gu * gv / g2

@@ -14,6 +14,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
+from ..detection.settings import LEAST_CHORD, LEAST_DIVISOR
 from ..matching.matches import Matches
 from . import settings
 from .curve import Curve, CurveShape, camera_views, cross, perpendicular
@@ -96,7 +97,7 @@ def matched_to_arc(
     points = np.stack([left.start[i], 0.5 * (left.start[i] + left.end[i]), left.end[i]], axis=1)
     samples = np.concatenate([points, matches.disparity[of][..., None]], axis=2).reshape(-1, 3)
     length = float(own.length[own.arc == arc].sum())
-    share = float(own.length[np.unique(index[of])].sum()) / max(length, 1e-9)
+    share = float(own.length[np.unique(index[of])].sum()) / max(length, LEAST_CHORD)
     if is_right:
         masks.reverse()
     return (masks[0], masks[1]), samples, share
@@ -222,7 +223,7 @@ def mirrored(curve: Curve) -> Curve:
     if length < settings.LEAST_PROJECTION:
         first = cross(normal, sight)
         length = np.linalg.norm(first)
-    return curve.with_shape(CurveShape(curve.centre, normal, first / max(float(length), 1e-12), curve.radii))
+    return curve.with_shape(CurveShape(curve.centre, normal, first / max(float(length), LEAST_DIVISOR), curve.radii))
 
 
 def back_projected(ellipse: Ellipse, disparity_plane: FloatArray, rig: StereoRig) -> Curve | None:

@@ -17,6 +17,7 @@ from msgs_py import StereoRig
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..detection.segments import Segments
+from ..detection.settings import LEAST_CHORD, LEAST_DIVISOR
 from . import settings
 from .curve import CameraView, Curve, camera_views, cross, image_conic
 
@@ -82,7 +83,7 @@ def tangents(conic: FloatArray, point: FloatArray) -> FloatArray:
     base, away = np.linalg.svd(polar[None] / scale)[2][1:]
     a, b, c = away @ conic @ away, base @ conic @ away, base @ conic @ base
     root = b * b - a * c
-    if root <= 1e-12 * b * b or a == 0.0:
+    if root <= settings.LEAST_TANGENT_SHARE * b * b or a == 0.0:
         return np.zeros((0, 3))
     ends = [base + t * away for t in ((-b + np.sqrt(root)) / a, (-b - np.sqrt(root)) / a)]
     lines = np.array([conic @ end for end in ends])
@@ -149,11 +150,13 @@ def _contour_distances(surface: CurvedSurface, segments: Segments, view: CameraV
     # An error of the axis' direction turns the contour about the touching point.
     far = np.maximum(abscissa - segments.extent[:, 0], segments.extent[:, 1] - abscissa)
     line_sigma = segments.sigma[:, 0] + 0.5 * segments.length * segments.sigma[:, 1]
-    slack = np.minimum(line_sigma, settings.MOST_LINE_SIGMA) + np.minimum(3.0 * curve.tilt * far, settings.MOST_TURN)
+    slack = np.minimum(line_sigma, settings.MOST_LINE_SIGMA) + np.minimum(
+        settings.BOUND_SIGMA * curve.tilt * far, settings.MOST_TURN
+    )
     before = np.zeros(off.shape, bool)
     if surface.is_cone and apex[2] > 0.0:
         to_apex = apex[:2] / apex[2] - contact
-        height = np.maximum(np.hypot(to_apex[:, 0], to_apex[:, 1]), 1e-9)
+        height = np.maximum(np.hypot(to_apex[:, 0], to_apex[:, 1]), LEAST_CHORD)
         up = np.maximum(*((end[None] - contact[:, None]) @ (to_apex / height[:, None])[..., None] for end in ends))
         before = up[..., 0] < height[:, None] + settings.PAST_APEX
     return _ContourDistances(off - slack, inside, float(radius), straight, segments.length, before)
@@ -202,7 +205,7 @@ class Contours:
         A line of sight touches the surface beside the place where it passes the axis.
         """
         across = np.cross(self.rays, direction)
-        square = np.maximum((across * across).sum(axis=2), 1e-12)
+        square = np.maximum((across * across).sum(axis=2), LEAST_DIVISOR)
         abscissae: FloatArray = -(np.cross(self.cameras[:, None] - point, self.rays) * across).sum(axis=2) / square
         return abscissae
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import FloatArray
 
+from ..detection.settings import LEAST_DIVISOR
 from . import settings
 from .curve import Curve, flipped
 
@@ -64,14 +65,14 @@ def oriented_by_faces(curves: Sequence[Curve], ends: FloatArray, err_per: FloatA
 def _towards_camera(curve: Curve) -> FloatArray:
     """(3,) float64: unit direction in the curve's plane, from its centre towards the left camera."""
     towards = curve.normal * (curve.centre @ curve.normal) - curve.centre
-    return towards / max(float(np.linalg.norm(towards)), 1e-12)
+    return towards / max(float(np.linalg.norm(towards)), LEAST_DIVISOR)
 
 
 def _coplanar_limit(curve: Curve, distance: FloatArray) -> FloatArray:
     """Metres: how far off the curve's plane points of that plane may be, by their distance from the centre, metres."""
-    along = 3.0 * np.sqrt(curve.normal @ curve.covariance[:3, :3] @ curve.normal)
+    along = settings.BOUND_SIGMA * np.sqrt(curve.normal @ curve.covariance[:3, :3] @ curve.normal)
     radius = curve.radii[0]
-    limit = along + 3.0 * curve.tilt * distance + settings.COPLANAR * radius
+    limit = along + settings.BOUND_SIGMA * curve.tilt * distance + settings.COPLANAR * radius
     nearest: FloatArray = np.minimum(limit, settings.MOST_COPLANAR * radius)
     return nearest
 
@@ -87,7 +88,7 @@ def _edge_behind(curve: Curve, ends: FloatArray, err_per: FloatArray) -> bool:
     distance = np.linalg.norm(run, axis=2)
     coplanar = (np.abs(run @ curve.normal) < _coplanar_limit(curve, distance) + err_per[:, None]).all(axis=1)
     along = ends[:, 1] - ends[:, 0]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), LEAST_DIVISOR)
     across = run[:, 0] - (run[:, 0] * along).sum(axis=1, keepdims=True) * along
     offset = np.linalg.norm(across, axis=1)
     behind = -(across @ _towards_camera(curve)) > settings.BEHIND_COSINE * offset

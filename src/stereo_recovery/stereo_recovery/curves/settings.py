@@ -8,6 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..detection.settings import CORRELATION_LENGTH
+
+# ---- Several modules -------------------------------------------------------------------------------------------------
+# Sigma of a stated bound, and of what the uncertainty of a curve adds to a distance that is allowed from it: three
+# sigma.
+BOUND_SIGMA = 3.0
 # ---- Least squares of one curve (fit, fit_kernels) -------------------------------------------------------------------
 # px^2: fitting a quadratic to 3 x 3 pixels moves a ridge of curvature c by c/2 times the mean square of the offsets
 # beside its normal. That is 2/3 where the normal runs along the pixels, and less by the second share where diagonally.
@@ -40,6 +46,9 @@ LEAST_EDGELS = 8
 # px^2: squared residuals count at most so much in the rms of a fit.
 MOST_SQUARED_RESIDUAL = 4.0
 
+# How many times larger the true covariance of a fit is than that of independent edgels, for smoothing of sigma 1; an
+# axis constraint has to be weighed against that.
+CORRELATED_EDGELS = 2.0 * CORRELATION_LENGTH
 # Edgels do not err independently. Illumination displaces all those in one of SECTORS sectors of a curve alike, by
 # COMMON_SIGMA pixels and COMMON_SHARE of an edgel's own sigma; what is alike all round (a wrong guess of the blur, the
 # stairs of images without anti-aliasing) has OVERALL_SIGMA pixels and OVERALL_SHARE.
@@ -176,6 +185,9 @@ SAME_DIRECTION_COSINE = 0.999
 MOST_SHRINKING = 0.5
 
 # ---- Occluding contours ----------------------------------------------------------------------------------------------
+# A point through which the tangents of a conic have a discriminant b^2 - a c below this share of b^2 lies on the conic
+# or inside it, up to rounding.
+LEAST_TANGENT_SHARE = 1e-12
 # A segment shows a contour when its ends are this near to the contour's line, pixels, beside what is uncertain about
 # both, and the point where the line touches the rim is this near to the segment's end, in rim radii.
 CONTOUR_DISTANCE = 1.0
@@ -208,6 +220,12 @@ OFF_AXIS = 0.06
 SAME_END = 0.08
 # Two rims whose radii differ by less than this share bound a cylinder.
 CYLINDER_TAPER = 0.03
+# Radians^2: least variance of a rim's tilts, and cosine between a contour's plane and the rim's below which the contour
+# says nothing of the axis; both keep a division defined.
+LEAST_TILT_VARIANCE = 1e-12
+LEAST_CONTOUR_COSINE = 1e-3
+# Radii: how far along the normal the second point lies whose image gives the direction of the axis.
+AXIS_STEP = 0.01
 # Factor from sigma to the stated bound of an axis' end: three sigma and a fifth more, for what moves a rim as a whole.
 AXIS_BOUND = 3.6
 # Length of the axis of a cylinder or cone, in radii: least, and of a cone most.
@@ -256,6 +274,8 @@ SPHERE_TRUNCATION = 4.0
 SPHERE_LOSS_SCALE = 2.0
 SPHERE_EVALUATIONS = 12
 LEAST_SPHERE_DISTANCE = 1.5
+# Metres: least depth of a sphere's centre while its fit goes on.
+LEAST_SPHERE_DEPTH = 1e-6
 # A curve is part of a sphere's contours when more than this share of its edgels lies on them.
 SPHERE_SHARE = 0.6
 

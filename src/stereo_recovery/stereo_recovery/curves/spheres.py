@@ -96,7 +96,7 @@ def _distances(sphere: FloatArray, edgels: StereoEdgels) -> list[FloatArray]:
     """Two (n,) float64, pixels: distances of either image's edgels from the contour, without the bias of smoothing."""
     result = []
     for side, view in edgels.sides:
-        radius = view.camera.fx * sphere[3] / max(float(sphere[2]), 1e-6)
+        radius = view.camera.fx * sphere[3] / max(float(sphere[2]), settings.LEAST_SPHERE_DEPTH)
         bias = 0.5 * edgels.blur / max(radius, 1.0)
         result.append(sampson(_contour_conic(sphere, view), side.position) + bias)
     return result

@@ -15,13 +15,16 @@ from .settings import (
     FIRST_RMS,
     FIRST_ROUNDS,
     LARGEST_RADIUS_RATIO,
+    LEAST_CHORD,
     LEAST_DISCRIMINANT,
+    LEAST_DIVISOR,
     LEAST_PIVOT,
     LEAST_RADIUS,
     LEAST_TURN,
     LEAST_WEIGHT_SHARE,
     MOST_ARC_BREAKS,
     SHORTEST_ARC,
+    SMALLEST,
 )
 
 
@@ -65,7 +68,7 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
     for i in range(n):
         mx += points[i, 0] / n
         my += points[i, 1] / n
-    scale = 1e-9
+    scale = LEAST_CHORD
     for i in range(n):
         scale += (abs(points[i, 0] - mx) + abs(points[i, 1] - my)) / n
     q = np.zeros(6)
@@ -99,7 +102,7 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
             w[i] = g2
             mean += g2 / n
             f = q[0] * x * x + q[1] * x * y + q[2] * y * y + q[3] * x + q[4] * y + q[5]
-            total += f * f / (g2 + 1e-12)
+            total += f * f / (g2 + LEAST_DIVISOR)
         for i in range(n):
             w[i] = 1.0 / max(w[i], LEAST_WEIGHT_SHARE * mean)
         rms = scale * np.sqrt(total / n)
@@ -130,7 +133,7 @@ def radii(q: FloatArray) -> tuple[float, float]:
         return 0.0, 0.0
     middle, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
     level = -whole / small
-    return np.sqrt(level / max(middle - half, 1e-300)), np.sqrt(level / (middle + half))
+    return np.sqrt(level / max(middle - half, SMALLEST)), np.sqrt(level / (middle + half))
 
 
 @njit
@@ -194,7 +197,7 @@ def claim(
                 continue
             gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
             value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
-            off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + 1e-24))
+            off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + LEAST_DIVISOR**2))
             if off[int(ARC_INLIERS * (n - 1))] > tolerance:
                 continue
             for i in range(first, last + 1):
@@ -218,5 +221,5 @@ def sampson(conic: FloatArray, points: FloatArray) -> FloatArray:
         hx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
         hy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
         value = hx * x + hy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
-        out[k] = 0.5 * value / max(np.hypot(hx, hy), 1e-12)
+        out[k] = 0.5 * value / max(np.hypot(hx, hy), LEAST_DIVISOR)
     return out

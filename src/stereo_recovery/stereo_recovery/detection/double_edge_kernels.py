@@ -16,6 +16,7 @@ from .settings import (
     DAMPING_UP,
     MOST_ITERATIONS,
     MOST_SPREAD,
+    NORMAL_RIDGE,
     PROFILE_REACH,
     PROFILE_STEP,
     SECTIONS,
@@ -113,7 +114,7 @@ def _descend(profile: FloatArray, place: FloatArray, width: float, p: FloatArray
             b[m] = vector[free[m]]
             for n in range(len(free)):
                 a[m, n] = matrix[free[m], free[n]]
-            a[m, m] = a[m, m] * (1.0 + damping) + 1e-9
+            a[m, m] = a[m, m] * (1.0 + damping) + NORMAL_RIDGE
         step = np.linalg.solve(a, b)
         trial = p.copy()
         for m in range(len(free)):
@@ -160,6 +161,6 @@ def two_steps(profile: FloatArray, place: FloatArray, width: float) -> tuple[Flo
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
     _model(profile, place, width, best, matrix, vector)
     for k in range(6):
-        matrix[k, k] = matrix[k, k] * (1.0 + 1e-9) + 1e-9
+        matrix[k, k] = matrix[k, k] * (1.0 + NORMAL_RIDGE) + NORMAL_RIDGE
     inverse: AnyArray = np.linalg.inv(matrix)
     return best, cost, single, inverse

@@ -8,7 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from .sampling import bilinear, clamped
-from .settings import LEAST_CURVATURE, LEAST_INTERPOLATED, LOGARITHM_FLOOR
+from .settings import LEAST_CURVATURE, LEAST_DIVISOR, LEAST_INTERPOLATED, LOGARITHM_FLOOR
 
 
 @njit
@@ -38,7 +38,7 @@ def ridge_maxima(
                 count += 1
     u, v = np.empty(count), np.empty(count)
     gu, gv, width = np.empty(count), np.empty(count), np.empty(count)
-    floor = LOGARITHM_FLOOR * limit + 1e-12
+    floor = LOGARITHM_FLOOR * limit + LEAST_DIVISOR
     n = 0
     for y in range(2, h - 2):
         for x in range(2, w - 2):

@@ -26,16 +26,15 @@ from .settings import (
     CAMERA_BLUR_VARIANCE,
     FLANK_DISTANCE,
     FLANK_NOISE,
+    KERNEL_NORM,
     KERNEL_RADIUS,
+    POSITION_FACTOR,
     POSITION_FLOOR,
     PROMINENCE,
     QUANTISATION_NOISE,
+    SIXTEEN_BIT_SCALE,
+    SMALLEST_IMAGE,
 )
-
-# Pixels: smaller images have no edgels, since two on each side of an edgel are needed.
-SMALLEST_IMAGE = 5
-# Root of the sum of squares of the nine coefficients that measure noise: (1, -2, 1) by (1, -2, 1).
-KERNEL_NORM = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +121,9 @@ def as_grey(image: AnyArray, name: str = 'image') -> Float32Array:
     array = np.asarray(image)
     if array.ndim == 3 and array.shape[2] in (1, 3, 4):
         array = array[..., :3].mean(axis=2, dtype=np.float32) if array.shape[2] > 1 else array[..., 0]
-        scale = 1.0 / 256.0 if np.asarray(image).dtype == np.uint16 else 1.0
+        scale = SIXTEEN_BIT_SCALE if np.asarray(image).dtype == np.uint16 else 1.0
     elif array.ndim == 2:
-        scale = 1.0 / 256.0 if array.dtype == np.uint16 else 1.0
+        scale = SIXTEEN_BIT_SCALE if array.dtype == np.uint16 else 1.0
     else:
         raise ValueError(f'{name}: expected shape (h, w) or (h, w, 3), got {array.shape}')
     if array.dtype == bool or not np.issubdtype(array.dtype, np.number) or np.iscomplexobj(array):
@@ -313,7 +312,7 @@ def detect(
     contrast = magnitude * np.sqrt(2.0 * np.pi) * total
     # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
     floor = ALIASED_POSITION_FLOOR if usual_width**2 < sigma**2 + ALIASED_BLUR_VARIANCE else POSITION_FLOOR
-    along = np.hypot(np.sqrt(0.375) * noise / contrast * (total / sigma) ** 3, floor)
+    along = np.hypot(np.sqrt(POSITION_FACTOR) * noise / contrast * (total / sigma) ** 3, floor)
     across = gradient_noise(noise, sigma) / magnitude
     flanks = edgel_kernels.flanking_gradients(gx, gy, u, v, gu, gv, FLANK_DISTANCE * total)
     # The difference of the two flanks' gradients, without the part that noise explains.

@@ -96,7 +96,7 @@ def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array,
             s_end = lines.extent[i, e]
             outward = -1.0 if e == 0 else 1.0
             x, y = point_at(lines, i, s_end)
-            best = 1e30
+            best = np.inf
             for k in range(n):
                 if k == i or _outside(box, k, x, y):
                     continue
@@ -158,7 +158,7 @@ def _share_junctions(lines: Lines, abscissa: FloatArray, neighbour: Int32Array, 
                 continue
             outward = -1.0 if e == 0 else 1.0
             x, y = point_at(lines, i, lines.extent[i, e])
-            best = 1e30
+            best = np.inf
             for k in range(n):
                 if k == i or length_of(lines, k) < DIRECTED_LENGTH:
                     continue

@@ -9,7 +9,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from .settings import CAUCHY, CORNER_TRIM, CORNER_TRIM_SHARE, LEAST_SCALE
+from .settings import CAUCHY, CORNER_TRIM, CORNER_TRIM_SHARE, LEAST_DIVISOR, LEAST_SCALE
 
 
 class Lines(NamedTuple):
@@ -133,7 +133,7 @@ def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray)
         for i in range(a, b):
             w[i] = 1.0 / (sigma[i] * sigma[i])
         cx, cy, tx, ty = regression(x, y, w, a, b)
-        lo, hi = 1e30, -1e30
+        lo, hi = np.inf, -np.inf
         for i in range(a, b):
             s = (x[i] - cx) * tx + (y[i] - cy) * ty
             lo, hi = min(lo, s), max(hi, s)
@@ -186,12 +186,12 @@ def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray)
                 m4 += w[i] * q * q
                 dq += w[i] * q * d
         centre[k, 0], centre[k, 1], direction[k, 0], direction[k, 1] = cx, cy, tx, ty
-        extent[k, 0], extent[k, 1] = 1e30, -1e30
+        extent[k, 0], extent[k, 1] = np.inf, -np.inf
         for i in range(a, b):
             s = (x[i] - cx) * tx + (y[i] - cy) * ty
             extent[k, 0], extent[k, 1] = min(extent[k, 0], s), max(extent[k, 1], s)
         rms[k], count[k], weights[k], moment[k] = scale, used, sw, m2
-        sagittas[k] = 0.25 * length * length * dq / m4 if m4 > 1e-12 else 0.0
+        sagittas[k] = 0.25 * length * length * dq / m4 if m4 > LEAST_DIVISOR else 0.0
     return FittedLines(centre, direction, extent, rms, sagittas, count, weights, moment)
 
 

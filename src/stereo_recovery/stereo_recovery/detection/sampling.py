@@ -7,8 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
-# The last position of a row or column at which all four pixels exist is its length less this.
-LAST = 1.001
+from .settings import LAST_POSITION
 
 
 @njit
@@ -29,7 +28,7 @@ def bilinear(image: Float32Array, u: float, v: float) -> float:
 def clamped(image: Float32Array, u: float, v: float) -> float:
     """The image (h, w) at column u and row v, pixels; outside it, at the nearest place inside."""
     h, w = image.shape
-    value: float = bilinear(image, min(max(u, 0.0), w - LAST), min(max(v, 0.0), h - LAST))
+    value: float = bilinear(image, min(max(u, 0.0), w - LAST_POSITION), min(max(v, 0.0), h - LAST_POSITION))
     return value
 
 

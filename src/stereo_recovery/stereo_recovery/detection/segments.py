@@ -14,6 +14,8 @@ from .settings import (
     BIAS_SHARE,
     CORRELATION_LENGTH,
     LEAST_BIAS,
+    LEAST_INFORMATION,
+    LEAST_SAGITTA,
     LEVEL_SINE,
     MOST_BIAS_SIGMA,
     MOST_DENSE,
@@ -188,7 +190,7 @@ def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> 
     # So many neighbouring edgels have one error: correlation goes by distance, and a slanting edge has fewer a pixel.
     correlated = np.maximum(1.0, CORRELATION_LENGTH * sigma * np.minimum(count / length, MOST_DENSE))
     excess = np.maximum(1.0, fit.rms * np.sqrt(fit.weight / count))
-    information = np.maximum(np.stack([fit.weight, fit.moment], axis=1), 1e-9)
+    information = np.maximum(np.stack([fit.weight, fit.moment], axis=1), LEAST_INFORMATION)
     line_sigma = excess[:, None] * np.sqrt(correlated[:, None] / information)
     # A bent line is not quite one (two edges that meet at a slight angle, a lens, a fold): its sigma grows with the
     # sagitta that noise does not explain.
@@ -201,7 +203,7 @@ def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> 
     total = np.concatenate([[0.0], np.cumsum(e.magnitude)])
     magnitude = (total[bounds[:, 1]] - total[bounds[:, 0]]) / np.maximum(bounds[:, 1] - bounds[:, 0], 1)
     # The sign of the sagitta is kept even where noise explains its size.
-    signed = np.copysign(np.maximum(sagitta, 1e-9), fit.sagitta)
+    signed = np.copysign(np.maximum(sagitta, LEAST_SAGITTA), fit.sagitta)
     arc = np.full(len(bounds), -1, np.int32)
     return Segments(
         bounds, chain, fit.centre, fit.direction, fit.extent, fit.rms, signed, fit.used, line_sigma, magnitude, arc

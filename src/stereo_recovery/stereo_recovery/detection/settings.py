@@ -20,6 +20,11 @@ ON_LINE = 1.0
 TURN_COSINE = 0.5
 # px: segments shorter than this have too vague a direction to decide about others. [R]
 DIRECTED_LENGTH = 10.0
+# Numerical floors: what divides is at least LEAST_DIVISOR, and a chord shorter than LEAST_CHORD, px, has no direction.
+# [D] far below what edgels can show, far above rounding.
+LEAST_DIVISOR, LEAST_CHORD = 1e-12, 1e-9
+# Instead of 0 where a number of any size may divide. [D] nearly the smallest number that a float can hold
+SMALLEST = 1e-300
 # Least number of edgels in a chain, and in a part of one that is split. [R]
 LEAST_EDGELS = 4
 # px at each end of a segment that are left out of a fit, because smoothing pulls edgels beside a corner towards it, and
@@ -27,8 +32,22 @@ LEAST_EDGELS = 4
 # 1.
 CORNER_TRIM, CORNER_TRIM_SHARE = 3.0, 0.2
 
+# -- sampling ----------------------------------------------------------------------------------------------------------
+
+# px: bilinear interpolation needs the next pixel, so that the last position in a row or column is its length less this.
+# [D] one pixel, and a little for rounding
+LAST_POSITION = 1.001
+
 # -- edgels ------------------------------------------------------------------------------------------------------------
 
+# px: smaller images have no edgels, since two pixels on each side of an edgel are needed. [D]
+SMALLEST_IMAGE = 5
+# Grey levels of a 16-bit image over those of an 8-bit one. [D]
+SIXTEEN_BIT_SCALE = 1.0 / 256.0
+# Root of the sum of squares of the nine coefficients that measure noise, (1, -2, 1) by (1, -2, 1). [D]
+KERNEL_NORM = 6.0
+# sigma_e = sqrt(POSITION_FACTOR) (noise / contrast) (S / s)^3 of an edgel's position, see :func:`.edgels.detect`. [D]
+POSITION_FACTOR = 3.0 / 8.0
 # Radius of the sampled Gaussian in its sigmas; 6e-5 of the area lies beyond. [D]
 KERNEL_RADIUS = 4.0
 # px^2: variance that a camera's aperture (unit box, 1/12) and a sharp lens (0.5 px) add to the smoothing. Used where
@@ -68,6 +87,8 @@ SIDESTEP_COST = 2.0
 
 # -- splitting ---------------------------------------------------------------------------------------------------------
 
+# Variance of an edgel's offset from the mean of two others, over that of one edgel. [D] 1 + 1/2
+VARIANCE_OF_OFFSET = 1.5
 # An edgel may stand off its line by this many of its own sigma. [R]
 LINE_GATE = 4.5
 # Localisation noise, px: least value, value where too few edgels tell, and how few these are. [R]
@@ -95,6 +116,8 @@ JOINING_ROUNDS = 2
 
 # -- segments ----------------------------------------------------------------------------------------------------------
 
+# 1/px^2 and 1: least information of a line's offset and slope; px: least sagitta, which keeps its sign. [D] floors
+LEAST_INFORMATION, LEAST_SAGITTA = 1e-9, 1e-9
 # px per px of smoothing: length along an edge over which edgels' errors are one. [D] Smoothing correlates them over
 # sqrt(4 pi) sigma; [M] three quarters of that gives lines whose stated sigma is true (src/stereo_recovery/test/
 # test_bounds.py).
@@ -211,6 +234,8 @@ PROFILE_REACH, PROFILE_STEP, SECTIONS = 4.0, 0.5, 4
 # Iterations of the least squares; it stops when the residual falls by less than this share. Damping at first, and its
 # factors after a better and a worse step. [R]
 MOST_ITERATIONS, CONVERGED, DAMPING, DAMPING_DOWN, DAMPING_UP = 12, 1e-6, 1e-2, 0.3, 5.0
+# Added to the diagonal of the normal matrix, and as a share of it before it is inverted. [D] a numerical floor
+NORMAL_RIDGE = 1e-9
 # px: gaps between the steps, and heights of the second over the first, at which the fit starts. [R]
 START_GAPS, START_RATIOS = (-2.5, -1.2, 1.2, 2.5), (-0.5, 0.5)
 # px: how much the gap of two steps may change from the middle to an end of the segment, and how far beyond the profile

@@ -18,16 +18,15 @@ from .settings import (
     BENT_TOLERANCES,
     FEW_EDGELS,
     JOINING_ROUNDS,
+    LEAST_CHORD,
     LEAST_EDGELS,
     LEAST_LOCALISATION_NOISE,
     LINE_GATE,
     SHORT_PART,
     STRAIGHTNESS_SHARE,
     USUAL_LOCALISATION_NOISE,
+    VARIANCE_OF_OFFSET,
 )
-
-# Variance of an edgel's offset from the mean of two others, over that of one edgel: 1 + 1/2.
-VARIANCE_OF_OFFSET = 1.5
 
 
 def localisation_noise(chains: EdgeChains) -> float:
@@ -49,7 +48,7 @@ def localisation_noise(chains: EdgeChains) -> float:
         return USUAL_LOCALISATION_NOISE
     chord = p[4:] - p[:-4]
     middle = p[2:-2] - 0.5 * (p[4:] + p[:-4])
-    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
+    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), LEAST_CHORD)
     off = np.abs(chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]) / length
     return max(LEAST_LOCALISATION_NOISE, float(np.median(off)) / (NORMAL_QUARTILE * float(np.sqrt(VARIANCE_OF_OFFSET))))
 

@@ -14,6 +14,7 @@ from .settings import (
     BREAK_RANGE,
     GATE,
     LARGEST_BEND,
+    LEAST_CHORD,
     LEAST_EDGELS,
     OFFSET_COST,
     ON_LINE,
@@ -45,7 +46,7 @@ def _farthest(x: FloatArray, y: FloatArray, a: int, b: int) -> int:
     norm = np.sqrt(dx * dx + dy * dy)
     best, where = -1.0, (a + b) // 2
     for i in range(a + 2, b - 2):
-        if norm > 1e-9:
+        if norm > LEAST_CHORD:
             d = abs((x[i] - x[a]) * dy - (y[i] - y[a]) * dx) / norm
         else:
             d = np.sqrt((x[i] - x[a]) ** 2 + (y[i] - y[a]) ** 2)
@@ -103,7 +104,7 @@ def split(
                 continue
             c1x, c1y, t1x, t1y = regression(x, y, w, a, max(a + LEAST_EDGELS, m - BREAK_MARGIN))
             c2x, c2y, t2x, t2y = regression(x, y, w, min(m + BREAK_MARGIN, b - LEAST_EDGELS), b)
-            best, where = 1e30, m
+            best, where = np.inf, m
             total = 0.0
             low, high = max(a + LEAST_EDGELS, m - BREAK_RANGE), min(b - LEAST_EDGELS, m + BREAK_RANGE)
             for j in range(low, high):
