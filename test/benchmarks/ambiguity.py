@@ -10,7 +10,6 @@ features within the tolerances: then nothing in the counts tells which is right.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -53,10 +52,9 @@ def is_pose(pose: Pose, truth: Pose, index: ModelIndex) -> bool:
 
 def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instance: int = 0) -> Verdict:
     """Search everything for a pose other than that of the instance."""
-    from model_matcher.geometry.kernels import rank_pairs
-    from model_matcher.search import pair_search
+    from model_matcher.geometry.line_pairs import rank_pairs
+    from model_matcher.search.pair_search import Candidates, search_pairs
 
-    search: Any = pair_search.search_pairs
     problem = make_problem(index, scene.data, params)
     in_view = len(np.unique(scene.assignment[scene.instance == instance]))
     truth = scene.poses[instance]
@@ -64,31 +62,18 @@ def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instanc
         return Verdict(in_view, 0, 0, 0)
     pairs, partners = rank_pairs(problem.rows, np.zeros((0, 0), np.int32), index.size, len(problem.rows) - 1)
     motions, scores, state = np.zeros((ROOM, 12)), np.zeros(ROOM), np.zeros(4, np.int64)
-    table = problem.table
-    search(
+    candidates = Candidates(motions, scores)
+    search_pairs(
         pairs,
         partners,
-        index.rows,
-        index.kind,
-        index.pair_starts,
-        index.pair_members,
-        index.pair_values,
-        index.pair_reach,
-        table.low,
-        table.cell,
-        table.shape,
-        table.starts,
-        table.items,
-        index.middle,
-        index.size,
-        *problem.sample,
+        problem.model,
+        index.pair_table,
+        problem.features,
         SEARCH_WIDTH,
-        problem.radius_tol,
         0,
         len(pairs),
         ENDLESS,
-        motions,
-        scores,
+        candidates,
         state,
     )
     motions, scores = motions[scores > 0.0], scores[scores > 0.0]

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
 
-from .geometry.kernels import PARALLEL_SINE, rank_pairs
+from .geometry.line_pairs import rank_pairs
+from .geometry.settings import PARALLEL_SINE
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, indexed
 from .model.problem import Problem, make_problem, usable
@@ -20,7 +21,7 @@ from .model.settings import SEARCH_WIDTH
 from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
-from .search.pair_search import search_pairs
+from .search.pair_search import Candidates, search_pairs
 from .search.prefilter import prefilter
 from .search.threads import spread
 from .settings import (
@@ -163,7 +164,6 @@ def _search(
     deadline: float,
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
-    index, table = problem.index, problem.table
     block = max(8, BLOCK // len(problem.rows))
     looked = time.perf_counter()
     for room in (CANDIDATES, PERIODIC * CANDIDATES):
@@ -176,27 +176,14 @@ def _search(
             search_pairs(
                 pairs,
                 partners,
-                index.rows,
-                index.kind,
-                index.pair_starts,
-                index.pair_members,
-                index.pair_values,
-                index.pair_reach,
-                table.low,
-                table.cell,
-                table.shape,
-                table.starts,
-                table.items,
-                index.middle,
-                index.size,
-                *problem.sample,
+                problem.model,
+                problem.index.pair_table,
+                problem.features,
                 SEARCH_WIDTH,
-                problem.radius_tol,
                 first,
                 last,
                 patience,
-                motions,
-                scores,
+                Candidates(motions, scores),
                 state,
             )
             first = last

@@ -4,7 +4,7 @@ import numpy as np
 
 from model_matcher import index_model
 from model_matcher.closed_form.synthetic import chair, plug, random_pose
-from model_matcher.geometry.kernels import _cost_of_pair, pair_geometry
+from model_matcher.geometry.line_pairs import _cost_of_pair, pair_geometry
 from model_matcher.geometry.pair_pose import pair_frame, pair_pose
 from model_matcher.model.index import feature_rows
 

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model
 from model_matcher.closed_form.synthetic import MODELS, fragment, random_pose
-from model_matcher.geometry.kernels import fit_one
+from model_matcher.geometry.back_projection import fit_one
+from model_matcher.geometry.features import DataFeatures, FeatureRows
 from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.model.index import data_tolerances, feature_rows
@@ -27,13 +28,13 @@ def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, 
     rows = feature_rows(data)
     tols = data_tolerances(data, rows, index.size, params)
     radius_tol = params.curvedev * index.max_radius
+    features, lines = DataFeatures(rows, data.kind, tols, radius_tol), FeatureRows(index.rows, index.kind)
     mids, directions = pose.inverse().apply(rows[:, :3]), rows[:, 3:6] @ pose.rotation
     fitting = [
         (a, i)
         for a in range(len(data))
         for i in range(len(index))
-        if fit_one(a, rows, data.kind, tols, i, index.rows, index.kind, *mids[a], *directions[a], 1.0, radius_tol)
-        >= 0.0
+        if fit_one(a, features, i, lines, tuple(mids[a]), tuple(directions[a]), 1.0) >= 0.0
     ]
     relations, margins, halves = model_relations(index.rows), margins_of(rows, tols), index.rows[:, 6].copy()
     alone = possible(rows, data.kind, tols, index.rows, index.kind, radius_tol)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic import MODELS, fragment, make_scene, random_pose
-from model_matcher.geometry.kernels import assign
+from model_matcher.geometry.back_projection import assign
 from model_matcher.model.problem import make_problem
 from model_matcher.proof.branch_and_bound import sample_of
 from model_matcher.proof.certificate import prove
@@ -33,7 +33,7 @@ def as_motion(pose):
 def explained(problem, motion):
     """(n,) the model feature of every data feature under a pose, by back-projection."""
     assignment, sign = np.empty(len(problem.rows), np.int32), np.empty(len(problem.rows), np.int8)
-    assign(motion, *problem.grid, *problem.sample, 1.0, problem.radius_tol, assignment, sign)
+    assign(motion, problem.model, problem.features, 1.0, assignment, sign)
     return assignment
 
 

@@ -8,7 +8,7 @@ For two segments a and b, p runs along a and q along b; the ranges are those of
     direction2  between q - p and the direction of b
     direction3  between q - p and the common normal a x b
 
-A segment is a row as in kernels.py: mid point, unit direction, half length (0 for a CURVE: its centre). Ranges of a
+A segment is a row as in features.py: mid point, unit direction, half length (0 for a CURVE: its centre). Ranges of a
 data pair shrink by what its errors may have added: a true pairing, whose data lies within its stated errors, is never
 pruned. Reversing a segment's direction turns an angle into its complement; that is how direction signs are found.
 """
@@ -19,14 +19,13 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
+from .settings import NO_NORMAL_SINE, NOT_ZERO, ROUNDING, SMALLEST_LENGTH
+
 DISTANCE, ANGLE, DIRECTION1, DIRECTION2, DIRECTION3 = range(5)
 NAMES = ('distance', 'angle', 'direction1', 'direction2', 'direction3')
 # Bits of a table entry: how the signs of a and b may relate, and which sign each may have.
-SAME, DIFFERENT, A_PLUS, A_MINUS, B_PLUS, B_MINUS = 1, 2, 4, 8, 16, 32
-ANY_SIGN = 63
-CONTACT = 1e-9  # metres: closer points have no direction between them
-PARALLEL = 1e-6  # sine below which two model edges have no common normal
-ROUNDING = 1e-9
+SAME, DIFFERENT, A_PLUS, A_MINUS, B_PLUS, B_MINUS = (1 << bit for bit in range(6))
+ANY_SIGN = SAME | DIFFERENT | A_PLUS | A_MINUS | B_PLUS | B_MINUS
 
 
 @njit
@@ -42,7 +41,7 @@ def closest_points(a, b):
     sine2 = 1.0 - c * c
     for k in range(5):
         if k == 0:
-            if sine2 < 1e-12:
+            if sine2 < NOT_ZERO:
                 continue
             s, t = (wu - c * wv) / sine2, (c * wu - wv) / sine2
             if abs(s) > ha or abs(t) > hb:
@@ -112,7 +111,7 @@ def direction_range(a, b, contact, error, cone):
     is what those errors may do to that angle: bounds that a true pairing's model range cannot fail to embrace.
     """
     exact = error == 0.0 and cone == 0.0
-    if exact and contact < CONTACT:
+    if exact and contact < SMALLEST_LENGTH:
         return 0.0, np.pi
     low, high = np.inf, -np.inf
     for end in range(2):
@@ -168,17 +167,17 @@ def pair_ranges(a, b, error_a, error_b, cone_a, cone_b, out):
     out[8], out[9], out[10] = 0.0, np.pi, 0.0
     exact = error == 0.0 and cone == 0.0
     if exact:
-        if sine <= PARALLEL:
+        if sine <= NO_NORMAL_SINE:
             return
         out[10] = 1.0
-        if nearest < CONTACT:
+        if nearest < SMALLEST_LENGTH:
             return
         first = angle_to(a, b, s, t, nx / sine, ny / sine, nz / sine)
         last = angle_to(a, b, far_s, far_t, nx / sine, ny / sine, nz / sine)
         out[8], out[9] = min(first, last), max(first, last)
         return
     # The normal of two directions, each inside its cone, tilts at most by this.
-    tilt = 2.0 * (np.sin(0.5 * cone_a) + np.sin(0.5 * cone_b)) / max(sine, 1e-12)
+    tilt = 2.0 * (np.sin(0.5 * cone_a) + np.sin(0.5 * cone_b)) / max(sine, NOT_ZERO)
     if tilt >= 1.0:
         return
     out[10] = 1.0

@@ -1,6 +1,6 @@
 """Compiled refinement of a pose: point-to-line Gauss-Newton on the data assigned to it.
 
-Rows of features, tolerances and motions as in kernels.py.
+Rows of features, tolerances and motions as in features.py.
 """
 
 from __future__ import annotations
@@ -9,12 +9,36 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from .kernels import CURVE, assign
+from .back_projection import assign
+from .features import CURVE
+from .rigid_motion import compose_small, perpendiculars, transform_line
+from .settings import DAMPING, FREE, NOT_ZERO, SMALLEST_LENGTH
 
 
 @njit
 def solve6(a, b, x):
-    """Solve a x = b for a symmetric positive definite (6, 6) by Cholesky; False when it is not definite."""
+    """Solve a x = b by Cholesky's decomposition.
+
+    Parameters
+    ----------
+    a : (6, 6) float64
+        Symmetric; its lower half is read.
+    b : (6,) float64
+    x : (6,) float64
+        Filled with the solution.
+
+    Returns
+    -------
+    bool
+        False when a is not positive definite; x is then without meaning.
+
+    Examples
+    --------
+    >>> x = np.empty(6)
+    >>> solve6(2.0 * np.eye(6), np.ones(6), x), x.tolist()
+    (True, [0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
+
+    """
     low = np.zeros((6, 6))
     for i in range(6):
         for j in range(i + 1):
@@ -41,7 +65,8 @@ def solve6(a, b, x):
 
 
 @njit
-def _add_row(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
+def add_equation(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
+    """Add one equation, derivatives by rotation g and translation e, to the lower half of the normal equations."""
     row = (gx, gy, gz, ex, ey, ez)
     for i in range(6):
         right[i] += weight * row[i] * residual
@@ -50,30 +75,57 @@ def _add_row(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
 
 
 @njit
-def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre, normal, right):
-    """Point-to-line least squares, linearised about a pose; rotation is about ``centre`` (3,), camera frame.
+def normal_equations(motion, lines, data, assignment, sign, centre, normal, right):
+    """Point-to-line least squares, linearised about a pose.
 
     Both end points of every data edge or axis must lie on its model line; a curve's centre on the model's centre and
-    its normal along the model's. Unknowns: rotation vector (3), translation (3). Fills normal (6, 6), lower half, and
-    right (6,); returns the weighted sum of squares, its number of equations, and the plain sum of squared distances
-    with their number.
+    its normal along the model's. Unknowns: rotation vector about ``centre`` (radians), translation (metres).
+
+    Parameters
+    ----------
+    motion : (12,) float64
+        The pose.
+    lines : (e, 9) float64
+        The model's features.
+    data : DataFeatures
+    assignment : (n,) int32
+        Model feature of each data feature, or -1.
+    sign : (n,) int8
+        1 or -1, whether the directions agree.
+    centre : (3,) float64
+        Camera frame, metres.
+    normal : (6, 6) float64
+    right : (6,) float64
+        Filled with both sides of the equations.
+
+    Returns
+    -------
+    cost : float
+        Weighted sum of squares.
+    equations : int
+        How many squares that is the sum of.
+    squares : float
+        Square metres, sum of squared distances.
+    points : int
+        How many distances that is the sum of.
+
     """
+    rows, tols = data.rows, data.tolerances
     normal[:] = 0.0
     right[:] = 0.0
     cost = 0.0
     equations = 0
     squares = 0.0
     points = 0
-    for k in range(data.shape[0]):
+    for k in range(rows.shape[0]):
         j = assignment[k]
         if j < 0:
             continue
-        m = model[j]
-        ux, uy, uz, mx, my, mz = placed_line(motion, m)
-        ex, ey, ez, fx, fy, fz = across_line(ux, uy, uz)
+        ux, uy, uz, mx, my, mz = transform_line(motion, lines[j])
+        ex, ey, ez, fx, fy, fz = perpendiculars(ux, uy, uz)
         weight = 1.0 / (tols[k, 0] * tols[k, 0])
-        d = data[k]
-        curve = kind_d[k] == CURVE
+        d = rows[k]
+        curve = data.kind[k] == CURVE
         for end in range(2):
             step = d[6] if end == 0 else -d[6]
             if curve and end == 1:
@@ -93,7 +145,7 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
                 else:
                     ax, ay, az = ux, uy, uz
                 residual = ax * rx + ay * ry + az * rz
-                _add_row(
+                add_equation(
                     normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual, weight
                 )
                 cost += weight * residual * residual
@@ -109,7 +161,7 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
                 else:
                     ax, ay, az = fx, fy, fz
                 residual = s * (ax * d[3] + ay * d[4] + az * d[5])
-                _add_row(
+                add_equation(
                     normal,
                     right,
                     uy * az - uz * ay,
@@ -130,97 +182,44 @@ def normal_equations(motion, model, data, kind_d, tols, assignment, sign, centre
 
 
 @njit
-def placed_line(motion, m):
-    """Direction and middle (ux, uy, uz, mx, my, mz) of a model feature, a row m, where a pose puts it."""
-    return (
-        motion[0] * m[3] + motion[1] * m[4] + motion[2] * m[5],
-        motion[3] * m[3] + motion[4] * m[4] + motion[5] * m[5],
-        motion[6] * m[3] + motion[7] * m[4] + motion[8] * m[5],
-        motion[0] * m[0] + motion[1] * m[1] + motion[2] * m[2] + motion[9],
-        motion[3] * m[0] + motion[4] * m[1] + motion[5] * m[2] + motion[10],
-        motion[6] * m[0] + motion[7] * m[1] + motion[8] * m[2] + motion[11],
-    )
+def damp(normal):
+    """Add DAMPING x the trace to the diagonal of a normal matrix (6, 6): a free motion stays where it is."""
+    trace = 0.0
+    for i in range(6):
+        trace += normal[i, i]
+    for i in range(6):
+        normal[i, i] += DAMPING * trace
 
 
 @njit
-def across_line(ux, uy, uz):
-    """Two unit vectors (ex, ey, ez, fx, fy, fz) upright to a direction and to each other."""
-    if abs(ux) < 0.6:
-        ex, ey, ez = 0.0, uz, -uy
-    else:
-        ex, ey, ez = -uz, 0.0, ux
-    length = np.sqrt(ex * ex + ey * ey + ez * ez)
-    ex, ey, ez = ex / length, ey / length, ez / length
-    return ex, ey, ez, uy * ez - uz * ey, uz * ex - ux * ez, ux * ey - uy * ex
+def refine(motion, model, data, widths, assignment, sign, normal):
+    """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and fit again.
 
+    Parameters
+    ----------
+    motion : (12,) float64
+        Changed in place.
+    model : ModelFeatures
+    data : DataFeatures
+    widths : (w,) float64
+        How many times the tolerances count, one after the other.
+    assignment : (n,) int32
+    sign : (n,) int8
+        Both filled, as :func:`.back_projection.assign` has them.
+    normal : (6, 6) float64
+        Filled: the normal matrix of the last fit, about the returned centre.
 
-@njit
-def apply_step(motion, centre, step):
-    """Turn a pose by a rotation vector about ``centre`` and shift it, in place; Rodrigues, then re-orthonormalised."""
-    wx, wy, wz = step[0], step[1], step[2]
-    angle = np.sqrt(wx * wx + wy * wy + wz * wz)
-    s = 1.0 - angle * angle / 6.0 if angle < 1e-6 else np.sin(angle) / angle
-    c = 0.5 - angle * angle / 24.0 if angle < 1e-3 else (1.0 - np.cos(angle)) / (angle * angle)
-    q = np.empty(9)
-    q[0] = 1.0 - c * (wy * wy + wz * wz)
-    q[1] = c * wx * wy - s * wz
-    q[2] = c * wx * wz + s * wy
-    q[3] = c * wx * wy + s * wz
-    q[4] = 1.0 - c * (wx * wx + wz * wz)
-    q[5] = c * wy * wz - s * wx
-    q[6] = c * wx * wz - s * wy
-    q[7] = c * wy * wz + s * wx
-    q[8] = 1.0 - c * (wx * wx + wy * wy)
-    old = motion.copy()
-    for i in range(3):
-        for j in range(3):
-            motion[3 * i + j] = q[3 * i] * old[j] + q[3 * i + 1] * old[3 + j] + q[3 * i + 2] * old[6 + j]
-    tx, ty, tz = old[9] - centre[0], old[10] - centre[1], old[11] - centre[2]
-    for i in range(3):
-        motion[9 + i] = q[3 * i] * tx + q[3 * i + 1] * ty + q[3 * i + 2] * tz + centre[i] + step[3 + i]
-    orthonormalise(motion)
+    Returns
+    -------
+    matched : int
+        Data features with a model feature.
+    rms : float
+        Metres, root mean square of the distances of end points from their lines.
+    chi : float
+        Weighted cost per equation.
+    x, y, z : float
+        Metres, camera frame: centre of the matched data.
 
-
-@njit
-def orthonormalise(motion):
-    """Gram-Schmidt on the rows of the rotation, in place."""
-    n = np.sqrt(motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2)
-    for i in range(3):
-        motion[i] /= n
-    dot = motion[0] * motion[3] + motion[1] * motion[4] + motion[2] * motion[5]
-    for i in range(3):
-        motion[3 + i] -= dot * motion[i]
-    n = np.sqrt(motion[3] ** 2 + motion[4] ** 2 + motion[5] ** 2)
-    for i in range(3):
-        motion[3 + i] /= n
-    motion[6] = motion[1] * motion[5] - motion[2] * motion[4]
-    motion[7] = motion[2] * motion[3] - motion[0] * motion[5]
-    motion[8] = motion[0] * motion[4] - motion[1] * motion[3]
-
-
-@njit
-def refine(
-    motion,
-    model,
-    kind_m,
-    low,
-    cell,
-    shape,
-    starts,
-    items,
-    data,
-    kind_d,
-    tols,
-    widths,
-    radius_tol,
-    assignment,
-    sign,
-    normal,
-):
-    """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and re-fit.
-
-    The last fit's normal matrix, about the returned centre, stays in ``normal``.
-    Returns matched, root mean square distance (metres, per end point), weighted cost per equation, centre x, y, z.
     """
     right = np.zeros(6)
     step = np.zeros(6)
@@ -229,42 +228,20 @@ def refine(
     rms = 0.0
     chi = 0.0
     for turn in range(len(widths)):
-        matched = assign(
-            motion,
-            model,
-            kind_m,
-            low,
-            cell,
-            shape,
-            starts,
-            items,
-            data,
-            kind_d,
-            tols,
-            widths[turn],
-            radius_tol,
-            assignment,
-            sign,
-        )
+        matched = assign(motion, model, data, widths[turn], assignment, sign)
         if matched == 0:
             return matched, 0.0, 0.0, 0.0, 0.0, 0.0
         centre[:] = 0.0
-        for k in range(data.shape[0]):
+        for k in range(data.rows.shape[0]):
             if assignment[k] >= 0:
                 for i in range(3):
-                    centre[i] += data[k, i] / matched
-        cost, equations, squares, points = normal_equations(
-            motion, model, data, kind_d, tols, assignment, sign, centre, normal, right
-        )
-        trace = 0.0
-        for i in range(6):
-            trace += normal[i, i]
-        for i in range(6):
-            normal[i, i] += 1e-9 * trace  # a free direction stays where it is
+                    centre[i] += data.rows[k, i] / matched
+        normal_equations(motion, model.rows, data, assignment, sign, centre, normal, right)
+        damp(normal)
         if solve6(normal, right, step):
-            apply_step(motion, centre, step)
+            compose_small(motion, centre, step)
         cost, equations, squares, points = normal_equations(
-            motion, model, data, kind_d, tols, assignment, sign, centre, normal, right
+            motion, model.rows, data, assignment, sign, centre, normal, right
         )
         rms = np.sqrt(squares / max(points, 1))
         chi = cost / max(equations - 6, 1)
@@ -272,24 +249,39 @@ def refine(
 
 
 @njit
-def covariances(normals, chi, levers, size, smallest):
-    """(c, 6, 6) covariances of translation and rotation, metres and radians, from normal matrices of fits.
+def covariances(normals, chi, levers, size):
+    """Covariances of poses from the normal matrices of their fits.
 
-    normals : (c, 6, 6), about the data's centre; chi : (c,) weighted cost per equation; levers : (c, 3) metres, from
-    the centres to the translations of the poses; size : of the model, metres; smallest : metres
     A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
+
+    Parameters
+    ----------
+    normals : (c, 6, 6) float64
+        About the data's centre, see :func:`refine`.
+    chi : (c,) float64
+        Weighted cost per equation.
+    levers : (c, 3) float64
+        Metres, from the data's centre to the translation of the pose.
+    size : float
+        Metres, of the model.
+
+    Returns
+    -------
+    (c, 6, 6) float64
+        Of translation and rotation, metres and radians.
+
     """
     out = np.empty((len(chi), 6, 6))
     # Rotation as displacement at the model's rim, to compare the six.
     units = np.ones(6)
-    units[:3] = 1.0 / max(0.5 * size, smallest)
+    units[:3] = 1.0 / max(0.5 * size, SMALLEST_LENGTH)
     scaled, spread = np.empty((6, 6)), np.empty((6, 6))
     for k in range(len(chi)):
         for i in range(6):
             for j in range(6):
                 scaled[i, j] = normals[k, i, j] * units[i] * units[j]
         values, vectors = np.linalg.eigh(scaled)
-        floor = max(values[5], 1e-300) * 1e-7
+        floor = max(values[5], 1e-300) * FREE
         x, y, z = levers[k, 0], levers[k, 1], levers[k, 2]
         for j in range(6):
             turn = (vectors[0, j] * units[0], vectors[1, j] * units[1], vectors[2, j] * units[2])
@@ -301,7 +293,7 @@ def covariances(normals, chi, levers, size, smallest):
             for j in range(i + 1):
                 total = 0.0
                 for q in range(6):
-                    variance = max(chi[k], 1e-12) / values[q] if values[q] > floor else size * size
+                    variance = max(chi[k], NOT_ZERO) / values[q] if values[q] > floor else size * size
                     total += spread[i, q] * variance * spread[j, q]
                 out[k, i, j] = out[k, j, i] = total
     return out

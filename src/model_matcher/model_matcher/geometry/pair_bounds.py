@@ -2,8 +2,8 @@
 
 Two lines in space have an angle, a signed distance and two feet, where their common perpendicular meets them. A rigid
 motion keeps all four, so they must agree; and between the feet each data feature must have room on its model feature.
-Every number is widened by what features that :func:`kernels.fit_one` still accepts may differ by: what this test
-refuses, no pose explains. Nearly parallel lines have no certain feet; of exactly parallel ones the distance counts.
+Every number is widened by what features that :func:`.back_projection.fit_one` still accepts may differ by: what this
+test refuses, no pose explains. Nearly parallel lines have no certain feet; of parallel ones the distance counts.
 
 A relation is a row of ten numbers (distances in metres, angles in radians):
 angle in [0, pi/2], its sine, signed distance, foot on a, foot on b, distance of the mid points, distance of b's mid
@@ -16,19 +16,17 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from .kernels import CURVE, pair_geometry
+from .features import CURVE
+from .line_pairs import pair_geometry
+from .settings import CERTAIN_FEET, EXACTLY_PARALLEL_SINE, ROUNDING, WIDEST_CONE
 
-RELATION = 10
-ANGLE, SINE, OFFSET, FOOT_A, FOOT_B, MIDS, FROM_A, FROM_B, SHIFT, FLIP = range(RELATION)
-ROUNDING = 1e-9
-EXACTLY_PARALLEL = 1e-7
-# Sines below this many times the uncertainty of the angle leave the feet open.
-SURE = 2.0
+# Columns of a relation, and how many there are.
+ANGLE, SINE, OFFSET, FOOT_A, FOOT_B, MIDS, FROM_A, FROM_B, SHIFT, FLIP, RELATION = range(11)
 
 
 @njit
 def relation(a, b, out):
-    """The relation of two features (rows as in kernels.py), into out (10,)."""
+    """The relation of two features (rows as in features.py), into out (10,)."""
     c, s, d, fa, fb, flip = pair_geometry(a, b)
     wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     square = wx * wx + wy * wy + wz * wz
@@ -62,7 +60,7 @@ def possible(data, kind_d, tols, model, kind_m, radius_tol):
         for i in range(e):
             if kind_d[a] != kind_m[i]:
                 continue
-            if data[a, 6] * np.cos(min(tols[a, 2], 1.2)) > model[i, 6] + tols[a, 1] + ROUNDING:
+            if data[a, 6] * np.cos(min(tols[a, 2], WIDEST_CONE)) > model[i, 6] + tols[a, 1] + ROUNDING:
                 continue
             if kind_d[a] == CURVE and (
                 abs(data[a, 7] - model[i, 7]) > radius_tol + tols[a, 0] + ROUNDING
@@ -79,7 +77,7 @@ def margins_of(data, tols):
     angle, its tangent."""
     out = np.empty((data.shape[0], 6))
     for k in range(data.shape[0]):
-        half, cone = data[k, 6], min(tols[k, 2], 1.2)
+        half, cone = data[k, 6], min(tols[k, 2], WIDEST_CONE)
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = half, half * np.cos(cone), tols[k, 0], tols[k, 1]
         out[k, 4], out[k, 5] = cone, np.tan(cone)
     return out
@@ -119,13 +117,13 @@ def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
     crossed = abs(np.pi - angle - model_rel[i, j, ANGLE]) <= cone
     if not straight and not crossed:
         return False
-    if model_rel[i, j, SINE] < EXACTLY_PARALLEL:
+    if model_rel[i, j, SINE] < EXACTLY_PARALLEL_SINE:
         # The model lines are parallel: their distance is the same everywhere.
         strays = max(_strays(margins, a, rels[k, SHIFT]) + margins[b, 2], _strays(margins, b, mids) + margins[a, 2])
         strays += mids * margins[a, 4] * margins[a, 4]
         return abs(rels[k, FROM_A] - model_rel[i, j, FROM_A]) <= strays + ROUNDING
     sine = min(rels[k, SINE], model_rel[i, j, SINE])
-    if sine < SURE * cone:
+    if sine < CERTAIN_FEET * cone:
         return True
     offset, model_offset = rels[k, OFFSET], model_rel[i, j, OFFSET]
     foot_a, foot_b = rels[k, FOOT_A], rels[k, FOOT_B]

@@ -3,41 +3,152 @@
 A pair of lines has a frame and a place: the orthonormal frame of its directions, and the middle of its two feet. A pose
 takes the model pair's onto the data pair's. Neighbours of the data pair are brought into its frame once, and from there
 into the model by each model pair's frame. Nothing is allocated for a hypothesis, and the first neighbour that fits a
-third model feature decides. Rows, tolerances and motions as in kernels.py.
+third model feature decides. Rows, tolerances and motions as in features.py.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array
 
-from .kernels import CURVE, FLIP_MARGIN, _pair_cell, pair_geometry
+from .features import CURVE
+from .line_pairs import pair_cell, pair_geometry
+from .rigid_motion import rotate
+from .settings import FLIP_MARGIN, OFFSET_CELLS, WIDEST_CONE
+
+
+class PairWindow(NamedTuple):
+    """A pair of data features, and how far off a model pair that it lies on may be.
+
+    angle : radians; distance, foot_a, foot_b : metres; flip : as :func:`.line_pairs.pair_geometry` gives them
+    cone : radians, across : metres, slide_a, slide_b : metres along either line; what they may be off
+    """
+
+    angle: float
+    distance: float
+    foot_a: float
+    foot_b: float
+    flip: float
+    cone: float
+    across: float
+    slide_a: float
+    slide_b: float
+
+
+class Neighbourhood(NamedTuple):
+    """Neighbours of a data pair in the pair's frame; rows are filled as far as :func:`into_frame` says.
+
+    features : (m,) their numbers; places : (m, 6) point and direction; limits : (m, 4) squared distance across, slack
+    along, half length (metres), squared cosine of the half cone angle
+    """
+
+    features: Int32Array
+    places: FloatArray
+    limits: FloatArray
 
 
 @njit
-def pair_window(data, tols, a, b, reach):
-    """What a model pair may be that a data pair lies on: where in the model's pair table it can stand, and how far off.
+def pair_window(data, a, b):
+    """What a model pair may be that a data pair lies on.
 
-    Returns angle, signed distance, feet and flip of the data pair (kernels.pair_geometry); by how much a model pair may
-    differ in angle (cone), in distance (across) and along either line (slides); and the table's cells, lowest and
-    highest of angle, lowest and highest of distance. reach : metres, of the table.
+    Parameters
+    ----------
+    data : DataFeatures
+    a, b : int
+        The data pair.
+
+    Returns
+    -------
+    PairWindow
+
     """
-    c, s, d, fa, fb, flip = pair_geometry(data[a], data[b])
-    angle = np.arctan2(s, c)
-    over_a, over_b = max(0.0, abs(fa) - data[a, 6]), max(0.0, abs(fb) - data[b, 6])
+    rows, tols = data.rows, data.tolerances
+    c, s, d, foot_a, foot_b, flip = pair_geometry(rows[a], rows[b])
+    over_a, over_b = max(0.0, abs(foot_a) - rows[a, 6]), max(0.0, abs(foot_b) - rows[b, 6])
     cone = min(tols[a, 2] + tols[b, 2], FLIP_MARGIN)
     across = tols[a, 0] + tols[b, 0] + tols[a, 2] * over_a + tols[b, 2] * over_b
     slide_a, slide_b = tols[a, 1] + across / s, tols[b, 1] + across / s
-    a_low, d_low = _pair_cell(angle - cone, d - across, reach)
-    a_high, d_high = _pair_cell(angle + cone, d + across, reach)
-    return angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low, d_high
+    return PairWindow(np.arctan2(s, c), d, foot_a, foot_b, flip, cone, across, slide_a, slide_b)
+
+
+@njit
+def matching_pairs(data, model, table, a, b, window, found):
+    """Model pairs that a data pair may lie on.
+
+    Parameters
+    ----------
+    data : DataFeatures
+    model : ModelFeatures
+    table : PairTable
+    a, b : int
+        The data pair.
+    window : PairWindow
+        Of the data pair.
+    found : (m,) int32
+        Filled: twice the row of the pair in the table, plus 1 where both data directions are reversed. There is room
+        for all when m is at least twice the table's length.
+
+    Returns
+    -------
+    int
+        How many there are.
+
+    """
+    half_a, half_b = data.rows[a, 6], data.rows[b, 6]
+    shortest = min(half_a - window.slide_a, half_b - window.slide_b)
+    angle_low, offset_low = pair_cell(window.angle - window.cone, window.distance - window.across, table.reach)
+    angle_high, offset_high = pair_cell(window.angle + window.cone, window.distance + window.across, table.reach)
+    values, members, lines = table.values, table.members, model.rows
+    count = 0
+    for angle_cell in range(angle_low, angle_high + 1):
+        for offset_cell in range(offset_low, offset_high + 1):
+            cell = angle_cell * OFFSET_CELLS + offset_cell
+            for at in range(table.starts[cell], table.starts[cell + 1]):
+                if values[at, 5] < shortest:
+                    break
+                if (
+                    abs(values[at, 0] - window.angle) > window.cone
+                    or abs(values[at, 1] - window.distance) > window.across
+                ):
+                    continue
+                i, j = members[at, 0], members[at, 1]
+                if data.kind[a] != model.kind[i] or data.kind[b] != model.kind[j]:
+                    continue
+                room_a = lines[i, 6] - half_a + window.slide_a
+                room_b = lines[j, 6] - half_b + window.slide_b
+                for turning in range(2):
+                    turn = 1.0 - 2.0 * turning
+                    if (
+                        abs(values[at, 2] - turn * window.foot_a) <= room_a
+                        and abs(values[at, 3] - turn * window.foot_b) <= room_b
+                    ):
+                        found[count] = 2 * at + turning
+                        count += 1
+    return count
 
 
 @njit
 def pair_frame(features, a, foot_a, b, flip_b, foot_b, out):
-    """Frame and place of a pair into out (12,): rows bisector, in-plane, common normal, symmetric in the errors of both
-    directions; then the middle of the feet. foot, flip : as kernels.pair_geometry gives them"""
+    """Frame and place of a pair of features.
+
+    The bisector of the two directions is as far from the one as from the other, so that the frame is symmetric in the
+    errors of both.
+
+    Parameters
+    ----------
+    features : (n, 9) float64
+    a, b : int
+        The pair.
+    foot_a, foot_b, flip_b : float
+        As :func:`.line_pairs.pair_geometry` gives them.
+    out : (12,) float64
+        Filled: the axes bisector, in-plane and common normal, row by row, then the middle of the feet (metres).
+
+    """
     ux, uy, uz = features[a, 3], features[a, 4], features[a, 5]
     vx, vy, vz = flip_b * features[b, 3], flip_b * features[b, 4], flip_b * features[b, 5]
     ax, ay, az = ux + vx, uy + vy, uz + vz
@@ -56,79 +167,104 @@ def pair_frame(features, a, foot_a, b, flip_b, foot_b, out):
 
 @njit
 def pair_pose(data_pair, model_pair, turn, motion):
-    """The pose that lays a model pair on a data pair, frames and places (12,); turn = -1 reverses both data directions,
-    which is half a turn about the common normal."""
+    """The pose that lays a model pair on a data pair.
+
+    Parameters
+    ----------
+    data_pair, model_pair : (12,) float64
+        As :func:`pair_frame` gives them.
+    turn : float
+        1, or -1 to reverse both data directions, which is half a turn about the common normal.
+    motion : (12,) float64
+        Filled with the pose.
+
+    """
     for p in range(3):
         for q in range(3):
             motion[3 * p + q] = (
                 turn * (data_pair[p] * model_pair[q] + data_pair[3 + p] * model_pair[3 + q])
                 + data_pair[6 + p] * model_pair[6 + q]
             )
-    for p in range(3):
-        motion[9 + p] = data_pair[9 + p] - (
-            motion[3 * p] * model_pair[9] + motion[3 * p + 1] * model_pair[10] + motion[3 * p + 2] * model_pair[11]
-        )
+    x, y, z = rotate(motion, model_pair[9], model_pair[10], model_pair[11])
+    motion[9], motion[10], motion[11] = data_pair[9] - x, data_pair[10] - y, data_pair[11] - z
 
 
 @njit
-def into_frame(a, b, pair, data, tols, near, widen, places, limits):
-    """Neighbours of a data pair in the pair's frame: places (m, 6) point and direction, limits (m, 4) squared distance
-    across, length and slack along, half length, squared cosine of the cone. The pair itself is left out.
+def into_frame(a, b, pair, data, candidates, widen, near):
+    """Bring neighbours of a data pair into the pair's frame; the pair itself is left out.
 
-    near : their numbers, -1 ends them. Returns how many are left; their numbers replace those in ``near``.
+    Parameters
+    ----------
+    a, b : int
+        The data pair.
+    pair : (12,) float64
+        Its frame and place, see :func:`pair_frame`.
+    data : DataFeatures
+    candidates : (m,) int32
+        Numbers of the neighbours, -1 ends them.
+    widen : float
+        Tolerances count this many times.
+    near : Neighbourhood
+        Filled.
+
+    Returns
+    -------
+    int
+        How many neighbours there are.
+
     """
+    rows, tols, places, limits = data.rows, data.tolerances, near.places, near.limits
     count = 0
-    for at in range(len(near)):
-        k = near[at]
+    for at in range(len(candidates)):
+        k = candidates[at]
         if k < 0:
             break
         if k in (a, b):
             continue
-        x, y, z = data[k, 0] - pair[9], data[k, 1] - pair[10], data[k, 2] - pair[11]
-        u, v, w = data[k, 3], data[k, 4], data[k, 5]
-        for axis in range(3):
-            fx, fy, fz = pair[3 * axis], pair[3 * axis + 1], pair[3 * axis + 2]
-            places[count, axis] = fx * x + fy * y + fz * z
-            places[count, 3 + axis] = fx * u + fy * v + fz * w
+        x, y, z = rotate(pair, rows[k, 0] - pair[9], rows[k, 1] - pair[10], rows[k, 2] - pair[11])
+        u, v, w = rotate(pair, rows[k, 3], rows[k, 4], rows[k, 5])
+        places[count, 0], places[count, 1], places[count, 2] = x, y, z
+        places[count, 3], places[count, 4], places[count, 5] = u, v, w
         limits[count, 0] = (tols[k, 0] * widen) ** 2
         limits[count, 1] = tols[k, 1] * widen
-        limits[count, 2] = data[k, 6]
-        limits[count, 3] = np.cos(min(tols[k, 2] * widen, 1.2)) ** 2
-        near[count] = k
+        limits[count, 2] = rows[k, 6]
+        limits[count, 3] = np.cos(min(tols[k, 2] * widen, WIDEST_CONE)) ** 2
+        near.features[count] = k
         count += 1
     return count
 
 
 @njit
-def third(
-    pair,
-    turn,
-    i,
-    j,
-    count,
-    places,
-    limits,
-    near,
-    model,
-    kind_m,
-    low,
-    inverse,
-    shape,
-    vox_starts,
-    vox_items,
-    data,
-    kind_d,
-    tols,
-    radius_tol,
-):
-    """Whether a neighbour lies on a model feature other than i and j, whose frame and place is ``pair`` (12,)."""
-    nx, ny, nz = shape
-    # A reversed pair is turned half about the common normal.
+def fits_a_third(pair, turn, i, j, count, near, model, data):
+    """Whether a neighbour of a data pair lies on a third model feature when the pair lies on a model pair.
+
+    Parameters
+    ----------
+    pair : (12,) float64
+        Frame and place of the model pair, see :func:`pair_frame`.
+    turn : float
+        1, or -1 when both data directions are reversed: the pair is then turned half about the common normal.
+    i, j : int
+        The model pair.
+    count : int
+    near : Neighbourhood
+        The neighbours, and how many there are.
+    model : ModelFeatures
+    data : DataFeatures
+
+    Returns
+    -------
+    bool
+
+    """
+    lines, grid, places, limits = model.rows, model.voxels, near.places, near.limits
+    starts, items, inverse = grid.starts, grid.items, grid.inverse_cell
+    nx, ny, nz = grid.shape
+    lx, ly, lz = grid.low[0], grid.low[1], grid.low[2]
     a0, a1, a2 = turn * pair[0], turn * pair[1], turn * pair[2]
     b0, b1, b2 = turn * pair[3], turn * pair[4], turn * pair[5]
     c0, c1, c2 = pair[6], pair[7], pair[8]
     cx, cy, cz = pair[9], pair[10], pair[11]
-    lx, ly, lz = low[0], low[1], low[2]
     for at in range(count):
         p, q, r = places[at, 0], places[at, 1], places[at, 2]
         x = cx + p * a0 + q * b0 + r * c0
@@ -144,33 +280,33 @@ def third(
         if gz < 0.0 or gz >= nz:
             continue
         cell = (int(gx) * ny + int(gy)) * nz + int(gz)
-        first, last = vox_starts[cell], vox_starts[cell + 1]
+        first, last = starts[cell], starts[cell + 1]
         if first == last:
             continue
         p, q, r = places[at, 3], places[at, 4], places[at, 5]
         vx, vy, vz = p * a0 + q * b0 + r * c0, p * a1 + q * b1 + r * c1, p * a2 + q * b2 + r * c2
-        k = near[at]
+        k = near.features[at]
         across, slack, h, cone = limits[at, 0], limits[at, 1], limits[at, 2], limits[at, 3]
         for item in range(first, last):
-            m = vox_items[item]
-            if m in (i, j) or kind_d[k] != kind_m[m]:
+            m = items[item]
+            if m in (i, j) or data.kind[k] != model.kind[m]:
                 continue
-            ux, uy, uz = model[m, 3], model[m, 4], model[m, 5]
+            ux, uy, uz = lines[m, 3], lines[m, 4], lines[m, 5]
             c = vx * ux + vy * uy + vz * uz
             if c * c < cone:
                 continue
-            dx, dy, dz = x - model[m, 0], y - model[m, 1], z - model[m, 2]
+            dx, dy, dz = x - lines[m, 0], y - lines[m, 1], z - lines[m, 2]
             along = dx * ux + dy * uy + dz * uz
-            if abs(along) + abs(c) * h > model[m, 6] + slack:
+            if abs(along) + abs(c) * h > lines[m, 6] + slack:
                 continue
             dx, dy, dz = dx - along * ux, dy - along * uy, dz - along * uz
             sx, sy, sz = h * (vx - c * ux), h * (vy - c * uy), h * (vz - c * uz)
             worst = dx * dx + dy * dy + dz * dz + sx * sx + sy * sy + sz * sz + 2.0 * abs(dx * sx + dy * sy + dz * sz)
             if worst > across:
                 continue
-            if kind_d[k] == CURVE:
-                room = radius_tol + tols[k, 0]
-                if abs(data[k, 7] - model[m, 7]) > room or abs(data[k, 8] - model[m, 8]) > room:
+            if data.kind[k] == CURVE:
+                room = data.radius_tolerance + data.tolerances[k, 0]
+                if abs(data.rows[k, 7] - lines[m, 7]) > room or abs(data.rows[k, 8] - lines[m, 8]) > room:
                     continue
             return True
     return False

@@ -23,6 +23,7 @@ from msgs_py import BIN, FeatureSet
 from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from ..geometry import constraints as c
+from ..geometry.settings import ROUNDING
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
 from .ordering import order_pairs
@@ -139,8 +140,8 @@ class DapTables:
         model = model_ranges(index).transpose(1, 0, 2)
         self.angle = dap.matrix(model[:, :, 2], WORD)
         # Bounds widened by the rounding that the test allows, once for all data pairs.
-        self.low = {k: dap.matrix(model[:, :, k], WORD) - c.ROUNDING for k in (0, 4, 6, 8)}
-        self.high = {k: dap.matrix(model[:, :, k + 1], WORD) + c.ROUNDING for k in (0, 4, 6, 8)}
+        self.low = {k: dap.matrix(model[:, :, k], WORD) - ROUNDING for k in (0, 4, 6, 8)}
+        self.high = {k: dap.matrix(model[:, :, k + 1], WORD) + ROUNDING for k in (0, 4, 6, 8)}
         self.crossed = dap.matrix(model[:, :, 10], WORD) > 0.0
         self.one_edge = f.unit_diagonal(dap, e, e)
         self.lengths = f.matr(dap.vector(2.0 * index.rows[:, 6], WORD))
@@ -175,7 +176,7 @@ class DapTables:
         if self.use[c.DISTANCE]:
             match = f.merge(self.lengths + slack >= data[1], self._inside(data[0], data[1], 0), self.one_edge)
         if self.use[c.ANGLE]:
-            rounding = c.ROUNDING
+            rounding = ROUNDING
             same = (self.angle >= data[3] - rounding) & (self.angle <= data[2] + rounding)
             different = (self.angle >= pi - data[2] - rounding) & (self.angle <= pi - data[3] + rounding)
         for k in range(2):

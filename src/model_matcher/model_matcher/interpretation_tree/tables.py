@@ -14,6 +14,7 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray, Int32Array, 
 
 from ..geometry import constraints as c
 from ..geometry.constraints import consistent_signs, entry, pair_ranges
+from ..geometry.settings import ROUNDING
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
 from .settings import ENTRIES_PER_SECOND, LARGEST_TABLES
@@ -152,7 +153,7 @@ def unary_table(index: ModelIndex, data: FeatureSet, tolerances: FloatArray, par
     possible: BoolArray = data.kind[:, None] == index.kind
     if 'distance' in params.constraints and params.scale == 'known':
         length = np.where(data.kind == FeatureKind.CURVE, 0.0, data.lengths)
-        possible &= length[:, None] - 2.0 * tolerances[:, 1:2] <= 2.0 * index.rows[:, 6] + c.ROUNDING
+        possible &= length[:, None] - 2.0 * tolerances[:, 1:2] <= 2.0 * index.rows[:, 6] + ROUNDING
     return possible
 
 

@@ -9,15 +9,18 @@ import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet
 
-from ..geometry.kernels import build_pair_table, build_voxels
+from ..geometry.back_projection import build_voxels
+from ..geometry.features import ModelFeatures, PairTable, VoxelGrid
+from ..geometry.line_pairs import build_pair_table
+from ..geometry.settings import SMALLEST_LENGTH
 from ..params import MatchParams
 from .settings import VOXEL_REACHES, VOXELS_ACROSS
 
-SMALLEST_FEATURE = 1e-9  # metres: a shorter edge has no direction
+SMALLEST_FEATURE = SMALLEST_LENGTH
 
 
 def feature_rows(features: FeatureSet) -> np.ndarray:
-    """(n, 9) float64: mid point, unit direction, half length, radii, as kernels.py wants them (metres).
+    """(n, 9) float64: mid point, unit direction, half length, radii, as geometry/features.py describes them (metres).
 
     A feature without length gets direction 0 and half length 0.
     """
@@ -38,21 +41,10 @@ def feature_rows(features: FeatureSet) -> np.ndarray:
 
 
 @dataclass(eq=False)
-class VoxelTable:
-    """low (3,) metres, cell: metres, shape: three counts, starts and items as kernels.build_voxels gives them."""
-
-    low: np.ndarray
-    cell: float
-    shape: tuple[int, int, int]
-    starts: np.ndarray
-    items: np.ndarray
-
-
-@dataclass(eq=False)
 class ModelIndex:
     """A model ready for matching; make it with :func:`index_model`.
 
-    rows : (e, 9) float64 (see kernels.py); kind : (e,) uint8
+    rows : (e, 9) float64 (see geometry/features.py); kind : (e,) uint8
     source : (e,) int, the feature's number in the FeatureSet the model came from (features without length are left out)
     size : metres, the largest distance between two model points (the thesis' maxdist)
     middle : (3,) float64, centre of the model's bounding box; max_radius : metres, 0 without curves
@@ -70,12 +62,21 @@ class ModelIndex:
     pair_starts: np.ndarray
     pair_members: np.ndarray
     pair_values: np.ndarray
-    _voxels: dict[float, VoxelTable] = field(default_factory=dict)
+    _voxels: dict[float, VoxelGrid] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def voxels(self, tolerance: float) -> VoxelTable:
+    @property
+    def pair_table(self) -> PairTable:
+        """The model's pairs as compiled searches take them."""
+        return PairTable(self.pair_reach, self.pair_starts, self.pair_members, self.pair_values)
+
+    def prepared(self, tolerance: float) -> ModelFeatures:
+        """The model as back-projection takes it, for data that is off by no more than a tolerance (metres)."""
+        return ModelFeatures(self.rows, self.kind, self.middle, self.size, self.voxels(tolerance))
+
+    def voxels(self, tolerance: float) -> VoxelGrid:
         """The table whose reach covers a tolerance (metres); the widest one when none does."""
         wanted = tolerance / max(self.size, SMALLEST_FEATURE)
         reach = next((r for r in VOXEL_REACHES if r >= wanted), VOXEL_REACHES[-1])
@@ -85,9 +86,10 @@ class ModelIndex:
             low = points.min(axis=0) - margin
             span = points.max(axis=0) + margin - low
             cell = float(span.max()) / VOXELS_ACROSS
-            shape = tuple(int(v) for v in np.maximum(np.ceil(span / cell), 1))
+            nx, ny, nz = (int(v) for v in np.maximum(np.ceil(span / cell), 1))
+            shape = (nx, ny, nz)
             starts, items = build_voxels(self.rows, low, cell, shape, margin)
-            self._voxels[reach] = VoxelTable(low, cell, shape, starts, items)  # type: ignore[arg-type]
+            self._voxels[reach] = VoxelGrid(low, cell, 1.0 / cell, shape, starts, items)
         return self._voxels[reach]
 
 

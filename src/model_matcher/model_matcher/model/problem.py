@@ -8,8 +8,9 @@ import numpy as np
 
 from msgs_py import FeatureSet
 
+from ..geometry.features import DataFeatures, ModelFeatures
 from ..params import MatchParams
-from .index import SMALLEST_FEATURE, ModelIndex, VoxelTable, data_tolerances, feature_rows
+from .index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
 from .settings import FARTHEST, SEARCH_WIDTH
 
 
@@ -18,28 +19,30 @@ class Problem:
     """A model and data, made ready.
 
     data : the n usable features; keep : (n,) their numbers among all n_data
-    rows : (n, 9), tolerances : (n, 3) as kernels.py wants them; radius_tol : metres
+    model, features : the model and the n data features as compiled functions take them
     """
 
     index: ModelIndex
     data: FeatureSet
     keep: np.ndarray
     n_data: int
-    rows: np.ndarray
-    tolerances: np.ndarray
-    table: VoxelTable
-    radius_tol: float
+    model: ModelFeatures
+    features: DataFeatures
 
     @property
-    def grid(self) -> tuple:
-        """What the back-projection kernels take, model first."""
-        table = self.table
-        return (self.index.rows, self.index.kind, table.low, table.cell, table.shape, table.starts, table.items)
+    def rows(self) -> np.ndarray:
+        """(n, 9) float64, the data features."""
+        return self.features.rows
 
     @property
-    def sample(self) -> tuple:
-        """The data as the kernels take it."""
-        return (self.rows, self.data.kind, self.tolerances)
+    def tolerances(self) -> np.ndarray:
+        """(n, 3) float64 of the data features: across and along (metres), half cone angle (radians)."""
+        return self.features.tolerances
+
+    @property
+    def radius_tol(self) -> float:
+        """Metres that radii of curves may be off, besides the tolerance across."""
+        return self.features.radius_tolerance
 
 
 def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
@@ -61,6 +64,5 @@ def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Pr
     rows = feature_rows(used)
     tolerances = data_tolerances(used, rows, index.size, params)
     widest = SEARCH_WIDTH * float(tolerances[:, 0].max(initial=0.0))
-    return Problem(
-        index, used, keep, len(data), rows, tolerances, index.voxels(widest), params.curvedev * index.max_radius
-    )
+    features = DataFeatures(rows, used.kind, tolerances, params.curvedev * index.max_radius)
+    return Problem(index, used, keep, len(data), index.prepared(widest), features)

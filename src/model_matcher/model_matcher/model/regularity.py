@@ -7,7 +7,7 @@ coincidences, and for this needs to know which features lie in which planes of t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,8 +17,7 @@ from .index import ModelIndex
 from .settings import MAX_DIRECTIONS, MAX_NORMALS, PARALLEL_COSINE, PERPENDICULAR_COSINE
 
 
-@dataclass(eq=False)
-class Regularity:
+class Regularity(NamedTuple):
     """Directions and planes of a model's e features.
 
     order : (e,) int32, longest first, curves before edges; direction : (e,) int32, number of each one's direction
@@ -42,22 +41,6 @@ class Regularity:
     upright: np.ndarray
     faces: np.ndarray
     lies: np.ndarray
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """As evidence.py takes them."""
-        return (
-            self.order,
-            self.direction,
-            self.normals,
-            self.offsets,
-            self.sorted,
-            self.usual,
-            self.spanned,
-            self.upright,
-            self.faces,
-            self.lies,
-        )
 
 
 _known: WeakKeyDictionary[ModelIndex, Regularity] = WeakKeyDictionary()

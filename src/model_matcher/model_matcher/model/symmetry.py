@@ -12,7 +12,7 @@ import numpy as np
 
 from msgs_py import Pose
 
-from ..geometry.kernels import PARALLEL_SINE
+from ..geometry.settings import PARALLEL_SINE
 from .index import ModelIndex
 from .settings import SAME_POSE_DEG, SAME_POSE_SHARE, SYMMETRY_COSINE, SYMMETRY_TOLERANCE
 

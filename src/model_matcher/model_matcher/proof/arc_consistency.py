@@ -16,12 +16,12 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..geometry.constraints import consistent_signs, entry, pair_ranges
-from ..geometry.pair_bounds import ANGLE, MIDS, RELATION, ROUNDING, margins_of, model_relations, pair_fits, relation
+from ..geometry.pair_bounds import ANGLE, MIDS, RELATION, margins_of, model_relations, pair_fits, relation
+from ..geometry.settings import RIGHT_ANGLE, ROUNDING
 from .feasibility import Sample
 from .settings import ANGLES
 
 RANGES = 11  # numbers that geometry.constraints.pair_ranges gives for a pair
-RIGHT_ANGLE = 0.5 * np.pi
 
 
 class PairTest(NamedTuple):

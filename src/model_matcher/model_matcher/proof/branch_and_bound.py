@@ -21,7 +21,7 @@ import numpy as np
 from msgs_py import BIN
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
-from ..geometry.kernels import pair_geometry
+from ..geometry.line_pairs import pair_geometry
 from ..geometry.pair_bounds import possible
 from ..geometry.pair_pose import pair_frame, pair_pose
 from ..model.problem import Problem
@@ -46,8 +46,8 @@ class Larger(Exception):
 
 def sample_of(problem: Problem) -> Sample:
     """Data and model of a problem as the kernels of the proof take them."""
-    data, kinds, tolerances = problem.sample
-    return Sample(data, kinds, tolerances, problem.index.rows)
+    features = problem.features
+    return Sample(features.rows, features.kind, features.tolerances, problem.index.rows)
 
 
 class BranchAndBound:

@@ -2,7 +2,7 @@
 
 Its exact statement. An interpretation pairs each data feature with one model feature at most, and there is a rigid
 motion, its pose, under which every paired data feature lies on its model feature: end points within the tolerances
-across and along, direction within its cone, radii within curvedev (kernels.fit_one, width 1). ``proven``: no
+across and along, direction within its cone, radii within curvedev (back_projection.fit_one, width 1). ``proven``: no
 interpretation of this data, whatever its pose, pairs more data features than this one. Clutter,
 occlusion and symmetry play no part in that; the tolerances do. An equally large one may exist.
 

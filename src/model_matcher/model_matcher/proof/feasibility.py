@@ -20,12 +20,14 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
-from ..geometry.kernels import CURVE, fit_one
-from ..geometry.least_squares import across_line, apply_step, normal_equations, placed_line, solve6
+from ..geometry.back_projection import fit_one
+from ..geometry.features import CURVE, DataFeatures, FeatureRows
+from ..geometry.least_squares import damp, normal_equations, solve6
+from ..geometry.rigid_motion import compose_small, inverse_rotate, inverse_transform, perpendiculars, transform_line
+from ..geometry.settings import WIDEST_CONE
 from .settings import (
     AT_TOLERANCE,
     BELOW_ONE,
-    DAMPING,
     FEW,
     LEAST_GAIN,
     LEAST_ROOM,
@@ -40,7 +42,6 @@ from .settings import (
     SHORTER,
     SHORTEST,
     SMALL_TURN,
-    WIDEST_CONE,
 )
 
 INFEASIBLE, FEASIBLE, OPEN = range(3)
@@ -99,8 +100,8 @@ def _linearise(motion, centre, a, i, sample, residuals, first):
     """The residuals of a on i and their derivatives at a motion (12,), into blocks ``first``... of ``residuals``."""
     m, d = sample.model[i], sample.data[a]
     rows, values = residuals.jacobian, residuals.values
-    ux, uy, uz, mx, my, mz = placed_line(motion, m)
-    ex, ey, ez, fx, fy, fz = across_line(ux, uy, uz)
+    ux, uy, uz, mx, my, mz = transform_line(motion, m)
+    ex, ey, ez, fx, fy, fz = perpendiculars(ux, uy, uz)
     curve = sample.kinds[a] == CURVE
     c = ux * d[3] + uy * d[4] + uz * d[5]
     for block in range(BLOCKS):
@@ -168,16 +169,6 @@ def _squared_norms(residuals, step, out):
 
 
 @njit
-def _damp(normal):
-    """Add a small part of its trace to the diagonal of a normal matrix (6, 6), in place."""
-    trace = 0.0
-    for p in range(6):
-        trace += normal[p, p]
-    for p in range(6):
-        normal[p, p] += DAMPING * trace
-
-
-@njit
 def _newton(residuals, squares, worst, power, at, fit):
     """One Newton step for the sum of powers of the squares (b,), from a step ``at`` (6,); fills ``fit``.
 
@@ -208,7 +199,7 @@ def _newton(residuals, squares, worst, power, at, fit):
             right[p] += weight * gradient[p]
             for q in range(p + 1):
                 curved[p, q] += bend * gradient[p] * gradient[q]
-    _damp(normal)
+    damp(normal)
     for p in range(6):
         for q in range(p + 1):
             curved[p, q] += normal[p, q]
@@ -290,7 +281,7 @@ def minimax_pose(motion, a, i, sample, weights):
                     break
             if worst <= BELOW_ONE:
                 break
-        apply_step(motion, centre, step)
+        compose_small(motion, centre, step)
     _linearise_all(motion, centre, a, i, sample, residuals)
     step[:] = 0.0
     return FEASIBLE if _squared_norms(residuals, step, squares) <= 1.0 else OPEN
@@ -339,7 +330,7 @@ def _reachable(motion, centre, a, i, sample):
             for p in range(6):
                 for q in range(6):
                     normal[p, q] += residuals.jacobian[b, k, p] * residuals.jacobian[b, k, q] / blocks
-    _damp(normal)
+    damp(normal)
     inverse = np.empty((6, 6))
     solved = lowest_mean >= 0.0
     for p in range(6):
@@ -455,35 +446,13 @@ def all_fit(motion, a, i, sample, kind_m, radius_tol):
 
     kind_m : (e,) uint8; radius_tol : metres
     """
+    features = DataFeatures(sample.data, sample.kinds, sample.tolerances, radius_tol)
+    model = FeatureRows(sample.model, kind_m)
     for k in range(len(a)):
         d = sample.data[a[k]]
-        x, y, z = d[0] - motion[9], d[1] - motion[10], d[2] - motion[11]
-        px = motion[0] * x + motion[3] * y + motion[6] * z
-        py = motion[1] * x + motion[4] * y + motion[7] * z
-        pz = motion[2] * x + motion[5] * y + motion[8] * z
-        vx = motion[0] * d[3] + motion[3] * d[4] + motion[6] * d[5]
-        vy = motion[1] * d[3] + motion[4] * d[4] + motion[7] * d[5]
-        vz = motion[2] * d[3] + motion[5] * d[4] + motion[8] * d[5]
-        if (
-            fit_one(
-                a[k],
-                sample.data,
-                sample.kinds,
-                sample.tolerances,
-                i[k],
-                sample.model,
-                kind_m,
-                px,
-                py,
-                pz,
-                vx,
-                vy,
-                vz,
-                1.0 + AT_TOLERANCE,
-                radius_tol,
-            )
-            < 0.0
-        ):
+        point = inverse_transform(motion, d[0], d[1], d[2])
+        direction = inverse_rotate(motion, d[3], d[4], d[5])
+        if fit_one(a[k], features, i[k], model, point, direction, 1.0 + AT_TOLERANCE) < 0.0:
             return False
     return True
 
@@ -504,6 +473,7 @@ def least_squares_pose(motion, assignment, sign, sample, normal, figures):
             for axis in range(3):
                 centre[axis] += data[k, axis]
     centre /= max(matched, 1)
+    features = DataFeatures(data, sample.kinds, sample.tolerances, 0.0)
     for turn in range(NEWTON_STEPS + 1):
         for k in range(n):
             sign[k] = 0
@@ -515,13 +485,13 @@ def least_squares_pose(motion, assignment, sign, sample, normal, figures):
                         c += d[3 + p] * motion[3 * p + q] * m[3 + q]
                 sign[k] = 1 if c >= 0.0 else -1
         cost, equations, squares, points = normal_equations(
-            motion, model, data, sample.kinds, sample.tolerances, assignment, sign, centre, normal, right
+            motion, model, features, assignment, sign, centre, normal, right
         )
         figures[0], figures[1] = np.sqrt(squares / max(points, 1)), cost / max(equations - 6, 1)
         if turn == NEWTON_STEPS:
             break
-        _damp(normal)
+        damp(normal)
         if not solve6(normal, right, step):
             break
-        apply_step(motion, centre, step)
+        compose_small(motion, centre, step)
     figures[2], figures[3], figures[4] = centre

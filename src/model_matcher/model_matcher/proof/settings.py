@@ -32,10 +32,6 @@ LEAST_GAIN = 0.002
 BELOW_ONE = 0.999
 # Radians: linearised residuals are trusted for turns smaller than this; their second order is added to the bound.
 SMALL_TURN = 0.3
-# Radians: cones of directions count as this at most, so that their sine is a scale (as geometry.pair_bounds has it).
-WIDEST_CONE = 1.2
-# Added to the diagonal of a normal matrix, as a part of its trace, so that it can be solved.
-DAMPING = 1e-9
 # A residual whose weight is below this part of the heaviest one's is left out of a normal matrix.
 LIGHT = 1e-9
 # Room along a model feature (metres), and the squared residuals that others are compared with, are at least these.

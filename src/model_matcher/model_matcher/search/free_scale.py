@@ -17,25 +17,26 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
 
 from ..interpretation_tree.absolute_pose import validate
+from ..interpretation_tree.settings import FIRST_FRACDEV
 from ..model.index import SMALLEST_FEATURE, ModelIndex, feature_rows
 from ..model.problem import make_problem
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import conclude
 from ..verification.refinement import refine_all
-
-STEP = 0.025  # of the logarithm: a search at one scale finds what is a little larger or smaller
-AROUND = 20  # steps to either side that a scale has to stand out from
-LARGEST = 400  # features of which the pairs are looked at
-ANGLES = 12  # classes of angles from 0 to 90 degrees
-SCALES = 40  # scales searched at most,
-SHARE = 0.25  # of the time limit for one scale at most,
-SPARE = 0.3  # and what is spared for the estimate
-UNCHANGED = 8  # and so many without a better interpretation once there is one
-SHORTEST = 0.03  # of the largest distance: shorter ones say little of the scale
-TURNS = 6  # alternations of pose and scale
-ROUGH = 4.0  # times fracdev: what the closed-form pose of a directions-only interpretation is allowed
-TRIED = 8  # such interpretations that are settled
-OPEN_SCALE = 1e-9  # of the model's size, squared: lines that come so near one point leave the scale open
+from .settings import (
+    ANGLE_CLASSES,
+    ESTIMATE_TIME,
+    ESTIMATED,
+    LONGEST_FEATURES,
+    OPEN_SCALE,
+    SCALE_STEP,
+    SCALE_SURROUNDINGS,
+    SCALE_TIME,
+    SCALE_TURNS,
+    SCALES,
+    SHORTEST_DISTANCE,
+    UNCHANGED_SCALES,
+)
 
 Search = Callable[[ModelIndex, FeatureSet, MatchParams], MatchResult]
 
@@ -54,10 +55,14 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
     tried = since = 0
     for scale in likely_scales(index, data):
         left = deadline - time.perf_counter()
-        if tried >= SCALES or (best and since >= UNCHANGED) or (tried and left <= SPARE * params.time_limit_s):
+        if (
+            tried >= SCALES
+            or (best and since >= UNCHANGED_SCALES)
+            or (tried and left <= ESTIMATE_TIME * params.time_limit_s)
+        ):
             break
         # No scale is to have all the time.
-        seconds = max(min(left, SHARE * params.time_limit_s), 1e-3)
+        seconds = max(min(left, SCALE_TIME * params.time_limit_s), 1e-3)
         found = search(index, resized(data, 1.0 / scale), known.replace(time_limit_s=seconds))
         tried += 1
         since += 1
@@ -99,12 +104,12 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
         problem.data,
         result.assignments,
         result.signs,
-        ROUGH * params.fracdev,
+        FIRST_FRACDEV * params.fracdev,
         params.curvedev,
         index.size,
         scale_free=True,
     )
-    order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:TRIED]
+    order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:ESTIMATED]
     known = params.replace(scale='known', prove=False)
     settled: list[Interpretation] = []
     for k in order:
@@ -146,9 +151,9 @@ def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
         return
     low, high = np.log(theirs[0].min()), np.log(theirs[0].max())
     first, last = np.log(mine[0].min()), np.log(mine[0].max())
-    model_bins, data_bins = int((high - low) / STEP) + 1, int((last - first) / STEP) + 1
+    model_bins, data_bins = int((high - low) / SCALE_STEP) + 1, int((last - first) / SCALE_STEP) + 1
     total = np.zeros(model_bins + data_bins - 1)
-    for angle in range(ANGLES):
+    for angle in range(ANGLE_CLASSES):
         a, b = mine[1] == angle, theirs[1] == angle
         if not a.any() or not b.any():
             continue
@@ -156,9 +161,13 @@ def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
         model_counts = _counts(theirs[0][b], np.ones(int(b.sum())), low, model_bins)
         total += np.correlate(data_counts, model_counts, mode='full') / model_counts.sum()
     # What stands out above its surroundings is more than the plenty of some length.
-    background = np.convolve(np.pad(total, AROUND), np.full(2 * AROUND + 1, 1.0 / (2 * AROUND + 1)), mode='valid')
+    background = np.convolve(
+        np.pad(total, SCALE_SURROUNDINGS),
+        np.full(2 * SCALE_SURROUNDINGS + 1, 1.0 / (2 * SCALE_SURROUNDINGS + 1)),
+        mode='valid',
+    )
     merit = (total - background) / np.sqrt(background + 0.01 * total.max())
-    shifts = (np.arange(len(total)) - (model_bins - 1)) * STEP + first - low
+    shifts = (np.arange(len(total)) - (model_bins - 1)) * SCALE_STEP + first - low
     taken = np.zeros(len(total), bool)
     for at in np.argsort(-merit, kind='stable'):
         if not taken[at]:
@@ -168,7 +177,7 @@ def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
 
 def _counts(lengths: np.ndarray, weights: np.ndarray, first: float, bins: int) -> np.ndarray:
     """Smoothed histogram of logarithms; a length between two bins counts in both."""
-    at = (np.log(lengths) - first) / STEP
+    at = (np.log(lengths) - first) / SCALE_STEP
     low = np.minimum(at.astype(int), bins - 1)
     part = np.clip(at - low, 0.0, 1.0)
     counts = np.bincount(low, weights * (1.0 - part), bins)
@@ -177,13 +186,13 @@ def _counts(lengths: np.ndarray, weights: np.ndarray, first: float, bins: int) -
 
 def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distances between the lines of all pairs, their class of angle, and their weight: pairs near each other count."""
-    rows = rows[np.argsort(-rows[:, 6], kind='stable')[:LARGEST]]
+    rows = rows[np.argsort(-rows[:, 6], kind='stable')[:LONGEST_FEATURES]]
     i, j = np.triu_indices(len(rows), 1)
     u, v, w = rows[i, 3:6], rows[j, 3:6], rows[j, :3] - rows[i, :3]
     normal = np.cross(u, v)
     sine = np.linalg.norm(normal, axis=1)
     angle = np.arctan2(sine, np.abs((u * v).sum(axis=1)))
-    group = np.minimum((angle / (0.5 * np.pi) * (ANGLES - 1) + 0.5).astype(int), ANGLES - 1)
+    group = np.minimum((angle / (0.5 * np.pi) * (ANGLE_CLASSES - 1) + 0.5).astype(int), ANGLE_CLASSES - 1)
     across = np.abs((w * normal).sum(axis=1)) / np.maximum(sine, 1e-12)
     apart = np.linalg.norm(w - (w * u).sum(axis=1)[:, None] * u, axis=1)
     lengths = np.where(group == 0, apart, across)
@@ -196,9 +205,9 @@ def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarra
     # A feature's own length counts as well: most are seen whole.
     whole = 2.0 * rows[:, 6]
     lengths = np.concatenate([lengths, whole[whole > 0.0]])
-    group = np.concatenate([group, np.full(int((whole > 0.0).sum()), ANGLES - 1)])
+    group = np.concatenate([group, np.full(int((whole > 0.0).sum()), ANGLE_CLASSES - 1)])
     weights = np.concatenate([weights, np.full(int((whole > 0.0).sum()), 0.5)])
-    keep = lengths > max(SHORTEST * float(lengths.max(initial=0.0)), shortest, SMALLEST_FEATURE)
+    keep = lengths > max(SHORTEST_DISTANCE * float(lengths.max(initial=0.0)), shortest, SMALLEST_FEATURE)
     return lengths[keep], group[keep], weights[keep]
 
 
@@ -216,7 +225,7 @@ def settle(
     deadline : of perf_counter(), after which no turn begins but the first
     """
     current = found
-    for _ in range(TURNS):
+    for _ in range(SCALE_TURNS):
         factor = _better_scale(index, resized(data, 1.0 / scale), current)
         scale *= factor
         problem = make_problem(index, resized(data, 1.0 / scale), params)

@@ -7,28 +7,60 @@ on. The best poses, near duplicates suppressed, are the candidates. Cost hardly 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray
 
-from ..geometry.kernels import OFFSET_CELLS, count_matches
-from ..geometry.pair_pose import into_frame, pair_frame, pair_pose, pair_window, third
+from ..geometry.back_projection import count_matches
+from ..geometry.features import DataFeatures
+from ..geometry.pair_pose import (
+    Neighbourhood,
+    fits_a_third,
+    into_frame,
+    matching_pairs,
+    pair_frame,
+    pair_pose,
+    pair_window,
+)
+from ..geometry.rigid_motion import transform
+from .settings import (
+    LITTLE_EXPLAINED,
+    LOCAL_PARTNERS,
+    LOCAL_TEST,
+    LONGER,
+    NEEDED,
+    SAME_PLACE,
+    SAME_TURN_TRACE,
+    WORTH_KEEPING,
+)
 
-WORTH_KEEPING = 0.35  # share of the best score: a decoy may explain more features than a model half hidden
-LOCAL_TEST = 50  # with more data than this, a pose is first tried on the pair's neighbours,
-LOCAL_PARTNERS = 12  # the best partners of each of the two
-# While the best explains less than this share of a large model, patience is so many times longer: each data pair has
-# more hypotheses there, and 8000 are soon used up.
-LITTLE, LONGER = 0.08, 6.0
+
+class Candidates(NamedTuple):
+    """The best poses so far, best first: motions (c, 12) and scores (c,), 0 where there is none yet."""
+
+    motions: FloatArray
+    scores: FloatArray
 
 
 @njit
-def _insert(motion, score, middle, size, motions, scores):
-    """Keep a pose among the best, unless a better one stands within 6 degrees and 6 % of the model's size."""
+def keep_candidate(motion, score, model, candidates):
+    """Keep a pose among the best, unless a better one stands near it (SAME_TURN_TRACE, SAME_PLACE).
+
+    Parameters
+    ----------
+    motion : (12,) float64
+    score : float
+    model : ModelFeatures
+    candidates : Candidates
+        Changed in place.
+
+    """
+    motions, scores, middle = candidates.motions, candidates.scores, model.middle
     twin = -1
-    mx = motion[0] * middle[0] + motion[1] * middle[1] + motion[2] * middle[2] + motion[9]
-    my = motion[3] * middle[0] + motion[4] * middle[1] + motion[5] * middle[2] + motion[10]
-    mz = motion[6] * middle[0] + motion[7] * middle[1] + motion[8] * middle[2] + motion[11]
+    mx, my, mz = transform(motion, middle[0], middle[1], middle[2])
     for k in range(len(scores)):
         if scores[k] <= 0.0:
             break
@@ -36,12 +68,11 @@ def _insert(motion, score, middle, size, motions, scores):
         trace = 0.0
         for i in range(9):
             trace += motion[i] * other[i]
-        if trace < 2.989:
+        if trace < SAME_TURN_TRACE:
             continue
-        dx = mx - (other[0] * middle[0] + other[1] * middle[1] + other[2] * middle[2] + other[9])
-        dy = my - (other[3] * middle[0] + other[4] * middle[1] + other[5] * middle[2] + other[10])
-        dz = mz - (other[6] * middle[0] + other[7] * middle[1] + other[8] * middle[2] + other[11])
-        if dx * dx + dy * dy + dz * dz > (0.06 * size) ** 2:
+        ox, oy, oz = transform(other, middle[0], middle[1], middle[2])
+        dx, dy, dz = mx - ox, my - oy, mz - oz
+        if dx * dx + dy * dy + dz * dz > (SAME_PLACE * model.size) ** 2:
             continue
         if scores[k] >= score:
             return
@@ -59,169 +90,117 @@ def _insert(motion, score, middle, size, motions, scores):
 
 
 @njit(nogil=True)
-def _gather(data, kind_d, tols, a, reach, widen, around, around_kind, around_tols):
+def _gather(data, a, reach, widen, around):
     """Copy what can lie on a model that data feature a lies on: all within reach (metres) and its own tolerances."""
+    rows, tols = data.rows, data.tolerances
     count = 0
-    for k in range(data.shape[0]):
-        x, y, z = data[k, 0] - data[a, 0], data[k, 1] - data[a, 1], data[k, 2] - data[a, 2]
+    for k in range(rows.shape[0]):
+        x, y, z = rows[k, 0] - rows[a, 0], rows[k, 1] - rows[a, 1], rows[k, 2] - rows[a, 2]
         limit = reach + widen * (tols[k, 0] + tols[k, 1])
         if x * x + y * y + z * z <= limit * limit:
             for i in range(9):
-                around[count, i] = data[k, i]
+                around.rows[count, i] = rows[k, i]
             for i in range(3):
-                around_tols[count, i] = tols[k, i]
-            around_kind[count] = kind_d[k]
+                around.tolerances[count, i] = tols[k, i]
+            around.kind[count] = data.kind[k]
             count += 1
     return count
 
 
-@njit(nogil=True)
-def search_pairs(
-    pairs,
-    partners,
-    model,
-    kind_m,
-    pair_starts,
-    pair_members,
-    pair_values,
-    reach,
-    low,
-    cell,
-    shape,
-    vox_starts,
-    vox_items,
-    middle,
-    size,
-    data,
-    kind_d,
-    tols,
-    widen,
-    radius_tol,
-    first,
-    last,
-    patience,
-    motions,
-    scores,
-    state,
-):
-    """Try the ranked data pairs first..last-1; best poses and scores are kept in ``motions`` and ``scores``.
+@njit
+def _partners_of_both(partners, a, b, p, entered, near):
+    """Numbers of the best partners of a data pair, number p, into near; -1 ends them. entered : (n,), scratch space"""
+    knn = min(partners.shape[1], LOCAL_PARTNERS)
+    count = 0
+    for k in range(2 * knn):
+        other = partners[a, k] if k < knn else partners[b, k - knn]
+        if other >= 0 and entered[other] != p:
+            entered[other] = p
+            near[count] = other
+            count += 1
+    near[count] = -1
 
-    partners : (n, knn) int32, the features that each one pairs with best: a pose must explain one of them besides the
-        pair itself, or the rest of the data is not looked at
-    patience : (least, most) stop once the best is unchanged for so many hypotheses: least x the square of data per
-        explained model feature, at most ``most``, LONGER while LITTLE is explained; a pair of data features is always
-        finished, so that every pose which explains the same data is found
-    state : (4,) int64, carried between calls: hypotheses so far, hypothesis of the last improvement, pairs done,
-        1 when stopped by patience
+
+@njit(nogil=True)
+def search_pairs(pairs, partners, model, table, data, widen, first, last, patience, candidates, state):
+    """Try the ranked data pairs first..last-1 and keep the best poses.
+
+    A pair of data features is always finished, so that every pose which explains the same data is found.
+
+    Parameters
+    ----------
+    pairs : (p, 2) int32
+    partners : (n, knn) int32
+        As :func:`.line_pairs.rank_pairs` gives them. With much data, a pose must explain one of the best partners of
+        the pair's features besides the pair itself, or the rest of the data is not looked at.
+    model : ModelFeatures
+    table : PairTable
+        Of the model.
+    data : DataFeatures
+    widen : float
+        Tolerances count this many times: a pose from two short edges is off by more than the data's own error.
+    first, last : int
+    patience : tuple of 2 float
+        Stopping rule (least, most): stop once the best is unchanged for so many hypotheses: least x the square of data
+        per explained model feature, at most ``most``; LONGER times that while LITTLE_EXPLAINED.
+    candidates : Candidates
+        Changed in place.
+    state : (4,) int64
+        Carried between calls: hypotheses so far, hypothesis of the last improvement, pairs done, 1 when stopped by the
+        stopping rule.
+
     """
-    stamp = np.zeros(model.shape[0], np.int64)
+    scores = candidates.scores
+    stamp = np.zeros(model.rows.shape[0], np.int64)
     data_pair, model_pair, motion = np.empty(12), np.empty(12), np.empty(12)
-    n = data.shape[0]
+    n = data.rows.shape[0]
     knn = min(partners.shape[1], LOCAL_PARTNERS)
     local = n > LOCAL_TEST
-    near = np.empty(2 * knn + 1, np.int32)
-    places, limits = np.empty((2 * knn, 6)), np.empty((2 * knn, 4))
-    inverse = 1.0 / cell
+    near = Neighbourhood(np.empty(2 * knn + 1, np.int32), np.empty((2 * knn, 6)), np.empty((2 * knn, 4)))
     entered = np.full(n, -1, np.int64)
-    around, around_kind, around_tols = data.copy(), kind_d.copy(), tols.copy()
+    around = DataFeatures(data.rows.copy(), data.kind.copy(), data.tolerances.copy(), data.radius_tolerance)
+    found = np.empty(2 * table.members.shape[0], np.int32)
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
-        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low, d_high) = pair_window(
-            data, tols, a, b, reach
-        )
-        ha, hb = data[a, 6], data[b, 6]
+        window = pair_window(data, a, b)
         before = state[1]
+        # With little data all of it is looked at; otherwise what is near enough, gathered when it is needed first.
         n_around = -1 if local else n
-        pair_frame(data, a, fa, b, flip, fb, data_pair)
+        pair_frame(data.rows, a, window.foot_a, b, window.flip, window.foot_b, data_pair)
         count = 0
         if local:
-            for k in range(2 * knn):
-                other = partners[a, k] if k < knn else partners[b, k - knn]
-                if other >= 0 and entered[other] != p:
-                    entered[other] = p
-                    near[count] = other
-                    count += 1
-            near[count] = -1
-            count = into_frame(a, b, data_pair, data, tols, near, widen, places, limits)
-        shortest = min(ha - slide_a, hb - slide_b)
-        for cell_of_pair in range((a_high - a_low + 1) * (d_high - d_low + 1)):
-            ca, cd = cell_of_pair // (d_high - d_low + 1), cell_of_pair % (d_high - d_low + 1)
-            row = (a_low + ca) * OFFSET_CELLS + d_low + cd
-            for at in range(pair_starts[row], pair_starts[row + 1]):
-                if pair_values[at, 5] < shortest:
-                    break
-                if abs(pair_values[at, 0] - angle) > cone or abs(pair_values[at, 1] - d) > across:
-                    continue
-                i, j = pair_members[at, 0], pair_members[at, 1]
-                if kind_d[a] != kind_m[i] or kind_d[b] != kind_m[j]:
-                    continue
-                room_a, room_b = model[i, 6] - ha + slide_a, model[j, 6] - hb + slide_b
-                foot_i, foot_j, flip_j = pair_values[at, 2], pair_values[at, 3], pair_values[at, 4]
-                placed = False
-                for turning in range(2):
-                    turn = 1.0 - 2.0 * turning
-                    if abs(foot_i - turn * fa) > room_a or abs(foot_j - turn * fb) > room_b:
-                        continue
-                    state[0] += 1
-                    if not placed:
-                        pair_frame(model, i, foot_i, j, flip_j, foot_j, model_pair)
-                        placed = True
-                    if local and not third(
-                        model_pair,
-                        turn,
-                        i,
-                        j,
-                        count,
-                        places,
-                        limits,
-                        near,
-                        model,
-                        kind_m,
-                        low,
-                        inverse,
-                        shape,
-                        vox_starts,
-                        vox_items,
-                        data,
-                        kind_d,
-                        tols,
-                        radius_tol,
-                    ):
-                        continue
-                    pair_pose(data_pair, model_pair, turn, motion)
-                    if n_around < 0:
-                        reach_a = size + slide_a + across + cone * abs(fa)
-                        n_around = _gather(data, kind_d, tols, a, reach_a, widen, around, around_kind, around_tols)
-                    needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), 3.0)
-                    score = count_matches(
-                        motion,
-                        model,
-                        kind_m,
-                        low,
-                        cell,
-                        shape,
-                        vox_starts,
-                        vox_items,
-                        around[:n_around],
-                        around_kind[:n_around],
-                        around_tols[:n_around],
-                        widen,
-                        radius_tol,
-                        stamp,
-                        state[0],
-                        needed,
-                    )
-                    if score < needed:
-                        continue
-                    if np.floor(score) > np.floor(scores[0]):
-                        state[1] = state[0]
-                    _insert(motion, score, middle, size, motions, scores)
+            _partners_of_both(partners, a, b, p, entered, near.features)
+            count = into_frame(a, b, data_pair, data, near.features, widen, near)
+        placed = -1
+        for hypothesis in range(matching_pairs(data, model, table, a, b, window, found)):
+            at, turn = found[hypothesis] // 2, 1.0 - 2.0 * (found[hypothesis] % 2)
+            i, j, values = table.members[at, 0], table.members[at, 1], table.values
+            state[0] += 1
+            if placed != at:
+                pair_frame(model.rows, i, values[at, 2], j, values[at, 4], values[at, 3], model_pair)
+                placed = at
+            if local and not fits_a_third(model_pair, turn, i, j, count, near, model, data):
+                continue
+            pair_pose(data_pair, model_pair, turn, motion)
+            if n_around < 0:
+                reach = model.size + window.slide_a + window.across + window.cone * abs(window.foot_a)
+                n_around = _gather(data, a, reach, widen, around)
+            needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), NEEDED)
+            some = DataFeatures(
+                around.rows[:n_around], around.kind[:n_around], around.tolerances[:n_around], data.radius_tolerance
+            )
+            score = count_matches(motion, model, some, widen, stamp, state[0], needed)
+            if score < needed:
+                continue
+            if np.floor(score) > np.floor(scores[0]):
+                state[1] = state[0]
+            keep_candidate(motion, score, model, candidates)
         state[2] = p + 1
         if before != state[1]:
             continue
         waited = state[0] - state[1]
-        share = n / max(np.floor(scores[0]), 3.0)
-        longer = LONGER if max(scores[0], 3.0) < LITTLE * model.shape[0] else 1.0
+        share = n / max(np.floor(scores[0]), NEEDED)
+        longer = LONGER if max(scores[0], NEEDED) < LITTLE_EXPLAINED * model.rows.shape[0] else 1.0
         if waited > longer * min(patience[0] * share * share, patience[1]) or scores[0] >= n:
             state[3] = 1
             return

@@ -11,37 +11,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
 
-from ..geometry.kernels import rank_pairs
+from ..geometry.features import DataFeatures, ModelFeatures, PairTable
+from ..geometry.line_pairs import rank_pairs
 from ..model.index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
-from ..model.problem import make_problem
+from ..model.problem import SEARCH_WIDTH, make_problem
 from ..params import MatchParams
 from ..verification.false_alarms import needed_evidence
 from ..verification.refinement import refine_all
-from .prefilter_kernels import best_poses
+from .pair_search import Candidates
+from .prefilter_kernels import best_poses, count_hypotheses
+from .settings import (
+    BUDGET,
+    EACH,
+    JUDGED,
+    LEAST_CANDIDATES,
+    LEAST_PAIRS,
+    MOST_CANDIDATES,
+    NEAR,
+    PARTNERS,
+    POSES,
+    SAMPLE,
+    UNDECIDED,
+)
 from .threads import spread
-
-PARTNERS = 4  # pairs of each data feature to choose from
-SAMPLE = 8  # models that tell how often a pair fits by chance
-EACH = 3  # pairs that a feature is in
-BUDGET = 350.0  # hypotheses a model
-LEAST_PAIRS = 16
-NEAR = 12  # neighbours of a pair that its pose is tried on first
-SEARCH_WIDTH = 1.6  # tolerance of unrefined poses, as in the full search
-POSES = 3  # of a model that are kept
-JUDGED = 400  # models whose poses are refined
-# Searched in any case: so many, unless one has so many nats more than it needs; and every model whose evidence is
-# within so many nats of what is needed.
-LEAST_CANDIDATES = 3
-SURE = 3.0
-MOST_CANDIDATES = 24
-SHORT_OF = 3.0
 
 
 def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
@@ -57,11 +55,11 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
     order = order[scores[order, 0] > 0.0][:JUDGED]
     surplus = np.array(spread(lambda k: _surplus(models[k], used, params, motions[k], scores[k]), order))
     ranked = np.argsort(-surplus, kind='stable')
-    least = 1 if surplus.max(initial=-np.inf) > SURE else LEAST_CANDIDATES
+    least = 1 if surplus.max(initial=-np.inf) > UNDECIDED else LEAST_CANDIDATES
     return [
         int(order[k])
         for place, k in enumerate(ranked)
-        if place < least or (place < MOST_CANDIDATES and surplus[k] > -SHORT_OF)
+        if place < least or (place < MOST_CANDIDATES and surplus[k] > -UNDECIDED)
     ]
 
 
@@ -85,50 +83,24 @@ def library_scores(
     """
     rows = feature_rows(data)
     scores, motions = np.zeros((len(models), POSES)), np.zeros((len(models), POSES, 12))
-    run: Any = best_poses
 
-    def score(number: int, pairs: np.ndarray, near: np.ndarray, counts: np.ndarray, count_only: bool) -> None:
+    def against(number: int) -> tuple[ModelFeatures, PairTable, DataFeatures]:
         model = models[number]
         tolerances = data_tolerances(data, rows, model.size, params)
-        table = model.voxels(SEARCH_WIDTH * float(tolerances[:, 0].max()))
-        run(
-            pairs,
-            near,
-            model.rows,
-            model.kind,
-            model.pair_starts,
-            model.pair_members,
-            model.pair_values,
-            model.pair_reach,
-            table.low,
-            table.cell,
-            table.shape,
-            table.starts,
-            table.items,
-            rows,
-            data.kind,
-            tolerances,
-            SEARCH_WIDTH,
-            params.curvedev * model.max_radius,
-            counts,
-            count_only,
-            model.middle,
-            model.size,
-            motions[number],
-            scores[number],
-        )
+        features = DataFeatures(rows, data.kind, tolerances, params.curvedev * model.max_radius)
+        return model.prepared(SEARCH_WIDTH * float(tolerances[:, 0].max())), model.pair_table, features
 
     pairs, near = shared_pairs(rows, float(np.median([model.size for model in models])))
     # How often a pair fits a model by chance is the same for all of a library, more or less: a few models tell.
     counts = np.zeros(len(pairs), np.int64)
     sample = range(0, len(models), max(1, len(models) // SAMPLE))
     for number in sample:
-        score(number, pairs, near, counts, True)
+        count_hypotheses(pairs, *against(number), counts)
     chosen = choose_pairs(pairs, counts / len(sample))
     pairs, near = pairs[chosen], near[chosen]
 
     def work(number: int) -> None:
-        score(number, pairs, near, np.zeros(len(pairs), np.int64), False)
+        best_poses(pairs, near, *against(number), SEARCH_WIDTH, Candidates(motions[number], scores[number]))
 
     spread(work, range(len(models)))
     return scores, motions

@@ -1,6 +1,7 @@
 """The compiled inner loop of the prefilter: all pairs of a scene against one model.
 
-As hypotheses.search_pairs, but with few pairs, the same for all models. Rows, tolerances and motions as in kernels.py.
+As pair_search.search_pairs, but with few pairs, the same for all models. Rows, tolerances and motions as in
+geometry/features.py.
 """
 
 from __future__ import annotations
@@ -9,129 +10,87 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from ..geometry.kernels import OFFSET_CELLS, count_matches
-from ..geometry.pair_pose import into_frame, pair_frame, pair_pose, pair_window, third
-from .pair_search import _insert
-
-NEEDED = 3.0  # distinct model features that a pose must explain
+from ..geometry.back_projection import count_matches
+from ..geometry.pair_pose import (
+    Neighbourhood,
+    fits_a_third,
+    into_frame,
+    matching_pairs,
+    pair_frame,
+    pair_pose,
+    pair_window,
+)
+from .pair_search import keep_candidate
+from .settings import NEEDED
 
 
 @njit(nogil=True)
-def best_poses(
-    pairs,
-    near,
-    model,
-    kind_m,
-    pair_starts,
-    pair_members,
-    pair_values,
-    reach,
-    low,
-    cell,
-    shape,
-    vox_starts,
-    vox_items,
-    data,
-    kind_d,
-    tols,
-    widen,
-    radius_tol,
-    counts,
-    count_only,
-    middle,
-    size,
-    motions,
-    scores,
-):
-    """The best of the pairs' poses into motions and scores; how many each pair has is added to ``counts``.
+def count_hypotheses(pairs, model, table, data, counts):
+    """How many hypotheses each data pair makes for a model.
 
-    count_only: no more than the latter
+    Parameters
+    ----------
+    pairs : (p, 2) int32
+    model : ModelFeatures
+    table : PairTable
+        Of the model.
+    data : DataFeatures
+    counts : (p,) int64
+        The numbers are added to it.
+
     """
-    stamp = np.zeros(model.shape[0], np.int64)
-    data_pair, model_pair, motion = np.empty(12), np.empty(12), np.empty(12)
-    places, limits = np.empty((near.shape[1], 6)), np.empty((near.shape[1], 4))
-    members = np.empty(near.shape[1], near.dtype)
-    tried = 0
-    inverse = 1.0 / cell
+    found = np.empty(2 * table.members.shape[0], np.int32)
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
-        (angle, d, fa, fb, flip, cone, across, slide_a, slide_b, a_low, a_high, d_low, d_high) = pair_window(
-            data, tols, a, b, reach
-        )
-        ha, hb = data[a, 6], data[b, 6]
-        ready = False
-        count = 0
-        shortest = min(ha - slide_a, hb - slide_b)
-        for cell_of_pair in range((a_high - a_low + 1) * (d_high - d_low + 1)):
-            ca, cd = cell_of_pair // (d_high - d_low + 1), cell_of_pair % (d_high - d_low + 1)
-            row = (a_low + ca) * OFFSET_CELLS + d_low + cd
-            for at in range(pair_starts[row], pair_starts[row + 1]):
-                if pair_values[at, 5] < shortest:
-                    break
-                if abs(pair_values[at, 0] - angle) > cone or abs(pair_values[at, 1] - d) > across:
-                    continue
-                i, j = pair_members[at, 0], pair_members[at, 1]
-                if kind_d[a] != kind_m[i] or kind_d[b] != kind_m[j]:
-                    continue
-                room_a, room_b = model[i, 6] - ha + slide_a, model[j, 6] - hb + slide_b
-                fi, fj, flip_j = pair_values[at, 2], pair_values[at, 3], pair_values[at, 4]
-                placed = False
-                for turning in range(2):
-                    turn = 1.0 - 2.0 * turning
-                    if abs(fi - turn * fa) > room_a or abs(fj - turn * fb) > room_b:
-                        continue
-                    counts[p] += 1
-                    if count_only:
-                        continue
-                    if not ready:
-                        pair_frame(data, a, fa, b, flip, fb, data_pair)
-                        members[:] = near[p]
-                        count = into_frame(a, b, data_pair, data, tols, members, widen, places, limits)
-                        ready = True
-                    if not placed:
-                        pair_frame(model, i, fi, j, flip_j, fj, model_pair)
-                        placed = True
-                    tried += 1
-                    if not third(
-                        model_pair,
-                        turn,
-                        i,
-                        j,
-                        count,
-                        places,
-                        limits,
-                        members,
-                        model,
-                        kind_m,
-                        low,
-                        inverse,
-                        shape,
-                        vox_starts,
-                        vox_items,
-                        data,
-                        kind_d,
-                        tols,
-                        radius_tol,
-                    ):
-                        continue
-                    pair_pose(data_pair, model_pair, turn, motion)
-                    score = count_matches(
-                        motion,
-                        model,
-                        kind_m,
-                        low,
-                        cell,
-                        shape,
-                        vox_starts,
-                        vox_items,
-                        data,
-                        kind_d,
-                        tols,
-                        widen,
-                        radius_tol,
-                        stamp,
-                        tried,
-                        max(scores[len(scores) - 1], NEEDED),
-                    )
-                    if score >= NEEDED:
-                        _insert(motion, score, middle, size, motions, scores)
+        counts[p] += matching_pairs(data, model, table, a, b, pair_window(data, a, b), found)
+
+
+@njit(nogil=True)
+def best_poses(pairs, neighbours, model, table, data, widen, candidates):
+    """The best of the poses that the data pairs make for a model.
+
+    Parameters
+    ----------
+    pairs : (p, 2) int32
+    neighbours : (p, m) int32
+        Data features near each pair, -1 at the end; a pose must explain one of them besides the pair itself.
+    model : ModelFeatures
+    table : PairTable
+        Of the model.
+    data : DataFeatures
+    widen : float
+        Tolerances count this many times.
+    candidates : Candidates
+        Changed in place.
+
+    """
+    scores, values = candidates.scores, table.values
+    stamp = np.zeros(model.rows.shape[0], np.int64)
+    data_pair, model_pair, motion = np.empty(12), np.empty(12), np.empty(12)
+    m = neighbours.shape[1]
+    near = Neighbourhood(np.empty(m, np.int32), np.empty((m, 6)), np.empty((m, 4)))
+    found = np.empty(2 * table.members.shape[0], np.int32)
+    tried = 0
+    for p in range(pairs.shape[0]):
+        a, b = pairs[p, 0], pairs[p, 1]
+        window = pair_window(data, a, b)
+        hypotheses = matching_pairs(data, model, table, a, b, window, found)
+        if hypotheses == 0:
+            continue
+        pair_frame(data.rows, a, window.foot_a, b, window.flip, window.foot_b, data_pair)
+        count = into_frame(a, b, data_pair, data, neighbours[p], widen, near)
+        placed = -1
+        for hypothesis in range(hypotheses):
+            at, turn = found[hypothesis] // 2, 1.0 - 2.0 * (found[hypothesis] % 2)
+            i, j = table.members[at, 0], table.members[at, 1]
+            if placed != at:
+                pair_frame(model.rows, i, values[at, 2], j, values[at, 4], values[at, 3], model_pair)
+                placed = at
+            tried += 1
+            if not fits_a_third(model_pair, turn, i, j, count, near, model, data):
+                continue
+            pair_pose(data_pair, model_pair, turn, motion)
+            needed = max(scores[len(scores) - 1], NEEDED)
+            score = count_matches(motion, model, data, widen, stamp, tried, needed)
+            if score >= NEEDED:
+                keep_candidate(motion, score, model, candidates)

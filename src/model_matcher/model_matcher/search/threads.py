@@ -7,14 +7,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from .settings import THREADS
+
 Item = TypeVar('Item')
 Result = TypeVar('Result')
-MOST = 4
 
 
 def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """``work`` of every item, in their order, whatever thread does it. An exception of one is raised."""
-    workers = min(MOST, os.cpu_count() or 1, len(items))
+    workers = min(THREADS, os.cpu_count() or 1, len(items))
     if workers < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(max_workers=workers) as pool:

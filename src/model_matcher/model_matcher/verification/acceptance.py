@@ -83,7 +83,9 @@ def conclude(
                 settle(
                     refined.motions[t],
                     problem.index.rows,
-                    *problem.sample,
+                    problem.rows,
+                    problem.data.kind,
+                    problem.tolerances,
                     refined.assignments[t],
                     refined.signs[t],
                     problem.index.size,

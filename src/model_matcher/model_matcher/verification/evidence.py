@@ -30,7 +30,8 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from ..geometry.kernels import CURVE, pair_geometry
+from ..geometry.features import CURVE
+from ..geometry.line_pairs import pair_geometry
 from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
 from .settings import (
     ANGLE,
@@ -362,7 +363,7 @@ def evidence(
     faces,
     lies,
 ):
-    """Evidence of one pose and assignment (n,), nats; rows and tolerances as in kernels.py, faces and lies as in
+    """Evidence of one pose and assignment (n,), nats; rows and tolerances as in geometry.features, faces and lies as in
     :class:`.regularity.Regularity`, the rest as above."""
     e, n = model.shape[0], data.shape[0]
     low = np.full(e, np.inf)

@@ -7,7 +7,7 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, Interpretation, Pose
 
 from ..geometry.least_squares import covariances
-from ..model.index import SMALLEST_FEATURE, ModelIndex
+from ..model.index import ModelIndex
 from ..model.problem import Problem
 from .refinement import Refined
 from .settings import PLACES
@@ -47,11 +47,7 @@ def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> 
     figures = refined.figures[chosen]
     # The fit turns about the data's centre; the pose's translation is that of the model's origin.
     return covariances(
-        refined.normals[chosen],
-        figures[:, 2].copy(),
-        refined.motions[chosen, 9:] - figures[:, 3:6],
-        index.size,
-        SMALLEST_FEATURE,
+        refined.normals[chosen], figures[:, 2].copy(), refined.motions[chosen, 9:] - figures[:, 3:6], index.size
     )
 
 

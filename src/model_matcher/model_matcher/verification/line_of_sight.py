@@ -12,8 +12,9 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from ..geometry.kernels import CURVE
-from ..geometry.least_squares import _add_row, apply_step, placed_line, solve6
+from ..geometry.features import CURVE
+from ..geometry.least_squares import add_equation, damp, solve6
+from ..geometry.rigid_motion import compose_small, transform_line
 from .settings import ALIKE, ALONG_SIGHT_SINE, EXACT, FEWEST, FITS, STEREO_RATIO
 
 
@@ -31,7 +32,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
         if j < 0:
             continue
         m, d = model[j], data[k]
-        ux, uy, uz, mx, my, mz = placed_line(motion, m)
+        ux, uy, uz, mx, my, mz = transform_line(motion, m)
         depth = across * ratio * ratio
         # What is known worse than the rest along the line of sight counts less there.
         depth = 1.0 / (1.0 / depth + tols[k, 0] * tols[k, 0])
@@ -66,7 +67,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
                 else:
                     ax, ay, az = ly * ez - lz * ey, lz * ex - lx * ez, lx * ey - ly * ex
                 residual = ax * rx + ay * ry + az * rz
-                _add_row(
+                add_equation(
                     normal, right, gy * az - gz * ay, gz * ax - gx * az, gx * ay - gy * ax, ax, ay, az, residual, weight
                 )
                 if axis == 1:
@@ -84,7 +85,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
                     else:
                         ax, ay, az = ly * uz - lz * uy, lz * ux - lx * uz, lx * uy - ly * ux
                     residual = s * (ax * d[3] + ay * d[4] + az * d[5])
-                    _add_row(
+                    add_equation(
                         normal,
                         right,
                         uy * az - uz * ay,
@@ -106,7 +107,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
 def settle(motion, model, data, kind_d, tols, assignment, sign, size):
     """Fit a pose (12,), in place, to the data assigned to it, the line of sight weighted as the residuals tell.
 
-    Data and pose in the camera frame, the eye in its origin; size : of the model, metres. Rows as in kernels.py.
+    Data and pose in the camera frame, the eye in its origin; size : of the model, metres. Rows as in geometry.features.
     Returns the ratio of the errors across and along the line of sight; 1: the pose is as it was.
     """
     centre = np.zeros(3)
@@ -141,13 +142,9 @@ def settle(motion, model, data, kind_d, tols, assignment, sign, size):
             break
         ratio = np.sqrt(min(seen, 1.0) * STEREO_RATIO)
         _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right)
-        trace = 0.0
-        for i in range(6):
-            trace += normal[i, i]
-        for i in range(6):
-            normal[i, i] += 1e-9 * trace
+        damp(normal)
         if not solve6(normal, right, step):
             motion[:] = before
             return 1.0
-        apply_step(motion, centre, step)
+        compose_small(motion, centre, step)
     return ratio

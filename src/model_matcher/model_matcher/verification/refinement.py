@@ -8,7 +8,7 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from ..geometry.kernels import assign, count_matches
+from ..geometry.back_projection import assign, count_matches
 from ..geometry.least_squares import refine
 from ..model.problem import Problem
 from ..model.regularity import regularity
@@ -31,133 +31,68 @@ class Refined:
 
 
 @njit(nogil=True)
-def refine_candidates(
-    motions,
-    scores,
-    keep,
-    doubtful,
-    model,
-    kind_m,
-    low,
-    cell,
-    shape,
-    vox_starts,
-    vox_items,
-    data,
-    kind_d,
-    tols,
-    widths,
-    radius_tol,
-    middle,
-    size,
-    order,
-    direction,
-    normals,
-    offsets,
-    by_offset,
-    usual,
-    spanned,
-    upright,
-    faces,
-    lies,
-    assignments,
-    signs,
-    matrices,
-    figures,
-):
-    """Refine every candidate whose score is at least keep x best; all, when the best evidence of these is doubtful.
+def refine_candidates(motions, scores, keep, doubtful, model, data, regular, assignments, signs, normals, figures):
+    """Refine candidate poses, in place, and weigh the evidence for each.
 
-    doubtful : nats
-    middle to lies : of the model, see ModelIndex and Regularity
-    figures (c, 8): score, rms (metres), chi, centre x, y, z, data matched, evidence (nats). Score is the number of
-    distinct model features plus 0.9 x the mean quality of fit; 0 for a candidate that was skipped.
+    Parameters
+    ----------
+    motions : (c, 12) float64
+        Candidates, best first; refined in place.
+    scores : (c,) float64
+        Of the search.
+    keep : float
+        Candidates whose score is at least this share of the best are refined.
+    doubtful : float
+        Nats: all candidates are refined when the best evidence of those is less.
+    model : ModelFeatures
+    data : DataFeatures
+    regular : Regularity
+        Of the model.
+    assignments : (c, n) int32
+    signs : (c, n) int8
+    normals : (c, 6, 6) float64
+        Filled, see :func:`.least_squares.refine`.
+    figures : (c, 8) float64
+        Filled: score, rms (metres), chi, centre x, y, z, data matched, evidence (nats). Score is that of
+        :func:`.back_projection.count_matches`; 0 for a candidate that was skipped.
+
     """
-    stamp = np.full(model.shape[0], -1, np.int64)
+    stamp = np.full(model.rows.shape[0], -1, np.int64)
     inverse = 0.0
-    for k in range(len(tols)):
-        inverse += 1.0 / tols[k, 0]
-    number, nats = plane_table(offsets, by_offset, len(tols) / inverse)
-    final = widths[len(widths) - 1]
+    for k in range(len(data.tolerances)):
+        inverse += 1.0 / data.tolerances[k, 0]
+    number, nats = plane_table(regular.offsets, regular.sorted, len(data.tolerances) / inverse)
+    final = WIDTHS[-1]
     best = -np.inf
     figures[:, 0] = 0.0
     for k in range(len(scores)):
         if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
-        matched, rms, chi, cx, cy, cz = refine(
-            motions[k],
-            model,
-            kind_m,
-            low,
-            cell,
-            shape,
-            vox_starts,
-            vox_items,
-            data,
-            kind_d,
-            tols,
-            widths,
-            radius_tol,
-            assignments[k],
-            signs[k],
-            matrices[k],
-        )
-        matched = assign(
-            motions[k],
-            model,
-            kind_m,
-            low,
-            cell,
-            shape,
-            vox_starts,
-            vox_items,
-            data,
-            kind_d,
-            tols,
-            final,
-            radius_tol,
-            assignments[k],
-            signs[k],
-        )
-        figures[k, 0] = count_matches(
-            motions[k],
-            model,
-            kind_m,
-            low,
-            cell,
-            shape,
-            vox_starts,
-            vox_items,
-            data,
-            kind_d,
-            tols,
-            final,
-            radius_tol,
-            stamp,
-            k,
-            0.0,
-        )
+        matched, rms, chi, cx, cy, cz = refine(motions[k], model, data, WIDTHS, assignments[k], signs[k], normals[k])
+        matched = assign(motions[k], model, data, final, assignments[k], signs[k])
+        figures[k, 0] = count_matches(motions[k], model, data, final, stamp, k, 0.0)
         figures[k, 1], figures[k, 2] = rms, chi
         figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
         figures[k, 7] = evidence(
             motions[k],
-            model,
-            kind_m,
-            data,
-            kind_d,
-            tols,
+            model.rows,
+            model.kind,
+            data.rows,
+            data.kind,
+            data.tolerances,
             assignments[k],
-            middle,
-            size,
-            order,
-            direction,
-            normals,
-            usual,
-            spanned,
-            upright,
+            model.middle,
+            model.size,
+            regular.order,
+            regular.direction,
+            regular.normals,
+            regular.usual,
+            regular.spanned,
+            regular.upright,
             number,
             nats,
-            faces,
-            lies,
+            regular.faces,
+            regular.lies,
         )
         best = max(best, figures[k, 7])
 
@@ -170,20 +105,14 @@ def refine_all(
     refined = Refined(
         motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)), np.zeros((c, 8))
     )
-    index = problem.index
-    doubtful = needed_evidence(problem, params) + DOUBTFUL
     refine_candidates(
         motions,
         scores,
         keep,
-        doubtful,
-        *problem.grid,
-        *problem.sample,
-        np.array(WIDTHS),
-        problem.radius_tol,
-        index.middle,
-        index.size,
-        *regularity(index).arrays,
+        needed_evidence(problem, params) + DOUBTFUL,
+        problem.model,
+        problem.features,
+        regularity(problem.index),
         refined.assignments,
         refined.signs,
         refined.normals,

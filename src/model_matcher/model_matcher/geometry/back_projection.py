@@ -1,0 +1,256 @@
+"""Back-projection: which data lies on which model feature under a pose.
+
+Rows of features, tolerances and motions as in features.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+
+from .features import CURVE
+from .rigid_motion import inverse_rotate, inverse_transform, unpacked
+from .settings import QUALITY_WEIGHT, WIDEST_CONE
+
+# -- the model's voxel grid ------------------------------------------------------------------------------------------
+
+
+@njit
+def build_voxels(features, low, cell, shape, reach):
+    """Which model features pass near each cell of a grid.
+
+    A feature is listed where its distance from the cell's centre is within reach plus half the cell's diagonal.
+
+    Parameters
+    ----------
+    features : (e, 9) float64
+        The model's features.
+    low : (3,) float64
+        Metres, model frame, corner of the first cell.
+    cell : float
+        Metres, edge of a cell.
+    shape : tuple of 3 int
+        Cells along each axis.
+    reach : float
+        Metres.
+
+    Returns
+    -------
+    starts, items
+        As :class:`.features.VoxelGrid` has them.
+
+    """
+    nx, ny, nz = shape
+    counts = np.zeros(nx * ny * nz + 1, np.int32)
+    items = np.zeros(0, np.int32)
+    cursor = counts
+    limit = (reach + 0.8661 * cell) ** 2  # half of a cube's diagonal is 0.8660 edges
+    margin = reach + cell
+    for sweep in range(2):
+        if sweep == 1:
+            for k in range(len(counts) - 1):
+                counts[k + 1] += counts[k]
+            items = np.zeros(counts[-1], np.int32)
+            cursor = counts.copy()
+        for i in range(features.shape[0]):
+            f = features[i]
+            h = f[6]
+            lo = np.zeros(3, np.int64)
+            hi = np.zeros(3, np.int64)
+            for axis in range(3):
+                extent = h * abs(f[3 + axis]) + margin
+                lo[axis] = max(0, int(np.floor((f[axis] - extent - low[axis]) / cell)))
+                hi[axis] = min(shape[axis] - 1, int(np.floor((f[axis] + extent - low[axis]) / cell)))
+            for x in range(lo[0], hi[0] + 1):
+                for y in range(lo[1], hi[1] + 1):
+                    for z in range(lo[2], hi[2] + 1):
+                        rx = low[0] + (x + 0.5) * cell - f[0]
+                        ry = low[1] + (y + 0.5) * cell - f[1]
+                        rz = low[2] + (z + 0.5) * cell - f[2]
+                        s = rx * f[3] + ry * f[4] + rz * f[5]
+                        s = min(max(s, -h), h)
+                        rx, ry, rz = rx - s * f[3], ry - s * f[4], rz - s * f[5]
+                        if rx * rx + ry * ry + rz * rz > limit:
+                            continue
+                        k = (x * ny + y) * nz + z
+                        if sweep == 0:
+                            counts[k + 1] += 1
+                        else:
+                            items[cursor[k]] = i
+                            cursor[k] += 1
+    return counts, items
+
+
+# -- back-projection -------------------------------------------------------------------------------------------------
+
+
+@njit(inline='always')  # as a call it would cost more than what it does
+def fit_one(k, data, j, model, point, direction, widen):
+    """How well data feature k lies on model feature j.
+
+    Parameters
+    ----------
+    k, j : int
+        Numbers of the data feature and the model feature.
+    data : DataFeatures
+    model : ModelFeatures or FeatureRows
+    point, direction : tuple of 3 float
+        The data feature's mid point (metres) and direction in the model frame.
+    widen : float
+        Tolerances count this many times.
+
+    Returns
+    -------
+    float
+        The largest end point distance across the line over its tolerance, in [0, 1], or -1 when it does not fit.
+
+    """
+    if data.kind[k] != model.kind[j]:
+        return -1.0
+    rows, tols, lines = data.rows, data.tolerances, model.rows
+    vx, vy, vz = direction
+    rx, ry, rz = point[0] - lines[j, 0], point[1] - lines[j, 1], point[2] - lines[j, 2]
+    mx, my, mz = lines[j, 3], lines[j, 4], lines[j, 5]
+    along = rx * mx + ry * my + rz * mz
+    across = tols[k, 0] * widen
+    qx, qy, qz = rx - along * mx, ry - along * my, rz - along * mz
+    middle = qx * qx + qy * qy + qz * qz
+    if middle > across * across:
+        return -1.0
+    c = vx * mx + vy * my + vz * mz
+    h = rows[k, 6]
+    if abs(along) + abs(c) * h > lines[j, 6] + tols[k, 1] * widen:
+        return -1.0
+    # sin(x)^2 lies between x^2 - x^4 / 3 and x^2: the sine itself is hardly ever needed.
+    cone = min(tols[k, 2] * widen, WIDEST_CONE)
+    square = cone * cone
+    away = 1.0 - c * c
+    if away > square or (away > square * (1.0 - square / 3.0) and away > np.sin(cone) ** 2):
+        return -1.0
+    if data.kind[k] == CURVE:
+        room = data.radius_tolerance + tols[k, 0]
+        if abs(rows[k, 7] - lines[j, 7]) > room or abs(rows[k, 8] - lines[j, 8]) > room:
+            return -1.0
+        return min(1.0, np.sqrt(middle + along * along) / across)
+    sx, sy, sz = h * (vx - c * mx), h * (vy - c * my), h * (vz - c * mz)
+    cross = qx * sx + qy * sy + qz * sz
+    worst = middle + sx * sx + sy * sy + sz * sz + 2.0 * abs(cross)
+    if worst > across * across:
+        return -1.0
+    return np.sqrt(worst) / across
+
+
+@njit
+def count_matches(motion, model, data, widen, stamp, mark, needed):
+    """Distinct model features with data on them under a pose.
+
+    Parameters
+    ----------
+    motion : (12,) float64
+    model : ModelFeatures
+    data : DataFeatures
+    widen : float
+        Tolerances count this many times.
+    stamp : (e,) int64
+        Scratch space; a model feature is marked as found by ``mark``, which must differ from call to call.
+    mark : int
+    needed : float
+        The count is given up as soon as so many distinct features are out of reach.
+
+    Returns
+    -------
+    float
+        The number of distinct model features, plus QUALITY_WEIGHT x the mean quality of fit; 0 when it was given up.
+
+    """
+    pose = unpacked(motion)
+    rows = data.rows
+    grid = model.voxels
+    starts, items, inverse = grid.starts, grid.items, grid.inverse_cell
+    nx, ny, nz = grid.shape
+    lx, ly, lz = grid.low[0], grid.low[1], grid.low[2]
+    n = rows.shape[0]
+    distinct = 0
+    fits = 0
+    quality = 0.0
+    for k in range(n):
+        if distinct + n - k < needed:
+            return 0.0
+        px, py, pz = inverse_transform(pose, rows[k, 0], rows[k, 1], rows[k, 2])
+        gx, gy, gz = (px - lx) * inverse, (py - ly) * inverse, (pz - lz) * inverse
+        if gx < 0.0 or gx >= nx or gy < 0.0 or gy >= ny or gz < 0.0 or gz >= nz:
+            continue
+        at = (int(gx) * ny + int(gy)) * nz + int(gz)
+        first, last = starts[at], starts[at + 1]
+        if first == last:
+            continue
+        direction = inverse_rotate(pose, rows[k, 3], rows[k, 4], rows[k, 5])
+        best = 2.0
+        which = -1
+        for q in range(first, last):
+            j = items[q]
+            fit = fit_one(k, data, j, model, (px, py, pz), direction, widen)
+            if 0.0 <= fit < best:
+                best = fit
+                which = j
+        if which >= 0:
+            fits += 1
+            quality += 1.0 - best * best
+            if stamp[which] != mark:
+                stamp[which] = mark
+                distinct += 1
+    if fits == 0:
+        return 0.0
+    return distinct + QUALITY_WEIGHT * quality / fits
+
+
+@njit
+def assign(motion, model, data, widen, assignment, sign):
+    """Best model feature of every data feature under a pose.
+
+    Parameters
+    ----------
+    motion : (12,) float64
+    model : ModelFeatures
+    data : DataFeatures
+    widen : float
+        Tolerances count this many times.
+    assignment : (n,) int32
+        Filled: the model feature of each data feature, or -1.
+    sign : (n,) int8
+        Filled: 1 when the directions agree, -1 when they are opposite, 0 without a model feature.
+
+    Returns
+    -------
+    int
+        How many data features have a model feature.
+
+    """
+    pose = unpacked(motion)
+    rows = data.rows
+    grid = model.voxels
+    low, cell = grid.low, grid.cell
+    nx, ny, nz = grid.shape
+    count = 0
+    for k in range(rows.shape[0]):
+        assignment[k] = -1
+        sign[k] = 0
+        px, py, pz = inverse_transform(pose, rows[k, 0], rows[k, 1], rows[k, 2])
+        gx, gy, gz = (px - low[0]) / cell, (py - low[1]) / cell, (pz - low[2]) / cell
+        if not (0.0 <= gx < nx and 0.0 <= gy < ny and 0.0 <= gz < nz):
+            continue
+        at = (int(gx) * ny + int(gy)) * nz + int(gz)
+        vx, vy, vz = inverse_rotate(pose, rows[k, 3], rows[k, 4], rows[k, 5])
+        best = 2.0
+        for q in range(grid.starts[at], grid.starts[at + 1]):
+            j = grid.items[q]
+            fit = fit_one(k, data, j, model, (px, py, pz), (vx, vy, vz), widen)
+            if 0.0 <= fit < best:
+                best = fit
+                assignment[k] = j
+                line = model.rows
+                sign[k] = 1 if vx * line[j, 3] + vy * line[j, 4] + vz * line[j, 5] >= 0.0 else -1
+        if assignment[k] >= 0:
+            count += 1
+    return count
