@@ -113,11 +113,9 @@ def draw_views(path: Path, data: FeatureSet, models: Mapping[str, FeatureSet], f
     Raises ValueError when the file cannot be written.
     """
     # Importing matplotlib takes half a second, and no other function here needs it.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 6), layout='constrained')
-    FigureCanvasAgg(figure)
     for axes, second, title in zip(figure.subplots(1, 2), (1, 2), ('from the camera', 'from above')):
         _draw_view(axes, data, models, found, second)
         axes.set(title=title, xlabel='x [mm]', ylabel=f'{"xyz"[second]} [mm]', aspect='equal')

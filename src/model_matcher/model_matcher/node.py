@@ -12,7 +12,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from csg_renderer.language.loader import models_folder
+from csg_renderer.language.includes import models_folder
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import (
     cloud_to_features,
@@ -105,7 +105,7 @@ class MatcherConfig(Config):
     seed: int = parameter(0, 'Deprecated: has no effect', minimum=0, maximum=2**31 - 1)
 
     def match_params(self) -> MatchParams:
-        """Raises ValueError, naming the parameter."""
+        """The parameters of a match; raises ValueError, naming the parameter."""
         return MatchParams(
             search=self.search,
             engine=self.engine,
@@ -126,6 +126,7 @@ class MatcherConfig(Config):
         )
 
     def validate(self) -> None:
+        """Raise ValueError, naming the parameter, when they do not go together."""
         try:
             self.match_params()
         except ValueError as error:
@@ -159,6 +160,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
     # -- configuration -----------------------------------------------------------------------------------------
 
     def check_config(self, new: MatcherConfig) -> None:
+        """Raise ValueError for a change that cannot be made: no tf messages, or models from elsewhere."""
         if new.tf and not self.config.tf and self._transforms_type is None:
             raise ValueError(NO_TF)
         for given in set(new.models) - set(self.config.models):
@@ -168,6 +170,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
                 raise ValueError(f'parameter models: {error}') from None
 
     def on_config(self, old: MatcherConfig, new: MatcherConfig) -> None:
+        """Take over what was changed."""
         self._params = new.match_params()
         if new.seed != old.seed:
             self._warn_of_seed()
@@ -181,6 +184,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
             self.get_logger().warning(without_effect('parameter', 'seed'))
 
     def reset(self) -> str:
+        """Read the models again; says what was reset."""
         self._load()
         return f'counters, and {len(self._library)} models read again'
 
@@ -252,11 +256,13 @@ class MatcherNode(GraphNode[MatcherConfig]):
     # -- health ------------------------------------------------------------------------------------------------
 
     def why_silent(self) -> str | None:
+        """What keeps the node from finding anything; None when nothing does."""
         if not self._library.models:
             return 'no model is loaded: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
         return None
 
     def report_values(self) -> dict[str, object]:
+        """What diagnostics say besides the counters."""
         return {
             'models': ', '.join(model.name for model in self._library.models),
             'unusable_models': '; '.join(self._library.problems),
@@ -265,11 +271,12 @@ class MatcherNode(GraphNode[MatcherConfig]):
 
 
 def _topic_name(name: str) -> str:
-    """'report' and 'markers' are taken."""
+    """The last part of a model's topic; 'report' and 'markers' are taken."""
     return f'{name}_model' if name in ('report', 'markers') else name
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run the node until it is told to stop; the exit status."""
     return run_node(MatcherNode, args)
 
 

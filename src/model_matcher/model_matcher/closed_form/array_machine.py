@@ -22,7 +22,8 @@ def roberts_serial(image: np.ndarray) -> np.ndarray:
     """The same on a serial machine, int; beyond the last row and column lie zeros (planar geometry)."""
     padded = np.pad(np.asarray(image, dtype=np.int64), ((0, 1), (0, 1)))
     here, right, below, across = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
-    return np.abs(here - across) + np.abs(below - right)
+    gradient: np.ndarray = np.abs(here - across) + np.abs(below - right)
+    return gradient
 
 
 def roberts_through_service(node: Any, executor: Any, emulator: str, image: np.ndarray) -> dict[str, Any]:

@@ -75,4 +75,5 @@ class Case:
 
     @property
     def name(self) -> str:
+        """Its label, or the name of its scene's file."""
         return self.label or Path(self.scene).stem

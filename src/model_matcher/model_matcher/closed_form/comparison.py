@@ -19,12 +19,20 @@ from .settings import FOUND_SHARE, PAIRED_DIRECTION_DEG, SAME_DIRECTION_DEG, SAM
 
 @dataclass(frozen=True)
 class EdgeComparison:
-    """How well straight edges were recovered. Lengths and distances in metres, angles in degrees.
+    """How well straight edges were recovered.
 
-    true_index : (n found,) int, which true edge each found one belongs to, -1 for none
-    covered : (n true,) float, the part of each true edge that found edges cover, 0..1
-    direction_deg : (n found,) angle to its true edge; across_m : (n found, 2) distance of its ends from the true line;
-    both NaN where it belongs to none
+    Attributes
+    ----------
+    true_index : ndarray, shape (m,), int
+        Which true edge each found one belongs to, -1 for none.
+    covered : ndarray, shape (n,), float64
+        The part of each true edge that found edges cover, 0..1.
+    true_lengths : ndarray, shape (n,), float64
+        Metres.
+    direction_deg : ndarray, shape (m,), float64
+        Degrees, angle of each found edge to its true one; NaN where it belongs to none.
+    across_m : ndarray, shape (m, 2), float64
+        Metres, distances of its ends from the true line; NaN where it belongs to none.
     """
 
     true_index: np.ndarray
@@ -35,6 +43,7 @@ class EdgeComparison:
 
     @property
     def edges_found(self) -> int:
+        """True edges of which enough is covered."""
         return int((self.covered >= FOUND_SHARE).sum())
 
     @property
@@ -70,7 +79,28 @@ def compare_edges(
     same_direction_deg: float = SAME_DIRECTION_DEG,
     same_place_m: float = SAME_PLACE_M,
 ) -> EdgeComparison:
-    """Straight edges found against the true visible ones; both in the same frame, other kinds left out."""
+    """Compare straight edges found with the true visible ones.
+
+    Parameters
+    ----------
+    true, found : FeatureSet
+        In the same frame, metres; kinds other than edges are left out.
+    same_direction_deg : float
+        Degrees, largest angle between a found edge and its true one.
+    same_place_m : float
+        Metres, largest distance of a found edge's ends from its true one.
+
+    Returns
+    -------
+    EdgeComparison
+
+    Examples
+    --------
+    >>> edge = FeatureSet.from_edges([[0, 0, 1]], [[0.1, 0, 1]])
+    >>> half = FeatureSet.from_edges([[0, 0, 1]], [[0.05, 0, 1]])
+    >>> compare_edges(edge, half).recall
+    0.5
+    """
     true, found = true.of_kind(FeatureKind.EDGE), found.of_kind(FeatureKind.EDGE)
     n, m = len(true), len(found)
     if n == 0 or m == 0:
@@ -99,9 +129,21 @@ def compare_edges(
 
 
 def best_pose_error(found: Interpretation, truth: Pose, others: Sequence[Pose] = ()) -> PoseError:
-    """The error of the pose, or of the symmetric pose nearest to the truth, by rotation then translation.
+    """The error of a found pose, or of the one equal to it that is nearest to the truth.
 
-    others : further poses that are as true (the symmetries of the model applied to the truth).
+    Parameters
+    ----------
+    found : Interpretation
+        Its pose and its symmetric poses are all tried.
+    truth : Pose
+        camera_T_model.
+    others : sequence of Pose
+        Further poses that are as true: the symmetries of the model applied to the truth.
+
+    Returns
+    -------
+    PoseError
+        The least by rotation, then translation.
     """
     errors = [
         truth_pose.error_to(pose) for truth_pose in (truth, *others) for pose in (found.pose, *found.symmetric_poses)
@@ -111,8 +153,19 @@ def best_pose_error(found: Interpretation, truth: Pose, others: Sequence[Pose] =
 
 @dataclass(frozen=True)
 class AssignmentComparison:
-    """matched : data features paired; right : those paired with the model feature they lie on; signs_right : of these,
-    how many have the direction the true pose gives them; spurious : paired though they lie on no model feature."""
+    """How many pairings of an interpretation are right.
+
+    Attributes
+    ----------
+    matched : int
+        Data features that are paired.
+    right : int
+        Those paired with the model feature that they lie on.
+    signs_right : int
+        Of these, those with the direction that the true pose gives them.
+    spurious : int
+        Those paired with a model feature that they do not lie on.
+    """
 
     matched: int
     right: int
@@ -123,10 +176,24 @@ class AssignmentComparison:
 def compare_assignment(
     found: Interpretation, model: FeatureSet, data: FeatureSet, same_place_m: float = SAME_PLACE_M / 2
 ) -> AssignmentComparison:
-    """The pairing of an interpretation against geometry: each data edge, at the found pose, against its model edge,
-    to within same_place_m (metres) or the error that the data edge states, whichever is larger.
+    """Compare the pairings of an interpretation with where data and model lie.
 
-    Uses the interpretation's own pose, so that a symmetric answer is judged by its own symmetry.
+    The interpretation's own pose is used, so that a symmetric answer is judged by its own symmetry.
+
+    Parameters
+    ----------
+    found : Interpretation
+        Of the data.
+    model : FeatureSet
+        Model frame, metres.
+    data : FeatureSet
+        Camera frame, metres.
+    same_place_m : float
+        Metres, largest distance of a data edge's ends from its model edge; more where the data edge states more.
+
+    Returns
+    -------
+    AssignmentComparison
     """
     placed = model.transformed(found.pose)
     matched = right = signs = spurious = 0
@@ -158,9 +225,21 @@ def compare_assignment(
 
 
 def surface_residual(scene: Scene, frame: Frame) -> float:
-    """The largest distance, metres, of a rendered point from the surface its ids name: ray caster against closed form.
+    """The largest distance of a rendered point from the surface that its ids name: ray caster against closed form.
 
-    To first order (the value of the surface's equation over the length of its gradient); 0 for an empty picture.
+    To first order: the value of the surface's equation over the length of its gradient.
+
+    Parameters
+    ----------
+    scene : Scene
+        What was rendered.
+    frame : Frame
+        The picture of it.
+
+    Returns
+    -------
+    float
+        Metres; 0 for an empty picture.
     """
     scene_T_camera = frame.camera_T_scene.inverse()
     points = scene_T_camera.apply(frame.points)
@@ -201,7 +280,8 @@ def _as_edges(features: FeatureSet) -> FeatureSet:
 
 def _sine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(m, n) sine of the angle between unit vectors a (m, 3) and b (n, 3)."""
-    return np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
+    sines: np.ndarray = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
+    return sines
 
 
 def _coverage(spans: np.ndarray, length: float) -> float:

@@ -21,7 +21,15 @@ from .settings import LIGHTS, SPAN, VIEW
 
 
 def load_case_scene(case: Case) -> Scene:
-    """The scene of a case. Raises OSError for no such file, ValueError (a SceneError) for a bad one or an empty one."""
+    """The scene of a case.
+
+    Raises
+    ------
+    OSError
+        No such file.
+    ValueError
+        A bad scene (SceneError), or one that draws nothing.
+    """
     scene = load_scene(find_scene(case.scene))
     if not scene.placements:
         raise ValueError(f'{case.scene}: draws nothing')
@@ -29,8 +37,10 @@ def load_case_scene(case: Case) -> Scene:
 
 
 def case_rig(case: Case) -> StereoRig:
-    """The rig of a case: what the case names, else what its scene says, else the defaults; the default baseline is a
-    fifth of the distance at which the case has its object."""
+    """The rig of a case: what the case names, else what its scene says, else the defaults.
+
+    The default baseline is a fifth of the distance at which the case has its object.
+    """
     scene = load_case_scene(case)
     baseline = case.baseline or scene.baseline or 0.0
     if not baseline and not stands_as_drawn(case, scene):
@@ -76,8 +86,10 @@ def _enclosing(model: Solid) -> tuple[np.ndarray, float]:
 
 
 def case_lights(scene: Scene, pose: Pose) -> tuple[Light, ...]:
-    """The scene's lights, in the scene's frame; two about the object at left_T_model for a scene that says nothing of
-    light, neither LIGHT nor AMBIENT."""
+    """The scene's lights, in the scene's frame.
+
+    A scene that says nothing of light, neither LIGHT nor AMBIENT, gets two about the object at left_T_model.
+    """
     if scene.lights or scene.ambient_light != Scene([]).ambient_light:
         return tuple(scene.lights)
     depth = _middle_depth(scene, pose)

@@ -19,12 +19,28 @@ SWEEPS = ('grid', 'random', 'turntable')
 
 
 def sweep_cases(case: Case, sweep: str, count: int, distance: float | None = None) -> list[Case]:
-    """``count`` cases that differ from ``case`` in the pose of the object, each with a label and a seed of its own.
+    """Cases that differ in the pose of the object, each with a label and a seed of its own.
 
-    sweep : 'grid' (viewing directions spread evenly over the sphere), 'random' (any rotation, and shifted a little;
-        seeded by the case) or 'turntable' (about the camera's vertical through the object's middle)
-    distance : of the object's middle from the camera, metres; None keeps that of the case
-    Raises ValueError, naming the argument.
+    Parameters
+    ----------
+    case : Case
+        What they have in common.
+    sweep : str
+        'grid' (viewing directions spread evenly over the sphere), 'random' (any rotation, and shifted a little; seeded
+        by the case) or 'turntable' (about the camera's vertical through the object's middle).
+    count : int
+        How many.
+    distance : float, optional
+        Metres, of the object's middle from the camera; that of the case when not given.
+
+    Returns
+    -------
+    list of Case
+
+    Raises
+    ------
+    ValueError
+        Naming the argument.
     """
     if sweep not in SWEEPS:
         raise ValueError(f'sweep: expected one of {", ".join(SWEEPS)}, got {sweep!r}')
@@ -60,7 +76,13 @@ def sweep_poses(scene: Scene, case: Case, sweep: str, count: int, distance: floa
 
 
 def pose_from_angles(numbers: list[float]) -> tuple[float, ...]:
-    """The pose of a case from XROT, YROT, ZROT (degrees, applied in this order) and AT (mm), as in a scene file."""
+    """The pose of a case from XROT, YROT, ZROT (degrees, applied in this order) and AT (mm), as in a scene file.
+
+    Examples
+    --------
+    >>> pose_from_angles([0, 0, 0, 0, 0, 300])[11]
+    0.3
+    """
     if len(numbers) != 6:
         raise ValueError(f'pose: expected XROT YROT ZROT X Y Z, got {len(numbers)} numbers')
     turn = rotation('Z', numbers[2]) @ rotation('Y', numbers[1]) @ rotation('X', numbers[0])

@@ -59,7 +59,18 @@ def reference_pose(folder: Any, pair: str = PAIR) -> Pose:
 
 
 def run_chessboard(out: Path) -> str:
-    """Recover and match pair 01; write pictures, features and result.json into out. Returns what to tell the user."""
+    """Recover and match pair 01.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for pictures, features.npz and result.json; made when missing.
+
+    Returns
+    -------
+    str
+        What to tell the user, one line.
+    """
     data = resources.files('stereo_recovery') / 'data' / 'chessboard'
     left, right = (_read(data / f'{side}{PAIR}_rect.png') for side in ('left', 'right'))
     rig = load_rig(Path(str(data / 'calibration.yaml')), (left.shape[1], left.shape[0]))

@@ -160,7 +160,7 @@ class GraphRun:
             self.executor.add_node(node)
         observer = self.observer = Node('observer', context=self.context, namespace=namespace)
         self.executor.add_node(observer)
-        self.received: dict[str, list] = {}
+        self.received: dict[str, list[Any]] = {}
         for message_type, topic in (
             (Image, 'left/image_rect'),
             (Image, 'right/image_rect'),
@@ -233,7 +233,7 @@ class GraphRun:
         namespace = self.observer.get_namespace()
 
         def heard(node: Any, topic: str, count: int) -> bool:
-            return node.count_subscribers(f'{namespace}/{topic}') >= count
+            return bool(node.count_subscribers(f'{namespace}/{topic}') >= count)
 
         return (
             heard(renderer, 'left/image_rect', 2)

@@ -41,9 +41,23 @@ class PreparedCase(NamedTuple):
 
 
 def prepare(case: Case, folder: Path) -> PreparedCase:
-    """Read a case's scene, or write one of its own into ``folder``; find the object's features and its pose.
+    """Read a case's scene, or write one of its own; find the object's features and its pose.
 
-    Raises ValueError or OSError for a scene that cannot be used.
+    Parameters
+    ----------
+    case : Case
+        What to test.
+    folder : Path
+        Where a scene file is written when the user's own does not do.
+
+    Returns
+    -------
+    PreparedCase
+
+    Raises
+    ------
+    ValueError, OSError
+        For a scene that cannot be used.
     """
     rig = case_rig(case)
     path = case_scene(case, rig, folder)

@@ -26,6 +26,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description():
+    """The launch description, as ros2 launch asks for it."""
     share = FindPackageShare('model_matcher')
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
 

@@ -1,7 +1,7 @@
-"""recovery_node and matcher_node on your stereo camera.
+r"""recovery_node and matcher_node on your stereo camera.
 
-    ros2 launch model_matcher recognise.launch.py models:="['/robot/models/part.csg']" \\
-        left_image:=/stereo/left/image_rect left_info:=/stereo/left/camera_info \\
+ros2 launch model_matcher recognise.launch.py models:="['/robot/models/part.csg']" \
+        left_image:=/stereo/left/image_rect left_info:=/stereo/left/camera_info \
         right_image:=/stereo/right/image_rect right_info:=/stereo/right/camera_info
 """
 
@@ -32,6 +32,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description():
+    """The launch description, as ros2 launch asks for it."""
     share = FindPackageShare('model_matcher')
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
     sim_time = {'use_sim_time': ParameterValue(value['use_sim_time'], value_type=bool)}

@@ -1,4 +1,4 @@
-"""Branch and bound over pairings: is there an interpretation larger than the largest that is known?
+"""Branch and bound over pairings, for an interpretation larger than the largest that is known.
 
 What misses its tolerances by little under the known pose is tried with a pose that gives way: the known size K is then
 hardly ever short of the largest. Pairings (nodes) that cannot be among K + 1 consistent ones are removed first, by arc

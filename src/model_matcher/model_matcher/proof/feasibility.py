@@ -70,8 +70,11 @@ class _Residuals(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """What a Newton step finds: weights (b,) of the blocks, and two steps (6,), to the least weighted sum of squares
-    and towards the least sum of powers."""
+    """What a Newton step finds.
+
+    weights : (b,) of the blocks; to_lowest, to_flattest : (6,) steps to the least weighted sum of squares and towards
+    the least sum of powers
+    """
 
     weights: FloatArray
     to_lowest: FloatArray
