@@ -75,7 +75,18 @@ def _straight(line: FloatArray, camera: PinholeCamera) -> tuple[FloatArray, Floa
 
 
 def depth_colours(depth: FloatArray, near: float, far: float) -> ByteArray:
-    """(n, 3) uint8 RGB for depths (n,), metres: red at ``near``, blue at ``far``.
+    """Colours of depths.
+
+    Parameters
+    ----------
+    depth : (n,) float64, metres
+    near, far : float, metres
+        Depths that are red and blue; what is beyond them has their colours.
+
+    Returns
+    -------
+    (n, 3) uint8
+        RGB.
 
     Examples
     --------

@@ -61,9 +61,19 @@ def parser() -> argparse.ArgumentParser:
 
 
 def table(features: FeatureSet) -> list[list[str]]:
-    """The features as rows of text, one cell for each of COLUMNS, lengths in millimetres.
+    """The features as rows of text.
 
-    A curve's start is its centre, its end the unit normal, which is no length.
+    Parameters
+    ----------
+    features : FeatureSet
+        Left optical frame, metres.
+
+    Returns
+    -------
+    list of list of str
+        One cell for each of COLUMNS, lengths in millimetres. A curve's start is its centre, its end the unit normal,
+        which
+        is no length.
     """
     rows = []
     for i, kind in enumerate(features.kind):
@@ -79,7 +89,17 @@ def table(features: FeatureSet) -> list[list[str]]:
 
 
 def camera_record(rig: StereoRig) -> dict[str, object]:
-    """The camera of left.png in the form of the renderer's files, which "match --camera" reads."""
+    """The camera of left.png in the form of the renderer's files, which "match --camera" reads.
+
+    Parameters
+    ----------
+    rig : StereoRig
+
+    Returns
+    -------
+    dict
+        width, height, K and baseline.
+    """
     left = rig.left
     return {
         'width': left.width,
@@ -101,6 +121,11 @@ def _image(path: Path) -> AnyArray:
 
 def run(arguments: argparse.Namespace) -> int:
     """Recover features of the files and write the results.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        Of :func:`parser`.
 
     Returns
     -------

@@ -24,7 +24,12 @@ from .occluding_contours import Contours, CurvedSurface, cylinder_contours, long
 class Axis:
     """An axis of rotation between two ends.
 
-    start, end : (3,) float64, metres, left optical frame; err_par, err_per : metres, three sigma along and across
+    Attributes
+    ----------
+    start, end : (3,) float64, metres
+        Left optical frame.
+    err_par, err_per : float, metres
+        Three sigma along and across.
     """
 
     start: FloatArray
@@ -279,7 +284,18 @@ def _across_axis(curve: Curve, view: CameraView) -> FloatArray:
 
 
 def axis_features(axes: list[Axis]) -> FeatureSet:
-    """Axes as features of kind AXIS, in the same order."""
+    """Axes as features of kind AXIS.
+
+    Parameters
+    ----------
+    axes : list of Axis
+        Left optical frame, metres.
+
+    Returns
+    -------
+    FeatureSet
+        In the same order.
+    """
     if not axes:
         return FeatureSet.empty()
     return FeatureSet.from_axes(

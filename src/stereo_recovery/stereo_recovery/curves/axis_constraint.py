@@ -41,7 +41,7 @@ class AxisConstraint:
 
     @classmethod
     def direction_of(cls, curve: Curve) -> AxisConstraint:
-        """The normal of a curve, for curves that may be parallel to it: the sigma of the axis' place is a metre."""
+        """The normal of a curve, for curves that may be parallel to it: the sigma of the axis' position is a metre."""
         return cls(curve.centre, curve.normal, np.eye(3), float(np.hypot(curve.tilt, settings.PARALLELISM_SIGMA)))
 
     @property

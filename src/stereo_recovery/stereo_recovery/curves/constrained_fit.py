@@ -24,12 +24,31 @@ AxisOf = tuple[Curve, AxisConstraint]
 
 
 def axes_of(curves: list[Curve]) -> list[AxisOf]:
-    """The axes of the curves whose normal is known well enough (AXIS_TILT)."""
+    """The axes of the curves whose normal is known well enough (AXIS_TILT).
+
+    Parameters
+    ----------
+    curves : list of Curve
+
+    Returns
+    -------
+    list of (Curve, AxisConstraint)
+    """
     return [(curve, AxisConstraint.of(curve)) for curve in curves if curve.tilt < settings.AXIS_TILT]
 
 
 def directions_of(curves: list[Curve]) -> list[AxisOf]:
-    """The different normals of the curves whose normal is known well enough, the best known first."""
+    """The different normals of the curves whose normal is known well enough (AXIS_TILT).
+
+    Parameters
+    ----------
+    curves : list of Curve
+
+    Returns
+    -------
+    list of (Curve, AxisConstraint)
+        The best known first.
+    """
     result: list[AxisOf] = []
     for curve in sorted(curves, key=lambda c: c.tilt):
         if curve.tilt < settings.AXIS_TILT and all(

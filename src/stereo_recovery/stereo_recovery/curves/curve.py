@@ -14,10 +14,16 @@ from . import settings
 
 
 class CurveShape(NamedTuple):
-    """Where a planar curve is, left optical frame, metres; what the compiled least squares change.
+    """Where a planar curve is; what the compiled least squares change.
 
-    centre, normal, first : (3,) float64, the latter two unit vectors: the plane's normal and the direction of the major
-    radius; radii : (2,) float64, major and minor
+    Attributes
+    ----------
+    centre : (3,) float64, metres
+        Left optical frame.
+    normal, first : (3,) float64, unit
+        The plane's normal, and the direction of the major radius.
+    radii : (2,) float64, metres
+        Major and minor.
     """
 
     centre: FloatArray
@@ -29,8 +35,11 @@ class CurveShape(NamedTuple):
 class CameraView(NamedTuple):
     """One camera of a rectified pair and where it stands.
 
+    Attributes
+    ----------
     camera : PinholeCamera
-    x : metres; the camera's centre is (x, 0, 0) in the left optical frame
+    x : float, metres
+        The camera's centre is (x, 0, 0) in the left optical frame.
     """
 
     camera: PinholeCamera
@@ -127,7 +136,21 @@ class Curve:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(3,) vector product of two vectors (3,); numpy's own takes ten times as long for so few numbers."""
+    """Vector product of two vectors; numpy's own takes ten times as long for so few numbers.
+
+    Parameters
+    ----------
+    a, b : (3,) float64
+
+    Returns
+    -------
+    (3,) float64
+
+    Examples
+    --------
+    >>> cross(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])).tolist()
+    [0.0, 0.0, 1.0]
+    """
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -177,7 +200,22 @@ def image_conic(curve: Curve, view: CameraView) -> FloatArray:
 
 
 def conic_gradient(conic: FloatArray, points: FloatArray) -> FloatArray:
-    """(n, 2) float64: half the gradient of a conic (3, 3) at pixels (n, 2); it points out of the conic."""
+    """Half the gradient of a conic; it points out of one that is negative inside.
+
+    Parameters
+    ----------
+    conic : (3, 3) float64, symmetric
+    points : (n, 2) float64, pixels
+
+    Returns
+    -------
+    (n, 2) float64
+
+    Examples
+    --------
+    >>> conic_gradient(np.diag([1.0, 1.0, -1.0]), np.array([[2.0, 0.0]])).tolist()
+    [[2.0, 0.0]]
+    """
     return points @ conic[:2, :2] + conic[:2, 2]
 
 
@@ -207,7 +245,23 @@ def angles(curve: Curve | CurveShape, points: FloatArray, view: CameraView) -> F
 
 
 def flipped(curve: Curve) -> Curve:
-    """The same curve with the opposite normal; the major axis stays, so angles change sign."""
+    """The same curve with the opposite normal; the major axis stays, so angles change sign.
+
+    Parameters
+    ----------
+    curve : Curve
+
+    Returns
+    -------
+    Curve
+
+    Examples
+    --------
+    >>> shape = CurveShape(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.ones(2))
+    >>> quarter = replace(Curve.unfitted(shape), arc=(0.0, 0.5 * np.pi))
+    >>> [round(angle / np.pi, 9) for angle in flipped(quarter).arc]
+    [1.5, 0.5]
+    """
     start, extent = curve.arc
     arc = (0.0, extent) if extent >= 2.0 * np.pi else ((-(start + extent)) % (2.0 * np.pi), extent)
     sign = np.ones(6)

@@ -90,7 +90,16 @@ def _perhaps_ellipse(circle: Curve, mine: StereoEdgels) -> Curve:
 
 
 def is_determined(curve: Curve) -> bool:
-    """Whether a curve's own edgels determine its plane and its radius."""
+    """Whether a curve's own edgels determine its plane and its radius.
+
+    Parameters
+    ----------
+    curve : Curve
+
+    Returns
+    -------
+    bool
+    """
     return bool(
         curve.coverage > settings.LEAST_COVERAGE
         and curve.tilt < settings.DETERMINED_TILT
@@ -99,6 +108,15 @@ def is_determined(curve: Curve) -> bool:
 
 
 def is_reported(curve: Curve) -> bool:
-    """Whether a curve is known well enough to be a feature. Others only explain edgels."""
+    """Whether a curve is known well enough to be a feature. Others only explain edgels.
+
+    Parameters
+    ----------
+    curve : Curve
+
+    Returns
+    -------
+    bool
+    """
     most = settings.REPORTED_TILT if curve.coverage > settings.MOSTLY_SEEN else settings.ARC_TILT
     return bool(curve.tilt < most and curve.misfit < settings.REPORTED_MISFIT)

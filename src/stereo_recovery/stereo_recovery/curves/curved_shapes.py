@@ -21,9 +21,18 @@ from .spheres import without_spheres
 class CurvedShapes:
     """Curves, axes and curved surfaces of a pair, left optical frame, metres.
 
-    curves : all that were found, contours of spheres included, which explain edgels; rims : those that are curves of
-    the object; reported : the rims that are known well enough to be features; axes : of the latter; surfaces : that any
-    rim may bound
+    Attributes
+    ----------
+    curves : list of Curve
+        All that were found, contours of spheres included, which explain edgels.
+    rims : list of Curve
+        Those that are curves of the object.
+    reported : list of Curve
+        The rims that are known well enough to be features.
+    axes : list of Axis
+        Of the reported rims.
+    surfaces : list of CurvedSurface
+        That any rim may bound.
     """
 
     curves: list[Curve]
@@ -39,7 +48,23 @@ def recover_curved_shapes(
     ellipses: tuple[list[Ellipse], list[Ellipse]],
     edgels: StereoEdgels,
 ) -> CurvedShapes:
-    """Find all curves, their axes and surfaces; parameters as of :func:`.recovery.recover_curves`."""
+    """Find all curves, their axes and surfaces.
+
+    Parameters
+    ----------
+    matches : Matches
+        Pairs of segments.
+    segments : (Segments, Segments)
+        Of the left and of the right image.
+    ellipses : (list of Ellipse, list of Ellipse)
+        The arcs of the images, by the numbers in the segments' field ``arc``.
+    edgels : StereoEdgels
+        All edgels of chains, in the order to which the segments refer.
+
+    Returns
+    -------
+    CurvedShapes
+    """
     curves = recover_curves(matches, segments, ellipses, edgels)
     curves = distinct(with_opposite_rims(curves, segments, edgels))
     rims = without_spheres(curves, edgels)

@@ -195,9 +195,16 @@ def distances(curve: Curve, points: FloatArray, view: CameraView, blur: float) -
 
 
 def predicted_variance(curve: Curve, points: FloatArray, view: CameraView, blur: float) -> FloatArray:
-    """(n,) float64, px^2: variance that a curve's covariance gives its image conic at pixels (n, 2) near it.
+    """Variance that a curve's covariance gives its image conic.
 
-    See :func:`distances` for the parameters.
+    Parameters
+    ----------
+    curve, points, view, blur
+        As for :func:`distances`; pixels near the conic.
+
+    Returns
+    -------
+    (n,) float64, px^2
     """
     distance, bias = np.empty(len(points)), np.empty(len(points))
     rows = fit_kernels.jacobian(curve.shape, True, _one_image(points, view, blur), distance, bias)

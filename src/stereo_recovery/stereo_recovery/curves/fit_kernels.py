@@ -82,10 +82,18 @@ def _conic(centre: FloatArray, major: FloatArray, minor: FloatArray, camera: Flo
 
 @njit
 def residuals(shape: CurveShape, seen: ImagePoints, distance: FloatArray, bias: FloatArray) -> None:
-    """Signed distances of pixels from the image conics of a curve, pixels, positive outside, into ``distance`` (n,).
+    """Signed distances of pixels from the image conics of a curve, without the bias of smoothing.
 
-    bias (n,) takes by how many pixels smoothing and the sub-pixel fit of edgels moved each towards the centre of
-    curvature; ``distance`` has that taken off. With ``seen.blur`` 0 the bias is 0.
+    Parameters
+    ----------
+    shape : CurveShape
+    seen : ImagePoints
+        n pixels.
+    distance : (n,) float64, pixels
+        Overwritten: distances, positive outside.
+    bias : (n,) float64, pixels
+        Overwritten: by how much smoothing and the sub-pixel fit of edgels moved each towards the centre of curvature;
+        ``distance`` has that taken off. 0 where ``seen.blur`` is 0.
     """
     major, minor = shape.radii[0] * shape.first, shape.radii[1] * _second(shape.normal, shape.first)
     for side in range(2):
@@ -111,8 +119,18 @@ def residuals(shape: CurveShape, seen: ImagePoints, distance: FloatArray, bias: 
 def moved(shape: CurveShape, step: FloatArray, circle: bool) -> CurveShape:
     """A curve changed by a step.
 
-    step : (8,) float64: displacement of the centre (3), metres; tilts about first and second (2), radians; log radii
-    (2; of a circle the first counts for both); turn of an ellipse in its plane, radians.
+    Parameters
+    ----------
+    shape : CurveShape
+    step : (8,) float64
+        Displacement of the centre (3), metres; tilts about first and about normal x first (2), radians; changes of the
+        log
+        radii (2; of a circle the first counts for both); turn of an ellipse in its plane, radians.
+    circle : bool
+
+    Returns
+    -------
+    CurveShape
     """
     n = shape.normal + step[3] * _second(shape.normal, shape.first) - step[4] * shape.first
     n = n / np.sqrt((n * n).sum())
@@ -129,7 +147,21 @@ def moved(shape: CurveShape, step: FloatArray, circle: bool) -> CurveShape:
 
 @njit
 def jacobian(shape: CurveShape, circle: bool, seen: ImagePoints, distance: FloatArray, bias: FloatArray) -> FloatArray:
-    """(n, p) float64: derivatives of the residuals by the parameters of :func:`moved`; residuals as there."""
+    """Derivatives of the residuals by the parameters of a curve, by differences.
+
+    Parameters
+    ----------
+    shape : CurveShape
+    circle : bool
+    seen : ImagePoints
+    distance, bias : (n,) float64, pixels
+        Overwritten, see :func:`residuals`.
+
+    Returns
+    -------
+    (n, p) float64
+        By the parameters of :func:`moved`, p = 6 for a circle, else 8.
+    """
     size = 6 if circle else 8
     n = len(seen.points)
     residuals(shape, seen, distance, bias)
@@ -149,9 +181,26 @@ def jacobian(shape: CurveShape, circle: bool, seen: ImagePoints, distance: Float
 def equations(
     shape: CurveShape, circle: bool, seen: ImagePoints, sigma: FloatArray, distance: FloatArray, bias: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray]:
-    """Normal equations at a curve: matrix (p, p), gradient (p,), cost, weights (n,) and jacobian (n, p).
+    """Normal equations at a curve, with Cauchy weights scaled by the median of |distance| / sigma.
 
-    sigma : (n,) float64, pixels, of the edgels. Cauchy weights, scaled by the median of |distance| / sigma.
+    Parameters
+    ----------
+    shape : CurveShape
+    circle : bool
+    seen : ImagePoints
+    sigma : (n,) float64, pixels
+        Of the edgels.
+    distance, bias : (n,) float64, pixels
+        Overwritten, see :func:`residuals`.
+
+    Returns
+    -------
+    matrix : (p, p) float64
+    gradient : (p,) float64
+    cost : float
+    weights : (n,) float64, px^-2
+    rows : (n, p) float64
+        The jacobian.
     """
     rows = jacobian(shape, circle, seen, distance, bias)
     n, size = rows.shape
@@ -206,10 +255,21 @@ def _solve(matrix: FloatArray, right: FloatArray) -> bool:
 
 @njit
 def axis_residual(axis: FloatArray, centre: FloatArray, normal: FloatArray, off: FloatArray) -> float:
-    """How a curve lies to an axis, into off (4,): two tilts of its normal, radians, two offsets of its centre, metres.
+    """How a curve lies to an axis.
 
-    axis : (4, 3) float64, rows: a point of the axis, its direction, two directions across it. Returns the sign of the
-    normal along the axis.
+    Parameters
+    ----------
+    axis : (4, 3) float64
+        Rows: a point of the axis, metres, its direction, two directions across it.
+    centre, normal : (3,) float64
+        Of the curve.
+    off : (4,) float64
+        Overwritten: two tilts of the normal, radians, and two offsets of the centre, metres.
+
+    Returns
+    -------
+    float
+        Sign of the normal along the axis.
     """
     sign = 1.0 if (axis[1] * normal).sum() >= 0.0 else -1.0
     for k in range(2):
@@ -252,10 +312,29 @@ def minimise(
     axis: FloatArray,
     information: FloatArray,
 ) -> tuple[bool, CurveShape]:
-    """Moves a curve until its image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights).
+    """Move a curve until its image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights).
 
-    axis, information : see :func:`_add_axis`; information is (0, 0) for a fit without an axis constraint. Returns
-    whether all equations could be solved, and the curve.
+    Parameters
+    ----------
+    shape : CurveShape
+        Where to start.
+    circle : bool
+        Fit six parameters of a circle; else eight of an ellipse.
+    seen : ImagePoints
+    sigma : (n,) float64, pixels
+        Of the edgels.
+    rounds : int
+        Most rounds.
+    axis : (4, 3) float64
+        See :func:`axis_residual`.
+    information : (4, 4) float64
+        Of the axis constraint; (0, 0) for a fit without one.
+
+    Returns
+    -------
+    good : bool
+        Whether all equations could be solved.
+    shape : CurveShape
     """
     size = 6 if circle else 8
     distance, bias = np.empty(len(seen.points)), np.empty(len(seen.points))
@@ -302,10 +381,23 @@ def minimise(
 def common_displacement(
     rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: IntArray, groups: int
 ) -> FloatArray:
-    """(p, p) float64: variance of the normal equations' right side by displacements common to a group's edgels.
+    """Variance of the normal equations' right side by displacements that the edgels of a group have in common.
 
-    rows : (n, p) jacobian; weights : (n,), px^-2; sigma : (n,), pixels, of the common displacement; group : (n,) int64,
-    which of ``groups`` groups an edgel is of.
+    Parameters
+    ----------
+    rows : (n, p) float64
+        Jacobian.
+    weights : (n,) float64, px^-2
+    sigma : (n,) float64, pixels
+        Of the common displacement.
+    group : (n,) int64
+        Which group an edgel is of.
+    groups : int
+        How many there are.
+
+    Returns
+    -------
+    (p, p) float64
     """
     n, size = rows.shape
     sums = np.zeros((groups, size))

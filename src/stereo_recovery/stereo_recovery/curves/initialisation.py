@@ -104,7 +104,21 @@ def matched_to_arc(
 
 
 def edgels_of_arc(segments: Segments, arc: int, count: int) -> BoolArray:
-    """(count,) bool: the edgels of an image that the segments of an arc consist of."""
+    """The edgels of an image that the segments of an arc consist of.
+
+    Parameters
+    ----------
+    segments : Segments
+        Of the image.
+    arc : int
+        Number of the arc.
+    count : int
+        How many edgels the image has.
+
+    Returns
+    -------
+    (count,) bool
+    """
     mask = np.zeros(count, bool)
     for first, last in segments.bounds[segments.arc == arc]:
         mask[first:last] = True
@@ -112,7 +126,22 @@ def edgels_of_arc(segments: Segments, arc: int, count: int) -> BoolArray:
 
 
 def trimmed(mask: BoolArray, share: float) -> BoolArray:
-    """(n,) bool: a mask over edgels without this share of them at either end."""
+    """A mask over edgels without a share of them at either end.
+
+    Parameters
+    ----------
+    mask : (n,) bool
+    share : float
+
+    Returns
+    -------
+    (n,) bool
+
+    Examples
+    --------
+    >>> trimmed(np.array([True, True, False, True, True]), 0.25).tolist()
+    [False, True, False, True, False]
+    """
     index = np.flatnonzero(mask)
     cut = int(share * len(index))
     result = np.zeros(len(mask), bool)

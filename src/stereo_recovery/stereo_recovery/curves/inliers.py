@@ -15,9 +15,18 @@ from .observations import StereoEdgels
 
 
 def across_conic(conic: FloatArray, position: FloatArray, direction: FloatArray) -> BoolArray:
-    """(n,) bool: whether gradients are square to a conic (3, 3), up to ACROSS_COSINE.
+    """Whether gradients are square to a conic, up to ACROSS_COSINE.
 
-    position : (n, 2) float64, pixels; direction : (n,) float64, radians, of the gradients.
+    Parameters
+    ----------
+    conic : (3, 3) float64, symmetric
+    position : (n, 2) float64, pixels
+    direction : (n,) float64, radians
+        Of the gradients.
+
+    Returns
+    -------
+    (n,) bool
     """
     gradient = conic_gradient(conic, position)
     across = np.stack([np.cos(direction), np.sin(direction)], axis=1)

@@ -20,9 +20,16 @@ EdgelMasks = tuple[BoolArray, BoolArray]
 class ImagePoints(NamedTuple):
     """Pixels of the two images, and what projects a curve into them, for the compiled functions.
 
-    points : (n, 2) float64, pixels; left_count : how many of them, the first ones, are the left image's
-    camera_left, camera_right : (4,) float64, pixels: fx, fy, cx, cy; baseline : metres
-    blur : px^2, variance of the smoothing that edgels have gone through; 0 for points that come from no image
+    Attributes
+    ----------
+    points : (n, 2) float64, pixels
+    left_count : int
+        How many of them, the first ones, are the left image's.
+    camera_left, camera_right : (4,) float64, pixels
+        fx, fy, cx, cy.
+    baseline : float, metres
+    blur : float, px^2
+        Variance of the smoothing that edgels have gone through; 0 for points that come from no image.
     """
 
     points: FloatArray

@@ -25,7 +25,11 @@ from .curve import CameraView, Curve, camera_views, cross, image_conic
 class CurvedSurface(NamedTuple):
     """A cylinder or cone: a rim of it, and where its generators meet.
 
-    rim : Curve; apex : (4,) float64, homogeneous, left optical frame, metres; the axis' direction and 0 for a cylinder
+    Attributes
+    ----------
+    rim : Curve
+    apex : (4,) float64
+        Homogeneous, left optical frame, metres; the axis' direction and 0 for a cylinder.
     """
 
     rim: Curve
@@ -188,9 +192,18 @@ def contour_sides(surface: CurvedSurface, segments: Segments, view: CameraView) 
 class Contours:
     """k segments that show occluding contours of one rim, in either image.
 
-    normals : (k, 3) float64, unit normals of the planes through camera and segment; sigma : (k,) float64, radians, of
-    them; cameras : (k, 3) float64, metres, the cameras' centres; rays : (k, 2, 3) float64, lines of sight to the ends
-    of the segments; sides : (k,) int, which contour of its image a segment shows
+    Attributes
+    ----------
+    normals : (k, 3) float64, unit
+        Normals of the planes through camera and segment.
+    sigma : (k,) float64, radians
+        Of the normals.
+    cameras : (k, 3) float64, metres
+        The cameras' centres.
+    rays : (k, 2, 3) float64
+        Lines of sight to the ends of the segments.
+    sides : (k,) int8
+        Which contour of its image a segment shows.
     """
 
     normals: FloatArray
@@ -251,7 +264,22 @@ def longest_contours(
 
 
 def cylinder_contours(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Contours:
-    """The contours of the cylinder that a rim may bound; parameters as of :func:`longest_contours`."""
+    """The contours of the cylinder that a rim may bound.
+
+    Parameters
+    ----------
+    curve : Curve
+        The rim.
+    segments : (Segments, Segments)
+        Of the two images.
+    rig : StereoRig
+        The cameras.
+
+    Returns
+    -------
+    Contours
+        The longest segment on either contour in either image.
+    """
     surface = CurvedSurface.cylinder(curve)
     left, right = (contour_sides(surface, side, view) for side, view in zip(segments, camera_views(rig)))
     return longest_contours((left, right), segments, rig)

@@ -136,6 +136,15 @@ def distinct(curves: list[Curve]) -> list[Curve]:
     """The curves without those that are another one again, found from another part of it.
 
     The one on more edgels stays and takes the other's edgels, so that no segment on them counts as an edge.
+
+    Parameters
+    ----------
+    curves : list of Curve
+
+    Returns
+    -------
+    list of Curve
+        By falling number of edgels.
     """
     kept: list[Curve] = []
     for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):

@@ -19,7 +19,17 @@ from .curve import Curve, flipped
 
 
 def near_side_only(curve: Curve) -> bool:
-    """Whether only the half of a curve that is nearer to the cameras is seen."""
+    """Whether only the half of a curve that is nearer to the cameras is seen.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame.
+
+    Returns
+    -------
+    bool
+    """
     if curve.arc[1] >= settings.PARTIAL_ARC:
         return False
     middle = curve.arc[0] + 0.5 * curve.arc[1]
@@ -28,7 +38,17 @@ def near_side_only(curve: Curve) -> bool:
 
 
 def outward(curve: Curve) -> Curve:
-    """The curve with its normal out of its face, as far as its own visible arc determines that."""
+    """Turn a curve's normal out of its face, as far as its own visible arc determines that.
+
+    Parameters
+    ----------
+    curve : Curve
+        Left optical frame.
+
+    Returns
+    -------
+    Curve
+    """
     towards_camera = curve.normal @ curve.centre < 0.0
     return curve if towards_camera != near_side_only(curve) else flipped(curve)
 

@@ -14,7 +14,11 @@ from .settings import LEAST_ADVANCE, LINK_RADIUS, SIDESTEP, SIDESTEP_COST, SIDES
 def keep_cheapest(successor: Int32Array, cost: FloatArray) -> None:
     """Of all that have the same successor, the one with the least cost keeps it; the others get -1, in place.
 
-    successor : (n,) int32, or -1; cost : (n,) float64
+    Parameters
+    ----------
+    successor : (n,) int32
+        Or -1.
+    cost : (n,) float64
     """
     taken = np.full(len(successor), -1, np.int32)
     for i in range(len(successor)):
@@ -30,10 +34,24 @@ def keep_cheapest(successor: Int32Array, cost: FloatArray) -> None:
 def successors(
     u: FloatArray, v: FloatArray, tu: FloatArray, tv: FloatArray, magnitude: FloatArray, height: int, width: int
 ) -> Int32Array:
-    """(n,) int32: for every edgel the one that follows it along its tangent, or -1; no two have the same successor.
+    """For every edgel the one that follows it along its tangent; no two have the same successor.
 
-    u, v : (n,) float64, pixels; tu, tv : (n,), unit tangent; height, width : of the image, pixels. The cost of a step
-    is its length plus a multiple of its distance from both tangents.
+    The cost of a step is its length plus a multiple of its distance from both tangents.
+
+    Parameters
+    ----------
+    u, v : (n,) float64, pixels
+        Position.
+    tu, tv : (n,) float64
+        Unit tangent.
+    magnitude : (n,) float64, grey levels per pixel
+    height, width : int, pixels
+        Of the image.
+
+    Returns
+    -------
+    (n,) int32
+        Or -1.
     """
     n = len(u)
     grid = np.full((height, width), -1, np.int32)
@@ -75,9 +93,23 @@ def trace(
 ) -> tuple[Int32Array, IntArray, BoolArray]:
     """Chains of edgels along their successors, open ones first.
 
-    following : (n,) int32, successor or -1; magnitude : (n,), grey levels per pixel; high : least mean of three
-    consecutive magnitudes somewhere in a chain; minimum : edgels. Returns order (k,) int32, offsets (m + 1,) int64,
-    closed (m,) bool of the kept chains, see :class:`.chains.EdgeChains`.
+    Parameters
+    ----------
+    following : (n,) int32
+        Successor, or -1.
+    magnitude : (n,) float64, grey levels per pixel
+    high : float, grey levels per pixel
+        Least mean of three consecutive magnitudes somewhere in a chain.
+    minimum : int
+        Least number of edgels in a chain.
+
+    Returns
+    -------
+    order : (k,) int32
+        The edgels of the kept chains, chain after chain.
+    offsets : (m + 1,) int64
+    closed : (m,) bool
+        As in :class:`.chains.EdgeChains`.
     """
     n = len(following)
     preceded = np.zeros(n, np.bool_)

@@ -56,11 +56,28 @@ def _solve5(a: FloatArray, b: FloatArray) -> bool:
 
 @njit
 def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
-    """Conic through points (n, 2) float64, pixels, n >= 5, by least squares in so many rounds.
+    """Conic through points, by least squares.
 
-    Returns (6,) a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f, negative inside, with a + c = 1 in scaled
-    coordinates; and the rms of the Sampson distance, pixels, infinite when there is no ellipse. Each equation is
-    divided by its gradient of the round before, which removes the bias of small ellipses (Sampson 1982).
+    Each equation is divided by its gradient of the round before, which removes the bias of small ellipses.
+
+    Parameters
+    ----------
+    points : (n, 2) float64, pixels
+        n >= 5.
+    rounds : int
+        Of reweighting, the first without weights included.
+
+    Returns
+    -------
+    conic : (6,) float64
+        a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f, negative inside, with a + c = 1 in scaled
+        coordinates.
+    rms : float, pixels
+        Of the Sampson distance; infinite when there is no ellipse.
+
+    References
+    ----------
+    P. D. Sampson, "Fitting conic sections to very scattered data", CGIP 18(1), 1982.
     """
     n = len(points)
     none = np.zeros(6)
@@ -124,7 +141,18 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
 
 @njit
 def radii(q: FloatArray) -> tuple[float, float]:
-    """Major and minor radius, pixels, of the ellipse of :func:`fit`'s six numbers; (0, 0) when they are of none."""
+    """Radii of an ellipse.
+
+    Parameters
+    ----------
+    q : (6,) float64
+        The numbers of :func:`fit`.
+
+    Returns
+    -------
+    major, minor : float, pixels
+        0 and 0 when the conic is no real ellipse.
+    """
     a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
     small = a * c - b * b
     whole = a * (c * f - e * e) - b * (b * f - e * d) + d * (b * e - c * d)
@@ -149,10 +177,28 @@ def claim(
 ) -> tuple[FloatArray, FloatArray]:
     """The longest stretches of a run of segments that one ellipse explains each; writes their labels into ``arc``.
 
-    segments : (k,) int64, twice in a row for a closed chain; turns : (k - 1,) radians, between them; position : (n, 2)
-    edgels, pixels; limit : (n,) their largest offsets, pixels; bounds (m, 2), sagitta, arc (m,) : of all segments, see
-    :class:`.segments.Segments`; label : the first new one. Returns conics (c, 6), see :func:`fit`, and rms (c,),
-    pixels.
+    Parameters
+    ----------
+    segments : (k,) int64
+        The run; twice in a row for a closed chain.
+    turns : (k - 1,) float64, radians
+        Between the segments.
+    position : (n, 2) float64, pixels
+        Edgels.
+    limit : (n,) float64, pixels
+        Largest offset of each from its curve.
+    bounds : (m, 2) int64
+    sagitta : (m,) float64, pixels
+    arc : (m,) int32
+        Of all segments, see :class:`.segments.Segments`; arc is changed.
+    label : int
+        The first new one.
+
+    Returns
+    -------
+    conics : (c, 6) float64
+        See :func:`fit`.
+    rms : (c,) float64, pixels
     """
     k = len(segments)
     total = 0
@@ -214,7 +260,17 @@ def claim(
 
 @njit
 def sampson(conic: FloatArray, points: FloatArray) -> FloatArray:
-    """(n,) float64, pixels: value of a conic (3, 3) at points (n, 2), pixels, over its gradient there."""
+    """Distance of points from a conic, to first order, see :func:`.conics.sampson`.
+
+    Parameters
+    ----------
+    conic : (3, 3) float64
+    points : (n, 2) float64, pixels
+
+    Returns
+    -------
+    (n,) float64, pixels
+    """
     out = np.empty(len(points))
     for k in range(len(points)):
         x, y = points[k, 0], points[k, 1]

@@ -80,7 +80,22 @@ def sampson(conic: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def symmetric(numbers: FloatArray) -> FloatArray:
-    """(3, 3) float64: the matrix of a u^2 + b u v + c v^2 + d u + e v + f, given its six numbers."""
+    """Symmetric matrix of a conic.
+
+    Parameters
+    ----------
+    numbers : (6,) float64
+        Coefficients of a u^2 + b u v + c v^2 + d u + e v + f.
+
+    Returns
+    -------
+    (3, 3) float64
+
+    Examples
+    --------
+    >>> symmetric(np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])).tolist()
+    [[1.0, 1.0, 2.0], [1.0, 3.0, 2.5], [2.0, 2.5, 6.0]]
+    """
     a, b, c, d, e, f = numbers
     return np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
 

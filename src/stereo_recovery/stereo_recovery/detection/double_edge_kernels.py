@@ -36,9 +36,21 @@ def sample(
 ) -> tuple[FloatArray, FloatArray]:
     """Mean gradient across a line, in sections of its length.
 
-    gx, gy : (h, w) float32, grey levels per pixel; centre (u, v), pixels, and unit direction of the line; low, high :
-    abscissas between which it counts, pixels. Returns profile (SECTIONS, m) float64, grey levels per pixel along the
-    normal (-v, u) of the direction, and the sections' abscissas (SECTIONS,), pixels.
+    Parameters
+    ----------
+    gx, gy : (h, w) float32, grey levels per pixel
+        Derivatives of the smoothed image.
+    centre, direction : pair of float
+        Of the line: a point, pixels, and its unit direction.
+    low, high : float, pixels
+        Abscissas between which the line counts.
+
+    Returns
+    -------
+    profile : (SECTIONS, m) float64, grey levels per pixel
+        Along the normal (-v, u) of the direction.
+    place : (SECTIONS,) float64, pixels
+        Mean abscissa of each section.
     """
     m = int(round(2.0 * PROFILE_REACH / PROFILE_STEP)) + 1
     profile, place = np.zeros((SECTIONS, m)), np.zeros(SECTIONS)
@@ -137,10 +149,22 @@ def _descend(profile: FloatArray, place: FloatArray, width: float, p: FloatArray
 def two_steps(profile: FloatArray, place: FloatArray, width: float) -> tuple[FloatArray, float, float, FloatArray]:
     """The two steps that explain profiles across an edge best, and one step that does.
 
-    profile, place : see :func:`sample`; width : pixels, standard deviation of a blurred step. Returns p (6,), the
-    squared residual of p, that of one step, and the inverse of the normal matrix (6, 6). p holds the heights of the
-    first and the second step, grey levels; offset, pixels, and slope of the first; the same of the second, less those
-    of the first.
+    Parameters
+    ----------
+    profile, place
+        See :func:`sample`.
+    width : float, pixels
+        Standard deviation of a blurred step.
+
+    Returns
+    -------
+    p : (6,) float64
+        Heights of the first and the second step, grey levels; offset, pixels, and slope of the first; the same of the
+        second, less those of the first.
+    cost, single : float
+        Squared residuals of the two steps and of the one.
+    inverse : (6, 6) float64
+        Inverse of the normal matrix at p.
     """
     half = 0.5 * (place[-1] - place[0])
     one = np.zeros(6)

@@ -25,8 +25,19 @@ def ridge_maxima(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Sub-pixel maxima of the gradient magnitude across its own direction, in raster order.
 
-    gx, gy : (h, w) float32, grey levels per pixel; threshold : least magnitude. Returns u, v, gu, gv, width : (n,)
-    float64: position, pixels; gradient there; standard deviation of the blurred step, pixels.
+    Parameters
+    ----------
+    gx, gy : (h, w) float32, grey levels per pixel
+    threshold : float, grey levels per pixel
+        Least magnitude.
+
+    Returns
+    -------
+    u, v : (n,) float64, pixels
+    gu, gv : (n,) float64, grey levels per pixel
+        Gradient there.
+    width : (n,) float64, pixels
+        Standard deviation of the blurred step.
     """
     h, w = gx.shape
     m2 = gx * gx + gy * gy
@@ -82,9 +93,26 @@ def ridge_maxima(
 def zero_crossings(
     laplacian: Float32Array, gx: Float32Array, gy: Float32Array, threshold: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Sign changes of the Laplacian where the gradient is strong, linear interpolation (Marr and Hildreth).
+    """Sign changes of the Laplacian where the gradient is strong, by linear interpolation.
 
     At most one per pixel: towards the neighbour along the axis nearest to the gradient.
+
+    Parameters
+    ----------
+    laplacian : (h, w) float32
+    gx, gy : (h, w) float32, grey levels per pixel
+    threshold : float, grey levels per pixel
+        Least magnitude of the gradient.
+
+    Returns
+    -------
+    u, v : (n,) float64, pixels
+    gu, gv : (n,) float64, grey levels per pixel
+        Gradient there.
+
+    References
+    ----------
+    D. Marr and E. Hildreth, "Theory of edge detection", Proc. R. Soc. London B 207, 1980.
     """
     h, w = gx.shape
     limit = threshold * threshold
@@ -115,10 +143,24 @@ def zero_crossings(
 def flanking_gradients(
     gx: Float32Array, gy: Float32Array, u: FloatArray, v: FloatArray, gu: FloatArray, gv: FloatArray, distance: float
 ) -> FloatArray:
-    """(n, 2) float64: the gradient along an edgel's own gradient, on its dark and its bright flank, over the edgel's.
+    """The gradient on both flanks of edgels along their own gradients, as a share of the edgels'.
 
-    gx, gy : (h, w) float32; u, v, gu, gv : (n,) positions and gradients of edgels; distance : of the flanks, pixels.
     Beside a step between evenly lit faces the share is 0, and on a slope it is 1.
+
+    Parameters
+    ----------
+    gx, gy : (h, w) float32, grey levels per pixel
+    u, v : (n,) float64, pixels
+        Positions of edgels.
+    gu, gv : (n,) float64, grey levels per pixel
+        Their gradients.
+    distance : float, pixels
+        Of the flanks.
+
+    Returns
+    -------
+    (n, 2) float64
+        On the dark and on the bright flank.
     """
     out = np.empty((len(u), 2))
     for i in range(len(u)):

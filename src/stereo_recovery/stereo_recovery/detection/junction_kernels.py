@@ -81,9 +81,19 @@ def _continues(lines: Lines, box: FloatArray, k: int, i: int, point: tuple[float
 
 @njit
 def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array, BoolArray, FloatArray]:
-    """Abscissa, neighbour, T-junction flag and sigma, (n, 2) each, of :class:`.junctions.Junctions`.
+    """Where the ends of segments meet other segments.
 
-    lines : :class:`.line_kernels.Lines` of n segments; widest : largest gap, pixels
+    Parameters
+    ----------
+    lines : Lines
+        Of n segments.
+    widest : float, pixels
+        Largest gap.
+
+    Returns
+    -------
+    abscissa, neighbour, t_junction, sigma : (n, 2)
+        As in :class:`.junctions.Junctions`.
     """
     n = len(lines.centre)
     abscissa = lines.extent.copy()
@@ -188,9 +198,18 @@ def _share_junctions(lines: Lines, abscissa: FloatArray, neighbour: Int32Array, 
 
 @njit
 def spurious(lines: Lines) -> BoolArray:
-    """(n,) bool: short segments that only show how a longer one bends where it nears another one, or blurs.
+    """Short segments that only show how a longer one bends where it nears another one, or blurs.
 
-    lines : :class:`.line_kernels.Lines` of n segments. Both ends of such a segment are near the longer one's line.
+    Both ends of such a segment are near the longer one's line.
+
+    Parameters
+    ----------
+    lines : Lines
+        Of n segments.
+
+    Returns
+    -------
+    (n,) bool
     """
     n = len(lines.centre)
     result = np.zeros(n, np.bool_)

@@ -13,10 +13,16 @@ from .settings import CAUCHY, CORNER_TRIM, CORNER_TRIM_SHARE, LEAST_DIVISOR, LEA
 
 
 class Lines(NamedTuple):
-    """n segments as compiled loops take them, (n, 2) float64 each.
+    """n segments as compiled loops take them.
 
-    centre : pixels; direction : unit; extent : pixels along the direction, first and last end, from the centre; sigma :
-    of the offset at the centre, pixels, and of the slope, radians
+    Attributes
+    ----------
+    centre : (n, 2) float64, pixels
+    direction : (n, 2) float64, unit
+    extent : (n, 2) float64, pixels
+        Abscissa of the first and the last end, along the direction from the centre.
+    sigma : (n, 2) float64
+        Of the offset at the centre, pixels, and of the slope, radians.
     """
 
     centre: FloatArray
@@ -28,9 +34,20 @@ class Lines(NamedTuple):
 class FittedLines(NamedTuple):
     """Lines through n runs of edgels.
 
-    centre, direction, extent : (n, 2) float64, as in :class:`Lines`; rms : (n,) pixels, robust residual; sagitta : (n,)
-    pixels, of the middle over the chord of the ends, signed; used : (n,) edgels in the fit; weight : (n,) 1 / px^2, sum
-    of their weights; moment : (n,) weighted second moment along the line
+    Attributes
+    ----------
+    centre, direction, extent : (n, 2) float64
+        As in :class:`Lines`.
+    rms : (n,) float64, pixels
+        Robust residual.
+    sagitta : (n,) float64, pixels
+        Of the middle over the chord of the ends, signed.
+    used : (n,) float64
+        Edgels in the fit.
+    weight : (n,) float64, 1 / px^2
+        Sum of their weights.
+    moment : (n,) float64
+        Weighted second moment along the line.
     """
 
     centre: FloatArray
@@ -95,7 +112,23 @@ def variance_at(lines: Lines, i: int, s: float) -> float:
 
 @njit
 def regression(x: FloatArray, y: FloatArray, w: FloatArray, a: int, b: int) -> tuple[float, float, float, float]:
-    """Orthogonal regression of points a..b-1 with weights w: centre, unit direction along the order of points."""
+    """Orthogonal regression of points.
+
+    Parameters
+    ----------
+    x, y : (n,) float64, pixels
+    w : (n,) float64
+        Weights.
+    a, b : int
+        Only points a..b-1 count.
+
+    Returns
+    -------
+    cx, cy : float, pixels
+        Centre.
+    tx, ty : float
+        Unit direction, along the order of the points.
+    """
     sw = sx = sy = 0.0
     for i in range(a, b):
         sw += w[i]
@@ -117,11 +150,21 @@ def regression(x: FloatArray, y: FloatArray, w: FloatArray, a: int, b: int) -> t
 
 @njit
 def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray) -> FittedLines:
-    """Robust orthogonal regression of every run of edgels, without the edgels beside its ends.
+    """Robust orthogonal regression of runs of edgels, without the edgels beside their ends.
 
-    x, y, sigma : (n,) float64, position and its sigma, pixels; bounds : (k, 2) int, runs [first, last). Returns
-    :class:`FittedLines` of k lines. The first of three rounds leaves CORNER_TRIM pixels at each end out; the others
-    give the rest Cauchy weights.
+    The first of three rounds leaves CORNER_TRIM pixels at each end out; the others give the rest Cauchy weights.
+
+    Parameters
+    ----------
+    x, y, sigma : (n,) float64, pixels
+        Position of edgels and its sigma.
+    bounds : (k, 2) int64
+        Runs [first, last).
+
+    Returns
+    -------
+    FittedLines
+        k lines.
     """
     lines = len(bounds)
     centre, direction, extent = np.zeros((lines, 2)), np.zeros((lines, 2)), np.zeros((lines, 2))

@@ -64,10 +64,24 @@ def _room(lines: Lines, extent: FloatArray, i: int, e: int) -> float:
 def track(
     lines: Lines, magnitude: FloatArray, low_contrast: BoolArray, gx: Float32Array, gy: Float32Array, least: float
 ) -> FloatArray:
-    """(n, 2) float64, pixels: extent of segments, of those with low contrast as far as the picture shows their lines.
+    """Extent of segments, of those with low contrast as far as the picture shows their lines.
 
-    lines : :class:`.line_kernels.Lines` of n segments; magnitude (n,), gx, gy (h, w), least : grey levels per pixel;
+    Parameters
+    ----------
+    lines : Lines
+        Of n segments.
+    magnitude : (n,) float64, grey levels per pixel
+        Mean gradient of each.
     low_contrast : (n,) bool
+        Those to be tracked.
+    gx, gy : (h, w) float32, grey levels per pixel
+        Derivatives of the smoothed image.
+    least : float, grey levels per pixel
+        Least median gradient that shows an edge.
+
+    Returns
+    -------
+    (n, 2) float64, pixels
     """
     extent = lines.extent.copy()
     h, w = gx.shape

@@ -131,7 +131,18 @@ def reversed_polarity(left: Segments, right: Segments, i: IntArray, j: IntArray)
 
 
 def line_table(segments: Segments) -> FloatArray:
-    """(n, 8) float64: columns of centre, direction, extent, sigma, for loops that take rows of numbers."""
+    """Segments as rows of numbers, for loops that take these.
+
+    Parameters
+    ----------
+    segments : Segments
+        n of one image.
+
+    Returns
+    -------
+    (n, 8) float64
+        Columns of centre, direction, extent, sigma.
+    """
     return np.hstack([segments.centre, segments.direction, segments.extent, segments.sigma])
 
 

@@ -59,12 +59,32 @@ def _farthest(x: FloatArray, y: FloatArray, a: int, b: int) -> int:
 def split(
     x: FloatArray, y: FloatArray, limit: FloatArray, offsets: IntArray, minimum: int
 ) -> tuple[IntArray, IntArray]:
-    """Recursive fit and segment (thesis 3.10.1): straight segments that cover every chain.
+    """Recursive fit and segment: straight segments that cover every chain.
 
-    x, y : (n,) float64, edgels in chain order, pixels; limit : (n,) how far each may stand off its line, pixels;
-    offsets : (m + 1,) int, of the chains; minimum : edgels in a segment. Returns bounds (k, 2) int64, [first, last) in
-    chain order, and chain (k,) int64. Neighbouring segments that one line fits are joined again, and the break between
-    two segments goes where their lines meet.
+    Neighbouring segments that one line fits are joined again, and the break between two segments goes where their lines
+    meet.
+
+    Parameters
+    ----------
+    x, y : (n,) float64, pixels
+        Edgels in chain order.
+    limit : (n,) float64, pixels
+        How far each may stand off its line.
+    offsets : (m + 1,) int64
+        Of the chains.
+    minimum : int
+        Least number of edgels in a segment.
+
+    Returns
+    -------
+    bounds : (k, 2) int64
+        Edgels [first, last) of each segment.
+    chain : (k,) int64
+        The chain of each.
+
+    References
+    ----------
+    Thesis 3.10.1.
     """
     n = len(x)
     w = 1.0 / (limit * limit)
@@ -123,9 +143,19 @@ def split(
 
 @njit
 def continuations(lines: Lines, straightness: float) -> Int32Array:
-    """(n,) int32: which segment continues each one on the same straight line, or -1; no two have the same.
+    """Which segment continues each one on the same straight line; no two are continued by the same.
 
-    lines : :class:`.line_kernels.Lines` of n segments; straightness : offset of real edges from a line, pixels
+    Parameters
+    ----------
+    lines : Lines
+        Of n segments.
+    straightness : float, pixels
+        Offset of real edges from a line.
+
+    Returns
+    -------
+    (n,) int32
+        Or -1.
     """
     n = len(lines.centre)
     successor = np.full(n, -1, np.int32)
