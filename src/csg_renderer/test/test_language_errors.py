@@ -3,8 +3,7 @@
 import pytest
 
 from csg_renderer import SceneError, load_scene, parse_scene, scene_path
-from csg_renderer.language import parser
-from csg_renderer.language.includes import MAX_CHARACTERS, MAX_DEPTH
+from csg_renderer.language.settings import MAX_CHARACTERS, MAX_DEPTH, MAX_ERRORS
 
 
 def error(text: str, **options) -> SceneError:
@@ -112,7 +111,7 @@ def test_a_mistake_in_a_definition_is_not_repeated_where_its_name_is_used():
 
 
 def test_errors_end_after_the_twentieth():
-    assert len(error('x;\n' * 500).errors) == parser.MAX_ERRORS
+    assert len(error('x;\n' * 500).errors) == MAX_ERRORS
 
 
 def test_errors_in_an_included_file_name_that_file(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 
 from msgs_py import PinholeCamera, Pose
 
+from .settings import DEFAULT_SIDE, LARGEST_VIEW, LEAST_VIEW, MAX_SIDE, PARALLEL_UP
 from .values import length
 
 # Clauses of CAMERA and how many numbers each takes.
@@ -22,7 +23,6 @@ CLAUSES: dict[str, tuple[tuple[int, ...], str]] = {
     'TO': ((3,), 'point looked at'),
     'UP': ((3,), 'direction that is up in the picture'),
 }
-MAX_SIDE = 16384
 
 
 def camera_of(clauses: dict[str, list[float]], per_metre: float) -> tuple[PinholeCamera, Pose, float | None]:
@@ -33,7 +33,7 @@ def camera_of(clauses: dict[str, list[float]], per_metre: float) -> tuple[Pinhol
     _exclude(clauses, 'K', ('FOCAL', 'FOV', 'CENTRE'))
     _exclude(clauses, 'RT', ('FROM', 'TO', 'UP'))
     _exclude(clauses, 'FOV', ('FOCAL',))
-    width, height = clauses.get('SIZE', [512, 512])
+    width, height = clauses.get('SIZE', [DEFAULT_SIDE, DEFAULT_SIDE])
     for name, value in (('width', width), ('height', height)):
         if value != round(value) or not 1 <= value <= MAX_SIDE:
             raise ValueError(f'SIZE: {name} is {value:g}, expected a whole number of pixels in 1..{MAX_SIDE}')
@@ -45,8 +45,8 @@ def camera_of(clauses: dict[str, list[float]], per_metre: float) -> tuple[Pinhol
     else:
         if 'FOV' in clauses:
             (angle,) = clauses['FOV']
-            if not 0.1 <= angle <= 179.0:
-                raise ValueError(f'FOV is {angle:g}, expected degrees in 0.1..179')
+            if not LEAST_VIEW <= angle <= LARGEST_VIEW:
+                raise ValueError(f'FOV is {angle:g}, expected degrees in {LEAST_VIEW:g}..{LARGEST_VIEW:g}')
             fx = fy = width / (2.0 * math.tan(math.radians(angle) / 2.0))
         elif 'FOCAL' in clauses:
             fx, fy = clauses['FOCAL'][0], clauses['FOCAL'][-1]
@@ -83,7 +83,7 @@ def look_at(eye: list[float], target: list[float], up: list[float]) -> Pose:
     if not tallness > 0.0:
         raise ValueError('CAMERA: UP has no length')
     right = np.cross(forward, np.asarray(up) / tallness)
-    if np.linalg.norm(right) < 1e-6:
+    if np.linalg.norm(right) < PARALLEL_UP:
         raise ValueError('CAMERA: UP is parallel to the viewing direction')
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
+from .settings import PROPOSALS, SHOWN, SIMILAR
+
 
 class Place(NamedTuple):
     """Where something stands in a source text. line and column count from 1; length : characters underlined."""
@@ -73,10 +75,6 @@ class SceneWarning(UserWarning):
     """Something in a scene file that is probably not meant: an unused name, nothing drawn."""
 
 
-# A longer source line is cut around the caret, so that one report stays readable.
-SHOWN = 150
-
-
 def describe(file: str, line: int, column: int, message: str, hint: str = '', source: str = '', length: int = 1) -> str:
     """``file:line:column: message``, the source line, a caret under it, and the hint."""
     parts = [f'{file or "scene"}:{line}:{column}: {message}']
@@ -96,7 +94,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     folded: dict[str, str] = {}
     for candidate in known:
         folded.setdefault(candidate.upper(), candidate)
-    close = get_close_matches(word.upper(), folded, n=2, cutoff=0.65)
+    close = get_close_matches(word.upper(), folded, n=PROPOSALS, cutoff=SIMILAR)
     if not close:
         return ''
     return 'did you mean ' + ' or '.join(f"'{folded[match]}'" for match in close) + '?'

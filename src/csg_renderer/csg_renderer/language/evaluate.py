@@ -13,8 +13,9 @@ from .camera import CLAUSES, camera_of
 from .errors import Place, SceneError, did_you_mean
 from .expressions import Entry, Expressions
 from .includes import Includes
-from .parser import MAX_ERRORS, Broken, Source, Statement, parse_statements
-from .values import CONSTANTS, FUNCTIONS, MAX_PRIMITIVES, UNITS, Shape, colour_of, length
+from .parser import Broken, Source, Statement, parse_statements
+from .settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND, MAX_ERRORS, MAX_PRIMITIVES
+from .values import CONSTANTS, FUNCTIONS, UNITS, Shape, colour_of, length
 
 
 @dataclass
@@ -26,8 +27,8 @@ class Drawing:
     # Names of objects, each with the last number that was put behind it.
     taken: dict[str, int] = field(default_factory=dict)
     lights: list[Light] = field(default_factory=list)
-    ambient: tuple[float, float, float] = (0.2, 0.2, 0.2)
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ambient: tuple[float, float, float] = DEFAULT_AMBIENT
+    background: tuple[float, float, float] = DEFAULT_BACKGROUND
     camera: PinholeCamera | None = None
     camera_T_scene: Pose | None = None
     target_distance: float | None = None

@@ -13,18 +13,8 @@ from . import ast
 from .errors import Place, SceneError, did_you_mean
 from .paint import paint_work
 from .parser import Source, Statement
-from .values import (
-    CONSTANTS,
-    FUNCTIONS,
-    MAX_PRIMITIVES,
-    MAX_WORK,
-    PRIMITIVES,
-    UNITS,
-    Shape,
-    paint,
-    primitive,
-    transform,
-)
+from .settings import FLATTENED, LARGEST_ELEMENT, MAX_PRIMITIVES, MAX_WORK
+from .values import CONSTANTS, FUNCTIONS, PRIMITIVES, UNITS, Shape, paint, primitive, transform
 
 Value = float | Shape
 
@@ -242,9 +232,9 @@ class Expressions:
     def _check_matrix(matrix: np.ndarray) -> None:
         linear = matrix[:3, :3]
         largest = np.abs(linear).max()
-        if not np.abs(matrix).max() <= 1e12:
+        if not np.abs(matrix).max() <= LARGEST_ELEMENT:
             raise ValueError('these transforms together are too large')
-        if not largest > 0.0 or abs(np.linalg.det(linear / largest)) <= 1e-12:
+        if not largest > 0.0 or abs(np.linalg.det(linear / largest)) <= FLATTENED:
             raise ValueError('these transforms together flatten the solid to nothing')
 
     def _spend(self, work: int, suffix: ast.Suffix) -> None:

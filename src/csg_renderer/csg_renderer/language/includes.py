@@ -6,10 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from .parser import MAX_CHARACTERS, Source
-
-MAX_FILES = 100
-MAX_DEPTH = 20
+from .parser import Source
+from .settings import MAX_CHARACTERS, MAX_DEPTH, MAX_FILES
 
 
 def models_folder() -> Path:

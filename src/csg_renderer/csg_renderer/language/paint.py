@@ -15,24 +15,20 @@ from msgs_py.numeric.typed import FloatArray
 
 from ..brep.surfaces import SurfaceTable, compile_surfaces
 from ..scene.solid import FACES, Primitive, Solid
-
-# Shades are factors of the colour between these; the lower is still lighter than a black background.
-DARKEST, LIGHTEST = 0.22, 1.0
-# How much a difference in grey matters: between faces that meet, that look the same way, any others, and that look
-# opposite ways, which are hardly ever seen together.
-MEETING, ALIKE, OTHERS, OPPOSITE = 1.0, 0.7, 0.4, 0.1
-# More faces than this are dealt their shades without looking at who meets whom.
-MOST_DEALT = 40
-# Starts of the search for a good deal, the first in the order of the faces.
-STARTS = 4
-
-# Directions closer than this are parallel.
-SAME_DIRECTION = 1e-6
-# A face is on the solid where a step of this size (fraction of the solid's) through it crosses the boundary.
-STEP = 1e-5
-# Samples of a face along one side at most, and a bound on samples times primitives, which is the time it takes.
-MAX_SAMPLES = 30
-WORK = 250_000
+from .settings import (
+    ALIKE,
+    DARKEST,
+    LIGHTEST,
+    MAX_SAMPLES,
+    MEETING,
+    MOST_DEALT,
+    OPPOSITE,
+    OTHERS,
+    SAME_DIRECTION,
+    STARTS,
+    STEP,
+    WORK,
+)
 
 
 @dataclass

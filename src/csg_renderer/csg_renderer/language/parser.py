@@ -13,13 +13,7 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 
 from . import ast
 from .errors import Place, SceneError, did_you_mean
-
-# Limits that keep any text, also a hostile one, cheap to refuse.
-MAX_CHARACTERS = 400_000
-MAX_STATEMENTS = 4_000
-MAX_STATEMENT = 60_000
-MAX_NESTING = 60
-MAX_ERRORS = 20
+from .settings import MAX_CHARACTERS, MAX_ERRORS, MAX_NESTING, MAX_STATEMENT, MAX_STATEMENTS
 
 # What must be known to cut a text into statements: strings and comments may hold a semicolon.
 _PIECE = re.compile(r'"[^"\n]*"|//[^\n]*|#[^\n]*|/\*.*?\*/|/\*|[;()]', re.DOTALL)

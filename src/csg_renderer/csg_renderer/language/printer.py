@@ -15,12 +15,8 @@ import numpy as np
 from ..scene.scene import Placement, Scene
 from ..scene.solid import Empty, Operation, Primitive, Solid, Surface
 from .ast import KEYWORDS
+from .settings import DEEPEST, LONGEST, WIDTH
 from .values import CONSTANTS, FUNCTIONS
-
-# A printed operand deeper or longer than this is given a name (the parser's limits are well above).
-DEEPEST = 12
-LONGEST = 2_000
-WIDTH = 110
 
 _PROPERTIES = (
     ('ambient', 'AMBIENT'),

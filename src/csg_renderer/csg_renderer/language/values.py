@@ -14,16 +14,9 @@ import numpy as np
 
 from ..scene.solid import FACES, Primitive, Solid, Surface, colour
 from .paint import paint_faces
-
-# The largest solid a file may build, and the most leaves it may touch doing so: names can be reused to double a solid
-# again and again, and a typing error should not fill the memory.
-MAX_PRIMITIVES = 10_000
-MAX_WORK = 40_000
+from .settings import LARGEST, SMALLEST
 
 UNITS = {'MM': 1000.0, 'CM': 100.0, 'M': 1.0}
-
-# Sizes beyond these (metres) are typing errors, and would only overflow later.
-SMALLEST, LARGEST = 1e-9, 1e9
 
 FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     'SIN': (1, lambda a: math.sin(math.radians(a))),

@@ -50,9 +50,6 @@ BOX_SLACK = 1e-9
 SPHERE_SLACK = 1.01
 # The range of heights of a terrain is larger by this, metres, and by this fraction of its limits, for rounding.
 HEIGHT_SLACK = 1e-9
-# A ray meets the surface of a terrain's cell also this far before and behind the cell (a length along the ray, and a
-# fraction of its length in the cell), so that no ray passes between two cells.
-CELL_SLACK = 1e-12
 # Depth of the clipping plane of outlines, metres, in a scene of no extent; in others it is the departure.
 LEAST_CLIP_DEPTH = 1e-9
 # Pixels by which a row's span of a primitive is widened: half a pixel for the samples of anti-aliasing, the rest for

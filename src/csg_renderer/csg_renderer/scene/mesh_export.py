@@ -12,19 +12,17 @@ from typing import Any
 import numpy as np
 
 from .scene import Scene
+from .settings import ENDLESS, SEGMENTS
 from .solid import Empty, Operation, Primitive, Solid
 
 FORMATS = ('.stl', '.glb', '.gltf', '.obj', '.ply')
-
-# A PLANE is endless; its mesh is a cube this many times as large as everything bounded.
-ENDLESS = 10.0
 
 
 class ExportError(RuntimeError):
     """An optional library is missing, or the solid has no mesh."""
 
 
-def export_mesh(scene: Scene, path: Path, segments: int = 64) -> int:
+def export_mesh(scene: Scene, path: Path, segments: int = SEGMENTS) -> int:
     """Write a scene's solids (metres, scene frame) as one mesh file; the suffix says the format.
 
     segments : facets around a circle. Returns the number of triangles.
@@ -52,7 +50,7 @@ def export_mesh(scene: Scene, path: Path, segments: int = 64) -> int:
     return triangles
 
 
-def mesh_of(solid: Solid, segments: int = 64, manifold: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def mesh_of(solid: Solid, segments: int = SEGMENTS, manifold: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangles of a solid: vertices (n, 3) float64 metres, faces (m, 3) int, colours (m, 4) uint8 of each face."""
     manifold = manifold or _library('manifold3d')
     leaves = solid.primitives

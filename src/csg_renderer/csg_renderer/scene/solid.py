@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from msgs_py import Pose
 from msgs_py.numeric.vectors import perpendicular
 
+from .settings import AFFINE, SINGULAR
+
 # Faces in the order of thesis Table 4.1, which is also the order of face_id in a rendered frame. Unit frames: the block
 # is the unit cube of the positive octant; cylinder and cone have unit radius and length along +z, the cylinder with one
 # end and the cone with its apex at the origin; the sphere has unit radius about it. PLANE (ours) is the half-space
@@ -28,9 +30,6 @@ FACES: dict[str, tuple[str, ...]] = {
     'PLANE': ('z = 0',),
 }
 OPERATORS = ('UNION', 'INTERSECT', 'DIFFERENCE')
-
-# A placement whose determinant is below this fraction of its largest column cubed has flattened the primitive.
-SINGULAR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ class Primitive(Solid):
         matrix = np.array(self.matrix, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
             raise ValueError('matrix: expected (4, 4) finite numbers')
-        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
+        if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > AFFINE:
             raise ValueError(f'matrix: last row is {matrix[3]}, expected 0 0 0 1 (an affine, column-form matrix)')
         largest = np.linalg.norm(matrix[:3, :3], axis=0).max()
         if largest == 0.0 or abs(np.linalg.det(matrix[:3, :3])) <= SINGULAR * largest**3:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from msgs_py import Pose
 from msgs_py.numeric.typed import FloatArray, IntArray
 
+from .settings import CELL_SLACK, PNG_FULL_SCALE
 from .solid import Solid, Surface, as_matrix
 
 INTERPOLATIONS = ('triangles', 'bilinear')
@@ -80,7 +81,7 @@ class Terrain(Solid):
             heights = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if heights is None or heights.ndim != 2 or heights.dtype != np.uint16:
                 raise ValueError(f'{path}: expected a .npy file or a 16-bit grey PNG')
-            heights = low + (high - low) * (heights / 65535.0)
+            heights = low + (high - low) * (heights / PNG_FULL_SCALE)
         try:
             return cls(heights, spacing, **options)
         except (TypeError, ValueError) as error:
@@ -167,7 +168,7 @@ def first_crossing(
             for i in range(columns - 1):
                 for t in _roots_in_cell(terrain, i, j, origin, direction):
                     x, y = origin[:, 0] + t * direction[:, 0] - i, origin[:, 1] + t * direction[:, 1] - j
-                    edge = 1e-12 * (1.0 + max(rows, columns))
+                    edge = CELL_SLACK * (1.0 + max(rows, columns))
                     here = (x >= -edge) & (x <= 1 + edge) & (y >= -edge) & (y <= 1 + edge) & (t > near) & (t < far)
                     best = np.where(here & (t < best), t, best)
     return best

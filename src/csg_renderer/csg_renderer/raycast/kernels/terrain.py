@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ..settings import CELL_SLACK, HEIGHT_SLACK
+from ...scene.settings import CELL_SLACK
+from ..settings import HEIGHT_SLACK
 from .records import Ray
 from .rows import DEPTH, HIT, NX, PX, STRIDE, VX, X, kernel
 from .tree import LEAF_STEP, NOTHING

@@ -1,0 +1,19 @@
+"""Every threshold of the room scene, with its unit, its meaning and where it comes from."""
+
+from __future__ import annotations
+
+# Determinant of a placement, as a fraction of the cube of its largest column, at which it has flattened the primitive
+# to nothing. Some ten thousand roundings of double precision (1.1e-16).
+SINGULAR = 1e-12
+# Largest difference of a matrix' last row from 0 0 0 1. Products of many transforms, and files written with ten digits,
+# stay within it; no projective matrix does.
+AFFINE = 1e-9
+# A ray meets the surface of a terrain's cell also this far outside the cell (a fraction of the grid and of the ray's
+# length in the cell), so that no ray passes between two cells. Some ten thousand roundings.
+CELL_SLACK = 1e-12
+# The largest value of a 16-bit PNG, which stands for the highest height.
+PNG_FULL_SCALE = 65535.0
+# A PLANE is endless; its mesh is a cube this many times as large as everything bounded.
+ENDLESS = 10.0
+# Facets around a circle of a mesh: the edge of a facet deviates from a unit circle by 1.2e-3.
+SEGMENTS = 64
