@@ -8,13 +8,14 @@ from pathlib import Path
 from msgs_py import PinholeCamera, Pose
 
 from ..scene.scene import Light, Placement, Scene
+from ..scene.settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND
 from . import ast
 from .camera import CLAUSES, camera_of
 from .errors import Place, SceneError, did_you_mean
 from .expressions import Entry, Expressions
 from .includes import Includes
 from .parser import Broken, Source, Statement, parse_statements
-from .settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND, MAX_ERRORS, MAX_PRIMITIVES
+from .settings import MAX_ERRORS, MAX_PRIMITIVES
 from .values import CONSTANTS, FUNCTIONS, UNITS, Shape, colour_of, length
 
 

@@ -36,10 +36,6 @@ SMALLEST, LARGEST = 1e-9, 1e9
 LARGEST_ELEMENT = 1e12
 # Determinant of combined transforms, relative to the cube of the largest element, that flattens a solid to nothing.
 FLATTENED = 1e-12
-# Light that comes from everywhere, and the colour where there is nothing, when a file names none: red, green, blue in
-# 0..1.
-DEFAULT_AMBIENT = (0.2, 0.2, 0.2)
-DEFAULT_BACKGROUND = (0.0, 0.0, 0.0)
 
 # -- cameras ------------------------------------------------------------------------------------------------------
 

@@ -23,10 +23,27 @@ class ExportError(RuntimeError):
 
 
 def export_mesh(scene: Scene, path: Path, segments: int = SEGMENTS) -> int:
-    """Write a scene's solids (metres, scene frame) as one mesh file; the suffix says the format.
+    """Write a scene's solids as one mesh file.
 
-    segments : facets around a circle. Returns the number of triangles.
-    Raises ExportError when a library is missing or there is nothing to write, ValueError for an unknown suffix.
+    Parameters
+    ----------
+    scene : Scene
+    path : Path
+        The suffix says the format: .stl, .glb, .gltf, .obj or .ply. Vertices are metres, scene frame.
+    segments : int
+        Facets around a circle.
+
+    Returns
+    -------
+    int
+        Number of triangles.
+
+    Raises
+    ------
+    ExportError
+        A library is missing, or there is nothing to write.
+    ValueError
+        The suffix is unknown.
     """
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f'export: unknown format {path.suffix!r}, expected one of {", ".join(FORMATS)}')
@@ -51,7 +68,25 @@ def export_mesh(scene: Scene, path: Path, segments: int = SEGMENTS) -> int:
 
 
 def mesh_of(solid: Solid, segments: int = SEGMENTS, manifold: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles of a solid: vertices (n, 3) float64 metres, faces (m, 3) int, colours (m, 4) uint8 of each face."""
+    """Triangles of a solid.
+
+    Parameters
+    ----------
+    solid : Solid
+    segments : int
+        Facets around a circle.
+    manifold : module, optional
+        manifold3d, imported by default.
+
+    Returns
+    -------
+    vertices : (n, 3) float64
+        Metres.
+    faces : (m, 3) int
+        Vertices of each triangle, anticlockwise seen from outside.
+    colours : (m, 4) uint8
+        Of each triangle.
+    """
     manifold = manifold or _library('manifold3d')
     leaves = solid.primitives
     size = _size(leaves)

@@ -10,12 +10,26 @@ from numpy.typing import ArrayLike
 
 from msgs_py import PinholeCamera, Pose
 
+from .settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND
 from .solid import Primitive, Solid, as_matrix, colour
 
 
 @dataclass(frozen=True)
 class Light:
-    """A point light. position : (x, y, z), metres, scene frame; colour : (r, g, b) in 0..1, linear."""
+    """A point light.
+
+    Parameters
+    ----------
+    position : (3,) array_like of float64
+        Metres, scene frame.
+    colour : (3,) array_like of float64
+        Red, green, blue in 0..1, linear.
+
+    Raises
+    ------
+    ValueError
+        An argument is out of its range; the message begins with its name.
+    """
 
     position: tuple[float, float, float]
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -32,7 +46,14 @@ class Light:
 class Placement:
     """A drawn object: which model, and where. One DRAW statement makes one.
 
-    name : str; model : the solid in its own frame, metres; matrix : (4, 4) float64, scene from model, any affine
+    Parameters
+    ----------
+    name : str
+        Of the object.
+    model : Solid
+        In its own frame, metres.
+    matrix : (4, 4) array_like of float64
+        Column form, scene from model, any affine map.
     """
 
     name: str
@@ -49,25 +70,48 @@ class Placement:
 
     @property
     def pose(self) -> Pose:
-        """scene_T_model. Raises ValueError when the placement is no rotation, translation and uniform scale."""
+        """The pose scene_T_model.
+
+        Raises
+        ------
+        ValueError
+            The placement is no rotation, translation and uniform scale.
+        """
         return Pose.from_matrix(self.matrix)
 
 
 class Scene:
     """What is rendered.
 
-    solids : Solids, or Placements when model and pose matter; Frame.object_id counts them in this order
-    lights : Lights; ambient_light, background : (r, g, b) in 0..1
-    definitions : named solids of the scene file, model frame, metres
-    camera, camera_T_scene, baseline : what the file says of the camera (CAMERA, STEREO), or None
+    Parameters
+    ----------
+    solids : Solid, Placement, or iterable of them
+        Placements where model and pose matter; Frame.object_id counts them in this order.
+    lights : iterable of Light
+    ambient_light, background : (3,) array_like of float64
+        Light from everywhere, and the colour where there is nothing, 0..1, linear.
+    definitions : dict of str to Solid, optional
+        Named solids of the scene file, model frame, metres.
+    camera : PinholeCamera, optional
+        What the file says of the camera (CAMERA).
+    camera_T_scene : Pose, optional
+        Where it stands; the identity by default.
+    baseline : float, optional
+        What the file says of the second camera (STEREO, DISPARITY), metres.
+
+    Examples
+    --------
+    >>> scene = Scene(Solid.sphere(0.1).transformed(Pose(np.eye(3), [0, 0, 1])), [Light((0, -1, 0))])
+    >>> scene
+    Scene(object0; 1 primitives, 1 lights)
     """
 
     def __init__(
         self,
         solids: Iterable[Solid | Placement] | Solid | Placement,
         lights: Iterable[Light] = (),
-        ambient_light: ArrayLike = (0.2, 0.2, 0.2),
-        background: ArrayLike = (0.0, 0.0, 0.0),
+        ambient_light: ArrayLike = DEFAULT_AMBIENT,
+        background: ArrayLike = DEFAULT_BACKGROUND,
         *,
         definitions: dict[str, Solid] | None = None,
         camera: PinholeCamera | None = None,

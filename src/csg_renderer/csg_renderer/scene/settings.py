@@ -17,3 +17,7 @@ PNG_FULL_SCALE = 65535.0
 ENDLESS = 10.0
 # Facets around a circle of a mesh: the edge of a facet deviates from a unit circle by 1.2e-3.
 SEGMENTS = 64
+# Light that comes from everywhere, and the colour where there is nothing, when nobody names them: red, green, blue in
+# 0..1.
+DEFAULT_AMBIENT = (0.2, 0.2, 0.2)
+DEFAULT_BACKGROUND = (0.0, 0.0, 0.0)

@@ -34,11 +34,31 @@ OPERATORS = ('UNION', 'INTERSECT', 'DIFFERENCE')
 
 @dataclass(frozen=True)
 class Surface:
-    """How a surface answers light (thesis 4.5). All numbers in 0..1, linear; shininess >= 0.
+    """How a surface answers light (thesis 4.5).
 
-    colour : (r, g, b); ambient, diffuse, specular : weights of the three terms; shininess : exponent of the highlight;
-    reflection : 1 is a perfect mirror; transparency : 1 is invisible.
-    Raises ValueError, naming the field.
+    Parameters
+    ----------
+    colour : (3,) array_like of float64
+        Red, green, blue in 0..1, linear.
+    ambient, diffuse, specular : float
+        Weights of the three terms of Phong's model, 0..1.
+    shininess : float
+        Exponent of the highlight, >= 0.
+    reflection : float
+        0..1; 1 is a perfect mirror.
+    transparency : float
+        0..1; 1 is invisible.
+
+    Raises
+    ------
+    ValueError
+        A number is out of its range; the message begins with the field.
+
+    Examples
+    --------
+    >>> glass = Surface((0.9, 0.9, 1.0), transparency=0.8)
+    >>> glass.transparency, glass.ambient
+    (0.8, 1.0)
     """
 
     colour: tuple[float, float, float] = (0.8, 0.8, 0.8)
@@ -61,7 +81,24 @@ class Surface:
 
 
 def colour(value: ArrayLike, name: str) -> tuple[float, float, float]:
-    """Three numbers in 0..1, or a ValueError that starts with name."""
+    """Three numbers in 0..1.
+
+    Parameters
+    ----------
+    value : (3,) array_like of float64
+        Red, green, blue.
+    name : str
+        What they are, for the message.
+
+    Returns
+    -------
+    tuple of three floats
+
+    Raises
+    ------
+    ValueError
+        They are no colour; the message begins with ``name``.
+    """
     array = np.asarray(value, dtype=np.float64)
     if array.shape != (3,) or not ((array >= 0.0) & (array <= 1.0)).all():
         raise ValueError(f'{name}: expected red, green, blue in 0..1, got {value}')
@@ -73,6 +110,15 @@ class Solid:
 
     Metres in every constructor. ``Solid.empty()`` is the language's NULL: neutral in a union, and a difference or
     intersection with it is what set algebra says.
+
+    Examples
+    --------
+    >>> plate = Solid.block(0.1, 0.1, 0.01)
+    >>> drilled = plate - Solid.cylinder(0.02, (0, 0, 0.01)).transformed(Pose(np.eye(3), [0.05, 0.05, 0]))
+    >>> drilled, drilled.halfspaces
+    (<DIFFERENCE of 2 primitives>, 9)
+    >>> (drilled | Solid.empty()) is drilled
+    True
     """
 
     def __or__(self, other: Solid) -> Solid:
@@ -91,15 +137,49 @@ class Solid:
         return Operation('DIFFERENCE', self, other)
 
     def map_leaves(self, change: Callable[[Any], Solid]) -> Solid:
-        """The same solid with ``change(leaf)`` in place of every leaf, called left to right."""
+        """The same solid with another leaf in place of every leaf.
+
+        Parameters
+        ----------
+        change : callable
+            From a leaf to a solid; called from left to right.
+
+        Returns
+        -------
+        Solid
+        """
         return change(self)
 
     def transformed(self, placement: Pose | ArrayLike) -> Solid:
-        """Moved by a Pose or any affine (4, 4) column-form matrix."""
+        """The solid moved.
+
+        Parameters
+        ----------
+        placement : Pose or (4, 4) array_like of float64
+            Any affine map, column form, metres.
+
+        Returns
+        -------
+        Solid
+
+        Raises
+        ------
+        ValueError
+            The matrix is not affine, or flattens the solid to nothing.
+        """
         raise NotImplementedError
 
     def painted(self, surface: Surface) -> Solid:
-        """With this surface on every face, whatever they had before."""
+        """The solid with one surface on every face, whatever they had before.
+
+        Parameters
+        ----------
+        surface : Surface
+
+        Returns
+        -------
+        Solid
+        """
         raise NotImplementedError
 
     @property
@@ -117,36 +197,120 @@ class Solid:
 
     @staticmethod
     def empty() -> Solid:
+        """The solid without points: NULL of the language."""
         return Empty()
 
     @staticmethod
     def primitive(kind: str, matrix: ArrayLike | None = None) -> Primitive:
-        """A primitive in its unit frame, moved by an affine (4, 4) column-form matrix."""
+        """A primitive of any kind in its unit frame, moved.
+
+        Parameters
+        ----------
+        kind : str
+            A key of FACES: BLOCK, CYLINDER, CONE, SPHERE or PLANE.
+        matrix : (4, 4) array_like of float64, optional
+            Any affine map, column form, metres; the unit frame is kept by default.
+
+        Returns
+        -------
+        Primitive
+
+        Raises
+        ------
+        ValueError
+            There is no such kind, or the matrix is singular or not affine.
+        """
         return Primitive(kind, np.eye(4) if matrix is None else np.asarray(matrix, dtype=np.float64))
 
     @staticmethod
     def block(sx: float, sy: float, sz: float) -> Primitive:
-        """A block with one vertex at the origin; the sign of each size says on which side it lies."""
+        """A block with one vertex at the origin.
+
+        Parameters
+        ----------
+        sx, sy, sz : float
+            Sizes, metres; the sign of each says on which side of the origin the block lies.
+
+        Returns
+        -------
+        Primitive
+
+        Examples
+        --------
+        >>> Solid.block(0.1, 0.2, 0.3).matrix.diagonal().tolist()
+        [0.1, 0.2, 0.3, 1.0]
+        """
         return Primitive('BLOCK', np.diag([sx, sy, sz, 1.0]))
 
     @staticmethod
     def cylinder(radius: float, axis: ArrayLike) -> Primitive:
-        """A cylinder from the origin along ``axis`` (3,), whose length is the cylinder's."""
+        """A cylinder with one end about the origin.
+
+        Parameters
+        ----------
+        radius : float
+            Metres.
+        axis : (3,) array_like of float64
+            From the middle of the first end to that of the other, metres.
+
+        Returns
+        -------
+        Primitive
+        """
         return Primitive('CYLINDER', _along(radius, axis))
 
     @staticmethod
     def cone(radius: float, axis: ArrayLike) -> Primitive:
-        """A cone with its apex at the origin and its base, of the given radius, centred at ``axis`` (3,)."""
+        """A cone with its apex at the origin.
+
+        Parameters
+        ----------
+        radius : float
+            Of the base, metres.
+        axis : (3,) array_like of float64
+            From the apex to the middle of the base, metres.
+
+        Returns
+        -------
+        Primitive
+        """
         return Primitive('CONE', _along(radius, axis))
 
     @staticmethod
     def sphere(radius: float) -> Primitive:
-        """A sphere about the origin."""
+        """A sphere about the origin.
+
+        Parameters
+        ----------
+        radius : float
+            Metres.
+
+        Returns
+        -------
+        Primitive
+        """
         return Primitive('SPHERE', np.diag([radius, radius, radius, 1.0]))
 
     @staticmethod
     def plane(normal: ArrayLike, offset: float) -> Primitive:
-        """The half-space of points p with ``normal . p <= offset`` (normal need not be a unit vector)."""
+        """The half-space of points p with ``normal . p <= offset``.
+
+        Parameters
+        ----------
+        normal : (3,) array_like of float64
+            Of any length but zero; outward.
+        offset : float
+            Metres times the length of ``normal``.
+
+        Returns
+        -------
+        Primitive
+
+        Raises
+        ------
+        ValueError
+            ``normal`` is no direction.
+        """
         n = np.asarray(normal, dtype=np.float64)
         length = np.linalg.norm(n)
         if n.shape != (3,) or not length > 0.0:
@@ -160,9 +324,21 @@ class Solid:
 class Primitive(Solid):
     """A leaf: one primitive in its unit frame, placed by an affine matrix.
 
-    kind : a key of FACES; matrix : (4, 4) float64, column form, unit frame to scene, metres
-    surface : Surface of all its faces; face_colours : (faces, 3) float64 in 0..1, or None for the surface's colour
-    Raises ValueError for an unknown kind, a singular or non-affine matrix.
+    Parameters
+    ----------
+    kind : str
+        A key of FACES.
+    matrix : (4, 4) array_like of float64
+        Column form, scene from unit frame, metres.
+    surface : Surface
+        Of all its faces.
+    face_colours : (faces, 3) array_like of float64, optional
+        A colour in 0..1 for each face, instead of the surface's.
+
+    Raises
+    ------
+    ValueError
+        The kind is unknown, the matrix singular or not affine, or the colours are none.
     """
 
     kind: str
@@ -190,9 +366,11 @@ class Primitive(Solid):
             object.__setattr__(self, 'face_colours', colours)
 
     def transformed(self, placement: Pose | ArrayLike) -> Primitive:
+        """See :meth:`Solid.transformed`."""
         return replace(self, matrix=as_matrix(placement) @ self.matrix)
 
     def painted(self, surface: Surface) -> Primitive:
+        """See :meth:`Solid.painted`; colours of single faces go."""
         return replace(self, surface=surface, face_colours=None)
 
     def _leaves(self) -> Iterator[Primitive]:
@@ -204,7 +382,20 @@ class Primitive(Solid):
 
 @dataclass(frozen=True, eq=False)
 class Operation(Solid):
-    """An inner node: left operator right."""
+    """An inner node of a tree: left operator right.
+
+    Parameters
+    ----------
+    operator : str
+        UNION, INTERSECT or DIFFERENCE.
+    left, right : Solid
+        Its operands.
+
+    Raises
+    ------
+    ValueError
+        The operator is unknown, or an operand is no solid.
+    """
 
     operator: str
     left: Solid
@@ -218,13 +409,16 @@ class Operation(Solid):
                 raise ValueError(f'{name}: expected a Solid, got {type(getattr(self, name)).__name__}')
 
     def transformed(self, placement: Pose | ArrayLike) -> Solid:
+        """See :meth:`Solid.transformed`; every leaf is moved."""
         matrix = as_matrix(placement)
         return self.map_leaves(lambda leaf: leaf.transformed(matrix))
 
     def painted(self, surface: Surface) -> Solid:
+        """See :meth:`Solid.painted`; every leaf is painted."""
         return self.map_leaves(lambda leaf: leaf.painted(surface))
 
     def map_leaves(self, change: Callable[[Any], Solid]) -> Solid:
+        """See :meth:`Solid.map_leaves`."""
         # A stack instead of recursion, because unions grow thousands deep.
         done: list[Solid] = []
         pending: list[tuple[Solid, bool]] = [(self, False)]
@@ -257,13 +451,16 @@ class Empty(Solid):
     """No points at all: NULL."""
 
     def map_leaves(self, change: Callable[[Any], Solid]) -> Solid:
+        """See :meth:`Solid.map_leaves`; there are no leaves."""
         return self
 
     def transformed(self, placement: Pose | ArrayLike) -> Solid:
+        """See :meth:`Solid.transformed`; the placement is only checked."""
         as_matrix(placement)
         return self
 
     def painted(self, surface: Surface) -> Solid:
+        """See :meth:`Solid.painted`; there is nothing to paint."""
         return self
 
     def _leaves(self) -> Iterator[Primitive]:
@@ -274,7 +471,22 @@ class Empty(Solid):
 
 
 def as_matrix(placement: Pose | ArrayLike) -> np.ndarray:
-    """A Pose or a (4, 4) affine column-form matrix, as the matrix."""
+    """A placement as a matrix.
+
+    Parameters
+    ----------
+    placement : Pose or (4, 4) array_like of float64
+        Column form.
+
+    Returns
+    -------
+    (4, 4) float64
+
+    Raises
+    ------
+    ValueError
+        It is neither.
+    """
     if isinstance(placement, Pose):
         return placement.matrix
     matrix = np.asarray(placement, dtype=np.float64)

@@ -1,6 +1,6 @@
 """Digital terrain maps: a grid of heights as an object of a scene, beside CSG (thesis 4.11).
 
-The ground is a sheet, seen from both sides, over a grid of square or oblong cells. It casts and receives shadows,
+A terrain is a sheet, seen from both sides, over a grid of square or oblong cells. It casts and receives shadows,
 mirrors and transmits like any surface, and belongs to a leaf of its own. It bounds no volume, so it takes no part in
 set operators; draw it as an object, or unite it at the top of a tree.
 """
@@ -29,11 +29,29 @@ INTERPOLATIONS = ('triangles', 'bilinear')
 class Terrain(Solid):
     """A height grid.
 
-    heights : (rows, columns) float64, metres, at least 2 x 2; height is the z of the terrain's own frame
-    spacing : metres between columns (x) and between rows (y)
-    interpolation : 'triangles', each cell cut from its (column + 1, row) to its (column, row + 1) corner, or 'bilinear'
-    placement : (4, 4) column form, scene from the terrain's own frame, any affine
-    Raises ValueError, naming the argument.
+    Parameters
+    ----------
+    heights : (rows, columns) array_like of float64
+        Metres, at least 2 x 2; height is the z of the terrain's own frame.
+    spacing : tuple of two floats
+        Metres between columns (x) and between rows (y).
+    interpolation : str
+        'triangles', each cell cut from its (column + 1, row) to its (column, row + 1) corner, or 'bilinear'.
+    placement : (4, 4) array_like of float64
+        Column form, scene from the terrain's own frame, any affine map.
+    surface : Surface
+        Of the whole sheet.
+
+    Raises
+    ------
+    ValueError
+        An argument is out of its range; the message begins with its name.
+
+    Examples
+    --------
+    >>> slope = Terrain([[0.0, 0.1], [0.0, 0.1]], spacing=(0.5, 0.5))
+    >>> slope.matrix[:3, :3].diagonal().tolist(), slope.bilinear
+    ([0.5, 0.5, 1.0], False)
     """
 
     heights: np.ndarray
@@ -65,9 +83,29 @@ class Terrain(Solid):
     def load(
         cls, path: str | Path, spacing: tuple[float, float], low: float = 0.0, high: float = 1.0, **options: Any
     ) -> Terrain:
-        """From a file: .npy holds heights in metres; a grey 16-bit PNG maps 0..65535 to low..high metres.
+        """A terrain from a file.
 
-        Raises FileNotFoundError, and ValueError that names the file.
+        Parameters
+        ----------
+        path : str or Path
+            A .npy file of heights in metres, or a grey 16-bit PNG.
+        spacing : tuple of two floats
+            As in the constructor, metres.
+        low, high : float
+            Heights that 0 and 65535 of a PNG stand for, metres.
+        **options
+            Further arguments of the constructor.
+
+        Returns
+        -------
+        Terrain
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no such file.
+        ValueError
+            It holds no height grid; the message begins with its name.
         """
         path = Path(path)
         if not path.is_file():
@@ -89,12 +127,12 @@ class Terrain(Solid):
 
     @property
     def matrix(self) -> np.ndarray:
-        """(4, 4): scene from the grid frame, in which x counts columns, y counts rows and z is the height in metres."""
+        """Scene from the grid frame, (4, 4): x counts columns, y counts rows, and z is the height in metres."""
         return self.placement @ np.diag([*self.spacing, 1.0, 1.0])
 
     @property
     def outline(self) -> np.ndarray:
-        """(8, 3): corners of the box about the ground, grid frame."""
+        """Corners (8, 3) of the box about the terrain, grid frame."""
         rows, columns = self.heights.shape
         return np.array(
             [
@@ -107,12 +145,15 @@ class Terrain(Solid):
 
     @property
     def bilinear(self) -> bool:
+        """Is each cell one bilinear patch, not two triangles?"""
         return self.interpolation == 'bilinear'
 
     def transformed(self, placement: Pose | ArrayLike) -> Terrain:
+        """See :meth:`Solid.transformed`."""
         return replace(self, placement=as_matrix(placement) @ self.placement)
 
     def painted(self, surface: Surface) -> Terrain:
+        """See :meth:`Solid.painted`."""
         return replace(self, surface=surface)
 
     def _leaves(self) -> Iterator[Any]:
@@ -124,7 +165,19 @@ class Terrain(Solid):
 
 
 def gradient(terrain: Terrain, points: np.ndarray) -> np.ndarray:
-    """(n, 3): normals of the ground, upward, not unit, at points (n, 3) over it; grid frame."""
+    """Normals of a terrain.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    points : (n, 3) array of float64
+        Grid frame; x and y say where.
+
+    Returns
+    -------
+    (n, 3) float64
+        Upward, not unit, grid frame.
+    """
     i, j, fx, fy = cell_of(terrain, points)
     a, b, c, d = corners(terrain, i, j)
     if terrain.bilinear:
@@ -136,7 +189,20 @@ def gradient(terrain: Terrain, points: np.ndarray) -> np.ndarray:
 
 
 def cell_of(terrain: Terrain, points: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Column and row of the cell of each point, and the place in it, 0..1."""
+    """Cells of a terrain that points lie over.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    points : (n, 3) array of float64
+        Grid frame.
+
+    Returns
+    -------
+    column, row : (n,) int64
+    x, y : (n,) float64
+        Place in the cell, 0..1.
+    """
     rows, columns = terrain.heights.shape
     i = np.clip(np.floor(points[:, 0]), 0, columns - 2).astype(np.int64)
     j = np.clip(np.floor(points[:, 1]), 0, rows - 2).astype(np.int64)
@@ -144,7 +210,19 @@ def cell_of(terrain: Terrain, points: FloatArray) -> tuple[IntArray, IntArray, F
 
 
 def corners(terrain: Terrain, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Heights of a cell's corners: (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)."""
+    """Heights of the corners of cells.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    i, j : (n,) array of int64
+        Column and row of each cell.
+
+    Returns
+    -------
+    four (n,) float64
+        At (i, j), (i + 1, j), (i, j + 1) and (i + 1, j + 1), metres.
+    """
     h = terrain.heights
     return h[j, i], h[j, i + 1], h[j + 1, i], h[j + 1, i + 1]
 
@@ -156,9 +234,20 @@ def first_crossing(
     nearest: np.ndarray | float,
     farthest: np.ndarray | float = np.inf,
 ) -> np.ndarray:
-    """(n,) where rays (n, 3) of the grid frame first meet the ground between nearest and farthest, inf if nowhere.
+    """Where rays first meet a terrain; every cell is tried on every ray, for tests and the reference engine.
 
-    For tests and the reference engine: every cell is tried on every ray.
+    Parameters
+    ----------
+    terrain : Terrain
+    origin, direction : (n, 3) array of float64
+        Grid frame.
+    nearest, farthest : (n,) array of float64, or float
+        Lengths along the rays that count.
+
+    Returns
+    -------
+    (n,) float64
+        Lengths along the rays, inf where there is no crossing.
     """
     best = np.full(len(direction), np.inf)
     rows, columns = terrain.heights.shape
