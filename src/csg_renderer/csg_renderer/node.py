@@ -29,7 +29,7 @@ from .raycast.sensor import SensorModel, grey
 from .scene.scene import Scene
 from .visibility.hidden_lines import visible_features
 
-# About a gigabyte for each eye; anybody on the network can set the size.
+# Pixels of the largest image: about a gigabyte for each frame. Anybody on the network can set the size.
 MAX_PIXELS = 2**25
 
 
@@ -106,6 +106,7 @@ class RendererNode(GraphNode[RendererConfig]):
     # -- configuration -----------------------------------------------------------------------------------------
 
     def check_config(self, new: RendererConfig) -> None:
+        """Refuse a scene outside the trusted folders, and one that cannot be read. See GraphNode."""
         if new.scene != self.config.scene:
             try:
                 self._trusted.check(new.scene)
@@ -114,17 +115,20 @@ class RendererNode(GraphNode[RendererConfig]):
             _read(new.scene)
 
     def on_config(self, old: RendererConfig, new: RendererConfig) -> None:
+        """Read the new scene, and keep the new rate."""
         if new.scene != old.scene:
             self._load(new.scene)
         if new.rate != old.rate:
             self._start_timer()
 
     def reset(self) -> str:
+        """Read the scene again and start noise and turntable over; returns what was done."""
         self._pair_index = 0
         self._load(self.config.scene)
         return 'scene read again, noise and turntable started over'
 
     def why_silent(self) -> str | None:
+        """Why no images come out, for the diagnostics; None when they should."""
         if self._file is None:
             return f'no scene: {self.health.last_error}'
         if self.config.rate == 0.0:
@@ -132,6 +136,7 @@ class RendererNode(GraphNode[RendererConfig]):
         return None if any(self.wanted(output) for output in self._outputs) else 'nobody subscribes to the images'
 
     def report_values(self) -> dict[str, object]:
+        """Scene and number of rendered pairs, for the diagnostics."""
         return {'scene': self.config.scene, 'pairs': self._pair_index}
 
     @property
@@ -236,18 +241,44 @@ class RendererNode(GraphNode[RendererConfig]):
 
 
 def sensor_images(frames: tuple[Frame, Frame], config: RendererConfig, pair_index: int = 0) -> list[np.ndarray]:
-    """Left and right image as the node publishes them, uint8: in the encoding of the config, blurred, with the noise
-    of this pair (each pair and each eye has its own)."""
+    """Left and right image as the node publishes them: blurred, and with noise that differs from pair to pair and side.
+
+    Parameters
+    ----------
+    frames : tuple of two Frames
+        Left and right.
+    config : RendererConfig
+        Says encoding, blur, noise and seed.
+    pair_index : int
+        Number of the pair.
+
+    Returns
+    -------
+    list of two uint8 arrays
+        (h, w) for mono8, (h, w, 3) for rgb8.
+    """
     return [
-        SensorModel(config.psf, config.noise, (config.seed, pair_index, eye)).apply(
+        SensorModel(config.psf, config.noise, (config.seed, pair_index, side)).apply(
             grey(frame.image) if config.encoding == 'mono8' else frame.image
         )
-        for eye, frame in enumerate(frames)
+        for side, frame in enumerate(frames)
     ]
 
 
 def turned(scene: Scene, degrees: float) -> Pose:
-    """camera_T_scene with the scene turned about the camera's y axis through the origin of its first object."""
+    """The pose of a scene on the turntable.
+
+    Parameters
+    ----------
+    scene : Scene
+    degrees : float
+        About the camera's y axis through the origin of the first object.
+
+    Returns
+    -------
+    Pose
+        camera_T_scene.
+    """
     if degrees == 0.0 or not scene.placements:
         return scene.camera_T_scene
     centre = scene.camera_T_scene.apply(scene.placements[0].matrix[:3, 3])
@@ -272,4 +303,5 @@ def _changed_at(path: str | Path) -> int:
 
 
 def main(args: list[str] | None = None) -> int:
+    """Run renderer_node until it is interrupted; the exit status."""
     return run_node(RendererNode, args)

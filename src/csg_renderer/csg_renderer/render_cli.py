@@ -209,7 +209,7 @@ def _changed_at(path: Path) -> int:
 
 
 def _marked(path: Path, mark: str) -> Path:
-    """out.png and left: out_left.png"""
+    """The path with a mark: out.png and left make out_left.png."""
     return path.with_name(f'{path.stem}_{mark}{path.suffix}')
 
 

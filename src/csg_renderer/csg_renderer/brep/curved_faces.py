@@ -103,7 +103,7 @@ class _Chart:
         return area
 
     def angle_step(self, nodes: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """dt along a curve; zero on the axis, where the angle is undefined."""
+        """Step dt along a curve; zero on the axis, where the angle is undefined."""
         p, d = self.local(nodes), steps @ self.inverse[:3, :3].T
         square = p[:, 0] ** 2 + p[:, 1] ** 2
         return np.where(square > ON_AXIS, (p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]) / np.maximum(square, ON_AXIS), 0.0)

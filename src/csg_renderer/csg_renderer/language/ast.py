@@ -38,18 +38,24 @@ KEYWORDS = frozenset(
 
 @dataclass(frozen=True)
 class Number:
+    """A number as it was written; place : where."""
+
     place: Place
     value: float
 
 
 @dataclass(frozen=True)
 class Name:
+    """A name that is used."""
+
     place: Place
     text: str
 
 
 @dataclass(frozen=True)
 class Null:
+    """The word NULL: a solid without points."""
+
     place: Place
 
 
@@ -64,6 +70,8 @@ class Call:
 
 @dataclass(frozen=True)
 class Arithmetic:
+    """Two numbers and the sign between them: + - * / or ^."""
+
     place: Place
     sign: str
     left: Expression
@@ -72,13 +80,15 @@ class Arithmetic:
 
 @dataclass(frozen=True)
 class Negated:
+    """An odd number of minus signs before an operand."""
+
     place: Place
     operand: Expression
 
 
 @dataclass(frozen=True)
 class Suffix:
-    """A transform or a surface property. bare : written without parentheses."""
+    """A transform or a surface property; ``bare`` when it was written without parentheses."""
 
     place: Place
     word: str
@@ -110,6 +120,8 @@ Expression: TypeAlias = Number | Name | Null | Call | Arithmetic | Negated | Com
 
 @dataclass(frozen=True)
 class Definition:
+    """``name = value;``."""
+
     place: Place
     name: str
     value: Expression
@@ -117,6 +129,8 @@ class Definition:
 
 @dataclass(frozen=True)
 class Draw:
+    """``DRAW value AS name;``; without AS the name is None."""
+
     place: Place
     value: Expression
     name: Name | None = None
@@ -124,7 +138,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Setting:
-    """LIGHT, AMBIENT, BACKGROUND, STEREO or DISPARITY; colour : the COLOUR of a light, or None."""
+    """LIGHT, AMBIENT, BACKGROUND, STEREO or DISPARITY; ``colour`` is the COLOUR of a light, or None."""
 
     place: Place
     word: str
@@ -134,18 +148,24 @@ class Setting:
 
 @dataclass(frozen=True)
 class Camera:
+    """``CAMERA``, with its clauses in the order of the text."""
+
     place: Place
     clauses: tuple[Suffix, ...]
 
 
 @dataclass(frozen=True)
 class Units:
+    """``UNITS``: MM, CM or M."""
+
     place: Place
     unit: str
 
 
 @dataclass(frozen=True)
 class Include:
+    """``INCLUDE "path";``, the path without its quotes."""
+
     place: Place
     path: str
 
@@ -159,46 +179,63 @@ def _at(token: Token) -> Place:
 
 # lark 0.12 has one type argument here, lark 1 has two.
 class Build(Transformer):  # type: ignore[type-arg]
-    """Grammar rules to nodes; runs inside the LALR parser, so its depth does not depend on the text."""
+    """Grammar rules to nodes; runs inside the LALR parser, so its depth does not depend on the text.
+
+    Each method has the name of a rule of grammar.lark and gets the rule's parts, tokens or nodes, in the order of the
+    text.
+    """
 
     def start(self, c: list[Any]) -> Any:
+        """A statement."""
         return c[0]
 
     def definition(self, c: list[Any]) -> Definition:
+        """A definition, from its name and value."""
         return Definition(_at(c[0]), str(c[0]), c[1])
 
     def draw(self, c: list[Any]) -> Draw:
+        """A DRAW statement, from what is drawn and, perhaps, its name."""
         return Draw(c[0].place, c[0], self.name(c[1:]) if len(c) > 1 else None)
 
     def light(self, c: list[Any]) -> Setting:
+        """A light, from its position and, perhaps, its colour."""
         colour = c[2][1] if len(c) == 3 else None
         return Setting(c[0][0], 'LIGHT', c[0][1], colour)
 
     def ambient(self, c: list[Any]) -> Setting:
+        """The light that comes from everywhere."""
         return Setting(_at(c[0]), 'AMBIENT', c[1][1])
 
     def background(self, c: list[Any]) -> Setting:
+        """The colour where there is nothing."""
         return Setting(c[0][0], 'BACKGROUND', c[0][1])
 
     def stereo(self, c: list[Any]) -> Setting:
+        """The distance of the second camera."""
         return Setting(c[0][0], 'STEREO', c[0][1])
 
     def disparity(self, c: list[Any]) -> Setting:
+        """The distance of the second camera, from disparities."""
         return Setting(c[0][0], 'DISPARITY', c[0][1])
 
     def camera(self, c: list[Any]) -> Camera:
+        """A camera, from its clauses."""
         return Camera(c[0].place, tuple(c))
 
     def clause(self, c: list[Any]) -> Suffix:
+        """A clause of a camera: a word and its numbers."""
         return Suffix(_at(c[0]), str(c[0]), c[1][1])
 
     def units(self, c: list[Any]) -> Units:
+        """The unit of all lengths that follow."""
         return Units(_at(c[0]), str(c[0]))
 
     def include(self, c: list[Any]) -> Include:
+        """A file to include."""
         return Include(_at(c[0]), str(c[0])[1:-1])
 
     def expression(self, c: list[Any]) -> Expression:
+        """Operands joined by set operators, with the suffixes of all of it."""
         steps = tuple(node for node in c if isinstance(node, Step))
         last, *suffixes = c[len(steps) :]
         if not steps and not suffixes:
@@ -208,36 +245,46 @@ class Build(Transformer):  # type: ignore[type-arg]
         return Combination(place, steps, last, tuple(suffixes))
 
     def step(self, c: list[Any]) -> Step:
+        """An operand with its suffixes and the set operator that follows."""
         return Step(c[0], tuple(c[1:-1]), str(c[-1]))
 
     def suffix(self, c: list[Any]) -> Suffix:
+        """A transform or a property; COLOR is COLOUR."""
         word, bare = c[0], len(c) == 1
         return Suffix(_at(word), 'COLOUR' if word == 'COLOR' else str(word), () if bare else c[1][1], bare)
 
     def arithmetic(self, c: list[Any]) -> Arithmetic:
+        """Two operands and the sign between them."""
         return Arithmetic(c[0].place, str(c[1]), c[0], c[2])
 
     def sign(self, c: list[Any]) -> Expression:
+        """An operand with signs before it; two minus signs are none."""
         *signs, operand = c
         negative = sum(str(sign) == '-' for sign in signs) % 2
         return Negated(_at(signs[0]), operand) if negative else operand
 
     def number(self, c: list[Any]) -> Number:
+        """A number."""
         return Number(_at(c[0]), float(c[0]))
 
     def name(self, c: list[Any]) -> Name:
+        """A name."""
         return Name(_at(c[0]), str(c[0]))
 
     def null(self, c: list[Any]) -> Null:
+        """The empty solid."""
         return Null(_at(c[0]))
 
     def call(self, c: list[Any]) -> Call:
+        """A primitive or a function, with its arguments."""
         return Call(_at(c[0]), str(c[0]), c[1][1])
 
     def group(self, c: list[Any]) -> Expression:
+        """What stands in parentheses."""
         # Parentheses close a combination to the suffixes that follow; a single operand needs no closing.
         inside: Expression = c[0]
         return inside
 
     def arguments(self, c: list[Any]) -> tuple[Place, tuple[Expression, ...]]:
+        """Arguments in parentheses, and where the first of them stands."""
         return (c[0].place if c else Place(1, 1), tuple(c))

@@ -10,7 +10,15 @@ from .settings import PROPOSALS, SHOWN, SIMILAR
 
 
 class Place(NamedTuple):
-    """Where something stands in a source text. line and column count from 1; length : characters underlined."""
+    """Where something stands in a source text.
+
+    Attributes
+    ----------
+    line, column : int
+        Counted from 1.
+    length : int
+        Characters to underline.
+    """
 
     line: int
     column: int
@@ -18,11 +26,31 @@ class Place(NamedTuple):
 
 
 class SceneError(ValueError):
-    """A scene file that cannot be read.
+    """A scene file that cannot be read. ``str()`` shows all errors that were found in the same pass.
 
-    line, column : int, from 1 (1, 1 when the file as a whole is meant); message : what is wrong; hint : what to do,
-    or ''; file : str, '' for text without a file; source : the line of the file; errors : all errors found in the
-    same pass, this one first. ``str()`` shows them all.
+    Attributes
+    ----------
+    line, column : int
+        Counted from 1; 1, 1 when the file as a whole is meant.
+    message : str
+        What is wrong.
+    hint : str
+        What to do, or ''.
+    file : str
+        Name of the file, '' for text without one.
+    source : str
+        The line of the file.
+    errors : tuple of SceneError
+        All errors of the pass, this one first.
+
+    Examples
+    --------
+    >>> from csg_renderer import parse_scene
+    >>> try:
+    ...     parse_scene('part = BLOK (1, 1, 1); DRAW part;')
+    ... except SceneError as error:
+    ...     print(error.line, error.column, error.hint)
+    1 8 did you mean 'BLOCK'?
     """
 
     def __init__(
@@ -48,7 +76,7 @@ class SceneError(ValueError):
         self.errors: tuple[SceneError, ...] = tuple(errors) or (self,)
 
     def describe(self) -> str:
-        """This error alone."""
+        """The text for one error alone, without the others of its pass."""
         return describe(self.file, self.line, self.column, self.message, self.hint, self.source, self.length)
 
     def __str__(self) -> str:
@@ -76,7 +104,26 @@ class SceneWarning(UserWarning):
 
 
 def describe(file: str, line: int, column: int, message: str, hint: str = '', source: str = '', length: int = 1) -> str:
-    """``file:line:column: message``, the source line, a caret under it, and the hint."""
+    """A report: ``file:line:column: message``, the source line, a caret under it, and the hint.
+
+    Parameters
+    ----------
+    file : str
+        '' for text without a file.
+    line, column : int
+        Counted from 1.
+    message, hint : str
+        What is wrong, and what to do.
+    source : str
+        The line of the file; '' leaves line and caret out.
+    length : int
+        Characters to underline.
+
+    Returns
+    -------
+    str
+        Of several lines.
+    """
     parts = [f'{file or "scene"}:{line}:{column}: {message}']
     if source.strip():
         start = max(0, column - 1 - SHOWN // 2)
@@ -89,7 +136,23 @@ def describe(file: str, line: int, column: int, message: str, hint: str = '', so
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A hint naming the known words nearest to this one, or ''."""
+    """A hint naming the known words nearest to one that is not.
+
+    Parameters
+    ----------
+    word : str
+    known : iterable of str
+
+    Returns
+    -------
+    str
+        '' when no word is near.
+
+    Examples
+    --------
+    >>> did_you_mean('SPERE', ['SPHERE', 'CONE'])
+    "did you mean 'SPHERE'?"
+    """
     known = sorted(set(known))
     folded: dict[str, str] = {}
     for candidate in known:

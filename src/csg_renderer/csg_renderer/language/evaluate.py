@@ -92,6 +92,7 @@ class Evaluator(Expressions):
                 self.warnings.append(f'{entry.where}: {name!r} is never used')
 
     def scene(self) -> Scene:
+        """The scene that the statements add up to."""
         drawing = self.drawing
         definitions = {name: entry.value.solid for name, entry in self.names.items() if isinstance(entry.value, Shape)}
         return Scene(

@@ -23,7 +23,16 @@ SUFFIX = '.csg'
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene with what its reading found out. warnings : one line each; files : all files read, in order."""
+    """A scene with what its reading found out.
+
+    Attributes
+    ----------
+    scene : Scene
+    warnings : tuple of str
+        One line each.
+    files : tuple of Path
+        All files that were read, in order.
+    """
 
     scene: Scene
     warnings: tuple[str, ...]
@@ -31,14 +40,42 @@ class SceneFile:
 
 
 def scene_names() -> list[str]:
-    """The scenes and models that come with the package, by name."""
+    """The scenes and models that come with the package.
+
+    Returns
+    -------
+    list of str
+        Names for :func:`load_scene`, in alphabetical order.
+
+    Examples
+    --------
+    >>> 'l_shape_v1' in scene_names()
+    True
+    """
     return sorted(path.stem for path in models_folder().glob('*' + SUFFIX))
 
 
 def scene_path(name: str) -> Path:
-    """The file of a scene or model that comes with the package: ``scene_path('l_shape_v1')``.
+    """The file of a scene or model that comes with the package.
 
-    Raises FileNotFoundError, with the nearest names.
+    Parameters
+    ----------
+    name : str
+        With or without ``.csg``.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such scene; the message has the nearest names.
+
+    Examples
+    --------
+    >>> scene_path('l_shape_v1').name
+    'l_shape_v1.csg'
     """
     path = models_folder() / (name if name.endswith(SUFFIX) else name + SUFFIX)
     if Path(name).name != name or not path.is_file():
@@ -49,9 +86,21 @@ def scene_path(name: str) -> Path:
 
 
 def find_scene(path: str | os.PathLike[str]) -> Path:
-    """A path as it is when there is such a file, else the package's scene of that name.
+    """The file that a user means.
 
-    Raises FileNotFoundError.
+    Parameters
+    ----------
+    path : str or path-like
+        A file, or the name of a scene of the package.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    FileNotFoundError
+        There is neither.
     """
     given = Path(path)
     if given.is_file():
@@ -62,27 +111,98 @@ def find_scene(path: str | os.PathLike[str]) -> Path:
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene file, or a scene of the package by name (``load_scene('l_shape_v1')``).
+    """Read a scene file, or a scene of the package by name.
 
-    Raises SceneError when the text is wrong (all its errors in ``.errors``), FileNotFoundError when there is no file.
-    Warns SceneWarning for names never used and scenes that draw nothing.
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    Scene
+        Lengths in metres.
+
+    Raises
+    ------
+    SceneError
+        The text is wrong; all its errors are in ``.errors``.
+    FileNotFoundError
+        There is no such file.
+
+    Warns
+    -----
+    SceneWarning
+        A name is never used, or nothing is drawn.
+
+    Examples
+    --------
+    >>> load_scene('l_shape_v1').placements[0].name
+    'l_shape'
     """
     return _warned(read_scene(path))
 
 
 def parse_scene(text: str, file: str = '', folder: str | os.PathLike[str] | None = None) -> Scene:
-    """A scene from its text. file : name shown in errors; folder : where INCLUDE looks (always also in the package).
+    """A scene from its text.
 
-    Raises SceneError; warns SceneWarning.
+    Parameters
+    ----------
+    text : str
+    file : str
+        Name shown in errors.
+    folder : str or path-like, optional
+        Where INCLUDE looks; always also in the package.
+
+    Returns
+    -------
+    Scene
+        Lengths in metres.
+
+    Raises
+    ------
+    SceneError
+        The text is wrong; all its errors are in ``.errors``.
+
+    Warns
+    -----
+    SceneWarning
+        A name is never used, or nothing is drawn.
+
+    Examples
+    --------
+    >>> scene = parse_scene('cube = BLOCK (20, 20, 20); DRAW cube AT (0, 0, 300);')
+    >>> scene.placements[0].matrix[:3, 3].tolist()
+    [0.0, 0.0, 0.3]
     """
     return _warned(read_text(text, file, folder))
 
 
 def load_models(path: str | os.PathLike[str]) -> dict[str, Solid]:
-    """The models a scene file holds for recognition, by unique name: one per DRAW, in the model's own frame, metres.
+    """The models that a scene file holds for recognition, one for each DRAW.
 
     The transforms of the DRAW statement itself are the pose and are left out; a model that is drawn twice comes once.
-    Raises as load_scene.
+
+    Parameters
+    ----------
+    path : str or path-like
+        As for :func:`load_scene`.
+
+    Returns
+    -------
+    dict of str to Solid
+        By unique name, in the model's own frame, metres.
+
+    Raises
+    ------
+    SceneError
+        The text is wrong; all its errors are in ``.errors``.
+    FileNotFoundError
+        There is no such file.
+
+    Examples
+    --------
+    >>> [len(model.primitives) for model in load_models('l_shape').values()]
+    [2]
     """
     models: dict[str, Solid] = {}
     for placement in load_scene(path).placements:
@@ -92,7 +212,23 @@ def load_models(path: str | os.PathLike[str]) -> dict[str, Solid]:
 
 
 def read_scene(path: str | os.PathLike[str]) -> SceneFile:
-    """As load_scene, with warnings as values and the list of files (to watch)."""
+    """Read a scene as :func:`load_scene` does, with warnings as values and the list of files (to watch).
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    SceneFile
+
+    Raises
+    ------
+    SceneError
+        The text is wrong; all its errors are in ``.errors``.
+    FileNotFoundError
+        There is no such file.
+    """
     found = find_scene(path)
     try:
         source = read_source(found, str(path))
@@ -102,7 +238,22 @@ def read_scene(path: str | os.PathLike[str]) -> SceneFile:
 
 
 def read_text(text: str, file: str = '', folder: str | os.PathLike[str] | None = None) -> SceneFile:
-    """As parse_scene, with warnings as values and the list of files."""
+    """Read a text as :func:`parse_scene` does, with warnings as values and the list of files.
+
+    Parameters
+    ----------
+    text, file, folder
+        As for :func:`parse_scene`.
+
+    Returns
+    -------
+    SceneFile
+
+    Raises
+    ------
+    SceneError
+        The text is wrong; all its errors are in ``.errors``.
+    """
     root = Path(folder) if folder is not None else None
     return _read(Source(text.replace('\r\n', '\n'), file), Includes(root), None)
 
@@ -125,7 +276,16 @@ def _warned(result: SceneFile) -> Scene:
 
 
 def same_geometry(a: Solid, b: Solid) -> bool:
-    """Are two solids the same tree of the same primitives at the same places, whatever their surfaces?"""
+    """Whether two solids are the same tree of the same primitives at the same places, whatever their surfaces.
+
+    Parameters
+    ----------
+    a, b : Solid
+
+    Returns
+    -------
+    bool
+    """
     pending = [(a, b)]
     while pending:
         x, y = pending.pop()

@@ -50,6 +50,7 @@ class Source:
         return lines[number - 1].rstrip('\r') if 0 < number <= len(lines) else ''
 
     def error(self, place: Place, message: str, hint: str = '') -> SceneError:
+        """An error at a place of this text."""
         return SceneError(
             place.line, place.column, message, hint, file=self.file, source=self.line(place.line), length=place.length
         )
@@ -63,6 +64,7 @@ class Statement:
     start: Place
 
     def locate(self, place: Place) -> Place:
+        """A place of the node, counted from the start of the file."""
         return _shift(place, self.start)
 
 

@@ -239,6 +239,7 @@ def number(value: float) -> str:
 
 
 def numbers(values: np.ndarray | tuple[float, ...]) -> str:
+    """Numbers as the language writes them, with commas between."""
     return ', '.join(number(value) for value in values)
 
 

@@ -68,6 +68,7 @@ def size(value: float, per_metre: float, what: str) -> float:
 
 
 def radius(value: float, per_metre: float) -> float:
+    """A radius in metres. Raises ValueError with a message for the user."""
     if value < 0.0:
         raise ValueError(f'radius is {value:g}, expected a number > 0')
     return size(value, per_metre, 'radius')

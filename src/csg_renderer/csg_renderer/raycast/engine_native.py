@@ -79,7 +79,7 @@ class _Job:
         self.camera_data, self.plan = plan_of(self.flat, self.view, self.view_data, self.camera, self.options)
 
     def tiles(self, thread: int, part: int, parts: int) -> None:
-        """This thread does one of several equal parts of the tiles, and counts those that were not empty."""
+        """One thread does one of several equal parts of the tiles, and counts those that were not empty."""
         flat = self.flat
         self.active[thread] += render_tiles(
             part,
@@ -96,7 +96,7 @@ class _Job:
         )
 
     def smooth(self, threads: int, thread: int) -> None:
-        """This thread's rows, anti-aliased where faces meet; all tiles must be done."""
+        """One thread's rows, anti-aliased where faces meet; all tiles must be done."""
         flat = self.flat
         smooth_rows(
             thread,

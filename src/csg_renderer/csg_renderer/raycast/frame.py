@@ -20,10 +20,18 @@ MISS = -1
 class RenderStats:
     """Work done for one frame, counted alike by every engine (thesis 4.13).
 
-    intersections : ray-surface tests (a block costs six, a cylinder three, a cone two, a sphere or half-space one)
-    nodes : tree nodes visited, summed over rays; combines : operators applied, summed over rays
-    tiles : tiles that were not empty (1 for the whole image when tiling is off)
-    dap_cycles : machine cycles of the array machine, 0 for the other engines; seconds : wall time
+    Attributes
+    ----------
+    intersections : int
+        Ray-surface tests: a block costs six, a cylinder three, a cone two, a sphere or half-space one.
+    nodes, combines : int
+        Tree nodes visited, and operators applied, summed over rays.
+    tiles : int
+        Tiles that were not empty; 1 for the whole image when tiling is off.
+    dap_cycles : int
+        Machine cycles of the array machine, 0 for the other engines.
+    seconds : float
+        Wall time.
     """
 
     intersections: int = 0
@@ -38,14 +46,31 @@ class RenderStats:
 class RenderOptions:
     """How to render; the keyword arguments of :func:`csg_renderer.render`, checked.
 
-    tiling : split the image into tiles that know their primitives, or test every primitive on every ray
-    tile_size : pixels a side, 4..256
-    levels : how many surfaces a ray may meet one after another; 1 is ray casting
-    antialias : False (or 0); True (or 1) for 3 x 3 weighted samples where neighbouring faces differ (thesis 4.6); an
-        integer n >= 2 for the mean of n x n samples in every pixel
-    shadows : send a feeler from every visible point to every light
-    threads : worker threads, 0 for one a core
-    Raises ValueError, naming the argument.
+    Parameters
+    ----------
+    tiling : bool
+        Split the image into tiles that know their primitives, or test every primitive on every ray.
+    tile_size : int
+        Pixels a side, 4..256.
+    levels : int
+        How many surfaces a ray may meet one after another, 1..64; 1 is ray casting.
+    antialias : int
+        0 (or False): one ray a pixel. 1 (or True): 3 x 3 weighted samples where neighbouring faces differ (thesis 4.6).
+        n >= 2: the mean of n x n samples in every pixel, up to 16.
+    shadows : bool
+        Send a feeler from every visible point to every light.
+    threads : int
+        Worker threads, 0..64; 0 for one a core.
+
+    Raises
+    ------
+    ValueError
+        An option is out of its range; the message begins with its name.
+
+    Examples
+    --------
+    >>> RenderOptions(antialias=True).adaptive, RenderOptions(antialias=3).box
+    (True, 3)
     """
 
     tiling: bool = True
@@ -64,12 +89,12 @@ class RenderOptions:
 
     @property
     def box(self) -> int:
-        """n of the n x n box mode, or 0."""
+        """Samples along a side of each pixel in the n x n mode, or 0."""
         return self.antialias if self.antialias > 1 else 0
 
     @property
     def adaptive(self) -> bool:
-        """3 x 3 weighted samples where faces differ."""
+        """Whether 3 x 3 weighted samples are taken where faces differ."""
         return self.antialias == 1
 
 
@@ -77,14 +102,25 @@ class RenderOptions:
 class Frame:
     """One rendered image with its ground truth, all arrays row-major (h, w).
 
-    image : (h, w, 3) uint8, RGB, linear (no gamma)
-    depth : (h, w) float32, camera z in metres, NaN = background
-    primitive_id, face_id, object_id : (h, w) int32, -1 = background. primitive_id indexes Scene.primitives; on a cut
-        face it is the leaf of the subtracted primitive. face_id is in the order of thesis Table 4.1
-        (csg_renderer.scene.solid.FACES). object_id indexes Scene.solids.
-    normal : (h, w, 3) float32, outward unit normal of the resulting solid, scene frame, NaN = background
-    camera, camera_T_scene : the view; stats : RenderStats
     Ids, depth and normals belong to the ray through the pixel's centre, whatever the anti-aliasing.
+
+    Attributes
+    ----------
+    image : (h, w, 3) uint8
+        RGB, linear (no gamma).
+    depth : (h, w) float32
+        Camera z in metres, NaN for background.
+    primitive_id : (h, w) int32
+        Index into Scene.primitives, -1 for background; on a cut face it is the leaf of the subtracted primitive.
+    face_id : (h, w) int32
+        In the order of thesis Table 4.1 (csg_renderer.scene.solid.FACES), -1 for background.
+    object_id : (h, w) int32
+        Index into Scene.solids, -1 for background.
+    normal : (h, w, 3) float32
+        Outward unit normal of the resulting solid, scene frame, NaN for background.
+    camera : PinholeCamera
+    camera_T_scene : Pose
+    stats : RenderStats
     """
 
     image: np.ndarray
@@ -99,15 +135,15 @@ class Frame:
 
     @property
     def mask(self) -> np.ndarray:
-        """(h, w) bool: something is seen."""
+        """Where something is seen, (h, w) bool."""
         return self.primitive_id >= 0
 
     @cached_property
     def camera_normal(self) -> np.ndarray:
-        """(h, w, 3) float32: outward unit normal in the camera's optical frame, NaN = background."""
+        """Outward unit normals in the camera's optical frame, (h, w, 3) float32, NaN for background."""
         return (self.normal @ self.camera_T_scene.rotation.T.astype(np.float32)).astype(np.float32)
 
     @property
     def points(self) -> np.ndarray:
-        """(h, w, 3) float64, metres, camera frame: the visible points, NaN = background."""
+        """The visible points, (h, w, 3) float64, metres, camera frame, NaN for background."""
         return self.camera.rays(self.camera.pixel_grid()) * self.depth[..., None].astype(np.float64)

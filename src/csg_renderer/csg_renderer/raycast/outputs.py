@@ -15,7 +15,20 @@ from .settings import DEPTH_GREY_RANGE, HUE_STEP, LEAST_DEPTH_RANGE
 
 
 def save_image(path: Path, image: np.ndarray) -> Path:
-    """Write an (h, w) or (h, w, 3) RGB uint8 picture; the suffix says the format. Raises OSError, naming the file."""
+    """Write a picture.
+
+    Parameters
+    ----------
+    path : Path
+        The suffix says the format.
+    image : (h, w) or (h, w, 3) array of uint8
+        Grey or RGB.
+
+    Raises
+    ------
+    OSError
+        It cannot be written; the message names the file.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = image if image.ndim == 2 else image[..., ::-1]
     try:
@@ -28,7 +41,7 @@ def save_image(path: Path, image: np.ndarray) -> Path:
 
 
 def depth_picture(frame: Frame) -> np.ndarray:
-    """(h, w) uint8: the nearest point white, the farthest dark grey, background black."""
+    """Depth as grey, (h, w) uint8: the nearest point white, the farthest dark grey, background black."""
     depth = frame.depth
     out = np.zeros(depth.shape, dtype=np.uint8)
     seen = np.isfinite(depth)
@@ -41,14 +54,14 @@ def depth_picture(frame: Frame) -> np.ndarray:
 
 
 def normal_picture(frame: Frame) -> np.ndarray:
-    """(h, w, 3) uint8: camera-frame normals as colours, x, y, z in -1..1 to red, green, blue; background black."""
+    """Normals as colours, (h, w, 3) uint8: x, y, z of the camera, -1..1, to red, green, blue; background black."""
     normals = np.nan_to_num(frame.camera_normal, nan=-1.0)
     picture: ByteArray = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
     return picture
 
 
 def id_picture(ids: np.ndarray) -> np.ndarray:
-    """(h, w, 3) uint8: a colour for each id, the same one every time; background (-1) black."""
+    """Ids as colours, (h, w, 3) uint8, the same one for an id every time; background (-1) black."""
     n = int(ids.max(initial=-1)) + 1
     hues = (np.arange(n) * HUE_STEP % 1.0 * 180.0).astype(np.uint8)
     values = np.where(np.arange(n) % 2, 255, 190).astype(np.uint8)
@@ -91,6 +104,7 @@ def camera_record(frame: Frame, baseline: float | None = None) -> dict[str, obje
 
 
 def save_camera(path: Path, record: dict[str, object]) -> Path:
+    """Write the plain numbers of a view as JSON; returns the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(record, indent=2) + '\n', encoding='utf-8')
     return path

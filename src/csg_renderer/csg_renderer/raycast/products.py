@@ -40,7 +40,7 @@ def products_of(code: np.ndarray) -> list[Product] | None:
 
 
 def _sides(code: list[int]) -> list[bool]:
-    """For every instruction of a postfix program: does the whole need its inside (True) or its outside?"""
+    """Whether the whole needs the inside (True) or the outside of every instruction of a postfix program."""
     sides = [True] * len(code)
     wanted = [True]
     for index in range(len(code) - 1, -1, -1):

@@ -327,8 +327,23 @@ def _meet_terrain(
 def transmission(
     view: View, origin: np.ndarray, direction: np.ndarray, distance: np.ndarray, stats: RenderStats
 ) -> np.ndarray:
-    """(n,) float64: how much light comes along rays of unit direction and some length: the product of the
-    transparencies of what stands in the way."""
+    """How much light comes along rays: the product of the transparencies of what stands in the way.
+
+    Parameters
+    ----------
+    view : View
+    origin, direction : (n, 3) array of float64
+        Scene frame; directions are unit vectors.
+    distance : (n,) array of float64
+        Lengths of the rays, metres.
+    stats : RenderStats
+        What is done is counted here.
+
+    Returns
+    -------
+    (n,) float64
+        0..1.
+    """
     light = np.ones(len(direction))
     transparency = view.program.material[:, 5]
     for code in view.program.children:

@@ -18,14 +18,45 @@ from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE
 
 
 def default_camera(width: int = DEFAULT_SIZE, height: int | None = None) -> PinholeCamera:
-    """The centred camera used when none is given; its field of view across is the same at every size."""
+    """The centred camera used when none is given.
+
+    Parameters
+    ----------
+    width, height : int
+        Pixels; a square image without a height.
+
+    Returns
+    -------
+    PinholeCamera
+        Its field of view across is 40 degrees at every size.
+
+    Examples
+    --------
+    >>> default_camera(256).fx
+    351.5
+    """
     return PinholeCamera.centred(width, width if height is None else height, DEFAULT_FOCAL * width / DEFAULT_SIZE)
 
 
 def default_rig(scene: Scene, camera: PinholeCamera | None = None, baseline: float | None = None) -> StereoRig:
-    """The scene's camera twice, ``baseline`` metres apart: the scene's own, or its distance / 5.
+    """A scene's camera twice, side by side.
 
-    Raises ValueError, naming baseline, when there is nothing in front of the camera to measure a distance to.
+    Parameters
+    ----------
+    scene : Scene
+    camera : PinholeCamera, optional
+        The scene's own by default, else :func:`default_camera`.
+    baseline : float, optional
+        Metres; the scene's own by default, else its distance / 5.
+
+    Returns
+    -------
+    StereoRig
+
+    Raises
+    ------
+    ValueError
+        There is no baseline, and nothing in front of the camera to measure a distance to.
     """
     camera = camera or scene.camera or default_camera()
     baseline = baseline or scene.baseline
@@ -40,9 +71,26 @@ def default_rig(scene: Scene, camera: PinholeCamera | None = None, baseline: flo
 def scene_rig(scene: Scene, width: int = 0, height: int = 0, focal: float = 0.0, baseline: float = 0.0) -> StereoRig:
     """The rig of a scene with some things changed; 0 leaves one as the scene says (or as the defaults are).
 
-    width, height, focal : pixels; baseline : metres. The focal length follows the width; the principal point keeps its
-    place in the image.
-    Raises ValueError, naming the argument.
+    The focal length follows the width; the principal point keeps its place in the image.
+
+    Parameters
+    ----------
+    scene : Scene
+    width, height : int
+        Pixels.
+    focal : float
+        Focal length, pixels.
+    baseline : float
+        Metres.
+
+    Returns
+    -------
+    StereoRig
+
+    Raises
+    ------
+    ValueError
+        An argument is out of its range; the message begins with its name.
     """
     camera = scene.camera or default_camera()
     if width or height or focal:
@@ -62,8 +110,18 @@ def scene_rig(scene: Scene, width: int = 0, height: int = 0, focal: float = 0.0,
 
 
 def scene_distance(scene: Scene) -> float:
-    """Metres along the camera's z to the models in front of it: to the origins of those that a Placement moved there
-    (their mean), else to the middle of what is in front; 0 when nothing is."""
+    """Distance along the camera's z to the models in front of it.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    float
+        Metres: to the mean origin of those that a Placement moved there, else to the middle of what is in front; 0 when
+        nothing is.
+    """
     origins = np.array([placement.matrix[:3, 3] for placement in scene.placements]).reshape(-1, 3)
     for points in (origins, program_of(scene).outline):
         depths = scene.camera_T_scene.apply(points)[:, 2]
@@ -73,8 +131,17 @@ def scene_distance(scene: Scene) -> float:
 
 
 def viewing_hints(scene: Scene) -> list[str]:
-    """What makes pictures of the scene poor though nothing is wrong with it, a line each: a part drawn where it was
-    modelled, about the camera, and a scene without light."""
+    """What makes pictures of a scene poor though nothing is wrong with it.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    list of str
+        A line each: a part drawn where it was modelled, about the camera, or a scene without light.
+    """
     hints = []
     depths = scene.camera_T_scene.apply(program_of(scene).outline)[:, 2]
     if len(depths) and depths.max() <= 0.0:
@@ -99,11 +166,38 @@ def render(
 ) -> Frame:
     """Ray cast (levels=1) or ray trace a scene.
 
-    camera : the scene's own by default, else :func:`default_camera`
-    world_to_camera : camera_T_scene; the scene's own by default (the identity unless the file places its camera)
-    engine : 'native' (compiled), 'dap' (the emulated array machine) or 'reference' (plain numpy, slow); the same image
-    tiling, levels, antialias, shadows, and options tile_size, threads : see :class:`RenderOptions`
-    Raises ValueError, naming the argument, and TypeError for what is no Scene.
+    Parameters
+    ----------
+    scene : Scene
+    camera : PinholeCamera, optional
+        The scene's own by default, else :func:`default_camera`.
+    world_to_camera : Pose, optional
+        camera_T_scene; the scene's own by default (the identity unless the file places its camera).
+    engine : str
+        'native' (compiled), 'dap' (the emulated array machine) or 'reference' (plain numpy, slow); the same image.
+    tiling, levels, antialias, shadows
+        See :class:`RenderOptions`.
+    **options
+        ``tile_size`` and ``threads`` of :class:`RenderOptions`.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    ValueError
+        An argument is out of its range; the message begins with its name.
+    TypeError
+        ``scene`` is no Scene.
+
+    Examples
+    --------
+    >>> from csg_renderer import Light, Solid
+    >>> ball = Solid.sphere(0.1).transformed(Pose(np.eye(3), [0.0, 0.0, 1.0]))
+    >>> frame = render(Scene(ball, [Light((0, -1, 0))]), default_camera(33))
+    >>> round(float(frame.depth[16, 16]), 4)
+    0.9
     """
     camera = camera or _checked(scene).camera or default_camera()
     pose = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
@@ -118,9 +212,28 @@ def render_stereo(
     engine: str = 'native',
     **options: Any,
 ) -> tuple[Frame, Frame]:
-    """A rectified pair, (left, right). world_to_camera places the left camera; options as for :func:`render`.
+    """Render a rectified pair.
 
-    rig : :func:`default_rig` of the scene by default
+    Parameters
+    ----------
+    scene : Scene
+    rig : StereoRig, optional
+        :func:`default_rig` of the scene by default.
+    world_to_camera : Pose, optional
+        Places the left camera, see :func:`render`.
+    engine : str
+        See :func:`render`.
+    **options
+        See :class:`RenderOptions`.
+
+    Returns
+    -------
+    left, right : Frame
+
+    Raises
+    ------
+    ValueError, TypeError
+        As :func:`render`.
     """
     rig = rig or default_rig(_checked(scene))
     left = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera

@@ -17,10 +17,24 @@ from .settings import LUMA
 class SensorModel:
     """A lens and a chip.
 
-    psf_sigma : standard deviation of the Gaussian point spread function, pixels, >= 0
-    noise_sigma : standard deviation of additive Gaussian noise, grey levels of 255, >= 0
-    seed : a whole number >= 0, or several: the same seed gives the same noise
-    Raises ValueError, naming the field.
+    Parameters
+    ----------
+    psf_sigma : float
+        Standard deviation of the Gaussian point spread function, pixels, >= 0.
+    noise_sigma : float
+        Standard deviation of additive Gaussian noise, grey levels of 255, >= 0.
+    seed : int or sequence of int
+        >= 0; the same seed gives the same noise.
+
+    Raises
+    ------
+    ValueError
+        A field is out of its range; the message begins with its name.
+
+    Examples
+    --------
+    >>> SensorModel().apply(np.array([[1.4, 300.0]])).tolist()
+    [[1, 255]]
     """
 
     psf_sigma: float = 0.0
@@ -36,9 +50,17 @@ class SensorModel:
             raise ValueError(f'seed: expected whole numbers >= 0, got {self.seed}')
 
     def apply(self, image: np.ndarray) -> np.ndarray:
-        """(h, w) or (h, w, channels), uint8 or float on the scale 0..255, to uint8 of the same shape.
+        """An image as the sensor gives it: blurred, then with noise, then rounded and clipped.
 
-        Blur comes first, then noise, independent in every pixel and channel; then rounding and clipping.
+        Parameters
+        ----------
+        image : (h, w) or (h, w, channels) array, uint8 or float
+            On the scale 0..255.
+
+        Returns
+        -------
+        uint8 array of the same shape
+            Noise is independent in every pixel and channel.
         """
         values: np.ndarray = np.asarray(image, dtype=np.float32)
         if self.psf_sigma > 0.0:
@@ -51,5 +73,16 @@ class SensorModel:
 
 
 def grey(image: np.ndarray) -> np.ndarray:
-    """(h, w, 3) RGB uint8 to (h, w) float64 luma, 0..255, not rounded."""
+    """Luma of a picture.
+
+    Parameters
+    ----------
+    image : (h, w, 3) array of uint8
+        RGB.
+
+    Returns
+    -------
+    (h, w) float64
+        0..255, not rounded (ITU-R BT.601).
+    """
     return image @ LUMA

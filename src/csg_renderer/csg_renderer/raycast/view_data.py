@@ -105,7 +105,7 @@ def plan_of(
 
 
 def _children_containing(program: Program, origin: FloatArray) -> list[bool]:
-    """For each child: is the camera, at these (n, 3) local origins, inside it or on its surface?"""
+    """Whether the camera, at these (n, 3) local origins, is inside each child or on its surface."""
     inside = _leaves_containing(program, origin)
     if not inside.any():
         return [False] * len(program.children)

@@ -145,7 +145,7 @@ class Terrain(Solid):
 
     @property
     def bilinear(self) -> bool:
-        """Is each cell one bilinear patch, not two triangles?"""
+        """Whether each cell is one bilinear patch, not two triangles."""
         return self.interpolation == 'bilinear'
 
     def transformed(self, placement: Pose | ArrayLike) -> Terrain:

@@ -174,8 +174,10 @@ def byte(value):
 
 @kernel
 def render_tiles(thread, threads, csg, camera, materials, plan, target, work, secondary, terrains, object_of):
-    """Every threads-th tile, starting with number ``thread``, of a target that holds background. Returns how many tiles
-    were not empty."""
+    """Render every threads-th tile, starting with number ``thread``; the target holds background.
+
+    Returns how many tiles were not empty.
+    """
     s = work.row
     height, width = target.depth.shape
     across = (width + plan.size - 1) // plan.size
@@ -235,7 +237,7 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
 
 @kernel
 def on_boundary(target, row, column):
-    """Does one of the eight neighbours show another face?"""
+    """Whether one of the eight neighbours shows another face."""
     height, width = target.depth.shape
     primitive, face = target.primitive[row, column], target.face[row, column]
     for r in range(max(row - 1, 0), min(row + 2, height)):

@@ -127,7 +127,7 @@ def light_run(s, j0, j1, leaf, face, materials):
 
 @kernel
 def power(base, exponent):
-    """base ** exponent for base > 0; whole exponents by repeated squaring, which is ten times as fast."""
+    """Power base ** exponent for base > 0; whole exponents by repeated squaring, which is ten times as fast."""
     whole = int(exponent) if exponent < MOST_SQUARED_EXPONENT else 0
     if whole != exponent:
         return base**exponent
