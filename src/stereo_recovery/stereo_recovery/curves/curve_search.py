@@ -46,7 +46,7 @@ def recover_curve(
         (on_left, fit_left), (on_right, fit_right) = (
             inliers(curve, side, view, edgels.blur, wide) for side, view in edgels.sides
         )
-        if min(fit_left.sum(), fit_right.sum()) < settings.LEAST_EDGELS:
+        if min(fit_left.sum(), fit_right.sum()) < settings.LEAST_CURVE_EDGELS:
             return None
         changed = sum(int((a != b).sum()) for a, b in zip(fitted, (fit_left, fit_right))) if turn else len(edgels.left)
         if changed < settings.SETTLED_SHARE * (fit_left.sum() + fit_right.sum()):

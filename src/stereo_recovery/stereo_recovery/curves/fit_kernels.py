@@ -12,11 +12,10 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import MAD_TO_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.settings import SMALLEST
+from ..detection.settings import CAUCHY, SMALLEST
 from .curve import CurveShape
 from .observations import ImagePoints
 from .settings import (
-    CAUCHY_WIDTH,
     CURVATURE_VARIANCE_SHARE,
     DAMPING_ATTEMPTS,
     DAMPING_FACTOR,
@@ -210,7 +209,7 @@ def equations(
     cost = 0.0
     for i in range(n):
         variance = sigma[i] * sigma[i] + CURVATURE_VARIANCE_SHARE * bias[i] * bias[i]
-        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (CAUCHY_WIDTH * spread)) ** 2))
+        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (CAUCHY * spread)) ** 2))
         cost += weights[i] * distance[i] * distance[i]
     matrix = np.zeros((size, size))
     gradient = np.zeros(size)

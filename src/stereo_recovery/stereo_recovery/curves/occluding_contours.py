@@ -17,7 +17,7 @@ from msgs_py import StereoRig
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..detection.segments import Segments
-from ..detection.settings import LEAST_CHORD, LEAST_DIVISOR
+from ..detection.settings import LEAST_CHORD, LEAST_DIVISOR, LEAST_LENGTH
 from . import settings
 from .curve import CameraView, Curve, camera_views, cross, image_conic
 
@@ -129,7 +129,7 @@ class _ContourDistances:
 
 def _contour_distances(surface: CurvedSurface, segments: Segments, view: CameraView) -> _ContourDistances:
     curve = surface.rim
-    straight = (segments.arc < 0) & (segments.length > settings.LEAST_SEGMENT)
+    straight = (segments.arc < 0) & (segments.length > LEAST_LENGTH)
     none = np.full((2, len(segments)), np.inf)
     nothing = _ContourDistances(none, none, 0.0, straight, segments.length, np.zeros(none.shape, bool))
     if len(segments) == 0:

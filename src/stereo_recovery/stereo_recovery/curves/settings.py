@@ -23,8 +23,6 @@ DIAGONAL_FACET_SHARE = 0.75
 # variance of that correction over its square (a sigma of a fifth).
 MOST_CURVATURE_BIAS = 1.0
 CURVATURE_VARIANCE_SHARE = 0.04
-# Scale of the Cauchy weights, in sigma (2.385 gives 95 % efficiency on normal noise; Huber 1981).
-CAUCHY_WIDTH = 2.5
 # Step of the difference quotients: in radii for the centre, in radians for angles, in log radii.
 DIFFERENCE_STEP = 1e-5
 # Levenberg-Marquardt: first damping, factor from one to the next, least damping, attempts a round; most that a
@@ -42,7 +40,7 @@ ROUGH_ROUNDS = 8
 REFIT_ROUNDS = 6
 # Edgels of both images that a fit takes at least, and of either image that a recovered curve keeps at least.
 LEAST_POINTS = 10
-LEAST_EDGELS = 8
+LEAST_CURVE_EDGELS = 8
 # px^2: squared residuals count at most so much in the rms of a fit.
 MOST_SQUARED_RESIDUAL = 4.0
 
@@ -204,8 +202,6 @@ MOST_LINE_SIGMA = 1.0
 MOST_TURN = 1.5
 # A contour touches the rim at its end: the touching point lies at most this share of the segment's length inside it.
 MOST_INSIDE_SHARE = 0.25
-# Pixels: shorter segments have no usable direction.
-LEAST_SEGMENT = 3.0
 # Pixels by which a contour may pass the apex of its cone.
 PAST_APEX = 3.0
 # Pixels, sigma: what illumination and shading move a contour by.

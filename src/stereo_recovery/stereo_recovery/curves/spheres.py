@@ -58,7 +58,7 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
     if is_oval or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
         return None
     mine = edgels.select((curve.left, curve.right))
-    if min(len(mine.left), len(mine.right)) < settings.LEAST_EDGELS:
+    if min(len(mine.left), len(mine.right)) < settings.LEAST_CURVE_EDGELS:
         return None
     sigma = np.concatenate([mine.left.sigma_position, mine.right.sigma_position])
     scale = float(curve.radii[0])

@@ -165,6 +165,25 @@ def radii(q: FloatArray) -> tuple[float, float]:
 
 
 @njit
+def _arc_of(points: FloatArray, tolerance: float) -> tuple[bool, FloatArray, float]:
+    """Whether one ellipse explains points (n, 2) to a tolerance, pixels; its conic and rms, see :func:`fit`."""
+    q, rms = fit(points, FIRST_ROUNDS)
+    if not rms < FIRST_RMS * tolerance:
+        return False, q, rms
+    q, rms = fit(points, FINAL_ROUNDS)
+    major, minor = radii(q)
+    if not (rms < FINAL_RMS * tolerance and minor > LEAST_RADIUS):
+        return False, q, rms
+    u, v = points[:, 0], points[:, 1]
+    if major > LARGEST_RADIUS_RATIO * max(u.max() - u.min(), v.max() - v.min()):
+        return False, q, rms
+    gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
+    value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
+    off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + LEAST_DIVISOR**2))
+    return not off[int(ARC_INLIERS * (len(points) - 1))] > tolerance, q, rms
+
+
+@njit
 def claim(
     segments: IntArray,
     turns: FloatArray,
@@ -230,21 +249,8 @@ def claim(
                     n += 1
             if n < SHORTEST_ARC:
                 break
-            tolerance = np.median(slack[:n])
-            q, rms = fit(points[:n], FIRST_ROUNDS)
-            if not rms < FIRST_RMS * tolerance:
-                continue
-            q, rms = fit(points[:n], FINAL_ROUNDS)
-            major, minor = radii(q)
-            if not (rms < FINAL_RMS * tolerance and minor > LEAST_RADIUS):
-                continue
-            u, v = points[:n, 0], points[:n, 1]
-            if major > LARGEST_RADIUS_RATIO * max(u.max() - u.min(), v.max() - v.min()):
-                continue
-            gu, gv = 2.0 * q[0] * u + q[1] * v + q[3], q[1] * u + 2.0 * q[2] * v + q[4]
-            value = q[0] * u * u + q[1] * u * v + q[2] * v * v + q[3] * u + q[4] * v + q[5]
-            off = np.sort(np.abs(value) / np.sqrt(gu * gu + gv * gv + LEAST_DIVISOR**2))
-            if off[int(ARC_INLIERS * (n - 1))] > tolerance:
+            is_arc, q, rms = _arc_of(points[:n], np.median(slack[:n]))
+            if not is_arc:
                 continue
             for i in range(first, last + 1):
                 arc[segments[i]] = label + found

@@ -149,6 +149,35 @@ def regression(x: FloatArray, y: FloatArray, w: FloatArray, a: int, b: int) -> t
 
 
 @njit
+def _sagitta(
+    x: FloatArray, y: FloatArray, w: FloatArray, a: int, b: int, line: tuple[float, float, float, float], length: float
+) -> tuple[float, float, float]:
+    """Sum of the weights of points a..b-1, second moment along their line (see :func:`regression`), and their sagitta.
+
+    The sagitta, pixels, is that of the least-squares quadratic on the residuals over this length; abscissas are
+    centred, so that the slope of the quadratic is zero.
+    """
+    cx, cy, tx, ty = line
+    m2 = m4 = dq = 0.0
+    sw = 0.0
+    for i in range(a, b):
+        if w[i] > 0.0:
+            s = (x[i] - cx) * tx + (y[i] - cy) * ty
+            m2 += w[i] * s * s
+            sw += w[i]
+    mean2 = m2 / sw
+    for i in range(a, b):
+        if w[i] > 0.0:
+            s = (x[i] - cx) * tx + (y[i] - cy) * ty
+            d = (x[i] - cx) * ty - (y[i] - cy) * tx
+            q = s * s - mean2
+            m4 += w[i] * q * q
+            dq += w[i] * q * d
+    sagitta = 0.25 * length * length * dq / m4 if m4 > LEAST_DIVISOR else 0.0
+    return sw, m2, sagitta
+
+
+@njit
 def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray) -> FittedLines:
     """Robust orthogonal regression of runs of edgels, without the edgels beside their ends.
 
@@ -211,30 +240,13 @@ def fit_lines(x: FloatArray, y: FloatArray, sigma: FloatArray, bounds: IntArray)
                     weight += w[i]
                     used += 1
             scale = max(LEAST_SCALE, np.sqrt(total / weight))
-        # Sagitta: least-squares quadratic on the residuals; s is centred, so that its slope is zero.
-        m2 = m4 = dq = 0.0
-        length = hi - lo
-        sw = 0.0
-        for i in range(a, b):
-            if w[i] > 0.0:
-                s = (x[i] - cx) * tx + (y[i] - cy) * ty
-                m2 += w[i] * s * s
-                sw += w[i]
-        mean2 = m2 / sw
-        for i in range(a, b):
-            if w[i] > 0.0:
-                s = (x[i] - cx) * tx + (y[i] - cy) * ty
-                d = (x[i] - cx) * ty - (y[i] - cy) * tx
-                q = s * s - mean2
-                m4 += w[i] * q * q
-                dq += w[i] * q * d
+        sw, m2, sagittas[k] = _sagitta(x, y, w, a, b, (cx, cy, tx, ty), hi - lo)
         centre[k, 0], centre[k, 1], direction[k, 0], direction[k, 1] = cx, cy, tx, ty
         extent[k, 0], extent[k, 1] = np.inf, -np.inf
         for i in range(a, b):
             s = (x[i] - cx) * tx + (y[i] - cy) * ty
             extent[k, 0], extent[k, 1] = min(extent[k, 0], s), max(extent[k, 1], s)
         rms[k], count[k], weights[k], moment[k] = scale, used, sw, m2
-        sagittas[k] = 0.25 * length * length * dq / m4 if m4 > LEAST_DIVISOR else 0.0
     return FittedLines(centre, direction, extent, rms, sagittas, count, weights, moment)
 
 

@@ -124,8 +124,8 @@ LEAST_INFORMATION, LEAST_SAGITTA = 1e-9, 1e-9
 CORRELATION_LENGTH = 0.75 * np.sqrt(4.0 * np.pi)
 # Edgels a px along an edge, at most. [D] sqrt(2) on a diagonal, rounded up.
 MOST_DENSE = 1.5
-# Cauchy weights fall to a half at this many scales of the residual (2.385 has 95 % efficiency); the least scale, px.
-# [R]
+# Cauchy weights fall to a half at this many scales of the residual (2.385 has 95 % efficiency on normal noise; Huber
+# 1981); the least scale, px. [R]
 CAUCHY, LEAST_SCALE = 2.5, 0.02
 # Sagitta that noise alone gives a straight line, in sigma of the line's offset. [D] 3.35 (3/2 of the sigma of the
 # second Legendre coefficient), rounded up.
@@ -171,7 +171,8 @@ COLLINEAR_SINE, CROSSING_SINE, ON_CONTINUATION, SHORTEST_CONTINUATION = 0.03, 0.
 MERGED_DISTANCE, MERGED_COSINE, AT_JUNCTION = 5.0, 0.94, 0.7
 # A short segment is spurious when it is at most SPURIOUS_LENGTH long, px, when a segment of at least SPURIOUS_RATIO
 # times its length has a direction within SPURIOUS_COSINE of its own, and when both its ends are within SPURIOUS_WIDTH,
-# px, of that one's line and at most SPURIOUS_REACH, px, beyond it. Segments below LEAST_LENGTH, px, always are. [R]
+# px, of that one's line and at most SPURIOUS_REACH, px, beyond it. Segments below LEAST_LENGTH, px, always are: they
+# have no usable direction. [R]
 SPURIOUS_LENGTH, SPURIOUS_RATIO, SPURIOUS_COSINE = 16.0, 2.0, 0.8
 SPURIOUS_WIDTH, SPURIOUS_REACH, LEAST_LENGTH = 2.5, 16.0, 3.0
 
