@@ -81,7 +81,7 @@ def judge(index: ModelIndex, scene: SyntheticScene, params: MatchParams, instanc
     everything = params.replace(false_alarm_rate=1.0)
     # The true pose goes first, whatever its score: refinement looks at scores only to skip what is far behind.
     refined = refine_all(problem, np.vstack([start, motions]), np.concatenate([[1.0], scores]), everything, keep=0.0)
-    distinct = np.floor(refined.figures[:, 0]).astype(int)
+    distinct = np.floor(refined.scores).astype(int)
     data = (refined.assignments != BIN).sum(axis=1)
     as_good = np.flatnonzero((distinct >= distinct[0]) & (data >= data[0]))
     motions = refined.motions[as_good[as_good > 0]]

@@ -38,7 +38,7 @@ from .settings import (
     RANKING_PART,
     SEARCHING_PART,
 )
-from .verification.acceptance import conclude
+from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence
 from .verification.refinement import Refined, refine_all
 from .verification.settings import CANDIDATES, DOUBTFUL, KEEP, NEARLY_ALL
@@ -123,10 +123,10 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
             else _refine_in_time(problem, found.motions, found.scores, params, started + params.time_limit_s)
         )
         parts.append((refined, found))
-        if found.stopped_by != 'patience' or refined.figures[:, 7].max() >= needed_evidence(problem, params):
+        if found.stopped_by != 'patience' or refined.evidence.max() >= needed_evidence(problem, params):
             break
-    refined = max((part[0] for part in parts), key=lambda part: float(part.figures[:, 7].max()))
-    accepted, rejected = conclude(problem, refined, params)
+    refined = max((part[0] for part in parts), key=lambda part: float(part.evidence.max()))
+    accepted, rejected = accept(problem, refined, params)
     stopped = found.stopped_by if all_ranked or found.stopped_by != 'exhausted' else 'time limit'
     stats = {
         'search': 'hypotheses',
@@ -136,9 +136,9 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         'stopped_by': stopped,
         'evidence_needed': needed_evidence(problem, params),
     }
-    enough = np.flatnonzero(refined.figures[:, 0] >= min(params.min_matched, len(index)))
+    enough = np.flatnonzero(refined.scores >= min(params.min_matched, len(index)))
     if len(enough):
-        stats['evidence'] = float(refined.figures[enough, 7].max())
+        stats['evidence'] = float(refined.evidence[enough].max())
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'
@@ -228,13 +228,9 @@ def _refine_in_time(
     for k in range(1, len(scores)):
         if scores[k] <= 0.0 or time.perf_counter() > deadline:
             break
-        if scores[k] >= KEEP * np.floor(scores[0]) or max(part.figures[0, 7] for part in parts) < enough:
+        if scores[k] >= KEEP * np.floor(scores[0]) or max(part.evidence[0] for part in parts) < enough:
             parts.append(refine_all(problem, motions[k : k + 1], scores[k : k + 1], params))
-    motions, assignments, signs, normals, figures = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ('motions', 'assignments', 'signs', 'normals', 'figures')
-    )
-    return Refined(motions, assignments, signs, normals, figures)
+    return Refined(*map(np.concatenate, zip(*parts)))
 
 
 def recognise(

@@ -5,6 +5,7 @@ import pytest
 
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.synthetic import box, chipped_block, l_shape, lattice, make_scene, prism, tubes
+from model_matcher.geometry.features import DataFeatures
 from model_matcher.model.index import ModelIndex, feature_rows
 from model_matcher.model.problem import make_problem
 from model_matcher.model.regularity import regularity
@@ -20,21 +21,8 @@ IDENTITY = np.r_[np.eye(3).ravel(), np.zeros(3)]
 
 def nats_of(index: ModelIndex, used: np.ndarray) -> float:
     made = regularity(index)
-    number, nats = plane_table(made.offsets, made.sorted, TOLERANCE)
-    return coincidences(
-        index.rows,
-        index.kind,
-        used,
-        made.order,
-        made.direction,
-        made.normals,
-        made.usual,
-        made.spanned,
-        made.upright,
-        number,
-        nats,
-        np.zeros(number.shape),
-    )
+    planes = plane_table(made.offsets, made.sorted, TOLERANCE)
+    return coincidences(index.prepared(TOLERANCE), used, made, planes, np.zeros(planes.number.shape))
 
 
 def of_length(length: float) -> float:
@@ -165,7 +153,7 @@ def test_edges_meet_end_to_end_and_slightly_beyond_their_ends_but_not_across_a_g
 def test_unexplained_edges_at_explained_corners_speak_against_a_pose_up_to_a_limit(block):
     # The model's bottom, and at one of its corners, and later at all, edges of another, taller object.
     own = block.features.select(np.arange(4))
-    kinds = np.zeros(40, np.uint8)
+    model = block.prepared(TOLERANCE)
     values = []
     for extra in (0, 1, 4, 30):
         start = np.zeros((extra, 3))
@@ -173,7 +161,7 @@ def test_unexplained_edges_at_explained_corners_speak_against_a_pose_up_to_a_lim
         rows = feature_rows(data)
         tols = np.full((len(rows), 3), TOLERANCE)
         assignment = np.r_[np.arange(4), np.full(extra, -1)].astype(np.int32)
-        values.append(neighbours(IDENTITY, rows, kinds[: len(rows)], tols, assignment, block.middle, block.size))
+        values.append(neighbours(IDENTITY, model, DataFeatures(rows, data.kind, tols, 0.0), assignment))
     assert values[0] == pytest.approx(np.log((1.0 - CROWDED) * np.exp(NEIGHBOURS) + CROWDED))
     assert values[0] > values[1] > values[2]
     assert values[3] == pytest.approx(np.log(CROWDED), abs=1e-6)

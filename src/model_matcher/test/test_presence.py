@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from csg_renderer import load_scene, model_features, scene_path
 from model_matcher import match
 from model_matcher.closed_form.comparison import best_pose_error
-from model_matcher.verification.acceptance import _presence
+from model_matcher.verification.acceptance import _share_evidence
 from model_matcher.verification.refinement import Refined
 from model_matcher.verification.settings import OUTDONE
 from msgs_py import FeatureSet, Pose
@@ -20,14 +20,17 @@ def candidates(data: list[list[int]], evidence: list[float], n: int = 10) -> tup
     assignments = np.full((len(data), n), -1, np.int32)
     for k, mine in enumerate(data):
         assignments[k, mine] = np.arange(len(mine))
-    figures = np.zeros((len(data), 8))
-    figures[:, 0], figures[:, 7] = [len(mine) + 0.9 for mine in data], evidence
+    none = np.zeros(len(data))
     refined = Refined(
         np.zeros((len(data), 12)),
         assignments,
         np.zeros_like(assignments, np.int8),
         np.zeros((len(data), 6, 6)),
-        figures,
+        np.array([len(mine) + 0.9 for mine in data]),
+        none,
+        none,
+        np.zeros((len(data), 3)),
+        np.array(evidence),
     )
     matched = (assignments >= 0).astype(int)
     return refined, matched @ matched.T
@@ -46,9 +49,9 @@ def candidates(data: list[list[int]], evidence: list[float], n: int = 10) -> tup
 )
 def test_evidence_counts_for_the_pose_that_explains_the_same_data_and_more(data, evidence, best):
     refined, common = candidates(data, evidence)
-    _presence(refined, common)
-    assert refined.figures[:, 7].argmax() == best
-    assert refined.figures[:, 7].max() == pytest.approx(max(evidence), abs=0.02)
+    _share_evidence(refined, common)
+    assert refined.evidence.argmax() == best
+    assert refined.evidence.max() == pytest.approx(max(evidence), abs=0.02)
 
 
 @pytest.mark.parametrize('name', ['chipped_block_v1', 'l_shape_v1', 'wedge_v1'])

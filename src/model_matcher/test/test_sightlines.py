@@ -28,7 +28,7 @@ def seen(model: FeatureSet, truth: Pose, across: float, along: float, rng: np.ra
 def errors(across: float, along: float, plain: bool, monkeypatch) -> np.ndarray:
     """Degrees and millimetres of 20 matches."""
     if plain:
-        monkeypatch.setattr(acceptance, 'settle', lambda *arguments: 1.0)
+        monkeypatch.setattr(acceptance, 'refine_along_sight', lambda *arguments: 1.0)
     model, rng, result = chipped_block(), np.random.default_rng(8), []
     for _ in range(20):
         truth = Pose.from_rotation_vector(rng.normal(0.0, 1.0, 3), [*rng.uniform(-0.02, 0.02, 2), 0.3])

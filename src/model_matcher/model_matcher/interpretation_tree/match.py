@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..model.problem import Problem
 from ..params import MatchParams, MatchResult, no_match
-from ..verification.acceptance import conclude
+from ..verification.acceptance import accept
 from ..verification.refinement import refine_all
 from ..verification.settings import CANDIDATES
 from .absolute_pose import validate
@@ -81,7 +81,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         [np.concatenate([checked.poses[k].rotation.ravel(), checked.poses[k].translation]) for k in order]
     )
     refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)
-    accepted, rejected = conclude(problem, refined, params)
+    accepted, rejected = accept(problem, refined, params)
     if 'free_shift' in stats:
         free = np.array(stats['free_shift'])
         accepted, rejected = (

@@ -144,7 +144,11 @@ def _as_interpretation(problem: Problem, assignment: Int32Array, motion: FloatAr
         assignment[None],
         sign[None],
         normal[None],
-        np.array([[0.0, figures[0], figures[1], *figures[2:], 0.0, 0.0]]),
+        np.zeros(1),
+        figures[:1],
+        figures[1:2],
+        figures[None, 2:],
+        np.zeros(1),
     )
     covariance = pose_covariances(problem.index, refined, [0])[0]
     found = as_pose(pose)

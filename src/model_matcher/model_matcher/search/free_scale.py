@@ -21,7 +21,7 @@ from ..interpretation_tree.settings import FIRST_FRACDEV
 from ..model.index import SMALLEST_FEATURE, ModelIndex, feature_rows
 from ..model.problem import make_problem
 from ..params import MatchParams, MatchResult, no_match
-from ..verification.acceptance import conclude
+from ..verification.acceptance import accept
 from ..verification.refinement import refine_all
 from .settings import (
     ANGLE_CLASSES,
@@ -232,7 +232,7 @@ def settle(
         # The old pose, shrunk with the data.
         motion = np.concatenate([current.pose.rotation.ravel(), current.pose.translation / factor])
         refined = refine_all(problem, motion[None], np.array([float(current.matched)]), params, keep=0.0)
-        accepted, _ = conclude(problem, refined, params)
+        accepted, _ = accept(problem, refined, params)
         if not accepted:
             return None
         current = accepted[0]

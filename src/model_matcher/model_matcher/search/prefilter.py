@@ -70,7 +70,7 @@ def _surplus(
     problem = make_problem(model, data, params)
     refined = refine_all(problem, motions.copy(), scores, params, keep=0.0)
     needed = needed_evidence(problem, params)
-    return float(refined.figures[:, 7].max() - max(needed, 0.0))
+    return float(refined.evidence.max() - max(needed, 0.0))
 
 
 def library_scores(

@@ -6,114 +6,143 @@ same data equally well are put together, competitors for the same data rejected,
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py import BIN, Interpretation, Pose
 
+from ..geometry.settings import ROUNDING
 from ..model.problem import Problem
 from ..model.settings import SAME_POSE_SHARE
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
 from .interpretations import as_interpretation, as_pose, covered, pose_covariances
-from .line_of_sight import settle
+from .line_of_sight import refine_along_sight
 from .refinement import Refined
 from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, OUTDONE, SAME_COVER
 
 
-def conclude(
+class _Groups(NamedTuple):
+    """Candidates by what becomes of them, by their numbers.
+
+    equivalent : by a representative, the candidates that explain the same data as well, at other poses
+    repeated : those that repeat a representative or one of its equivalents
+    competitors : the better candidate by the worse that wants the same data
+    """
+
+    equivalent: dict[int, list[int]]
+    repeated: set[int]
+    competitors: dict[int, int]
+
+
+def accept(
     problem: Problem, refined: Refined, params: MatchParams
 ) -> tuple[tuple[Interpretation, ...], tuple[Interpretation, ...]]:
-    """Accepted and rejected interpretations, each best first."""
+    """Make interpretations of refined candidates.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    refined : Refined
+        The candidates; their evidence, and the poses of those accepted, are changed in place.
+    params : MatchParams
+        Of the match.
+
+    Returns
+    -------
+    tuple of tuple of Interpretation
+        The accepted and the rejected ones, at most params.max_interpretations of each, best first.
+    """
     matched = (refined.assignments != BIN).astype(np.float32)
-    shared_data = (matched @ matched.T).astype(int)
-    _presence(refined, shared_data)
-    scores, residuals, evidence = (refined.figures[:, column].tolist() for column in (0, 1, 7))
+    common = (matched @ matched.T).astype(int)
+    _share_evidence(refined, common)
     order = _ranked(problem, refined)
-    common = shared_data.tolist()
-    heads: list[int] = []
-    twins: dict[int, list[int]] = {}
-    rivals: dict[int, int] = {}
-    for k in order:
-        row = common[k]
-        total = max(row[k], 1)
-        for head in heads:
-            shared = row[head]
-            if shared <= CLAIMED * total:
-                continue
-            alike = int(scores[k]) >= int(scores[head]) and shared == total == common[head][head]
-            if alike and residuals[k] <= 1.5 * residuals[head] + 1e-9:
-                if not _near(problem, refined, k, [head, *twins[head]]):
-                    twins[head].append(k)
-                rivals[k] = -1
-            else:
-                rivals[k] = head
-            break
-        else:
-            heads.append(k)
-            twins[k] = []
-    needed = needed_evidence(problem, params)
+    groups = _grouped(problem, refined, order, common)
     accepted: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
     rejected: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
     for k in order:
         if len(accepted) == len(rejected) == params.max_interpretations:
             break
-        if rivals.get(k) == -1:
+        if k in groups.repeated:
             continue
-        reason = None
-        distinct = int(scores[k])
-        if distinct < min(params.min_matched, len(problem.index)):
-            reason = f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
-        elif evidence[k] < needed:
-            reason = (
-                f'chance explains as much: evidence {evidence[k]:.1f} of {needed:.1f} nats needed for '
-                f'false_alarm_rate = {params.false_alarm_rate:g}'
-            )
-        elif k in rivals:
-            better = rivals[k]
-            reason = (
-                f'competes for the same data with a better interpretation '
-                f'(evidence {evidence[k]:.1f} against {evidence[better]:.1f} nats)'
-            )
-        elif params.max_bin is not None and problem.n_data - common[k][k] > params.max_bin:
-            unmatched = problem.n_data - common[k][k]
-            reason = f'leaves {unmatched} data features unmatched, max_bin = {params.max_bin}'
+        others = groups.equivalent.get(k, [])
+        reason = _why_rejected(problem, refined, params, k, int(common[k, k]), groups.competitors.get(k))
         if reason is None and params.scale == 'known':
-            for t in (k, *twins.get(k, ())):
-                settle(
-                    refined.motions[t],
-                    problem.index.rows,
-                    problem.rows,
-                    problem.data.kind,
-                    problem.tolerances,
-                    refined.assignments[t],
-                    refined.signs[t],
-                    problem.index.size,
-                )
+            for t in (k, *others):
+                motion, assignment, sign = refined.motions[t], refined.assignments[t], refined.signs[t]
+                refine_along_sight(motion, problem.model, problem.features, assignment, sign)
         target = accepted if reason is None else rejected
         if len(target) == params.max_interpretations:
             continue
-        pose, others = as_pose(refined.motions[k]), tuple(as_pose(refined.motions[t]) for t in twins.get(k, ()))
+        pose, poses = as_pose(refined.motions[k]), tuple(as_pose(refined.motions[t]) for t in others)
         if reason is None:
-            others = symmetric_poses(problem.index, pose, others)
-        target.append((k, pose, others, reason))
+            poses = symmetric_poses(problem.index, pose, poses)
+        target.append((k, pose, poses, reason))
     chosen = accepted + rejected
     covariances = pose_covariances(problem.index, refined, [k for k, _, _, _ in chosen]) if chosen else ()
     made = tuple(
-        as_interpretation(problem, refined, k, pose, covariance, others, reason)
-        for (k, pose, others, reason), covariance in zip(chosen, covariances)
+        as_interpretation(problem, refined, k, pose, covariance, poses, reason)
+        for (k, pose, poses, reason), covariance in zip(chosen, covariances)
     )
     return made[: len(accepted)], made[len(accepted) :]
 
 
-def _presence(refined: Refined, common: np.ndarray) -> None:
+def _grouped(problem: Problem, refined: Refined, order: list[int], common: np.ndarray) -> _Groups:
+    """Put candidates together that explain the same data; common : (c, c) int, data that two candidates share."""
+    scores, residuals, shared_data = refined.scores.tolist(), refined.residuals.tolist(), common.tolist()
+    groups = _Groups({}, set(), {})
+    for k in order:
+        total = max(shared_data[k][k], 1)
+        for head, others in groups.equivalent.items():
+            shared = shared_data[k][head]
+            if shared <= CLAIMED * total:
+                continue
+            alike = int(scores[k]) >= int(scores[head]) and shared == total == shared_data[head][head]
+            if alike and residuals[k] <= 1.5 * residuals[head] + ROUNDING:
+                if not _near(problem, refined, k, [head, *others]):
+                    others.append(k)
+                groups.repeated.add(k)
+            else:
+                groups.competitors[k] = head
+            break
+        else:
+            groups.equivalent[k] = []
+    return groups
+
+
+def _why_rejected(
+    problem: Problem, refined: Refined, params: MatchParams, k: int, matched: int, better: int | None
+) -> str | None:
+    """The reason to reject candidate k, or None; matched : its data; better : a candidate that wants the same data."""
+    distinct, evidence, needed = int(refined.scores[k]), float(refined.evidence[k]), needed_evidence(problem, params)
+    if distinct < min(params.min_matched, len(problem.index)):
+        return f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
+    if evidence < needed:
+        return (
+            f'chance explains as much: evidence {evidence:.1f} of {needed:.1f} nats needed for '
+            f'false_alarm_rate = {params.false_alarm_rate:g}'
+        )
+    if better is not None:
+        return (
+            f'competes for the same data with a better interpretation '
+            f'(evidence {evidence:.1f} against {float(refined.evidence[better]):.1f} nats)'
+        )
+    if params.max_bin is not None and problem.n_data - matched > params.max_bin:
+        return f'leaves {problem.n_data - matched} data features unmatched, max_bin = {params.max_bin}'
+    return None
+
+
+def _share_evidence(refined: Refined, common: np.ndarray) -> None:
     """Let the evidence of a pose count for those that explain the same data and more.
 
     A pose that explains part of a model's own data by the model's likeness to itself can be the less probable accident
     of the two: it was not free to explain the rest. That the model is there is then as sure, and the pose that explains
     more is where. common : (c, c) int, data that two candidates share
     """
-    distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
+    distinct, evidence = np.floor(refined.scores), refined.evidence
     further = np.minimum(distinct[:, None] - distinct, FURTHER)
     more = (
         (further > 0.0)
@@ -134,7 +163,7 @@ def _ranked(problem: Problem, refined: Refined) -> list[int]:
     Where a search kept more candidates than usual because many are nearly as good as the best (a grid moved by one
     period still has something along each of its lines), those under which data covers most of the model come first.
     """
-    distinct, evidence = np.floor(refined.figures[:, 0]), refined.figures[:, 7]
+    distinct, evidence = np.floor(refined.scores), refined.evidence
     cover = np.zeros(len(distinct))
     if len(distinct) > CANDIDATES:
         for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY_ALL * distinct.max(initial=0.0))):

@@ -16,7 +16,7 @@ features that count but coincidences, beyond those that made the pose:
                within its error, which is the smaller the more data there is in it, and BIAS x tolerance
     coverage   a model edge covered to COVERED of its length has chance WHOLE in the model, and in the data the share of
                pieces of that length among those that would fit the edge. Equal parallel edges count once
-    view       more of the model is found, and less is missed, than by chance, see views.py
+    view       more of the model is found, and less is missed, than by chance, see visibility_evidence.py
     neighbours an object's edges meet at their ends. Unexplained data that meet the explained data, end to end, speak
                for another object: a chance pose has NEIGHBOURS of them besides those that density explains and those
                that noise takes from the model itself, and counts are as likely as Poisson says. Data that run into the
@@ -26,12 +26,16 @@ features that count but coincidences, beyond those that made the pose:
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from ..geometry.features import CURVE
 from ..geometry.line_pairs import pair_geometry
+from ..geometry.rigid_motion import inverse_transform, transform
 from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
 from .settings import (
     ANGLE,
@@ -58,12 +62,35 @@ from .settings import (
 from .visibility_evidence import nats_of_view
 
 
+class Planes(NamedTuple):
+    """The planes of the usual orientations that a model's e features lie in, under a tolerance.
+
+    number : (q, e) int32, of the plane of each orientation that a feature lies in, -1 for none; nats : (q,) of a chance
+    coincidence with one of them
+    """
+
+    number: Int32Array
+    nats: FloatArray
+
+
 @njit
 def plane_table(offsets, by_offset, tolerance):
-    """Number (q, e) int32 of the plane that each feature lies in, -1 for none, and nats (q,) of a chance coincidence.
+    """Number the planes that a model's features lie in.
 
-    Offsets within twice the tolerance (metres) cannot be told apart. The offset of a plane of another object lies
-    anywhere in twice the model's extent.
+    Offsets within twice the tolerance cannot be told apart. The offset of a plane of another object lies anywhere in
+    twice the model's extent.
+
+    Parameters
+    ----------
+    offsets, by_offset : (q, e)
+        Of the model's :class:`.Regularity`, offsets and sorted.
+    tolerance : float
+        Metres.
+
+    Returns
+    -------
+    Planes
+
     """
     q, e = offsets.shape
     number = np.full((q, e), -1, np.int32)
@@ -87,7 +114,7 @@ def plane_table(offsets, by_offset, tolerance):
             last = value
             number[i, j] = count
         nats[i] = -np.log(min(covered / (2.0 * (last - first) + 2.0 * tolerance), 0.9))
-    return number, nats
+    return Planes(number, nats)
 
 
 @njit
@@ -126,10 +153,14 @@ def free_angles(u, earlier, count):
 
 
 @njit
-def regular_planes(used, direction, usual, spanned, upright):
-    """Which of the q orientations of planes an object owes to its regularity that has the directions of the model
-    features ``used``, and those upright to two of them: (q,) bool. A slanted plane through two edges is none while
-    nothing slanted is matched. Of a single direction all are that it lies in."""
+def regular_planes(used, regular):
+    """Which orientations of planes an object with these model features owes to its regularity.
+
+    They are spanned by directions of the features ``used`` (e,) bool, and of those upright to two of them. A slanted
+    plane through two edges is none while nothing slanted is matched. Of a single direction all are that it lies in.
+    Returns (q,) bool.
+    """
+    direction, usual, spanned, upright = regular.direction, regular.usual, regular.spanned, regular.upright
     q, d = spanned.shape
     seen = np.zeros(d, np.bool_)
     for k in range(d):
@@ -143,7 +174,7 @@ def regular_planes(used, direction, usual, spanned, upright):
         for b in range(a):
             if seen[a] and seen[b] and upright[a, b] >= 0:
                 derived[upright[a, b]] = True
-    regular = np.zeros(q, np.bool_)
+    owed = np.zeros(q, np.bool_)
     for i in range(q):
         within = found = 0
         for k in range(d):
@@ -151,21 +182,38 @@ def regular_planes(used, direction, usual, spanned, upright):
                 within += 1
                 found += derived[k]
             elif spanned[i, k] == 2 and derived[k]:
-                regular[i] = True
+                owed[i] = True
         if found >= min(within, least):
-            regular[i] = True
-    return regular
+            owed[i] = True
+    return owed
 
 
 @njit
-def coincidences(model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats, accuracy):
-    """Nats of the coincidences beyond the pose among the model features in ``used`` (e,) bool.
+def coincidences(model, used, regular, planes, accuracy):
+    """Nats of the coincidences beyond the pose among the model features that are explained.
 
-    accuracy : (q, e) nats to add for each plane. Of parallel planes any one could be the one that fixes the position:
-        it is the most accurate, so that what the pose misses counts wherever it is
+    Parameters
+    ----------
+    model : ModelFeatures
+    used : (e,) bool
+        The features.
+    regular : Regularity
+        Of the model.
+    planes : Planes
+        Of the model, under the data's tolerance.
+    accuracy : (q, e) float64
+        Nats to add for each plane. Of parallel planes any one could be the one that fixes the position: it is the most
+        accurate, so that what the pose misses counts wherever it is.
+
+    Returns
+    -------
+    float
+
     """
-    q, e = number.shape[0], model.shape[0]
-    regular = regular_planes(used, direction, usual, spanned, upright)
+    rows, order, direction, normals = model.rows, regular.order, regular.direction, regular.normals
+    number, nats = planes.number, planes.nats
+    q, e = number.shape[0], rows.shape[0]
+    owed = regular_planes(used, regular)
     anchor = np.full(q, np.nan)
     known = np.zeros((q, e), np.bool_)
     seen = np.zeros(e, np.bool_)
@@ -185,22 +233,22 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
             break
         if not seen[direction[j]] and n_directions < len(directions):
             seen[direction[j]] = True
-            total += per_angle * free_angles(model[j, 3:6], directions, n_directions)
-            directions[n_directions] = model[j, 3:6]
+            total += per_angle * free_angles(rows[j, 3:6], directions, n_directions)
+            directions[n_directions] = rows[j, 3:6]
             n_directions += 1
         freedom = 2
-        if kind_m[j] == CURVE:
+        if model.kind[j] == CURVE:
             freedom = 3
             fresh = True
             for r in range(n_radii):
-                fresh = fresh and abs(radii[r] - model[j, 7]) > SAME_LENGTH * model[j, 7]
+                fresh = fresh and abs(radii[r] - rows[j, 7]) > SAME_LENGTH * rows[j, 7]
             if fresh:
-                radii[n_radii] = model[j, 7]
+                radii[n_radii] = rows[j, 7]
                 n_radii += 1
                 total += PER_RADIUS
         n_fixed = 0
         for i in range(q):
-            if regular[i] and number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
+            if owed[i] and number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
                 length = _remainder(normals[i], fixed, n_fixed, rest)
                 if length > FIXING_SINE:
                     fixed[n_fixed] = rest / length
@@ -210,7 +258,7 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
             best, least = -1, np.inf
             for i in range(q):
                 if (
-                    not regular[i]
+                    not owed[i]
                     or number[i, j] < 0
                     or known[i, number[i, j]]
                     or _remainder(normals[i], fixed, n_fixed, rest) <= FIXING_SINE
@@ -257,28 +305,29 @@ def coincidences(model, kind_m, used, order, direction, normals, usual, spanned,
 
 
 @njit
-def coverage(model, kind_m, data, kind_d, low, high, direction):
+def coverage(model, data, low, high, direction):
     """Nats for the lengths of the pieces found: low, high (e,) metres, what is covered of each model edge."""
-    e, n = model.shape[0], data.shape[0]
+    rows = model.rows
+    e, n = rows.shape[0], data.rows.shape[0]
     total = 0.0
     for j in range(e):
-        if kind_m[j] == CURVE or high[j] <= low[j]:
+        if model.kind[j] == CURVE or high[j] <= low[j]:
             continue
-        length = 2.0 * model[j, 6]
+        length = 2.0 * rows[j, 6]
         whole = high[j] - low[j] >= COVERED * length
         repeated = False
         for i in range(j):
-            same = direction[i] == direction[j] and abs(2.0 * model[i, 6] - length) < SAME_LENGTH * length
-            if same and high[i] > low[i] and (high[i] - low[i] >= COVERED * 2.0 * model[i, 6]) == whole:
+            same = direction[i] == direction[j] and abs(2.0 * rows[i, 6] - length) < SAME_LENGTH * length
+            if same and high[i] > low[i] and (high[i] - low[i] >= COVERED * 2.0 * rows[i, 6]) == whole:
                 repeated = True
                 break
         if repeated:
             continue
         fitting = alike = 0
         for k in range(n):
-            if kind_d[k] != CURVE and 2.0 * data[k, 6] <= (1.0 + SAME_LENGTH) * length:
+            if data.kind[k] != CURVE and 2.0 * data.rows[k, 6] <= (1.0 + SAME_LENGTH) * length:
                 fitting += 1
-                if 2.0 * data[k, 6] >= COVERED * length:
+                if 2.0 * data.rows[k, 6] >= COVERED * length:
                     alike += 1
         chance = (alike + 1.0) / (fitting + 4.0)
         total += np.log(WHOLE / chance) if whole else np.log((1.0 - WHOLE) / (1.0 - chance))
@@ -300,12 +349,26 @@ def meet(a, b, tolerance):
 
 
 @njit
-def neighbours(motion, data, kind_d, tols, assignment, middle, size):
-    """Nats for what surrounds the explained data; middle (3,) and size (metres) of the model."""
-    n = data.shape[0]
-    cx = motion[0] * middle[0] + motion[1] * middle[1] + motion[2] * middle[2] + motion[9]
-    cy = motion[3] * middle[0] + motion[4] * middle[1] + motion[5] * middle[2] + motion[10]
-    cz = motion[6] * middle[0] + motion[7] * middle[1] + motion[8] * middle[2] + motion[11]
+def neighbours(motion, model, data, assignment):
+    """Nats for what surrounds the data that a pose explains.
+
+    Parameters
+    ----------
+    motion : (12,) float64
+        The pose.
+    model : ModelFeatures
+    data : DataFeatures
+    assignment : (n,) int32
+        The model feature of each data feature, negative for none.
+
+    Returns
+    -------
+    float
+
+    """
+    rows, tols, middle, size = data.rows, data.tolerances, model.middle, model.size
+    n = rows.shape[0]
+    cx, cy, cz = transform(motion, middle[0], middle[1], middle[2])
     radius = NEIGHBOURHOOD * size
     matched = np.empty(n, np.int64)
     count = 0
@@ -314,24 +377,24 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
         if assignment[k] >= 0:
             matched[count] = k
             count += 1
-            explained += 2.0 * data[k, 6]
+            explained += 2.0 * rows[k, 6]
             tolerance += tols[k, 0]
     if count == 0:
         return 0.0
     tolerance /= count
     met = 0.0
     for k in range(n):
-        if assignment[k] >= 0 or kind_d[k] == CURVE or 2.0 * data[k, 6] < SHORT * tols[k, 0]:
+        if assignment[k] >= 0 or data.kind[k] == CURVE or 2.0 * rows[k, 6] < SHORT * tols[k, 0]:
             continue
-        x, y, z = data[k, 0] - cx, data[k, 1] - cy, data[k, 2] - cz
+        x, y, z = rows[k, 0] - cx, rows[k, 1] - cy, rows[k, 2] - cz
         away = np.sqrt(x * x + y * y + z * z)
         if away < radius:
-            unexplained += 2.0 * data[k, 6]
-        elif away > size + (1.0 + 2.0 * REACH) * data[k, 6]:
+            unexplained += 2.0 * rows[k, 6]
+        elif away > size + (1.0 + 2.0 * REACH) * rows[k, 6]:
             continue
         for i in range(count):
             a = matched[i]
-            if kind_d[a] != CURVE and meet(data[k], data[a], 0.5 * (tols[k, 0] + tols[a, 0])):
+            if data.kind[a] != CURVE and meet(rows[k], rows[a], 0.5 * (tols[k, 0] + tols[a, 0])):
                 met += 1.0
                 break
     # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
@@ -342,30 +405,30 @@ def neighbours(motion, data, kind_d, tols, assignment, middle, size):
 
 
 @njit
-def evidence(
-    motion,
-    model,
-    kind_m,
-    data,
-    kind_d,
-    tols,
-    assignment,
-    middle,
-    size,
-    order,
-    direction,
-    normals,
-    usual,
-    spanned,
-    upright,
-    number,
-    nats,
-    faces,
-    lies,
-):
-    """Evidence of one pose and assignment (n,), nats; rows and tolerances as in geometry.features, faces and lies as in
-    :class:`.regularity.Regularity`, the rest as above."""
-    e, n = model.shape[0], data.shape[0]
+def evidence(motion, model, data, assignment, regular, planes):
+    """Evidence of one pose with its assignment.
+
+    Parameters
+    ----------
+    motion : (12,) float64
+        The pose.
+    model : ModelFeatures
+    data : DataFeatures
+    assignment : (n,) int32
+        The model feature of each data feature, negative for none.
+    regular : Regularity
+        Of the model.
+    planes : Planes
+        Of the model, under the data's tolerance.
+
+    Returns
+    -------
+    float
+        Nats.
+
+    """
+    e, n = model.rows.shape[0], data.rows.shape[0]
+    number, normals = planes.number, regular.normals
     low = np.full(e, np.inf)
     high = np.full(e, -np.inf)
     used = np.zeros(e, np.bool_)
@@ -377,14 +440,14 @@ def evidence(
         if j < 0:
             continue
         used[j] = True
-        m, d = model[j], data[k]
-        curve = kind_d[k] == CURVE
+        m, d = model.rows[j], data.rows[k]
+        curve = data.kind[k] == CURVE
         for end in range(1 if curve else 2):
             step = 0.0 if curve else d[6] if end == 0 else -d[6]
-            x, y, z = (d[0] + step * d[3] - motion[9], d[1] + step * d[4] - motion[10], d[2] + step * d[5] - motion[11])
+            point[:] = inverse_transform(motion, d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5])
             along = 0.0
             for axis in range(3):
-                point[axis] = motion[axis] * x + motion[3 + axis] * y + motion[6 + axis] * z - m[axis]
+                point[axis] -= m[axis]
                 along += point[axis] * m[3 + axis]
             if not curve:
                 low[j], high[j] = min(low[j], along), max(high[j], along)
@@ -392,27 +455,26 @@ def evidence(
                     point[axis] -= along * m[3 + axis]
             for i in range(number.shape[0]):
                 if number[i, j] >= 0:
-                    r = (point[0] * normals[i, 0] + point[1] * normals[i, 1] + point[2] * normals[i, 2]) / tols[k, 0]
+                    off = point[0] * normals[i, 0] + point[1] * normals[i, 1] + point[2] * normals[i, 2]
+                    r = off / data.tolerances[k, 0]
                     sums[i, number[i, j]] += r
                     weights[i, number[i, j]] += 1.0
                     squares += r * r
-    points = planes = 0.0
+    points = distinct = 0.0
     for i in range(number.shape[0]):
         for p in range(e):
             if weights[i, p] > 0.0:
                 points += weights[i, p]
-                planes += 1.0
+                distinct += 1.0
                 squares -= sums[i, p] ** 2 / weights[i, p]
-    variance = min(max(squares, 0.01 * points) / max(points - planes, 1.0), 0.25)
+    variance = min(max(squares, 0.01 * points) / max(points - distinct, 1.0), 0.25)
     for i in range(number.shape[0]):
         for p in range(e):
             if weights[i, p] > 0.0:
                 error = variance / weights[i, p] + BIAS**2
-                off = (sums[i, p] / weights[i, p]) ** 2 / error
-                accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - off), -WORST)
-    total = coincidences(
-        model, kind_m, used, order, direction, normals, usual, spanned, upright, number, nats, accuracy
-    )
-    total += max(coverage(model, kind_m, data, kind_d, low, high, direction), FRAGMENTS)
-    total += nats_of_view(motion, used, faces, lies)
-    return total + neighbours(motion, data, kind_d, tols, assignment, middle, size)
+                excess = (sums[i, p] / weights[i, p]) ** 2 / error
+                accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - excess), -WORST)
+    total = coincidences(model, used, regular, planes, accuracy)
+    total += max(coverage(model, data, low, high, regular.direction), FRAGMENTS)
+    total += nats_of_view(motion, used, regular.faces, regular.lies)
+    return total + neighbours(motion, model, data, assignment)

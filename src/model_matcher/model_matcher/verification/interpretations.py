@@ -14,6 +14,7 @@ from .settings import PLACES
 
 
 def as_pose(motion: np.ndarray) -> Pose:
+    """The pose of a row of twelve: rotation row by row, translation in metres."""
     return Pose(motion[:9].reshape(3, 3), motion[9:])
 
 
@@ -44,11 +45,10 @@ def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> 
 
     A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
     """
-    figures = refined.figures[chosen]
     # The fit turns about the data's centre; the pose's translation is that of the model's origin.
-    return covariances(
-        refined.normals[chosen], figures[:, 2].copy(), refined.motions[chosen, 9:] - figures[:, 3:6], index.size
-    )
+    levers = refined.motions[chosen, 9:] - refined.centres[chosen]
+    found: np.ndarray = covariances(refined.normals[chosen], refined.costs[chosen], levers, index.size)
+    return found
 
 
 def as_interpretation(
@@ -70,7 +70,7 @@ def as_interpretation(
         assignment,
         sign,
         pose,
-        residual_rms=refined.figures[k, 1],
+        residual_rms=refined.residuals[k],
         covariance=covariance,
         symmetric_poses=others,
         rejected_reason=reason,

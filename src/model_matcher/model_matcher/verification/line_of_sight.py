@@ -19,24 +19,26 @@ from .settings import ALIKE, ALONG_SIGHT_SINE, EXACT, FEWEST, FITS, STEREO_RATIO
 
 
 @njit
-def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right):
-    """Normal equations of point-to-line least squares about a pose, as refinement_kernels.normal_equations, but with
-    the residuals across and along the line of sight weighted apart. unit : metres, sigma across; ratio : of sigma
-    across to sigma along. Returns the sums of squares across and along, and their numbers."""
+def _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right):
+    """Normal equations of point-to-line least squares about a pose, with the line of sight weighted apart.
+
+    As least_squares.normal_equations otherwise. unit : metres, sigma across; ratio : of sigma across to sigma along
+    Returns the sums of squares across and along, and their numbers.
+    """
     normal[:] = 0.0
     right[:] = 0.0
     sums = np.zeros(4)
     across = 1.0 / (unit * unit)
-    for k in range(data.shape[0]):
+    for k in range(data.rows.shape[0]):
         j = assignment[k]
         if j < 0:
             continue
-        m, d = model[j], data[k]
+        m, d, tolerances = model.rows[j], data.rows[k], data.tolerances[k]
         ux, uy, uz, mx, my, mz = transform_line(motion, m)
         depth = across * ratio * ratio
         # What is known worse than the rest along the line of sight counts less there.
-        depth = 1.0 / (1.0 / depth + tols[k, 0] * tols[k, 0])
-        curve = kind_d[k] == CURVE
+        depth = 1.0 / (1.0 / depth + tolerances[0] * tolerances[0])
+        curve = data.kind[k] == CURVE
         for end in range(1 if curve else 2):
             step = d[6] if end == 0 else -d[6]
             x, y, z = d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5]
@@ -77,7 +79,7 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
                     sums[0] += residual * residual
                     sums[2] += 1.0
             if curve:
-                turn = 1.0 / (tols[k, 2] * tols[k, 2])
+                turn = 1.0 / (tolerances[2] * tolerances[2])
                 s = 1.0 if sign[k] >= 0 else -1.0
                 for axis in range(2):
                     if axis == 0:
@@ -104,21 +106,36 @@ def _equations(motion, model, data, kind_d, tols, assignment, sign, centre, rati
 
 
 @njit
-def settle(motion, model, data, kind_d, tols, assignment, sign, size):
-    """Fit a pose (12,), in place, to the data assigned to it, the line of sight weighted as the residuals tell.
+def refine_along_sight(motion, model, data, assignment, sign):
+    """Fit a pose to the data assigned to it, the line of sight weighted as the residuals tell.
 
-    Data and pose in the camera frame, the eye in its origin; size : of the model, metres. Rows as in geometry.features.
-    Returns the ratio of the errors across and along the line of sight; 1: the pose is as it was.
+    Parameters
+    ----------
+    motion : (12,) float64
+        The pose, in the frame of a camera with its eye in the origin; changed in place.
+    model : ModelFeatures
+    data : DataFeatures
+    assignment : (n,) int32
+        The model feature of each data feature, negative for none.
+    sign : (n,) int8
+        Which way round the normals of curves are.
+
+    Returns
+    -------
+    float
+        The ratio of the errors across and along the line of sight; 1: the pose is as it was.
+
     """
+    size = model.size
     centre = np.zeros(3)
     matched = 0
     unit = np.inf
-    for k in range(data.shape[0]):
+    for k in range(data.rows.shape[0]):
         if assignment[k] >= 0:
             matched += 1
-            unit = min(unit, tols[k, 0])
+            unit = min(unit, data.tolerances[k, 0])
             for i in range(3):
-                centre[i] += data[k, i]
+                centre[i] += data.rows[k, i]
     if matched < FEWEST:
         return 1.0
     centre /= matched
@@ -131,7 +148,7 @@ def settle(motion, model, data, kind_d, tols, assignment, sign, size):
     before = motion.copy()
     ratio = 1.0
     for turn in range(FITS + 1):
-        sums = _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right)
+        sums = _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right)
         if sums[3] < 1.0 or sums[1] <= (EXACT * size) ** 2 * sums[3]:
             break
         seen = np.sqrt(sums[0] / sums[2]) / np.sqrt(sums[1] / sums[3])
@@ -141,7 +158,7 @@ def settle(motion, model, data, kind_d, tols, assignment, sign, size):
                 return 1.0
             break
         ratio = np.sqrt(min(seen, 1.0) * STEREO_RATIO)
-        _equations(motion, model, data, kind_d, tols, assignment, sign, centre, ratio, unit, normal, right)
+        _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right)
         damp(normal)
         if not solve6(normal, right, step):
             motion[:] = before

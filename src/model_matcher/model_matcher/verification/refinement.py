@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.back_projection import assign, count_matches
 from ..geometry.least_squares import refine
@@ -18,28 +19,50 @@ from .false_alarms import needed_evidence
 from .settings import DOUBTFUL, KEEP, WIDTHS
 
 
-@dataclass(eq=False)
-class Refined:
-    """c refined candidates: motions (c, 12), assignments and signs (c, n) among used features, normals (c, 6, 6),
-    figures (c, 8) as :func:`refine_candidates` gives them."""
+class Refined(NamedTuple):
+    """Refined candidate poses and what speaks for each; all 0 for a candidate that was skipped.
 
-    motions: np.ndarray
-    assignments: np.ndarray
-    signs: np.ndarray
-    normals: np.ndarray
-    figures: np.ndarray
+    Attributes
+    ----------
+    motions : ndarray, shape (c, 12), float64
+        The poses.
+    assignments : ndarray, shape (c, n), int32
+        The model feature of each usable data feature, BIN for none.
+    signs : ndarray, shape (c, n), int8
+        Which way round each data feature lies on its model feature.
+    normals : ndarray, shape (c, 6, 6), float64
+        Normal matrices of the fits, about the centres; see :func:`.least_squares.refine`.
+    scores : ndarray, shape (c,), float64
+        Distinct model features and quality of fit, see :func:`.back_projection.count_matches`.
+    residuals : ndarray, shape (c,), float64
+        Metres, root mean square distance of data end points from their model features.
+    costs : ndarray, shape (c,), float64
+        Weighted cost per equation of the fits.
+    centres : ndarray, shape (c, 3), float64
+        Metres, camera frame: what the fits turn about, the middle of the data.
+    evidence : ndarray, shape (c,), float64
+        Nats.
+    """
+
+    motions: FloatArray
+    assignments: Int32Array
+    signs: Int8Array
+    normals: FloatArray
+    scores: FloatArray
+    residuals: FloatArray
+    costs: FloatArray
+    centres: FloatArray
+    evidence: FloatArray
 
 
 @njit(nogil=True)
-def refine_candidates(motions, scores, keep, doubtful, model, data, regular, assignments, signs, normals, figures):
+def refine_candidates(scores, keep, doubtful, model, data, regular, refined):
     """Refine candidate poses, in place, and weigh the evidence for each.
 
     Parameters
     ----------
-    motions : (c, 12) float64
-        Candidates, best first; refined in place.
     scores : (c,) float64
-        Of the search.
+        Of the search, best first.
     keep : float
         Candidates whose score is at least this share of the best are refined.
     doubtful : float
@@ -48,74 +71,65 @@ def refine_candidates(motions, scores, keep, doubtful, model, data, regular, ass
     data : DataFeatures
     regular : Regularity
         Of the model.
-    assignments : (c, n) int32
-    signs : (c, n) int8
-    normals : (c, 6, 6) float64
-        Filled, see :func:`.least_squares.refine`.
-    figures : (c, 8) float64
-        Filled: score, rms (metres), chi, centre x, y, z, data matched, evidence (nats). Score is that of
-        :func:`.back_projection.count_matches`; 0 for a candidate that was skipped.
+    refined : Refined
+        Its motions are the candidates; filled.
 
     """
     stamp = np.full(model.rows.shape[0], -1, np.int64)
     inverse = 0.0
     for k in range(len(data.tolerances)):
         inverse += 1.0 / data.tolerances[k, 0]
-    number, nats = plane_table(regular.offsets, regular.sorted, len(data.tolerances) / inverse)
+    planes = plane_table(regular.offsets, regular.sorted, len(data.tolerances) / inverse)
     final = WIDTHS[-1]
     best = -np.inf
-    figures[:, 0] = 0.0
+    refined.scores[:] = 0.0
     for k in range(len(scores)):
         if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
-        matched, rms, chi, cx, cy, cz = refine(motions[k], model, data, WIDTHS, assignments[k], signs[k], normals[k])
-        matched = assign(motions[k], model, data, final, assignments[k], signs[k])
-        figures[k, 0] = count_matches(motions[k], model, data, final, stamp, k, 0.0)
-        figures[k, 1], figures[k, 2] = rms, chi
-        figures[k, 3], figures[k, 4], figures[k, 5], figures[k, 6] = cx, cy, cz, matched
-        figures[k, 7] = evidence(
-            motions[k],
-            model.rows,
-            model.kind,
-            data.rows,
-            data.kind,
-            data.tolerances,
-            assignments[k],
-            model.middle,
-            model.size,
-            regular.order,
-            regular.direction,
-            regular.normals,
-            regular.usual,
-            regular.spanned,
-            regular.upright,
-            number,
-            nats,
-            regular.faces,
-            regular.lies,
-        )
-        best = max(best, figures[k, 7])
+        motion, assignment, sign = refined.motions[k], refined.assignments[k], refined.signs[k]
+        _, rms, cost, x, y, z = refine(motion, model, data, WIDTHS, assignment, sign, refined.normals[k])
+        assign(motion, model, data, final, assignment, sign)
+        refined.scores[k] = count_matches(motion, model, data, final, stamp, k, 0.0)
+        refined.residuals[k], refined.costs[k] = rms, cost
+        refined.centres[k, 0], refined.centres[k, 1], refined.centres[k, 2] = x, y, z
+        refined.evidence[k] = evidence(motion, model, data, assignment, regular, planes)
+        best = max(best, refined.evidence[k])
 
 
 def refine_all(
     problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams, keep: float = KEEP
 ) -> Refined:
-    """Refine candidate poses (c, 12) with search scores (c,), best first."""
+    """Refine candidate poses.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    motions : ndarray, shape (c, 12), float64
+        The candidates, best first; refined in place.
+    scores : ndarray, shape (c,), float64
+        Of the search.
+    params : MatchParams
+        Of the match.
+    keep : float
+        Candidates whose score is at least this share of the best are refined; all when there is doubt.
+
+    Returns
+    -------
+    Refined
+    """
     c, n = len(scores), len(problem.rows)
     refined = Refined(
-        motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.empty((c, 6, 6)), np.zeros((c, 8))
-    )
-    refine_candidates(
         motions,
-        scores,
-        keep,
-        needed_evidence(problem, params) + DOUBTFUL,
-        problem.model,
-        problem.features,
-        regularity(problem.index),
-        refined.assignments,
-        refined.signs,
-        refined.normals,
-        refined.figures,
+        np.empty((c, n), np.int32),
+        np.empty((c, n), np.int8),
+        np.empty((c, 6, 6)),
+        np.zeros(c),
+        np.zeros(c),
+        np.zeros(c),
+        np.zeros((c, 3)),
+        np.zeros(c),
     )
+    doubtful = needed_evidence(problem, params) + DOUBTFUL
+    refine_candidates(scores, keep, doubtful, problem.model, problem.features, regularity(problem.index), refined)
     return refined
