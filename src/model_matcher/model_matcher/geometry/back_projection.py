@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array, IntArray
 
-from .features import CURVE
+from .features import CURVE, DataFeatures, FeatureRows, ModelFeatures
 from .rigid_motion import inverse_rotate, inverse_transform, unpacked
 from .settings import QUALITY_WEIGHT, WIDEST_CONE
 
@@ -17,7 +18,9 @@ from .settings import QUALITY_WEIGHT, WIDEST_CONE
 
 
 @njit
-def build_voxels(features, low, cell, shape, reach):
+def build_voxels(
+    features: FloatArray, low: FloatArray, cell: float, shape: tuple[int, int, int], reach: float
+) -> tuple[Int32Array, Int32Array]:
     """Which model features pass near each cell of a grid.
 
     A feature is listed where its distance from the cell's centre is within reach plus half the cell's diagonal.
@@ -86,7 +89,15 @@ def build_voxels(features, low, cell, shape, reach):
 
 
 @njit(inline='always')  # as a call it would cost more than what it does
-def fit_one(k, data, j, model, point, direction, widen):
+def fit_one(
+    k: int,
+    data: DataFeatures,
+    j: int,
+    model: ModelFeatures | FeatureRows,
+    point: tuple[float, float, float],
+    direction: tuple[float, float, float],
+    widen: float,
+) -> float:
     """How well data feature k lies on model feature j.
 
     Parameters
@@ -132,17 +143,25 @@ def fit_one(k, data, j, model, point, direction, widen):
         room = data.radius_tolerance + tols[k, 0]
         if abs(rows[k, 7] - lines[j, 7]) > room or abs(rows[k, 8] - lines[j, 8]) > room:
             return -1.0
-        return min(1.0, np.sqrt(middle + along * along) / across)
+        return float(min(1.0, np.sqrt(middle + along * along) / across))
     sx, sy, sz = h * (vx - c * mx), h * (vy - c * my), h * (vz - c * mz)
     cross = qx * sx + qy * sy + qz * sz
     worst = middle + sx * sx + sy * sy + sz * sz + 2.0 * abs(cross)
     if worst > across * across:
         return -1.0
-    return np.sqrt(worst) / across
+    return float(np.sqrt(worst) / across)
 
 
 @njit
-def count_matches(motion, model, data, widen, stamp, mark, needed):
+def count_matches(
+    motion: FloatArray,
+    model: ModelFeatures,
+    data: DataFeatures,
+    widen: float,
+    stamp: IntArray,
+    mark: int,
+    needed: float,
+) -> float:
     """Distinct model features with data on them under a pose.
 
     Parameters
@@ -206,7 +225,9 @@ def count_matches(motion, model, data, widen, stamp, mark, needed):
 
 
 @njit
-def assign(motion, model, data, widen, assignment, sign):
+def assign(
+    motion: FloatArray, model: ModelFeatures, data: DataFeatures, widen: float, assignment: Int32Array, sign: Int8Array
+) -> int:
     """Best model feature of every data feature under a pose.
 
     Parameters

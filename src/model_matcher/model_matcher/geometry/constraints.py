@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from .settings import NO_NORMAL_SINE, NOT_ZERO, ROUNDING, SMALLEST_LENGTH
 
@@ -29,8 +30,29 @@ ANY_SIGN = SAME | DIFFERENT | A_PLUS | A_MINUS | B_PLUS | B_MINUS
 
 
 @njit
-def closest_points(a, b):
-    """Where two segments come closest: parameters s, t (metres from the mid points) and the distance."""
+def closest_points(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
+    """Where two segments come closest.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+
+    Returns
+    -------
+    s, t : float
+        Metres from the mid points, along the directions.
+    distance : float
+        Metres.
+
+    Examples
+    --------
+    >>> a = np.array([0.0, 0, 0, 1, 0, 0, 0.5, 0, 0])
+    >>> b = np.array([0.2, 0.3, 0.1, 0, 1, 0, 0.5, 0, 0])
+    >>> [round(float(number), 12) for number in closest_points(a, b)]
+    [0.2, -0.3, 0.1]
+
+    """
     wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     c = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     wu = wx * a[3] + wy * a[4] + wz * a[5]
@@ -62,8 +84,24 @@ def closest_points(a, b):
 
 
 @njit
-def angle_at(a, b, s, t):
-    """Angle between q - p and a's direction, and |q - p|, at parameters s, t."""
+def angle_at(a: FloatArray, b: FloatArray, s: float, t: float) -> tuple[float, float]:
+    """Angle between q - p and a's direction, and |q - p|.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    s, t : float
+        Where p and q are: metres from the mid points, along the directions.
+
+    Returns
+    -------
+    angle : float
+        Radians.
+    distance : float
+        Metres.
+
+    """
     rx = b[0] + t * b[3] - a[0] - s * a[3]
     ry = b[1] + t * b[4] - a[1] - s * a[4]
     rz = b[2] + t * b[5] - a[2] - s * a[5]
@@ -74,21 +112,52 @@ def angle_at(a, b, s, t):
 
 
 @njit
-def angle_to(a, b, s, t, nx, ny, nz):
-    """Angle between q - p and a unit vector. atan2 keeps its digits near 0 and pi, where arccos loses half."""
+def angle_to(a: FloatArray, b: FloatArray, s: float, t: float, nx: float, ny: float, nz: float) -> float:
+    """Angle between q - p and a unit vector.
+
+    atan2 keeps its digits near 0 and pi, where arccos loses half.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    s, t : float
+        Where p and q are: metres from the mid points, along the directions.
+    nx, ny, nz : float
+        The unit vector.
+
+    Returns
+    -------
+    float
+        Radians.
+
+    """
     rx = b[0] + t * b[3] - a[0] - s * a[3]
     ry = b[1] + t * b[4] - a[1] - s * a[4]
     rz = b[2] + t * b[5] - a[2] - s * a[5]
     cx, cy, cz = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
-    return np.arctan2(np.sqrt(cx * cx + cy * cy + cz * cz), rx * nx + ry * ny + rz * nz)
+    return float(np.arctan2(np.sqrt(cx * cx + cy * cy + cz * cz), rx * nx + ry * ny + rz * nz))
 
 
 @njit
-def stationary(a, b, s):
-    """The parameter t at which the angle between q - p and a's direction is stationary for a fixed s, NaN if none.
+def stationary(a: FloatArray, b: FloatArray, s: float) -> float:
+    """Where on b the angle between q - p and a's direction is stationary for a fixed p.
 
     With q - p split along and across a, the angle's cotangent is (A + c t) / sqrt(C + 2 D t + E t^2); its derivative
     vanishes at one t (the quadratic terms cancel).
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    s : float
+        Where p is: metres from a's mid point.
+
+    Returns
+    -------
+    float
+        Metres from b's mid point, NaN when there is no such place.
+
     """
     wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     c = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
@@ -99,16 +168,33 @@ def stationary(a, b, s):
     below = c * big_d - big_a * (1.0 - c * c)
     if abs(below) < 1e-15:
         return np.nan
-    return (big_a * big_d - c * big_c) / below
+    return float((big_a * big_d - c * big_c) / below)
 
 
 @njit
-def direction_range(a, b, contact, error, cone):
+def direction_range(a: FloatArray, b: FloatArray, contact: float, error: float, cone: float) -> tuple[float, float]:
     """Range of the angle between q - p and a's direction.
 
-    With error (metres, sum of both segments' point errors) and cone (radians, of a) zero this is the exact range,
-    [0, pi] when the segments touch. Otherwise the least of angle + slack and the largest of angle - slack, where slack
-    is what those errors may do to that angle: bounds that a true pairing's model range cannot fail to embrace.
+    Without errors this is the exact range, [0, pi] when the segments touch. Otherwise the least of angle + slack and
+    the largest of angle - slack, where slack is what the errors may do to that angle: bounds that a true pairing's
+    model range cannot fail to embrace.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    contact : float
+        Metres, the distance of the segments.
+    error : float
+        Metres, sum of both segments' point errors.
+    cone : float
+        Radians, half cone angle of a's direction.
+
+    Returns
+    -------
+    low, high : float
+        Radians.
+
     """
     exact = error == 0.0 and cone == 0.0
     if exact and contact < SMALLEST_LENGTH:
@@ -135,12 +221,26 @@ def direction_range(a, b, contact, error, cone):
 
 
 @njit
-def pair_ranges(a, b, error_a, error_b, cone_a, cone_b, out):
-    """All ranges of a pair, into out (11,).
+def pair_ranges(
+    a: FloatArray, b: FloatArray, error_a: float, error_b: float, cone_a: float, cone_b: float, out: FloatArray
+) -> None:
+    """All ranges of a pair.
 
-    0, 1 distance; 2, 3 angle; 4, 5 direction1; 6, 7 direction2; 8, 9 direction3; 10: 1 when direction3 is defined.
-    Errors 0 give the exact ranges of a model pair. With errors (metres; cones radians) the bounds of a data pair are
-    drawn inwards by them, so that the test is always: model low <= data low and data high <= model high.
+    Without errors these are the exact ranges of a model pair. With errors the bounds of a data pair are drawn inwards
+    by them, so that the test is always: model low <= data low and data high <= model high.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    error_a, error_b : float
+        Metres, of points.
+    cone_a, cone_b : float
+        Radians, half cone angles of the directions.
+    out : (11,) float64
+        Filled: 0, 1 distance; 2, 3 angle; 4, 5 direction1; 6, 7 direction2; 8, 9 direction3; 10: 1 when direction3 is
+        defined, which it is not for parallel lines.
+
     """
     error = error_a + error_b
     s, t, nearest = closest_points(a, b)
@@ -193,16 +293,37 @@ def pair_ranges(a, b, error_a, error_b, cone_a, cone_b, out):
 
 
 @njit
-def _inside(low, high, model_low, model_high):
+def _inside(low: float, high: float, model_low: float, model_high: float) -> bool:
+    """Whether a range lies in another, up to rounding."""
     return low >= model_low - ROUNDING and high <= model_high + ROUNDING
 
 
 @njit
-def entry(data, model, one_edge, length, slack, use):
-    """One table entry: the sign bits under which data pair and model pair agree, 0 when they do not.
+def entry(data: FloatArray, model: FloatArray, one_edge: bool, length: float, slack: float, use: BoolArray) -> int:
+    """One table entry: the sign bits under which data pair and model pair agree.
 
-    data, model : (11,) as pair_ranges gives them; one_edge : both data features on the same model feature, of the
-    given length; slack : metres, the sum of both point errors; use : (5,) which constraints apply
+    Parameters
+    ----------
+    data, model : (11,) float64
+        As :func:`pair_ranges` gives them.
+    one_edge : bool
+        Whether both data features are on the same model feature.
+    length : float
+        Metres, of that feature.
+    slack : float
+        Metres, the sum of both data features' point errors.
+    use : (5,) bool
+        Which constraints apply.
+
+    Returns
+    -------
+    int
+        0 when they do not agree.
+
+    References
+    ----------
+    Thesis 5.5; W. E. L. Grimson, Object Recognition by Computer, MIT Press 1990, chapter 3.
+
     """
     if use[0]:
         if one_edge:
@@ -242,8 +363,24 @@ def entry(data, model, one_edge, length, slack, use):
 
 
 @njit
-def consistent_signs(code):
-    """Whether any pair of signs satisfies all bits of an entry together."""
+def consistent_signs(code: int) -> bool:
+    """Whether any pair of signs satisfies all bits of an entry together.
+
+    Parameters
+    ----------
+    code : int
+        As :func:`entry` gives it.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> consistent_signs(SAME | A_PLUS | B_PLUS), consistent_signs(DIFFERENT | A_PLUS | B_PLUS)
+    (True, False)
+
+    """
     for a in range(2):
         for b in range(2):
             relation = SAME if a == b else DIFFERENT

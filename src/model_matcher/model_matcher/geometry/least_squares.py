@@ -8,15 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from .back_projection import assign
-from .features import CURVE
+from .features import CURVE, DataFeatures, ModelFeatures
 from .rigid_motion import compose_small, perpendiculars, transform_line
 from .settings import DAMPING, FREE, NOT_ZERO, SMALLEST_LENGTH
 
 
 @njit
-def solve6(a, b, x):
+def solve6(a: FloatArray, b: FloatArray, x: FloatArray) -> bool:
     """Solve a x = b by Cholesky's decomposition.
 
     Parameters
@@ -35,8 +36,8 @@ def solve6(a, b, x):
     Examples
     --------
     >>> x = np.empty(6)
-    >>> solve6(2.0 * np.eye(6), np.ones(6), x), x.tolist()
-    (True, [0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
+    >>> solve6(4.0 * np.eye(6), np.ones(6), x), x.tolist()
+    (True, [0.25, 0.25, 0.25, 0.25, 0.25, 0.25])
 
     """
     low = np.zeros((6, 6))
@@ -65,7 +66,18 @@ def solve6(a, b, x):
 
 
 @njit
-def add_equation(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
+def add_equation(
+    normal: FloatArray,
+    right: FloatArray,
+    gx: float,
+    gy: float,
+    gz: float,
+    ex: float,
+    ey: float,
+    ez: float,
+    residual: float,
+    weight: float,
+) -> None:
     """Add one equation, derivatives by rotation g and translation e, to the lower half of the normal equations."""
     row = (gx, gy, gz, ex, ey, ez)
     for i in range(6):
@@ -75,7 +87,16 @@ def add_equation(normal, right, gx, gy, gz, ex, ey, ez, residual, weight):
 
 
 @njit
-def normal_equations(motion, lines, data, assignment, sign, centre, normal, right):
+def normal_equations(
+    motion: FloatArray,
+    lines: FloatArray,
+    data: DataFeatures,
+    assignment: Int32Array,
+    sign: Int8Array,
+    centre: FloatArray,
+    normal: FloatArray,
+    right: FloatArray,
+) -> tuple[float, int, float, int]:
     """Point-to-line least squares, linearised about a pose.
 
     Both end points of every data edge or axis must lie on its model line; a curve's centre on the model's centre and
@@ -182,7 +203,7 @@ def normal_equations(motion, lines, data, assignment, sign, centre, normal, righ
 
 
 @njit
-def damp(normal):
+def damp(normal: FloatArray) -> None:
     """Add DAMPING x the trace to the diagonal of a normal matrix (6, 6): a free motion stays where it is."""
     trace = 0.0
     for i in range(6):
@@ -192,7 +213,15 @@ def damp(normal):
 
 
 @njit
-def refine(motion, model, data, widths, assignment, sign, normal):
+def refine(
+    motion: FloatArray,
+    model: ModelFeatures,
+    data: DataFeatures,
+    widths: tuple[float, ...],
+    assignment: Int32Array,
+    sign: Int8Array,
+    normal: FloatArray,
+) -> tuple[int, float, float, float, float, float]:
     """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and fit again.
 
     Parameters
@@ -249,7 +278,7 @@ def refine(motion, model, data, widths, assignment, sign, normal):
 
 
 @njit
-def covariances(normals, chi, levers, size):
+def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: float) -> FloatArray:
     """Covariances of poses from the normal matrices of their fits.
 
     A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from .settings import (
     ANGLE_CELLS,
@@ -22,7 +23,7 @@ from .settings import (
 
 
 @njit
-def pair_geometry(a, b):
+def pair_geometry(a: FloatArray, b: FloatArray) -> tuple[float, float, float, float, float, float]:
     """Relation of two lines.
 
     b's direction is reversed when that makes the cosine positive. A foot is where the common perpendicular meets the
@@ -74,7 +75,7 @@ def pair_geometry(a, b):
 
 
 @njit
-def pair_cell(angle, d, reach):
+def pair_cell(angle: float, d: float, reach: float) -> tuple[int, int]:
     """Cell of an angle (radians) and a signed distance (metres) in a table of that reach (metres): two numbers."""
     i = int(angle / MAX_ANGLE * ANGLE_CELLS)
     j = int((d / reach + 1.0) * 0.5 * OFFSET_CELLS)
@@ -82,7 +83,7 @@ def pair_cell(angle, d, reach):
 
 
 @njit
-def build_pair_table(features, reach):
+def build_pair_table(features: FloatArray, reach: float) -> tuple[Int32Array, Int32Array, FloatArray]:
     """All ordered, non-parallel pairs of model features, sorted into cells of (angle, signed distance).
 
     A pair near 90 degrees is entered twice, because noise may turn its angle beyond 90 degrees, where the other
@@ -149,7 +150,7 @@ def build_pair_table(features, reach):
 
 
 @njit
-def _cost_of_pair(features, a, b, size):
+def _cost_of_pair(features: FloatArray, a: int, b: int, size: float) -> float:
     """Gap / (length x sine) of two features, infinite for those too far apart or too nearly parallel.
 
     As pair_geometry has it, but number by number: taking rows apart costs as much as the rest. size : metres
@@ -174,11 +175,11 @@ def _cost_of_pair(features, a, b, size):
     # A curve's normal has no length, but its direction is as good as that of a long edge.
     la = ha if ha > 0.0 else NORMAL_LENGTH * size
     lb = hb if hb > 0.0 else NORMAL_LENGTH * size
-    return (gap + LEAST_GAP * size) / (min(la, lb) * np.sqrt(sine) + NOT_ZERO)
+    return float((gap + LEAST_GAP * size) / (min(la, lb) * np.sqrt(sine) + NOT_ZERO))
 
 
 @njit
-def _keep_best(best_cost, best_other, a, b, cost):
+def _keep_best(best_cost: FloatArray, best_other: Int32Array, a: int, b: int, cost: float) -> None:
     """Insert b among the partners of a, (n, knn) by rising cost, when it is one of the best."""
     at = best_cost.shape[1] - 1
     if cost >= best_cost[a, at]:
@@ -192,7 +193,7 @@ def _keep_best(best_cost, best_other, a, b, cost):
 
 
 @njit
-def rank_pairs(features, neighbours, size, knn):
+def rank_pairs(features: FloatArray, neighbours: Int32Array, size: float, knn: int) -> tuple[Int32Array, Int32Array]:
     """Data pairs, most promising first: near, long and far from parallel.
 
     A pair costs its gap / (length x sine). Each feature contributes the pairs with its best partners.

@@ -1,4 +1,4 @@
-"""The exact test of a data pair against a model pair: could one rigid motion lay both on the model features?
+"""The exact test of a data pair against a model pair: whether one rigid motion could lay both on the model features.
 
 Two lines in space have an angle, a signed distance and two feet, where their common perpendicular meets them. A rigid
 motion keeps all four, so they must agree; and between the feet each data feature must have room on its model feature.
@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from .features import CURVE
 from .line_pairs import pair_geometry
@@ -25,8 +26,17 @@ ANGLE, SINE, OFFSET, FOOT_A, FOOT_B, MIDS, FROM_A, FROM_B, SHIFT, FLIP, RELATION
 
 
 @njit
-def relation(a, b, out):
-    """The relation of two features (rows as in features.py), into out (10,)."""
+def relation(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """The relation of two features.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    out : (10,) float64
+        Filled with the relation.
+
+    """
     c, s, d, fa, fb, flip = pair_geometry(a, b)
     wx, wy, wz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     square = wx * wx + wy * wy + wz * wz
@@ -41,8 +51,19 @@ def relation(a, b, out):
 
 
 @njit
-def model_relations(rows):
-    """(e, e, 10): relations of all ordered pairs of model features."""
+def model_relations(rows: FloatArray) -> FloatArray:
+    """Relations of all ordered pairs of model features.
+
+    Parameters
+    ----------
+    rows : (e, 9) float64
+        Features, see features.py.
+
+    Returns
+    -------
+    (e, e, 10) float64
+
+    """
     e = rows.shape[0]
     out = np.zeros((e, e, RELATION))
     for i in range(e):
@@ -52,8 +73,28 @@ def model_relations(rows):
 
 
 @njit
-def possible(data, kind_d, tols, model, kind_m, radius_tol):
-    """(n, e) bool: which model features a data feature may lie on by itself: kind, length, radii."""
+def possible(
+    data: FloatArray, kind_d: ByteArray, tols: FloatArray, model: FloatArray, kind_m: ByteArray, radius_tol: float
+) -> BoolArray:
+    """Which model features a data feature may lie on by itself: kind, length, radii.
+
+    Parameters
+    ----------
+    data : (n, 9) float64
+    kind_d : (n,) uint8
+    tols : (n, 3) float64
+        Data features and their tolerances, see features.py.
+    model : (e, 9) float64
+    kind_m : (e,) uint8
+        Model features.
+    radius_tol : float
+        Metres, of curves, added to the tolerance across.
+
+    Returns
+    -------
+    (n, e) bool
+
+    """
     n, e = data.shape[0], model.shape[0]
     out = np.zeros((n, e), np.bool_)
     for a in range(n):
@@ -72,9 +113,22 @@ def possible(data, kind_d, tols, model, kind_m, radius_tol):
 
 
 @njit
-def margins_of(data, tols):
-    """(n, 6): half length, half length that is left when tilted by the cone, tolerances across and along, half cone
-    angle, its tangent."""
+def margins_of(data: FloatArray, tols: FloatArray) -> FloatArray:
+    """What the pair test needs to know of each data feature.
+
+    Parameters
+    ----------
+    data : (n, 9) float64
+    tols : (n, 3) float64
+        Data features and their tolerances, see features.py.
+
+    Returns
+    -------
+    (n, 6) float64
+        Half length, half length that is left when tilted by the cone, tolerances across and along (metres), half cone
+        angle (radians), its tangent.
+
+    """
     out = np.empty((data.shape[0], 6))
     for k in range(data.shape[0]):
         half, cone = data[k, 6], min(tols[k, 2], WIDEST_CONE)
@@ -84,17 +138,47 @@ def margins_of(data, tols):
 
 
 @njit
-def _strays(margins, a, foot):
+def _strays(margins: FloatArray, a: int, foot: float) -> float:
     """How far a data line may be from its model line where a foot is, beyond the feature's end."""
-    return margins[a, 2] + margins[a, 5] * max(0.0, abs(foot) - margins[a, 0])
+    return float(margins[a, 2] + margins[a, 5] * max(0.0, abs(foot) - margins[a, 0]))
 
 
 @njit
-def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
-    """Whether data features a and b can lie on model features i and j at once; i may be j.
+def pair_fits(
+    rels: FloatArray,
+    k: int,
+    margins: FloatArray,
+    a: int,
+    b: int,
+    halves: FloatArray,
+    model_rel: FloatArray,
+    i: int,
+    j: int,
+) -> bool:
+    """Whether two data features can lie on two model features at once.
 
-    rels : (m, 10), row k the relation of a and b; margins : as margins_of gives them; halves : (e,) metres, half
-    lengths of the model features; model_rel : (e, e, 10) their relations
+    Parameters
+    ----------
+    rels : (m, 10) float64
+        Relations of data features.
+    k : int
+        The row that is the relation of a and b.
+    margins : (n, 6) float64
+        As :func:`margins_of` gives them.
+    a, b : int
+        The data features.
+    halves : (e,) float64
+        Metres, half lengths of the model features.
+    model_rel : (e, e, 10) float64
+        As :func:`model_relations` gives them.
+    i, j : int
+        The model features; they may be the same one.
+
+    Returns
+    -------
+    bool
+        False only when no rigid motion lays a on i and b on j within their tolerances.
+
     """
     room = halves[i] - margins[a, 1] + margins[a, 3] + halves[j] - margins[b, 1] + margins[b, 3] + ROUNDING
     apart = margins[a, 2] + margins[b, 2]
@@ -102,15 +186,9 @@ def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
     cone = margins[a, 4] + margins[b, 4]
     angle = rels[k, ANGLE]
     if i == j:
-        return (
-            angle <= cone + ROUNDING
-            and mids - apart <= room
-            and min(
-                rels[k, FROM_A] - _strays(margins, a, rels[k, SHIFT]) - margins[b, 2],
-                rels[k, FROM_B] - _strays(margins, b, mids) - margins[a, 2],
-            )
-            <= ROUNDING
-        )
+        beyond_a = rels[k, FROM_A] - _strays(margins, a, rels[k, SHIFT]) - margins[b, 2]
+        beyond_b = rels[k, FROM_B] - _strays(margins, b, mids) - margins[a, 2]
+        return bool(angle <= cone + ROUNDING and mids - apart <= room and min(beyond_a, beyond_b) <= ROUNDING)
     if abs(mids - model_rel[i, j, MIDS]) > room + apart:
         return False
     straight = abs(angle - model_rel[i, j, ANGLE]) <= cone
@@ -121,7 +199,7 @@ def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
         # The model lines are parallel: their distance is the same everywhere.
         strays = max(_strays(margins, a, rels[k, SHIFT]) + margins[b, 2], _strays(margins, b, mids) + margins[a, 2])
         strays += mids * margins[a, 4] * margins[a, 4]
-        return abs(rels[k, FROM_A] - model_rel[i, j, FROM_A]) <= strays + ROUNDING
+        return bool(abs(rels[k, FROM_A] - model_rel[i, j, FROM_A]) <= strays + ROUNDING)
     sine = min(rels[k, SINE], model_rel[i, j, SINE])
     if sine < CERTAIN_FEET * cone:
         return True
@@ -149,7 +227,7 @@ def pair_fits(rels, k, margins, a, b, halves, model_rel, i, j):
         )
     ):
         return True
-    return (
+    return bool(
         crossed
         and abs(offset + model_offset) <= strays
         and (

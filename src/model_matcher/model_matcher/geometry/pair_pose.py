@@ -15,7 +15,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
-from .features import CURVE
+from .features import CURVE, DataFeatures, ModelFeatures, PairTable
 from .line_pairs import pair_cell, pair_geometry
 from .rigid_motion import rotate
 from .settings import FLIP_MARGIN, OFFSET_CELLS, WIDEST_CONE
@@ -52,7 +52,7 @@ class Neighbourhood(NamedTuple):
 
 
 @njit
-def pair_window(data, a, b):
+def pair_window(data: DataFeatures, a: int, b: int) -> PairWindow:
     """What a model pair may be that a data pair lies on.
 
     Parameters
@@ -76,7 +76,9 @@ def pair_window(data, a, b):
 
 
 @njit
-def matching_pairs(data, model, table, a, b, window, found):
+def matching_pairs(
+    data: DataFeatures, model: ModelFeatures, table: PairTable, a: int, b: int, window: PairWindow, found: Int32Array
+) -> int:
     """Model pairs that a data pair may lie on.
 
     Parameters
@@ -132,7 +134,9 @@ def matching_pairs(data, model, table, a, b, window, found):
 
 
 @njit
-def pair_frame(features, a, foot_a, b, flip_b, foot_b, out):
+def pair_frame(
+    features: FloatArray, a: int, foot_a: float, b: int, flip_b: float, foot_b: float, out: FloatArray
+) -> None:
     """Frame and place of a pair of features.
 
     The bisector of the two directions is as far from the one as from the other, so that the frame is symmetric in the
@@ -166,7 +170,7 @@ def pair_frame(features, a, foot_a, b, flip_b, foot_b, out):
 
 
 @njit
-def pair_pose(data_pair, model_pair, turn, motion):
+def pair_pose(data_pair: FloatArray, model_pair: FloatArray, turn: float, motion: FloatArray) -> None:
     """The pose that lays a model pair on a data pair.
 
     Parameters
@@ -190,7 +194,9 @@ def pair_pose(data_pair, model_pair, turn, motion):
 
 
 @njit
-def into_frame(a, b, pair, data, candidates, widen, near):
+def into_frame(
+    a: int, b: int, pair: FloatArray, data: DataFeatures, candidates: Int32Array, widen: float, near: Neighbourhood
+) -> int:
     """Bring neighbours of a data pair into the pair's frame; the pair itself is left out.
 
     Parameters
@@ -235,7 +241,16 @@ def into_frame(a, b, pair, data, candidates, widen, near):
 
 
 @njit
-def fits_a_third(pair, turn, i, j, count, near, model, data):
+def fits_a_third(
+    pair: FloatArray,
+    turn: float,
+    i: int,
+    j: int,
+    count: int,
+    near: Neighbourhood,
+    model: ModelFeatures,
+    data: DataFeatures,
+) -> bool:
     """Whether a neighbour of a data pair lies on a third model feature when the pair lies on a model pair.
 
     Parameters

@@ -6,13 +6,19 @@ loop applies one motion many times, :func:`unpacked` reads it once.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray
+
+# A row of twelve, or its numbers.
+Motion: TypeAlias = FloatArray | tuple[float, ...]
 
 
 @njit
-def unpacked(motion):
+def unpacked(motion: FloatArray) -> tuple[float, ...]:
     """The twelve numbers of a motion as a tuple; it can stand for the motion in the functions below.
 
     Parameters
@@ -41,7 +47,7 @@ def unpacked(motion):
 
 
 @njit
-def rotate(motion, x, y, z):
+def rotate(motion: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A direction of the model frame in the camera frame.
 
     Parameters
@@ -70,7 +76,7 @@ def rotate(motion, x, y, z):
 
 
 @njit
-def transform(motion, x, y, z):
+def transform(motion: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point of the model frame in the camera frame.
 
     Parameters
@@ -93,7 +99,7 @@ def transform(motion, x, y, z):
 
 
 @njit
-def inverse_rotate(motion, x, y, z):
+def inverse_rotate(motion: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A direction of the camera frame in the model frame.
 
     Parameters
@@ -116,7 +122,7 @@ def inverse_rotate(motion, x, y, z):
 
 
 @njit
-def inverse_transform(motion, x, y, z):
+def inverse_transform(motion: Motion, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point of the camera frame in the model frame.
 
     Parameters
@@ -131,11 +137,12 @@ def inverse_transform(motion, x, y, z):
         The point, model frame, metres.
 
     """
-    return inverse_rotate(motion, x - motion[9], y - motion[10], z - motion[11])
+    point: tuple[float, float, float] = inverse_rotate(motion, x - motion[9], y - motion[10], z - motion[11])
+    return point
 
 
 @njit
-def transform_line(motion, row):
+def transform_line(motion: Motion, row: FloatArray) -> tuple[float, float, float, float, float, float]:
     """A line of the model frame in the camera frame.
 
     Parameters
@@ -156,7 +163,7 @@ def transform_line(motion, row):
 
 
 @njit
-def compose_small(motion, centre, step):
+def compose_small(motion: FloatArray, centre: FloatArray, step: FloatArray) -> None:
     """Follow a motion, in place, by a turn about a centre and a shift.
 
     The turn is Rodrigues' formula; the rotation is then made orthonormal again.
@@ -197,7 +204,7 @@ def compose_small(motion, centre, step):
 
 
 @njit
-def orthonormalise(motion):
+def orthonormalise(motion: FloatArray) -> None:
     """Gram-Schmidt on the rows of a motion's rotation, in place.
 
     Parameters
@@ -221,7 +228,7 @@ def orthonormalise(motion):
 
 
 @njit
-def perpendiculars(ux, uy, uz):
+def perpendiculars(ux: float, uy: float, uz: float) -> tuple[float, float, float, float, float, float]:
     """Two unit vectors perpendicular to a direction and to each other.
 
     Parameters

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.back_projection import count_matches
-from ..geometry.features import DataFeatures
+from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.pair_pose import (
     Neighbourhood,
     fits_a_third,
@@ -46,7 +46,7 @@ class Candidates(NamedTuple):
 
 
 @njit
-def keep_candidate(motion, score, model, candidates):
+def keep_candidate(motion: FloatArray, score: float, model: ModelFeatures, candidates: Candidates) -> None:
     """Keep a pose among the best, unless a better one stands near it (SAME_TURN_TRACE, SAME_PLACE).
 
     Parameters
@@ -90,7 +90,7 @@ def keep_candidate(motion, score, model, candidates):
 
 
 @njit(nogil=True)
-def _gather(data, a, reach, widen, around):
+def _gather(data: DataFeatures, a: int, reach: float, widen: float, around: DataFeatures) -> int:
     """Copy what can lie on a model that data feature a lies on: all within reach (metres) and its own tolerances."""
     rows, tols = data.rows, data.tolerances
     count = 0
@@ -108,7 +108,7 @@ def _gather(data, a, reach, widen, around):
 
 
 @njit
-def _partners_of_both(partners, a, b, p, entered, near):
+def _partners_of_both(partners: Int32Array, a: int, b: int, p: int, entered: IntArray, near: Int32Array) -> None:
     """Numbers of the best partners of a data pair, number p, into near; -1 ends them. entered : (n,), scratch space"""
     knn = min(partners.shape[1], LOCAL_PARTNERS)
     count = 0
@@ -122,8 +122,20 @@ def _partners_of_both(partners, a, b, p, entered, near):
 
 
 @njit(nogil=True)
-def search_pairs(pairs, partners, model, table, data, widen, first, last, patience, candidates, state):
-    """Try the ranked data pairs first..last-1 and keep the best poses.
+def search_pairs(
+    pairs: Int32Array,
+    partners: Int32Array,
+    model: ModelFeatures,
+    table: PairTable,
+    data: DataFeatures,
+    widen: float,
+    first: int,
+    last: int,
+    patience: tuple[float, float],
+    candidates: Candidates,
+    state: IntArray,
+) -> None:
+    """Try the ranked data pairs from first to last - 1 and keep the best poses.
 
     A pair of data features is always finished, so that every pose which explains the same data is found.
 

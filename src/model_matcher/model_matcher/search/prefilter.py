@@ -20,7 +20,8 @@ from msgs_py import FeatureSet
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.line_pairs import rank_pairs
 from ..model.index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
-from ..model.problem import SEARCH_WIDTH, make_problem
+from ..model.problem import make_problem
+from ..model.settings import SEARCH_WIDTH
 from ..params import MatchParams
 from ..verification.false_alarms import needed_evidence
 from ..verification.refinement import refine_all

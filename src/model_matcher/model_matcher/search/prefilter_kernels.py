@@ -9,8 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import Int32Array, IntArray
 
 from ..geometry.back_projection import count_matches
+from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.pair_pose import (
     Neighbourhood,
     fits_a_third,
@@ -20,12 +22,14 @@ from ..geometry.pair_pose import (
     pair_pose,
     pair_window,
 )
-from .pair_search import keep_candidate
+from .pair_search import Candidates, keep_candidate
 from .settings import NEEDED
 
 
 @njit(nogil=True)
-def count_hypotheses(pairs, model, table, data, counts):
+def count_hypotheses(
+    pairs: Int32Array, model: ModelFeatures, table: PairTable, data: DataFeatures, counts: IntArray
+) -> None:
     """How many hypotheses each data pair makes for a model.
 
     Parameters
@@ -46,7 +50,15 @@ def count_hypotheses(pairs, model, table, data, counts):
 
 
 @njit(nogil=True)
-def best_poses(pairs, neighbours, model, table, data, widen, candidates):
+def best_poses(
+    pairs: Int32Array,
+    neighbours: Int32Array,
+    model: ModelFeatures,
+    table: PairTable,
+    data: DataFeatures,
+    widen: float,
+    candidates: Candidates,
+) -> None:
     """The best of the poses that the data pairs make for a model.
 
     Parameters

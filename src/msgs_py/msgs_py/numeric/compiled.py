@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, cast
+from typing import Any, cast, overload
 
 import numba
 import numpy as np
@@ -123,6 +123,10 @@ class ContentCache(_Cache):
         return cache_folder() / f'{self._function.__name__[:NAME_CHARACTERS]}-{key.hexdigest()}{SUFFIX}'
 
 
+@overload
+def njit(function: Callable[..., Any], **options: Any) -> Any: ...
+@overload
+def njit(function: None = None, **options: Any) -> Callable[[Callable[..., Any]], Any]: ...
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """``numba.njit`` with the cache of this module.
 
