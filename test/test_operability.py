@@ -128,6 +128,9 @@ def test_quality_of_service_is_overridden_by_parameters(graph):
     subscription = next(s for s in node.subscriptions if s.topic_name == '/features')
     assert subscription.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE
     assert subscription.qos_profile.depth == 7
+    other = graph.add(MatcherNode, parameters={'models': ['l_shape']}, namespace='other')
+    subscription = next(s for s in other.subscriptions if s.topic_name == '/other/features')
+    assert subscription.qos_profile.depth == 2, 'the next node of the process has its own'
 
 
 def test_ten_times_too_many_pairs_are_answered_with_the_newest_and_the_rest_is_counted(graph, frames):

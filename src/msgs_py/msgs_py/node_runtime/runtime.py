@@ -284,8 +284,12 @@ class GraphNode(Node, Generic[_C]):
         """
 
         def publisher(name: str) -> Publisher:
+            # A copy: rclpy writes what parameters override into the profile it is given.
             return self.create_publisher(
-                message_type, name, OUTPUT_QOS, qos_overriding_options=QoSOverridingOptions.with_default_policies()
+                message_type,
+                name,
+                copy.copy(OUTPUT_QOS),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
 
         if not formerly:
@@ -347,7 +351,7 @@ class GraphNode(Node, Generic[_C]):
             message_type,
             topic,
             on_message,  # type: ignore[arg-type]
-            INPUT_QOS,
+            copy.copy(INPUT_QOS),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         return subscription
