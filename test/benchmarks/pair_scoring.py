@@ -67,24 +67,29 @@ def _share(part: float, whole: float) -> float | None:
 
 
 def _samples(pair: TruePair, edges: FeatureSet) -> dict[str, np.ndarray]:
-    """Samples of the reported edges, evenly in the left image."""
+    """Samples of the reported edges that lie in the left image, evenly in it."""
     start, end = (x[:, :2] / np.maximum(x[:, 2:], 1e-6) for x in (edges.start, edges.end))
     focal = np.array([pair.rig.left.fx, pair.rig.left.fy])
     inverse = 1.0 / np.maximum(np.stack([edges.start[:, 2], edges.end[:, 2]], axis=1), 1e-6)
     length = np.linalg.norm((end - start) * focal, axis=1)
-    # An edge that is far out of the picture or wildly deep is not sampled for ever.
-    size = np.clip(np.maximum(length, pair.scale * np.abs(inverse[:, 1] - inverse[:, 0])), 0.0, 5000.0)
+    # An edge that leaves the picture or is wildly deep is not sampled for ever.
+    size = np.minimum(
+        np.maximum(length, pair.scale * np.abs(inverse[:, 1] - inverse[:, 0])), 2.0 * sum(pair.left.shape)
+    )
     count = np.ceil(size / STEP).astype(int) + 1
     owner = np.repeat(np.arange(len(edges)), count)
     place = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
     t = ((place + 0.5) / count[owner])[:, None]
     seen = (1 - t) * start[owner] + t * end[owner]
+    pixel = seen * focal + [pair.rig.left.cx, pair.rig.left.cy]
+    inside = pair.rig.left.contains(pixel)
+    seen, pixel, owner, t = seen[inside], pixel[inside], owner[inside], t[inside]
     depth = 1.0 / ((1 - t[:, 0]) * inverse[owner, 0] + t[:, 0] * inverse[owner, 1])
     slope = (end - start) * focal
     slope = slope / np.maximum(length, 1e-9)[:, None]
     return {
         'point': np.column_stack([seen, np.ones(len(seen))]) * depth[:, None],
-        'pixel': seen * focal + [pair.rig.left.cx, pair.rig.left.cy],
+        'pixel': pixel,
         'disparity': pair.scale / depth,
         'slope': slope[owner],
         'direction': edges.directions[owner],
@@ -163,7 +168,7 @@ def _precision(pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], o
     key = mine['owner'] * (len(pair.edges) + 1) + on_edge + 1
     votes = np.bincount(key, minlength=len(edges) * (len(pair.edges) + 1)).reshape(len(edges), -1)[:, 1:]
     best = votes.argmax(axis=1)
-    own = np.flatnonzero(votes[np.arange(len(edges)), best] >= BELONGS * count)
+    own = np.flatnonzero(votes[np.arange(len(edges)), best] >= np.maximum(BELONGS * count, 1))
     best = best[own]
     a, b = pair.edges[best, 0], pair.edges[best, 1]
     true_length = np.linalg.norm(b - a, axis=1)
@@ -347,7 +352,8 @@ def drawing(pair: TruePair, features: FeatureSet) -> np.ndarray:
     """(h, w, 3) uint8 BGR, small pictures twice as large: true samples found (green) and missed (red), reported samples
     that are wrong (magenta); right ones on a mere surface, and true ones not asked for, pale blue."""
     factor = 2 if pair.left.shape[1] < 900 else 1
-    image = cv2.cvtColor(cv2.resize(pair.left, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) // 2 + 40, 8)
+    large = cv2.resize(pair.left, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    image = cv2.cvtColor(large // 2 + 40, cv2.COLOR_GRAY2BGR)
     edges = features.of_kind(FeatureKind.EDGE)
     mine = _samples(pair, edges)
     right, _, judged, on_edge = judged_samples(pair, mine)
