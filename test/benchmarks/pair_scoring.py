@@ -278,7 +278,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         result[name] = float(np.mean(pooled[name])) if pooled[name] else None
     for name in ('circles', 'circles_found', 'circles_twice', 'curves', 'curves_on_nothing', 'edges'):
         result[name] = int(add(name))
-    for name in ('recall', 'recall_flat', 'right', 'gross', 'ms', 'lsd_ms', 'in_lsd'):
+    for name in ('recall', 'recall_flat', 'right', 'gross', 'ms', 'lsd_ms', 'in_lsd', 'cpu_in_lsd'):
         values = [row[name] for row in rows if row.get(name) is not None]
         result[f'pair_{name}'] = float(np.median(values)) if values else None
     stages = sorted({stage for row in rows for stage in row.get('stages', {})})
