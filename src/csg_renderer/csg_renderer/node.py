@@ -49,7 +49,11 @@ class RendererConfig(Config):
         0.0, 'Focal length; 0: as the scene says, else 703 px at 512 px width', unit='px', minimum=0.0, maximum=1e6
     )
     baseline: float = parameter(
-        0.0, 'Distance of the two eyes; 0: as the scene says, else its distance / 5', unit='m', minimum=0.0, maximum=1e3
+        0.0,
+        'Distance of the two cameras; 0: as the scene says, else its distance / 5',
+        unit='m',
+        minimum=0.0,
+        maximum=1e3,
     )
     encoding: str = parameter('mono8', 'Encoding of the images', choices=('mono8', 'rgb8'))
     psf: float = parameter(0.0, 'Standard deviation of the lens blur', unit='px', minimum=0.0, maximum=20.0)

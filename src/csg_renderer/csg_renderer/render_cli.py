@@ -31,8 +31,8 @@ from .raycast.sensor import SensorModel
 from .scene.mesh_export import ExportError, export_mesh
 from .scene.scene import Scene
 
-# How often --watch looks at the files, seconds.
-LOOK_EVERY = 0.25
+# Time between two checks of the files by --watch, seconds: short enough to seem immediate.
+WATCH_PERIOD = 0.25
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -193,7 +193,7 @@ def watch(options: argparse.Namespace, wait: Callable[[float], None] = time.slee
                     print(f'render: {error}', file=sys.stderr)
                 seen = [_changed_at(file) for file in files] if len(files) != len(now) else now
                 _say(options, f'watching {len(files)} file{"s" * (len(files) > 1)}; Ctrl-C ends')
-            wait(LOOK_EVERY)
+            wait(WATCH_PERIOD)
             rounds = None if rounds is None else rounds - 1
     except KeyboardInterrupt:
         pass
@@ -269,7 +269,7 @@ def _parser() -> argparse.ArgumentParser:
     view = parser.add_argument_group('camera')
     view.add_argument('--size', type=_size, metavar='WxH', help='pixels; default: what the scene says, or 512x512')
     view.add_argument('--focal', type=float, default=0.0, metavar='PX', help='focal length in pixels')
-    view.add_argument('--baseline', type=float, metavar='MM', help='distance of the eyes, mm')
+    view.add_argument('--baseline', type=float, metavar='MM', help='distance of the two cameras, mm')
     how = parser.add_argument_group('how')
     how.add_argument('--engine', choices=sorted(ENGINES), default='native', help='who renders (native)')
     how.add_argument('--levels', type=int, default=1, metavar='N', help='surfaces a ray may meet; 1 is ray casting (1)')

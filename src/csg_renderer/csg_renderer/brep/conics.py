@@ -29,6 +29,7 @@ from .settings import (
     SCATTER,
     SCATTERED_IMAGINARY,
     SHARED_DIRECTION,
+    SIGN_WEIGHTS,
     TOUCHING,
     UNIT_CIRCLE,
     VANISHING,
@@ -294,7 +295,8 @@ def identity(conic: np.ndarray) -> np.ndarray:
     dual = conic @ np.diag([1.0, 1.0, -1.0]) @ np.swapaxes(conic, 1, 2)
     dual = dual.reshape(len(conic), 16)
     dual = dual / np.linalg.norm(dual, axis=1, keepdims=True)
-    signed: FloatArray = dual * np.where(dual[:, :1] * 0.3 + dual[:, 5:6] * 0.7 + dual[:, 10:11] * 0.5 < 0.0, -1.0, 1.0)
+    sign = dual[:, :1] * SIGN_WEIGHTS[0] + dual[:, 5:6] * SIGN_WEIGHTS[1] + dual[:, 10:11] * SIGN_WEIGHTS[2]
+    signed: FloatArray = dual * np.where(sign < 0.0, -1.0, 1.0)
     return signed
 
 

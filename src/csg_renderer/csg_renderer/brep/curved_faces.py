@@ -24,6 +24,7 @@ from .settings import (
     BESIDE_BORDER,
     GENERIC_PHASE,
     MERIDIANS,
+    NO_DIRECTION,
     ON_AXIS,
     POLAR_PLANES,
     POLE_TRIALS,
@@ -199,7 +200,7 @@ def _seeds(
         at, tangent = outline.nodes[pick], outline.steps[pick]
         outward = table.gradients(at, np.full((len(at), 1), group))[:, 0]
         inward = np.cross(outward, tangent) @ chart.inverse[:3, :3].T * (1.0 if left[k] else -1.0)
-        inward *= BESIDE_BORDER / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-30)
+        inward *= BESIDE_BORDER / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), NO_DIRECTION)
         points.append(chart.local(at) + inward)
         owner += [k] * len(at)
     return np.array(owner, int), np.concatenate([np.zeros((0, 3)), *points])

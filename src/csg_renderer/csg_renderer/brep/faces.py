@@ -16,7 +16,7 @@ import numpy as np
 from msgs_py.numeric.vectors import perpendicular
 
 from .neighbourhood import Branches
-from .settings import CORNER_REACH, QUADRATURE_NODES, QUADRATURE_RANGE, SAME_TURN, SAME_VERTEX
+from .settings import CORNER_REACH, NO_LENGTH, QUADRATURE_NODES, QUADRATURE_RANGE, SAME_TURN, SAME_VERTEX
 from .surfaces import SurfaceTable, cluster
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_NODES)
@@ -201,7 +201,7 @@ class _Ray:
         chord = near - vertex
         angle, reach = float(np.arctan2(chord[1], chord[0])), float(np.linalg.norm(chord))
         half = (float(np.arctan2(step[1], step[0])) - angle + np.pi) % (2.0 * np.pi) - np.pi
-        return cls(angle - half, half / max(reach, 1e-300), reach)
+        return cls(angle - half, half / max(reach, NO_LENGTH), reach)
 
     def angle(self, distance: float) -> float:
         """Direction, radians, of the chord to the point at this distance."""

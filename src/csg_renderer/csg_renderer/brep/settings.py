@@ -168,6 +168,16 @@ FAR_DISTANCE = 1e4
 APEX_POINTS = 200
 APEX_DISTANCE = 1e-5
 
+# -- divisors --------------------------------------------------------------------------------------------------------
+
+# Least divisors in place of a zero length: of an arc that ends where it begins, and of a vector without direction. Far
+# below any length, so that only what is zero changes.
+NO_LENGTH = 1e-300
+NO_DIRECTION = 1e-30
+# Weights of the first three diagonal elements of a dual conic whose sum decides its sign: unequal, so that they do not
+# cancel for circles and axis-parallel ellipses.
+SIGN_WEIGHTS = (0.3, 0.7, 0.5)
+
 # -- memory ----------------------------------------------------------------------------------------------------------
 
 # Largest number of array elements computed at once: values of lines at leaves, and signs of sectors.

@@ -53,7 +53,7 @@ SAME_AXIS = 1e-3
 
 # A ray to a crease of a mesh ends this part of its length early, so that the crease's own triangles do not hide it.
 BEFORE_CREASE = 1e-4
-# Distance of the eye from the model's middle, and how much nearer the model's nearest point is, in model sizes.
+# Distance of the viewpoint from the model's middle, and how much nearer the model's nearest point is, in model sizes.
 VIEW_DISTANCE = 6.0
 VIEW_NEARER = 0.5
 # Part of the picture that the model fills.

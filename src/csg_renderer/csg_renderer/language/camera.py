@@ -19,7 +19,7 @@ CLAUSES: dict[str, tuple[tuple[int, ...], str]] = {
     'CENTRE': ((2,), 'principal point in pixels'),
     'K': ((9,), 'rows of the calibration matrix'),
     'RT': ((12,), 'rows of [R|t], camera from scene'),
-    'FROM': ((3,), 'eye position'),
+    'FROM': ((3,), 'position of the camera'),
     'TO': ((3,), 'point looked at'),
     'UP': ((3,), 'direction that is up in the picture'),
 }
@@ -61,20 +61,43 @@ def camera_of(clauses: dict[str, list[float]], per_metre: float) -> tuple[Pinhol
         if 'UP' in clauses:
             raise ValueError('UP goes with TO(x, y, z)')
         return camera, Pose(), None
-    eye, target = (
+    viewpoint, target = (
         [length(n, per_metre, 'position') for n in clauses.get(name, [0.0, 0.0, 0.0])] for name in ('FROM', 'TO')
     )
     if 'TO' not in clauses:
         if 'UP' in clauses:
             raise ValueError('UP goes with TO(x, y, z)')
-        return camera, Pose(np.eye(3), -np.asarray(eye)), None
-    distance = float(np.linalg.norm(np.subtract(target, eye)))
-    return camera, look_at(eye, target, clauses.get('UP', [0.0, -1.0, 0.0])), distance
+        return camera, Pose(np.eye(3), -np.asarray(viewpoint)), None
+    distance = float(np.linalg.norm(np.subtract(target, viewpoint)))
+    return camera, look_at(viewpoint, target, clauses.get('UP', [0.0, -1.0, 0.0])), distance
 
 
-def look_at(eye: list[float], target: list[float], up: list[float]) -> Pose:
-    """camera_T_scene of a camera at ``eye`` that sees ``target`` in the middle and ``up`` upwards (image y is down)."""
-    forward = np.subtract(target, eye)
+def look_at(viewpoint: list[float], target: list[float], up: list[float]) -> Pose:
+    """The pose of a camera that sees a point in the middle of its image.
+
+    Parameters
+    ----------
+    viewpoint, target : (3,) sequence of float
+        Where the camera is, and what it looks at, metres, scene frame.
+    up : (3,) sequence of float
+        Direction that points upwards in the image (whose y points down), scene frame.
+
+    Returns
+    -------
+    Pose
+        camera_T_scene.
+
+    Raises
+    ------
+    ValueError
+        The directions are none, or are parallel.
+
+    Examples
+    --------
+    >>> look_at([0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [0.0, -1.0, 0.0]).translation.tolist()
+    [0.0, 0.0, 1.0]
+    """
+    forward = np.subtract(target, viewpoint)
     distance = np.linalg.norm(forward)
     if not distance > 0.0:
         raise ValueError('CAMERA: FROM and TO are the same point')
@@ -87,7 +110,7 @@ def look_at(eye: list[float], target: list[float], up: list[float]) -> Pose:
         raise ValueError('CAMERA: UP is parallel to the viewing direction')
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
-    return Pose(rotation, -rotation @ np.asarray(eye, dtype=np.float64))
+    return Pose(rotation, -rotation @ np.asarray(viewpoint, dtype=np.float64))
 
 
 def _exclude(clauses: dict[str, list[float]], word: str, others: tuple[str, ...]) -> None:

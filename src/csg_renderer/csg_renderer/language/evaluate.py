@@ -217,7 +217,7 @@ class Evaluator(Expressions):
             elif node.word == 'STEREO':
                 self._only_once('STEREO', node.place)
                 if len(numbers) != 1 or not numbers[0] > 0.0:
-                    raise ValueError('STEREO takes one number > 0, the distance between the eyes')
+                    raise ValueError('STEREO takes one number > 0, the distance of the two cameras')
                 self.lengths_used = True
                 drawing.baseline = length(numbers[0], self.per_metre, 'baseline')
             else:

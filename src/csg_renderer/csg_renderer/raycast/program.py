@@ -1,6 +1,6 @@
 """A scene made ready for the engines: flat arrays instead of trees.
 
-Scenes are rendered many times (two eyes, many poses), so what does not depend on the camera is worked out once here.
+Scenes are rendered many times (two cameras, many poses), so what does not depend on the camera is worked out once here.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Occluding contours: where an eye's rays touch the curved surfaces of a solid.
+"""Occluding contours: where a viewpoint's rays touch the curved surfaces of a solid.
 
 The rays from a point that touch a quadric do so in one plane, the point's polar plane, so a contour is a conic or a
 pair of rulings like any other tentative curve (Semple & Kneebone, Algebraic projective geometry). It depends on the
-eye and is no crease: a stereo pair sees two different ones.
+viewpoint and is no crease: a stereo pair sees two different ones.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from .image_cuts import Wires
 from .settings import NO_POLAR_PLANE
 
 
-def contours(table: SurfaceTable, eye: np.ndarray) -> Wires:
+def contours(table: SurfaceTable, viewpoint: np.ndarray) -> Wires:
     """The occluding contours of a solid's boundary; hidden parts are not removed.
 
     Parameters
     ----------
     table : SurfaceTable
-    eye : (3,) float64, metres, model frame
+    viewpoint : (3,) float64, metres, model frame
 
     Returns
     -------
     Wires
         Model frame, metres.
     """
-    origin = np.append(table.normalised(eye), 1.0)
+    origin = np.append(table.normalised(viewpoint), 1.0)
     parts = []
     for k, quadric in enumerate(table.quadrics):
         polar = quadric @ origin

@@ -2,7 +2,7 @@
 
 Along a crease, visibility can change only where its image crosses the image of another crease or occluding contour,
 or the image's border. Creases are split there, and for one point of each piece the tree gives the material between it
-and the eye. No image is rendered and nothing is sampled.
+and the viewpoint. No image is rendered and nothing is sampled.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class VisibleFeatures:
 
     @cached_property
     def contours(self) -> FeatureSet:
-        """Occluding contours of curved surfaces, as edges and curves; they move with the eye and are no creases."""
+        """Occluding contours of curved surfaces, as edges and curves; they move with the camera and are no creases."""
         return self.scene.visible_contours(0, self.camera)
 
     @cached_property
@@ -152,9 +152,9 @@ def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[Fea
         For each solid the pieces, left camera frame, metres, and the model feature of each.
     """
     right = [(solid, Pose(pose.rotation, pose.translation + rig.right_T_left, pose.scale)) for solid, pose in placed]
-    eyes = [(Scenery(placed), rig.left), (Scenery(right), rig.right)]
+    sides = [(Scenery(placed), rig.left), (Scenery(right), rig.right)]
     return [
-        fragments(solid, pose, eyes[0][0].seen(k, eyes[0][1]) & eyes[1][0].seen(k, eyes[1][1]))
+        fragments(solid, pose, sides[0][0].seen(k, sides[0][1]) & sides[1][0].seen(k, sides[1][1]))
         for k, (solid, pose) in enumerate(placed)
     ]
 
@@ -225,7 +225,7 @@ class Scenery:
         return _joined(row, low, high, seen[: len(row)]), _joined(curve, first, last, seen[len(row) :])
 
     def hides(self, points: np.ndarray, thin: float = THIN) -> np.ndarray:
-        """(n,) bool: some solid stands between the eye and points (n, 3)."""
+        """(n,) bool: some solid stands between the viewpoint and points (n, 3)."""
         out = np.zeros(len(points), bool)
         for solid, pose in self.placed:
             back = pose.inverse()
@@ -234,7 +234,7 @@ class Scenery:
         return out
 
     def visible_contours(self, index: int, camera: PinholeCamera) -> FeatureSet:
-        """Occluding contours of one solid that the camera sees, as edges and curves with normals towards the eye."""
+        """Occluding contours of one solid that the camera sees, as edges and curves with normals towards it."""
         wires = self.contours[index]
         straight, curved = self.spans(wires, camera)
         curved = round_circles(wires, curved)
@@ -323,7 +323,7 @@ def round_circles(wires: Wires, spans: Spans) -> Spans:
 
 
 def frustum(camera: PinholeCamera) -> np.ndarray:
-    """(5, 3): normals n of the planes through the eye with n.x >= 0 inside the image (its outer pixel borders)."""
+    """Normals (5, 3) n of the planes through the viewpoint with n.x >= 0 inside the outer borders of the image."""
     left, right = (-0.5 - camera.cx) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx
     top, bottom = (-0.5 - camera.cy) / camera.fy, (camera.height - 0.5 - camera.cy) / camera.fy
     return np.array([[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]])

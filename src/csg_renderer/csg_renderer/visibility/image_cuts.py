@@ -1,7 +1,7 @@
-"""Where space curves cross each other as an eye at the origin sees them.
+"""Where space curves cross each other as a viewpoint at the origin sees them.
 
-Two curves cross in the image where one ray from the eye meets both: a straight piece and the eye span a plane, a conic
-and the eye a quadric cone, so every crossing is a root in closed form. No image plane is needed.
+Two curves cross in the image where one ray from the viewpoint meets both: a straight piece and the viewpoint span a
+plane, a conic and the viewpoint a quadric cone, so every crossing is a root in closed form. No image plane is needed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from msgs_py.numeric.typed import BoolArray
 
 from ..brep.conics import evaluate, quadric_angles
-from .settings import EDGE_ON, PAST_END, SHORTEST_PIECE
+from .settings import EDGE_ON, NO_NORM, PAST_END, SHORTEST_PIECE
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +59,11 @@ def cut_segments(segment: np.ndarray, others: Wires, planes: np.ndarray) -> tupl
 
     Parameters
     ----------
-    segment : (n, 2, 3) float64, metres, eye at the origin
+    segment : (n, 2, 3) float64, metres, viewpoint at the origin
     others : Wires
         The curves that cut; the same frame.
     planes : (p, 3) float64
-        Normals n of planes through the eye; the image is where n.x >= 0 for all.
+        Normals n of planes through the viewpoint; the image is where n.x >= 0 for all.
 
     Returns
     -------
@@ -125,12 +125,12 @@ def runs(curve: np.ndarray, low: np.ndarray, high: np.ndarray, wanted: np.ndarra
 def _segment_by_segment(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
     """(n, m): where segments a-b are crossed by segments c-d, as fractions of a-b; NaN where they are not."""
     own, other = np.cross(a, b), np.cross(c, d)
-    # c-d meets the plane of the eye and a-b at s; a-b meets the plane of the eye and c-d at t.
+    # c-d meets the plane of the viewpoint and a-b at s; a-b meets the plane of the viewpoint and c-d at t.
     c_side, d_side = own @ c.T, own @ d.T
     a_side, b_side = a @ other.T, b @ other.T
     s, t = c_side / (c_side - d_side), a_side / (a_side - b_side)
     met = (s >= -PAST_END) & (s <= 1.0 + PAST_END) & (t >= -PAST_END) & (t <= 1.0 + PAST_END)
-    # Both points lie on one ray, not one in front of the eye and one behind it.
+    # Both points lie on one ray, not one in front of the viewpoint and one behind it.
     here_c, along_c = a @ c.T, (b - a) @ c.T
     here_d, along_d = a @ d.T, (b - a) @ d.T
     same = (here_c + t * along_c) * (1.0 - s) + (here_d + t * along_d) * s > 0.0
@@ -180,7 +180,7 @@ def _conic_by_conic(conic: np.ndarray, others: Wires) -> np.ndarray:
     inverse = np.linalg.inv(np.where(regular[:, None, None], base, np.eye(3)))
     cone = np.swapaxes(inverse, 1, 2) @ np.diag([1.0, 1.0, -1.0]) @ inverse
     form = np.einsum('nia,mij,njb->nmab', conic[:, :3], cone, conic[:, :3])
-    angle = quadric_angles(form, np.linalg.norm(form, axis=(2, 3)) + 1e-300)
+    angle = quadric_angles(form, np.linalg.norm(form, axis=(2, 3)) + NO_NORM)
     point = evaluate(np.repeat(conic, 4 * m, axis=0), angle.ravel()).reshape(c, m, 4, 3)
     own = np.einsum('mij,nmkj->nmki', inverse, point)
     at = np.arctan2(own[..., 1], own[..., 0])
@@ -189,7 +189,7 @@ def _conic_by_conic(conic: np.ndarray, others: Wires) -> np.ndarray:
 
 
 def _plane_angles(conic: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(c, n, 2): angles at which conics meet planes through the eye, or NaN."""
+    """(c, n, 2): angles at which conics meet planes through the viewpoint, or NaN."""
     linear = np.einsum('cij,ni->cnj', conic[:, :3], normal)
     size = np.hypot(linear[..., 0], linear[..., 1])
     cosine = -linear[..., 2] / size

@@ -1,4 +1,4 @@
-"""Points that a solid hides from an eye. The test is exact: every leaf is convex, so a ray meets it in one interval."""
+"""Points that a solid hides from a viewpoint, exactly: every leaf is convex, so a ray meets it in one interval."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..brep.surfaces import SurfaceTable
 from .settings import LEVEL_RAY, PARALLEL_RAY, RAY_CHUNK, THIN
 
 
-def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray, thin: float = THIN) -> np.ndarray:
+def hidden(table: SurfaceTable, viewpoint: np.ndarray, targets: np.ndarray, thin: float = THIN) -> np.ndarray:
     """Points that a solid hides.
 
     Parameters
     ----------
     table : SurfaceTable
-    eye : (3,) or (n, 3) float64, metres, model frame
+    viewpoint : (3,) or (n, 3) float64, metres, model frame
     targets : (n, 3) float64, metres, model frame
     thin : float
         Least thickness along the ray, in model sizes, of material that hides.
@@ -25,12 +25,12 @@ def hidden(table: SurfaceTable, eye: np.ndarray, targets: np.ndarray, thin: floa
     Returns
     -------
     (n,) bool
-        Material of the solid stands between the eye and the target.
+        Material of the solid stands between the viewpoint and the target.
     """
     n, m = len(targets), len(table.leaves)
     if not m or not n:
         return np.zeros(n, bool)
-    origin = np.broadcast_to(table.normalised(eye), (n, 3))
+    origin = np.broadcast_to(table.normalised(viewpoint), (n, 3))
     ray = table.normalised(targets) - origin
     step = max(1, RAY_CHUNK // (2 * m * m + 64))
     return np.concatenate([_hidden(table, origin[i : i + step], ray[i : i + step], thin) for i in range(0, n, step)])

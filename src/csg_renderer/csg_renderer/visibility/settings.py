@@ -13,7 +13,8 @@ SHORTEST_PIECE = 1e-9
 PAST_END = 1e-6
 # Determinant of a conic's first three rows, relative to the cube of their norm, of a conic that is seen edge-on.
 EDGE_ON = 1e-12
-# Length of the normal of an eye's polar plane when the eye is the centre of the quadric: there is no contour.
+# Length of the normal of a viewpoint's polar plane when the viewpoint is the centre of the quadric: there is no
+# contour.
 NO_POLAR_PLANE = 1e-12
 # Material thinner than this along the ray, in model sizes, does not hide: the ray to a point of a contour is tangent
 # there, and rounding makes that a sliver of about the square root of the machine's precision.
@@ -26,6 +27,8 @@ PARALLEL_RAY = 1e-12
 LEVEL_RAY = 1e-14
 # Distance, in model sizes, between the end of an axis and the centre or the plane of a rim about it.
 RIM_DISTANCE = 1e-6
+# Added to the norm of the form of two conics, so that it is no zero divisor; far below any norm.
+NO_NORM = 1e-300
 # Points along a crease that is no matching feature, where a polyline stands for it.
 CREASE_POINTS = 65
 # Largest number of array elements computed at once.

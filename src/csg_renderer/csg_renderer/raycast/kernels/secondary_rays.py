@@ -1,7 +1,7 @@
 """Compiled ray tracing (thesis 4.2, 4.5): shadow feelers, mirrors and glass, for batches of rays in vectorised loops.
 
 Pending rays wait on a stack with their weight in their pixel, so that nothing has to be unwound; they are taken from it
-a batch at a time. A batch lives in one scratch array ``s``, like the rows of kernels.py, at the fixed offsets below.
+a batch at a time. A batch lives in one scratch array ``s``, like the rows of rows.py, at the fixed offsets below.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def crossing_in_cell(corners, bilinear, ray, length):
         if -slack <= first <= length + slack:
             return first
         return second if -slack <= second <= length + slack else INF
-    # Two planes that meet on the diagonal: the height above ground is linear up to it and linear beyond it.
+    # Two planes that meet on the diagonal: the height above the terrain is linear up to it and linear beyond it.
     k = a - b - c + d
     above = fx + fy > 1.0
     begin, value = 0.0, start - (k * (fx + fy - 1.0) if above else 0.0)
@@ -136,7 +136,7 @@ def terrain_ray(terrains, g, m, ray, nearest, farthest):
 
 @kernel
 def terrain_row(s, end, y, terrains, local, tolerance):
-    """Merge the ground into DEPTH and HIT of a row of camera rays."""
+    """Merge the terrains into DEPTH and HIT of a row of camera rays."""
     for g in range(terrains.leaf.shape[0]):
         leaf = terrains.leaf[g]
         code = leaf * LEAF_STEP
@@ -153,7 +153,7 @@ def terrain_row(s, end, y, terrains, local, tolerance):
 
 @kernel
 def terrain_normals(s, j0, j1, leaf, terrains, inverse):
-    """As normals_run, for a run of pixels that show the ground."""
+    """As normals_run, for a run of pixels that show a terrain."""
     m = inverse[leaf]
     g = 0
     while terrains.leaf[g] != leaf:

@@ -255,7 +255,7 @@ def list_row(work, j0, j1, child, y, tolerance, csg, camera):
 
 @kernel
 def settle_row(work, m, y, tolerance, csg, camera):
-    """Ask the programs where products were in doubt.
+    """Ask the programs where products left open whose face it is.
 
     Where several faces coincide, the products of a tree may disagree with it on whose face bounds the solid: what
     bounds one product may be inside the next. The place is certain, and a list of boundaries names the face.
