@@ -1,4 +1,4 @@
-"""Edges that blur into one chain, told apart by their profile; closed form: bars of known width and place."""
+"""Edges that blur into one chain, separated by a fit to their profile; closed form: bars of known width."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from stereo_recovery.detection import double_edge_kernels, edgels
 from stereo_recovery.detection.chains import link
 from stereo_recovery.detection.double_edges import fit_double_steps
-from stereo_recovery.detection.settings import PROFILE_REACH
+from stereo_recovery.detection.settings import PROFILE_HALF_LENGTH
 from stereo_recovery.detection.splitting import split
 
 SIGMA = 0.8
@@ -75,7 +75,7 @@ def test_an_unusual_edge_that_is_no_pair_of_steps_is_less_certain():
 
 
 def test_two_steps_are_recovered_from_their_own_profile():
-    x = np.linspace(-PROFILE_REACH, PROFILE_REACH, 17)
+    x = np.linspace(-PROFILE_HALF_LENGTH, PROFILE_HALF_LENGTH, 17)
     place = np.array([-20.0, -7.0, 7.0, 20.0])
 
     def bell(at):

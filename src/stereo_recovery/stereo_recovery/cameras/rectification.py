@@ -163,6 +163,6 @@ class Rectifier:
                     f'{side} image: {image.shape[1]} x {image.shape[0]} pixels, its camera_info says '
                     f'{size[0]} x {size[1]}'
                 )
-            # Lanczos keeps edges where they are; linear interpolation would blur them by place.
+            # Lanczos keeps edges where they are; linear interpolation would blur them by their sub-pixel position.
             result.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
         return result[0], result[1]

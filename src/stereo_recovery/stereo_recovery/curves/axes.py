@@ -264,7 +264,7 @@ def _tangent_sides(curve: Curve, segments: Segments, view: CameraView) -> Int8Ar
     radius = np.sqrt(np.linalg.eigvalsh(shape)[-1])
     gap = np.maximum(np.maximum(segments.extent[:, 0] - abscissa, abscissa - segments.extent[:, 1]), 0.0)
     limit = np.minimum(settings.TANGENT_DISTANCE + sigma, settings.MOST_TANGENT_DISTANCE)
-    near = (np.abs(np.abs(offset) - width) < limit) & (gap < settings.TANGENT_REACH * radius)
+    near = (np.abs(np.abs(offset) - width) < limit) & (gap < settings.TANGENT_GAP * radius)
     # The segment starts near the touching point; it does not pass it.
     inside = np.minimum(abscissa - segments.extent[:, 0], segments.extent[:, 1] - abscissa)
     near &= (inside < settings.MOST_INSIDE_SHARE * segments.length) & (segments.arc < 0)

@@ -36,8 +36,8 @@ def recover_curve(
     Curve or None
         With its edgels, arc, coverage and a normal out of its face; None when it does not fit.
     """
-    mine = edgels.select(chosen)
-    curve = _first_fit(start, mine, axis)
+    curve_edgels = edgels.select(chosen)
+    curve = _first_fit(start, curve_edgels, axis)
     if curve is None or curve.rms > settings.WORST_RMS or curve.centre[2] <= 0.0:
         return None
     fitted: EdgelMasks = (np.zeros(0, bool), np.zeros(0, bool))
@@ -52,34 +52,34 @@ def recover_curve(
         if changed < settings.SETTLED_SHARE * (fit_left.sum() + fit_right.sum()):
             break
         fitted = (fit_left, fit_right)
-        mine = edgels.select(fitted)
-        again = refine(curve, mine, curve.is_circle, settings.REFIT_ROUNDS, axis)
+        curve_edgels = edgels.select(fitted)
+        again = refine(curve, curve_edgels, curve.is_circle, settings.REFIT_ROUNDS, axis)
         if again is None:
             return None
         curve = replace(again, left=on_left, right=on_right)
         if axis is None and curve.is_circle:
-            curve = _perhaps_ellipse(curve, mine)
+            curve = _perhaps_ellipse(curve, curve_edgels)
     if curve.rms > settings.WORST_RMS:
         return None
-    arc, coverage = visible_arc(curve, mine)
+    arc, coverage = visible_arc(curve, curve_edgels)
     return outward(replace(curve, arc=arc, coverage=coverage))
 
 
-def _first_fit(start: Curve, mine: StereoEdgels, axis: AxisConstraint | None) -> Curve | None:
+def _first_fit(start: Curve, curve_edgels: StereoEdgels, axis: AxisConstraint | None) -> Curve | None:
     """A circle or, without an axis constraint, the ellipse that fits much better than a circle that fits badly."""
-    curve = refine(start, mine, circle=True, axis=axis)
+    curve = refine(start, curve_edgels, circle=True, axis=axis)
     if axis is None and (curve is None or curve.rms > settings.GOOD_RMS):
-        ellipse = refine(start, mine, circle=False)
+        ellipse = refine(start, curve_edgels, circle=False)
         if ellipse is not None and (curve is None or ellipse.rms * np.sqrt(settings.ELLIPSE_GAIN) < curve.rms):
             return ellipse
     return curve
 
 
-def _perhaps_ellipse(circle: Curve, mine: StereoEdgels) -> Curve:
+def _perhaps_ellipse(circle: Curve, curve_edgels: StereoEdgels) -> Curve:
     """An ellipse instead of a circle that fits badly, if the ellipse fits much better and is not nearly round."""
     if circle.rms <= settings.CIRCLE_RMS and circle.misfit <= settings.CIRCLE_MISFIT:
         return circle
-    ellipse = refine(circle, mine, circle=False, rounds=settings.REFIT_ROUNDS)
+    ellipse = refine(circle, curve_edgels, circle=False, rounds=settings.REFIT_ROUNDS)
     if (
         ellipse is not None
         and ellipse.rms**2 * settings.ELLIPSE_GAIN < circle.rms**2

@@ -202,7 +202,7 @@ def disparity_of_parallel_plane(normal: FloatArray, samples: FloatArray, rig: St
     normal : (3,) float64
         Left optical frame.
     samples : (k, 3) float64, pixels
-        u, v, disparity; the plane has their median disparity at their median place.
+        u, v, disparity; the plane has their median disparity at their median position.
     rig : StereoRig
         The cameras.
 

@@ -112,9 +112,9 @@ class _ContourDistances:
     length: FloatArray
     before_apex: BoolArray
 
-    def sides(self, distance: float, reach: float) -> Int8Array:
+    def sides(self, distance: float, gap: float) -> Int8Array:
         """(n,) int8: 1 or 2 for segments on one or the other contour, else 0; see :func:`contour_sides`."""
-        near = self._near(distance) & (-self.inside < reach * self.radius)
+        near = self._near(distance) & (-self.inside < gap * self.radius)
         return np.where(near[1], 2, near[0]).astype(np.int8)
 
     def sides_below_apex(self, distance: float) -> Int8Array:
@@ -185,7 +185,7 @@ def contour_sides(surface: CurvedSurface, segments: Segments, view: CameraView) 
         contours alike.
     """
     distances = _contour_distances(surface, segments, view)
-    return distances.sides(settings.CONTOUR_DISTANCE, settings.CONTOUR_REACH)
+    return distances.sides(settings.CONTOUR_DISTANCE, settings.CONTOUR_GAP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +215,7 @@ class Contours:
     def abscissae(self, point: FloatArray, direction: FloatArray) -> FloatArray:
         """(k, 2) float64, metres: where along an axis (point (3,), unit direction (3,)) the segments' ends are.
 
-        A line of sight touches the surface beside the place where it passes the axis.
+        A line of sight touches the surface beside the point where it passes the axis.
         """
         across = np.cross(self.rays, direction)
         square = np.maximum((across * across).sum(axis=2), LEAST_DIVISOR)
@@ -312,11 +312,11 @@ def on_contours(
     for surface in surfaces:
         both = [_contour_distances(surface, side, view) for side, view in zip(segments, camera_views(rig))]
         usual, sure, loose = (
-            [distances.sides(distance, reach)[index] for distances, index in zip(both, indices)]
-            for distance, reach in (
-                (settings.CONTOUR_DISTANCE, settings.CONTOUR_REACH_BOTH),
-                (settings.SURE_CONTOUR_DISTANCE, settings.SURE_CONTOUR_REACH),
-                (settings.LOOSE_CONTOUR_DISTANCE, settings.CONTOUR_REACH),
+            [distances.sides(distance, gap)[index] for distances, index in zip(both, indices)]
+            for distance, gap in (
+                (settings.CONTOUR_DISTANCE, settings.CONTOUR_GAP_BOTH),
+                (settings.SURE_CONTOUR_DISTANCE, settings.SURE_CONTOUR_GAP),
+                (settings.LOOSE_CONTOUR_DISTANCE, settings.CONTOUR_GAP),
             )
         )
         result |= (usual[0] != 0) & (usual[0] == usual[1])

@@ -1,7 +1,7 @@
 """The opposite rim of a cylinder of which one rim was found: looked for where its occluding contours end.
 
 A rim seen nearly edge-on, or in short pieces, gives no arc to start from. One rim of a cylinder gives the shape of the
-other, up to its place along the axis, and the contours end there.
+other, up to its position along the axis, and the contours end there.
 """
 
 from __future__ import annotations

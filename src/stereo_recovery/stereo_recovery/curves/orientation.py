@@ -32,9 +32,9 @@ def near_side_only(curve: Curve) -> bool:
     """
     if curve.arc[1] >= settings.PARTIAL_ARC:
         return False
-    middle = curve.arc[0] + 0.5 * curve.arc[1]
-    spot = np.cos(middle) * curve.first + np.sin(middle) * curve.second
-    return bool(spot @ _towards_camera(curve) > 0.0)
+    angle = curve.arc[0] + 0.5 * curve.arc[1]
+    middle = np.cos(angle) * curve.first + np.sin(angle) * curve.second
+    return bool(middle @ _towards_camera(curve) > 0.0)
 
 
 def outward(curve: Curve) -> Curve:

@@ -177,14 +177,14 @@ def _starts(pair: _ArcPair, edgels: StereoEdgels) -> list[Curve]:
     """
     best, used = None, edgels
     for share in (0.0, settings.TRIMMED_SHARE):
-        mine = edgels.select((trimmed(pair.masks[0], share), trimmed(pair.masks[1], share)))
+        curve_edgels = edgels.select((trimmed(pair.masks[0], share), trimmed(pair.masks[1], share)))
         for plane in pair.planes:
             start = back_projected(pair.ellipses[0], plane, edgels.rig)
             if start is None or (best is not None and best.rms < settings.GOOD_RMS):
                 continue
-            curve = _rough_circle(start, mine) or start
+            curve = _rough_circle(start, curve_edgels) or start
             if best is None or curve.rms < best.rms:
-                best, used = curve, mine
+                best, used = curve, curve_edgels
     if best is None or not np.isfinite(best.rms):
         return [] if best is None else [best]
     if best.rms < settings.GOOD_RMS and visible_arc(best, used)[1] > settings.NEARLY_WHOLE:
@@ -193,9 +193,9 @@ def _starts(pair: _ArcPair, edgels: StereoEdgels) -> list[Curve]:
     return [best] if other is None or not _competes(other, best) else [best, other]
 
 
-def _rough_circle(start: Curve, mine: StereoEdgels) -> Curve | None:
+def _rough_circle(start: Curve, curve_edgels: StereoEdgels) -> Curve | None:
     """A circle without covariance fitted to given edgels."""
-    return refine(start, mine, circle=True, rounds=settings.ROUGH_ROUNDS, rough=True)
+    return refine(start, curve_edgels, circle=True, rounds=settings.ROUGH_ROUNDS, rough=True)
 
 
 def _competes(other: Curve, best: Curve) -> bool:
@@ -206,8 +206,8 @@ def _competes(other: Curve, best: Curve) -> bool:
 
 def _two_planes(starts: list[Curve], pair: _ArcPair, edgels: StereoEdgels) -> list[Curve]:
     """The best circle from given starts, and the next in another plane when that fits nearly as well."""
-    mine = edgels.select(pair.masks)
-    tried = [_rough_circle(start, mine) for start in starts]
+    curve_edgels = edgels.select(pair.masks)
+    tried = [_rough_circle(start, curve_edgels) for start in starts]
     good = sorted((c for c in tried if c is not None), key=lambda c: c.rms)
     others = [c for c in good[1:] if _competes(c, good[0])]
     return good[:1] + others[:1]
@@ -262,8 +262,10 @@ def _curves_of_one_arc(
         known = np.any([c.left for c in found], axis=0), np.any([c.right for c in found], axis=0)
         if any(of[mask].mean() > settings.SHARED_EDGELS for of, mask in zip(known, masks)):
             return []
-    mine = edgels.select(masks)
-    starts = [_rough_circle(start, mine) for start in circles_of_ellipse(ellipse, samples, edgels.rig, is_right)]
+    curve_edgels = edgels.select(masks)
+    starts = [
+        _rough_circle(start, curve_edgels) for start in circles_of_ellipse(ellipse, samples, edgels.rig, is_right)
+    ]
     curves = [
         recover_curve(start, edgels, masks) for start in starts if start is not None and start.rms < settings.WORST_RMS
     ]

@@ -189,13 +189,13 @@ LEAST_TANGENT_SHARE = 1e-12
 # A segment shows a contour when its ends are this near to the contour's line, pixels, beside what is uncertain about
 # both, and the point where the line touches the rim is this near to the segment's end, in rim radii.
 CONTOUR_DISTANCE = 1.0
-CONTOUR_REACH = 8.0
-# The same reach where segments of both images agree, so that nothing is concluded from one alone.
-CONTOUR_REACH_BOTH = 12.0
+CONTOUR_GAP = 8.0
+# The same gap where segments of both images agree, so that nothing is concluded from one alone.
+CONTOUR_GAP_BOTH = 12.0
 # A segment this near, pixels and radii, is one beyond doubt in its image; the other image's, which may be matched
 # wrongly, then has to be only so near, pixels.
 SURE_CONTOUR_DISTANCE = 0.5
-SURE_CONTOUR_REACH = 0.5
+SURE_CONTOUR_GAP = 0.5
 LOOSE_CONTOUR_DISTANCE = 4.0
 # Pixels: most that the uncertain line of a segment, and the uncertain axis of a rim (three sigma), add to the distance.
 MOST_LINE_SIGMA = 1.0
@@ -235,7 +235,7 @@ ONE_SIDED_ERROR = 0.5
 # contour's end from the rim, in its image radii; least length, pixels.
 TANGENT_DISTANCE = 1.2
 MOST_TANGENT_DISTANCE = 2.5
-TANGENT_REACH = 3.0
+TANGENT_GAP = 3.0
 LEAST_TANGENT_LENGTH = 5.0
 # They meet within this share of the base's radius, on its axis within this one.
 APEX_MISS = 0.05
@@ -248,7 +248,7 @@ APEX_GAP = 0.1
 # ---- Opposite rims ---------------------------------------------------------------------------------------------------
 # Edgels this near to the expected image of the rim, pixels, are tried.
 EXPECTED_DISTANCE = 2.5
-# A place nearer than this, in radii, to a known rim's is that rim's.
+# A position nearer than this, in radii, to a known rim's is that rim's.
 APART = 0.25
 # Most relative difference of the two radii, and most share of edgels that other curves have.
 SAME_RADIUS = 0.05

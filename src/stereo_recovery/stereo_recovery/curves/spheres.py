@@ -57,15 +57,15 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
     is_oval = curve.radii[1] < settings.FACING_COSINE * curve.radii[0]
     if is_oval or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
         return None
-    mine = edgels.select((curve.left, curve.right))
-    if min(len(mine.left), len(mine.right)) < settings.LEAST_CURVE_EDGELS:
+    curve_edgels = edgels.select((curve.left, curve.right))
+    if min(len(curve_edgels.left), len(curve_edgels.right)) < settings.LEAST_CURVE_EDGELS:
         return None
-    sigma = np.concatenate([mine.left.sigma_position, mine.right.sigma_position])
+    sigma = np.concatenate([curve_edgels.left.sigma_position, curve_edgels.right.sigma_position])
     scale = float(curve.radii[0])
 
     def off(numbers: FloatArray) -> FloatArray:
         """(n,) float64: distances from the contours of a sphere, over sigma; numbers are in radii of the curve."""
-        ratio: FloatArray = np.concatenate(_distances(numbers * scale, mine)) / sigma
+        ratio: FloatArray = np.concatenate(_distances(numbers * scale, curve_edgels)) / sigma
         return ratio
 
     start = np.append(curve.centre, curve.radii.mean()) / scale
@@ -76,7 +76,10 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
     distance = float(np.linalg.norm(sphere[:3]))
     if not (sphere[3] > 0.0 and distance > settings.LEAST_SPHERE_DISTANCE * sphere[3] and sphere[2] > 0.0):
         return None
-    of_curve = np.concatenate([distances(curve, side.position, view, edgels.blur) for side, view in mine.sides]) / sigma
+    of_curve = (
+        np.concatenate([distances(curve, side.position, view, edgels.blur) for side, view in curve_edgels.sides])
+        / sigma
+    )
     most = settings.SPHERE_TRUNCATION**2
     cost, curve_cost = (np.minimum(values**2, most).sum() for values in (off(found.x), of_curve))
     return sphere if cost < settings.SPHERE_COST_FACTOR * curve_cost else None

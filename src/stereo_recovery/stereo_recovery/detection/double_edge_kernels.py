@@ -17,7 +17,7 @@ from .settings import (
     MOST_ITERATIONS,
     MOST_SPREAD,
     NORMAL_RIDGE,
-    PROFILE_REACH,
+    PROFILE_HALF_LENGTH,
     PROFILE_STEP,
     SECTIONS,
     START_GAPS,
@@ -49,11 +49,11 @@ def sample(
     -------
     profile : (SECTIONS, m) float64, grey levels per pixel
         Along the normal (-v, u) of the direction.
-    place : (SECTIONS,) float64, pixels
+    abscissa : (SECTIONS,) float64, pixels
         Mean abscissa of each section.
     """
-    m = int(round(2.0 * PROFILE_REACH / PROFILE_STEP)) + 1
-    profile, place = np.zeros((SECTIONS, m)), np.zeros(SECTIONS)
+    m = int(round(2.0 * PROFILE_HALF_LENGTH / PROFILE_STEP)) + 1
+    profile, abscissa = np.zeros((SECTIONS, m)), np.zeros(SECTIONS)
     (cx, cy), (tx, ty) = centre, direction
     nx, ny = -ty, tx
     count = np.zeros(SECTIONS)
@@ -62,25 +62,25 @@ def sample(
         s = low + (k + 0.5) * (high - low) / steps
         section = min(SECTIONS - 1, k * SECTIONS // steps)
         count[section] += 1.0
-        place[section] += s
+        abscissa[section] += s
         for i in range(m):
-            x = -PROFILE_REACH + i * PROFILE_STEP
+            x = -PROFILE_HALF_LENGTH + i * PROFILE_STEP
             u, v = cx + s * tx + x * nx, cy + s * ty + x * ny
             profile[section, i] += clamped(gx, u, v) * nx + clamped(gy, u, v) * ny
     for k in range(SECTIONS):
-        place[k] /= count[k]
+        abscissa[k] /= count[k]
         for i in range(m):
             profile[k, i] /= count[k]
-    return profile, place
+    return profile, abscissa
 
 
 @njit
 def _model(
-    profile: FloatArray, place: FloatArray, width: float, p: FloatArray, matrix: FloatArray, vector: FloatArray
+    profile: FloatArray, abscissa: FloatArray, width: float, p: FloatArray, matrix: FloatArray, vector: FloatArray
 ) -> float:
     """Squared residual of parameters p (see :func:`two_steps`); fills the normal equations.
 
-    profile, place : see :func:`sample`; width : pixels; matrix (6, 6), vector (6,) : overwritten
+    profile, abscissa : see :func:`sample`; width : pixels; matrix (6, 6), vector (6,) : overwritten
     """
     matrix[:] = 0.0
     vector[:] = 0.0
@@ -88,11 +88,11 @@ def _model(
     row = np.zeros(6)
     norm = 1.0 / (np.sqrt(2.0 * np.pi) * width)
     for k in range(profile.shape[0]):
-        s = place[k]
+        s = abscissa[k]
         first = p[2] + p[3] * s
         second = first + p[4] + p[5] * s
         for i in range(profile.shape[1]):
-            x = -PROFILE_REACH + i * PROFILE_STEP
+            x = -PROFILE_HALF_LENGTH + i * PROFILE_STEP
             a, b = (x - first) / width, (x - second) / width
             ga, gb = norm * np.exp(-0.5 * a * a), norm * np.exp(-0.5 * b * b)
             residual = profile[k, i] - p[0] * ga - p[1] * gb
@@ -114,10 +114,10 @@ def _model(
 
 
 @njit
-def _descend(profile: FloatArray, place: FloatArray, width: float, p: FloatArray, free: IntArray) -> float:
+def _descend(profile: FloatArray, abscissa: FloatArray, width: float, p: FloatArray, free: IntArray) -> float:
     """Levenberg-Marquardt over the parameters with the numbers in ``free``, in place; returns the squared residual."""
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
-    cost: float = _model(profile, place, width, p, matrix, vector)
+    cost: float = _model(profile, abscissa, width, p, matrix, vector)
     damping = DAMPING
     for _ in range(MOST_ITERATIONS):
         a = np.zeros((len(free), len(free)))
@@ -132,8 +132,12 @@ def _descend(profile: FloatArray, place: FloatArray, width: float, p: FloatArray
         for m in range(len(free)):
             trial[free[m]] += step[m]
         other, other_vector = np.zeros((6, 6)), np.zeros(6)
-        new = _model(profile, place, width, trial, other, other_vector)
-        if new < cost and abs(trial[2]) < PROFILE_REACH and abs(trial[2] + trial[4]) < PROFILE_REACH + BEYOND_PROFILE:
+        new = _model(profile, abscissa, width, trial, other, other_vector)
+        if (
+            new < cost
+            and abs(trial[2]) < PROFILE_HALF_LENGTH
+            and abs(trial[2] + trial[4]) < PROFILE_HALF_LENGTH + BEYOND_PROFILE
+        ):
             done = cost - new < CONVERGED * cost
             p[:] = trial
             cost, matrix, vector = new, other, other_vector
@@ -146,12 +150,12 @@ def _descend(profile: FloatArray, place: FloatArray, width: float, p: FloatArray
 
 
 @njit
-def two_steps(profile: FloatArray, place: FloatArray, width: float) -> tuple[FloatArray, float, float, FloatArray]:
+def two_steps(profile: FloatArray, abscissa: FloatArray, width: float) -> tuple[FloatArray, float, float, FloatArray]:
     """The two steps that explain profiles across an edge best, and one step that does.
 
     Parameters
     ----------
-    profile, place
+    profile, abscissa
         See :func:`sample`.
     width : float, pixels
         Standard deviation of a blurred step.
@@ -166,24 +170,24 @@ def two_steps(profile: FloatArray, place: FloatArray, width: float) -> tuple[Flo
     inverse : (6, 6) float64
         Inverse of the normal matrix at p.
     """
-    half = 0.5 * (place[-1] - place[0])
+    half = 0.5 * (abscissa[-1] - abscissa[0])
     one = np.zeros(6)
     m = profile.shape[1] // 2
     one[0] = profile[:, m].mean() * np.sqrt(2.0 * np.pi) * width
-    single = _descend(profile, place, width, one, np.array([0, 2, 3]))
+    single = _descend(profile, abscissa, width, one, np.array([0, 2, 3]))
     best, cost = one.copy(), np.inf
     for gap in START_GAPS:
         for ratio in START_RATIOS:
             p = one.copy()
             p[1], p[4] = ratio * one[0], gap
             # First with the gap as it is, then parallel, then all.
-            _descend(profile, place, width, p, np.array([0, 1, 2, 3]))
-            _descend(profile, place, width, p, np.array([0, 1, 2, 3, 4]))
-            value = _descend(profile, place, width, p, np.array([0, 1, 2, 3, 4, 5]))
+            _descend(profile, abscissa, width, p, np.array([0, 1, 2, 3]))
+            _descend(profile, abscissa, width, p, np.array([0, 1, 2, 3, 4]))
+            value = _descend(profile, abscissa, width, p, np.array([0, 1, 2, 3, 4, 5]))
             if value < cost and abs(p[5]) * half < MOST_SPREAD:
                 best, cost = p.copy(), value
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
-    _model(profile, place, width, best, matrix, vector)
+    _model(profile, abscissa, width, best, matrix, vector)
     for k in range(6):
         matrix[k, k] = matrix[k, k] * (1.0 + NORMAL_RIDGE) + NORMAL_RIDGE
     inverse: AnyArray = np.linalg.inv(matrix)

@@ -63,9 +63,9 @@ def fit_double_steps(
     usual = float(np.median(edgels.width))
     values = {f.name: getattr(segments, f.name).copy() for f in fields(segments)}
     added: list[dict[str, AnyArray]] = []
-    gone = np.zeros(len(segments), bool)
+    removed = np.zeros(len(segments), bool)
     for k in _suspects(edgels, segments):
-        if gone[k]:
+        if removed[k]:
             continue
         extent = _whole(segments, int(k))
         found = _steps(gradients, segments, int(k), extent, usual, sigma)
@@ -84,13 +84,13 @@ def fit_double_steps(
         own = np.arange(len(segments)) == k
         # Fragments of either edge go; a segment that is the other edge as a whole stays.
         half = FRAGMENT_SHARE * (extent[1] - extent[0])
-        gone |= ~own & (np.maximum(*common) > 0.0) & (segments.length < half) & (segments.arc < 0)
+        removed |= ~own & (np.maximum(*common) > 0.0) & (segments.length < half) & (segments.arc < 0)
         alike = segments.direction @ other['direction'] > ONE_DIRECTION_COSINE
-        if not (~own & ~gone & (common[1] > half) & alike).any():
+        if not (~own & ~removed & (common[1] > half) & alike).any():
             row = {f.name: getattr(segments, f.name)[k] for f in fields(segments)}
             row |= {'magnitude': row['magnitude'] * abs(p[1] / p[0]), 'sagitta': 0.0}
             added.append(row | other)
-    values = {name: value[~gone] for name, value in values.items()}
+    values = {name: value[~removed] for name, value in values.items()}
     for row in added:
         values = {name: np.concatenate([value, np.asarray(row[name])[None]]) for name, value in values.items()}
     return Segments(**values)
@@ -100,8 +100,8 @@ def warm_up() -> None:
     """Compile the fit, which only pictures with thin faces need."""
     step = np.zeros((32, 32), np.float32)
     step[15:17] = 10.0
-    profile, place = double_edge_kernels.sample(step, step, (16.0, 16.0), (1.0, 0.0), -10.0, 10.0)
-    double_edge_kernels.two_steps(profile, place, 1.0)
+    profile, abscissa = double_edge_kernels.sample(step, step, (16.0, 16.0), (1.0, 0.0), -10.0, 10.0)
+    double_edge_kernels.two_steps(profile, abscissa, 1.0)
 
 
 def _suspects(edgels: Edgels, segments: Segments) -> AnyArray:
@@ -143,13 +143,15 @@ def _steps(
     low, high = extent
     cut = min(CORNER_TRIM, CORNER_TRIM_SHARE * (high - low))
     centre, direction = tuple(segments.centre[k]), tuple(segments.direction[k])
-    profile, place = double_edge_kernels.sample(*gradients, centre, direction, low + cut, high - cut)
-    p, left, single, inverse = double_edge_kernels.two_steps(profile, place, np.sqrt(usual**2 + INTERPOLATION_VARIANCE))
-    if left > DOUBLE_GAIN * single or left > DOUBLE_RESIDUAL * (profile**2).sum():
+    profile, abscissa = double_edge_kernels.sample(*gradients, centre, direction, low + cut, high - cut)
+    p, cost, single, inverse = double_edge_kernels.two_steps(
+        profile, abscissa, np.sqrt(usual**2 + INTERPOLATION_VARIANCE)
+    )
+    if cost > DOUBLE_GAIN * single or cost > DOUBLE_RESIDUAL * (profile**2).sum():
         return None
     # Neighbouring samples share pixels, across the edge as well as along it.
     correlation = CORRELATION_LENGTH * sigma
-    noise = left / (profile.size - 6) * max(1.0, correlation / PROFILE_STEP)
+    noise = cost / (profile.size - 6) * max(1.0, correlation / PROFILE_STEP)
     second = np.zeros((2, 6))
     second[0, [2, 4]] = second[1, [3, 5]] = 1.0
     covariance = noise * inverse

@@ -28,8 +28,8 @@ from .settings import (
     SHORTEST_CONTINUATION,
     SPURIOUS_COSINE,
     SPURIOUS_LENGTH,
+    SPURIOUS_OVERHANG,
     SPURIOUS_RATIO,
-    SPURIOUS_REACH,
     SPURIOUS_WIDTH,
     SQUARE_GAP,
     SURE_OVERRUN,
@@ -229,8 +229,8 @@ def spurious(lines: Lines) -> BoolArray:
                 s = abscissa_of(lines, m, x, y)
                 if (
                     abs(offset_of(lines, m, x, y)) > SPURIOUS_WIDTH
-                    or s < lines.extent[m, 0] - SPURIOUS_REACH
-                    or s > lines.extent[m, 1] + SPURIOUS_REACH
+                    or s < lines.extent[m, 0] - SPURIOUS_OVERHANG
+                    or s > lines.extent[m, 1] + SPURIOUS_OVERHANG
                 ):
                     near = False
                     break

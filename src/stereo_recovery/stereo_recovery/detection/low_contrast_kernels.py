@@ -26,20 +26,20 @@ from .settings import (
 
 
 @njit
-def _room(lines: Lines, extent: FloatArray, i: int, e: int) -> float:
+def _free_length(lines: Lines, extent: FloatArray, i: int, e: int) -> float:
     """Pixels by which end e of segment i may be moved outwards.
 
     That is as far as its line is known, and up to the next segment of the same line; none where another segment ends at
-    the same place.
+    the same point.
 
     extent : (n, 2), pixels, of the segments as they are now
     """
     tu, tv = lines.direction[i, 0], lines.direction[i, 1]
     cu, cv = lines.centre[i, 0], lines.centre[i, 1]
     outward = 1.0 if e == 1 else -1.0
-    room: float = min(LONGEST_TRACK, LONGEST_TRACK_SHARE * length_of(lines, i))
+    free: float = min(LONGEST_TRACK, LONGEST_TRACK_SHARE * length_of(lines, i))
     if lines.sigma[i, 1] > 0.0:
-        room = min(room, TRACKED_SIGMA / lines.sigma[i, 1] - outward * extent[i, e])
+        free = min(free, TRACKED_SIGMA / lines.sigma[i, 1] - outward * extent[i, e])
     eu, ev = cu + extent[i, e] * tu, cv + extent[i, e] * tv
     for k in range(len(extent)):
         if k == i:
@@ -48,16 +48,16 @@ def _room(lines: Lines, extent: FloatArray, i: int, e: int) -> float:
             x = lines.centre[k, 0] + extent[k, f] * lines.direction[k, 0] - eu
             y = lines.centre[k, 1] + extent[k, f] * lines.direction[k, 1] - ev
             if x * x + y * y < TOUCHING**2:
-                room = 0.0
+                free = 0.0
         if abs(tu * lines.direction[k, 1] - tv * lines.direction[k, 0]) > TRACK_SINE:
             continue
         for f in range(2):
             x = lines.centre[k, 0] + extent[k, f] * lines.direction[k, 0] - cu
             y = lines.centre[k, 1] + extent[k, f] * lines.direction[k, 1] - cv
             beyond = (x * tu + y * tv - extent[i, e]) * outward
-            if -TRACK_OVERLAP < beyond < room and abs(x * tv - y * tu) < ON_TRACK:
-                room = max(beyond, 0.0)
-    return room
+            if -TRACK_OVERLAP < beyond < free and abs(x * tv - y * tu) < ON_TRACK:
+                free = max(beyond, 0.0)
+    return free
 
 
 @njit
@@ -93,13 +93,13 @@ def track(
         limit = max(least, TRACKED_SHARE * magnitude[i])
         for e in range(2):
             outward = 1.0 if e == 1 else -1.0
-            room = _room(lines, extent, i, e)
-            gone = 0.0
-            while gone + TRACKING_STEP <= room:
-                # The window is centred on the place that would become the end.
+            free = _free_length(lines, extent, i, e)
+            advance = 0.0
+            while advance + TRACKING_STEP <= free:
+                # The window is centred on the point that would become the end.
                 inside = True
                 for m in range(WINDOW):
-                    s = extent[i, e] + outward * (gone + TRACKING_STEP + m - 0.5 * (WINDOW - 1))
+                    s = extent[i, e] + outward * (advance + TRACKING_STEP + m - 0.5 * (WINDOW - 1))
                     for side in range(3):
                         off = (side - 1) * TRACKING_FLANK
                         u = lines.centre[i, 0] + s * tu - off * tv
@@ -120,7 +120,7 @@ def track(
                 around = max(abs(np.median(flanks[:WINDOW])), abs(np.median(flanks[WINDOW:])))
                 if middle < limit or middle - around < TRACKED_PROMINENCE * middle:
                     break
-                gone += TRACKING_STEP
-            if gone > 0.0:
-                extent[i, e] += outward * gone
+                advance += TRACKING_STEP
+            if advance > 0.0:
+                extent[i, e] += outward * advance
     return extent

@@ -26,7 +26,7 @@ def bilinear(image: Float32Array, u: float, v: float) -> float:
 
 @njit
 def clamped(image: Float32Array, u: float, v: float) -> float:
-    """The image (h, w) at column u and row v, pixels; outside it, at the nearest place inside."""
+    """The image (h, w) at column u and row v, pixels; outside it, at the nearest position inside."""
     h, w = image.shape
     value: float = bilinear(image, min(max(u, 0.0), w - LAST_POSITION), min(max(v, 0.0), h - LAST_POSITION))
     return value
@@ -34,7 +34,7 @@ def clamped(image: Float32Array, u: float, v: float) -> float:
 
 @njit
 def at_points(image: Float32Array, points: FloatArray) -> FloatArray:
-    """(n,) float64: the image (h, w) at points (n, 2), columns and rows in pixels; outside it, at the nearest place."""
+    """(n,) float64: the image (h, w) at points (n, 2), columns and rows in pixels; outside, at the nearest position."""
     values = np.empty(len(points))
     for i in range(len(points)):
         values[i] = clamped(image, points[i, 0], points[i, 1])

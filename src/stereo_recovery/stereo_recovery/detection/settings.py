@@ -171,10 +171,10 @@ COLLINEAR_SINE, CROSSING_SINE, ON_CONTINUATION, SHORTEST_CONTINUATION = 0.03, 0.
 MERGED_DISTANCE, MERGED_COSINE, AT_JUNCTION = 5.0, 0.94, 0.7
 # A short segment is spurious when it is at most SPURIOUS_LENGTH long, px, when a segment of at least SPURIOUS_RATIO
 # times its length has a direction within SPURIOUS_COSINE of its own, and when both its ends are within SPURIOUS_WIDTH,
-# px, of that one's line and at most SPURIOUS_REACH, px, beyond it. Segments below LEAST_LENGTH, px, always are: they
+# px, of that one's line and at most SPURIOUS_OVERHANG, px, beyond it. Segments below LEAST_LENGTH, px, always are: they
 # have no usable direction. [R]
 SPURIOUS_LENGTH, SPURIOUS_RATIO, SPURIOUS_COSINE = 16.0, 2.0, 0.8
-SPURIOUS_WIDTH, SPURIOUS_REACH, LEAST_LENGTH = 2.5, 16.0, 3.0
+SPURIOUS_WIDTH, SPURIOUS_OVERHANG, LEAST_LENGTH = 2.5, 16.0, 3.0
 
 # -- conics ------------------------------------------------------------------------------------------------------------
 
@@ -231,7 +231,7 @@ DOUBLE_BREAK, DOUBLE_BREAK_ROUNDS = 8.0, 3
 # Fragments are shorter than this share of the whole; cosine of segments of one direction. [R]
 FRAGMENT_SHARE, ONE_DIRECTION_COSINE = 0.5, 0.9
 # px: half length of a profile across the edge, and its step; sections along the edge. [R]
-PROFILE_REACH, PROFILE_STEP, SECTIONS = 4.0, 0.5, 4
+PROFILE_HALF_LENGTH, PROFILE_STEP, SECTIONS = 4.0, 0.5, 4
 # Iterations of the least squares; it stops when the residual falls by less than this share. Damping at first, and its
 # factors after a better and a worse step. [R]
 MOST_ITERATIONS, CONVERGED, DAMPING, DAMPING_DOWN, DAMPING_UP = 12, 1e-6, 1e-2, 0.3, 5.0
