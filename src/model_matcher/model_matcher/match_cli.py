@@ -18,11 +18,11 @@ from msgs_py import FeatureSet, Interpretation, PinholeCamera
 from msgs_py.numeric.typed import ByteArray
 
 from .drawing import draw_overlay, draw_views
+from .geometry.settings import ROUNDING
 from .model.library import load_library
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey
 
-LEAST_TURN = 1e-9  # radians: a smaller turn has no axis worth printing; z is printed
 COLUMNS = ('model', 'matched', 'residual mm', 'x y z mm', 'turned deg about', 'signs', 'same', 'state')
 # Options that are fields of MatchParams, by type.
 NUMBERS = {
@@ -184,7 +184,8 @@ def _cells(item: Interpretation) -> tuple[str, ...]:
     """The cells of one line of the table, in the order of COLUMNS."""
     vector = item.pose.rotation_vector
     angle = float(np.linalg.norm(vector))
-    axis = vector / angle if angle > LEAST_TURN else np.array([0.0, 0.0, 1.0])
+    # A turn of no more than rounding has no axis; z is printed.
+    axis = vector / angle if angle > ROUNDING else np.array([0.0, 0.0, 1.0])
     signs = item.sign[item.data_indices]
     counts = f'+{int((signs > 0).sum())} -{int((signs < 0).sum())}'
     if (signs == 0).any():

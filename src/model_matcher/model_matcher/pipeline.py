@@ -24,20 +24,7 @@ from .search.free_scale import match_free
 from .search.pair_search import Candidates, search_pairs
 from .search.prefilter import prefilter
 from .search.threads import spread
-from .settings import (
-    ALL_PAIRED,
-    AT_ONCE,
-    BLOCK,
-    LARGE,
-    LEAST_PATIENCE,
-    LIBRARY,
-    LOOK_S,
-    MOST_PATIENCE,
-    NEIGHBOURS,
-    PERIODIC,
-    RANKING_PART,
-    SEARCHING_PART,
-)
+from .settings import ALL_PAIRED, BLOCK, LARGE, LIBRARY, LOOK_S, NEIGHBOURS, PATIENCE, PERIODIC
 from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence
 from .verification.refinement import Refined, refine_all
@@ -110,16 +97,16 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     neighbours, all_ranked = np.zeros((0, 0), np.int32), True
     if n > ALL_PAIRED:
         longest = 1.1 * float(index.rows[:, 6].max()) + float(problem.tolerances[:, 0].max())
-        neighbours, all_ranked = _neighbours(rows, longest, started + RANKING_PART * params.time_limit_s)
+        neighbours, all_ranked = _neighbours(rows, longest, started + LARGE.ranking * params.time_limit_s)
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
-    searching = params.time_limit_s * (SEARCHING_PART if n > LARGE else 1.0)  # what is left is for the refinement
+    searching = params.time_limit_s * (LARGE.searching if n > LARGE.features else 1.0)
     parts: list[tuple[Refined, _Found]] = []
-    for least in (LEAST_PATIENCE, np.inf):
+    for least in (PATIENCE.least, np.inf):
         begin = parts[-1][1].pairs if parts else 0
-        found = _search(problem, pairs, partners, begin, (least, MOST_PATIENCE), started + searching)
+        found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), started + searching)
         refined = (
             refine_all(problem, found.motions, found.scores, params)
-            if n <= LARGE
+            if n <= LARGE.features
             else _refine_in_time(problem, found.motions, found.scores, params, started + params.time_limit_s)
         )
         parts.append((refined, found))
@@ -210,10 +197,10 @@ def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.n
     near = np.full((len(rows), count), -1, np.int32)
     order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0, rows[:, 6] > longest))
     tree = cKDTree(rows[:, :3])
-    for first in range(0, len(rows), AT_ONCE):
+    for first in range(0, len(rows), BLOCK):
         if first and time.perf_counter() > deadline:
             return near, False
-        some = order[first : first + AT_ONCE]
+        some = order[first : first + BLOCK]
         near[some] = tree.query(rows[some, :3], k=count)[1]
     return near, True
 

@@ -11,7 +11,7 @@ from model_matcher.model.problem import make_problem
 from model_matcher.model.regularity import regularity
 from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table
 from model_matcher.verification.false_alarms import needed_evidence
-from model_matcher.verification.settings import ANGLE, CROWDED, NEIGHBOURS
+from model_matcher.verification.settings import ANGLE, NEIGHBOURS
 from msgs_py import FeatureSet
 
 SIZE = np.array([0.10, 0.06, 0.04])
@@ -162,9 +162,11 @@ def test_unexplained_edges_at_explained_corners_speak_against_a_pose_up_to_a_lim
         tols = np.full((len(rows), 3), TOLERANCE)
         assignment = np.r_[np.arange(4), np.full(extra, -1)].astype(np.int32)
         values.append(neighbours(IDENTITY, model, DataFeatures(rows, data.kind, tols, 0.0), assignment))
-    assert values[0] == pytest.approx(np.log((1.0 - CROWDED) * np.exp(NEIGHBOURS) + CROWDED))
+    assert values[0] == pytest.approx(
+        np.log((1.0 - NEIGHBOURS.crowded) * np.exp(NEIGHBOURS.of_chance) + NEIGHBOURS.crowded)
+    )
     assert values[0] > values[1] > values[2]
-    assert values[3] == pytest.approx(np.log(CROWDED), abs=1e-6)
+    assert values[3] == pytest.approx(np.log(NEIGHBOURS.crowded), abs=1e-6)
 
 
 def test_evidence_needed_grows_with_the_data_and_with_the_certainty_asked_for():

@@ -6,7 +6,7 @@ import pytest
 from model_matcher import index_model
 from model_matcher.closed_form.synthetic import box, cylinder_box, l_shape
 from model_matcher.model.convex_hull import hull_faces
-from model_matcher.verification.settings import BY_CHANCE, HIDDEN, SEEN, THINNED
+from model_matcher.verification.settings import VIEW
 from model_matcher.verification.visibility_evidence import nats_of_view
 from msgs_py import FeatureSet, Pose
 
@@ -23,7 +23,7 @@ def nats(model: FeatureSet, pose: Pose, found: np.ndarray) -> float:
 
 
 def ratio(found: int, missed: int, chance: float) -> float:
-    return (chance / BY_CHANCE) ** found * ((1.0 - chance) / (1.0 - BY_CHANCE)) ** missed
+    return (chance / VIEW.by_chance) ** found * ((1.0 - chance) / (1.0 - VIEW.by_chance)) ** missed
 
 
 def in_view(size: np.ndarray, pose: Pose) -> np.ndarray:
@@ -67,10 +67,10 @@ def test_a_box_shows_four_edges_of_one_face_or_nine_of_three():
 def test_what_is_found_is_explained_by_a_view_or_by_thinning(pose):
     shown = in_view(SIZE, pose)
     hidden = np.setdiff1d(np.arange(12), shown)
-    view, thinned = ratio(len(shown), 0, SEEN), ratio(len(shown), len(hidden), THINNED)
+    view, thinned = ratio(len(shown), 0, VIEW.seen), ratio(len(shown), len(hidden), VIEW.thinned)
     assert nats(box(SIZE), pose, shown) == pytest.approx(np.log(0.5 * (view + thinned)))
-    view, thinned = ratio(0, len(shown), SEEN), ratio(len(hidden), len(shown), THINNED)
-    view *= (HIDDEN / BY_CHANCE) ** len(hidden)
+    view, thinned = ratio(0, len(shown), VIEW.seen), ratio(len(hidden), len(shown), VIEW.thinned)
+    view *= (VIEW.hidden / VIEW.by_chance) ** len(hidden)
     assert nats(box(SIZE), pose, hidden) == pytest.approx(np.log(0.5 * (view + thinned)))
 
 
@@ -88,5 +88,5 @@ def test_edges_in_a_notch_are_not_counted():
 
 def test_from_inside_nothing_is_in_view():
     inside = Pose(np.eye(3), [-0.05, -0.03, 0.02])
-    hidden = (HIDDEN / BY_CHANCE) ** 12
-    assert nats(box(SIZE), inside, np.arange(12)) == pytest.approx(np.log(0.5 * (hidden + ratio(12, 0, THINNED))))
+    hidden = (VIEW.hidden / VIEW.by_chance) ** 12
+    assert nats(box(SIZE), inside, np.arange(12)) == pytest.approx(np.log(0.5 * (hidden + ratio(12, 0, VIEW.thinned))))

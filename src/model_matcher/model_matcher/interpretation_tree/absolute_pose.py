@@ -17,7 +17,8 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, IntArray
 from msgs_py.numeric.vectors import perpendicular
 
 from ..model.index import feature_rows, model_size
-from .settings import FREE, NOT_ZERO, ON_AXIS, ROUNDING
+from ..model.settings import EXACT
+from .settings import FREE, NOT_ZERO, ROUNDING
 
 
 @dataclass(eq=False)
@@ -344,7 +345,7 @@ def _turn_about(axis: FloatArray, points: FloatArray, targets: FloatArray, size:
     """
     across = np.eye(3) - np.outer(axis, axis)
     p, q = ((x - x.mean(axis=0)) @ across for x in (points, targets))
-    if max(float(np.abs(p).max()), float(np.abs(q).max())) < ON_AXIS * size:
+    if max(float(np.abs(p).max()), float(np.abs(q).max())) < EXACT * size:
         return None
     angle = np.arctan2(float((np.cross(p, q) @ axis).sum()), float((p * q).sum()))
     skew = _skew(axis)

@@ -14,7 +14,7 @@ from msgs_py.numeric.compiled import njit
 from ..geometry.constraints import entry
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
-from .settings import INTERPRETATIONS, LARGEST_PAIRS, SIGNS_PER_TEST, TESTS_PER_SECOND
+from .settings import INTERPRETATIONS, LARGEST_PAIRS, RATES
 from .signs import apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
 from .tables import pair_row, pair_tests, unary_table
 from .tree import BACKTRACKS, COUNTERS, LEVELS, SIGN_CUTOFFS, TRUNCATED, Limits, TreeResult
@@ -65,7 +65,7 @@ def serial_search(
     tests = pair_tests(index, rows[order], tolerances[order], params)
     counters = np.zeros(len(COUNTERS) + 1, np.int64)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
-    budget = int((params.time_limit_s if seconds is None else seconds) * TESTS_PER_SECOND)
+    budget = int((params.time_limit_s if seconds is None else seconds) * RATES.tests)
     impossible = int((~unary.any(axis=1)).sum())
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
     for in_bin in range(impossible, most + 1):
@@ -100,7 +100,7 @@ def _descend(tests, unary, limits, counters):
             counters[TRUNCATED] = 1
             break
         if entering:
-            counters[WORK] += n // SIGNS_PER_TEST
+            counters[WORK] += n // RATES.signs_per_test
             save_signs(signs, saved, level)
             cursor[level] = 0
         advanced = False
@@ -140,7 +140,7 @@ def _agrees(tests, assignment, level, j, use_signs, signs, counters):
     """Whether data feature ``level`` on model feature j agrees with all assigned before it; changes the signs."""
     n = len(assignment)
     counters[LEVELS] += 1
-    counters[WORK] += 1 + n // SIGNS_PER_TEST
+    counters[WORK] += 1 + n // RATES.signs_per_test
     for a in range(level):
         i = assignment[a]
         if i < 0:

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 # -- how much a search may do --------------------------------------------------------------------------------------
 # A search is limited in steps, not by a clock, so that its result is the same on every machine. The rates turn a time
 # limit in seconds into steps; they were measured on one core of the development machine, no command kept.
 
-# Table entries that are filled in a second.
-ENTRIES_PER_SECOND = 20_000_000
+
+class Rates(NamedTuple):
+    """Steps in a second.
+
+    entries : of the tables, filled
+    levels, level_size : levels of the tree visited, while a level has at most ``level_size`` data x model features;
+        with more, proportionally fewer
+    tests : pairs tested by the serial search; signs_per_test : saving the signs of this many data features at a level
+        counts as one test
+    """
+
+    entries: int
+    levels: int
+    level_size: int
+    tests: int
+    signs_per_test: int
+
+
+RATES = Rates(20_000_000, 1_000_000, 1000, 10_000_000, 8)
 # Most entries of all tables together, one byte each: more is refused with a reason.
 LARGEST_TABLES = 400_000_000
-# Levels of the tree that are visited in a second while a level has at most LEVEL_SIZE data x model features; with more,
-# proportionally fewer.
-LEVELS_PER_SECOND = 1_000_000
-LEVEL_SIZE = 1000
 # A search that takes this many times its time limit by the clock is stopped: the machine is slower than the rates say.
 SLOW_MACHINE = 2.0
-# Pair tests of the serial search in a second.
-TESTS_PER_SECOND = 10_000_000
-# Saving the signs of this many data features at a level counts as one pair test of the serial search.
-SIGNS_PER_TEST = 8
 # Most data pairs of the serial search, which keeps 11 numbers for each: more is refused with a reason.
 LARGEST_PAIRS = 2_000_000
 
@@ -42,7 +53,5 @@ FREE = 1e-9
 # -1 + ROUNDING are opposite, and any perpendicular axis turns one into the other; the pseudo-inverse of the similarity
 # fit drops a singular value below it.
 ROUNDING = 1e-12
-# Points of which none is farther than this fraction of the model's size from an axis do not determine a turn about it.
-ON_AXIS = 1e-6
 # Sums of weights and eigenvalues are divided by at least this: the smallest number of full precision.
 NOT_ZERO = float(np.finfo(float).tiny)

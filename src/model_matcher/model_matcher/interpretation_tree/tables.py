@@ -17,7 +17,7 @@ from ..geometry.constraints import consistent_signs, entry, pair_ranges
 from ..geometry.settings import ROUNDING
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
-from .settings import ENTRIES_PER_SECOND, LARGEST_TABLES
+from .settings import LARGEST_TABLES, RATES
 
 
 @dataclass(eq=False)
@@ -184,7 +184,7 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     """
     n, e = len(data), len(index)
     count = n * (n - 1) // 2
-    if count * e * e > min(LARGEST_TABLES, params.time_limit_s * ENTRIES_PER_SECOND):
+    if count * e * e > min(LARGEST_TABLES, params.time_limit_s * RATES.entries):
         raise ValueError(
             f'{count} data pairs x {e} x {e} model features are too many for look-up tables within '
             f'{params.time_limit_s:g} s; '

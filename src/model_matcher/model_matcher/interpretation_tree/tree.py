@@ -26,7 +26,7 @@ from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 from ..params import MatchParams
 from .cores import core_numbers, largest_core
 from .ordering import order_pairs
-from .settings import INTERPRETATIONS, LEVEL_SIZE, LEVELS_PER_SECOND, SLOW_MACHINE
+from .settings import INTERPRETATIONS, RATES, SLOW_MACHINE
 from .signs import apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
 from .tables import Tables, pair_number, pair_row
 
@@ -125,7 +125,7 @@ def search_with_bin(
     """
     n = tables.unary.shape[0]
     limit_s = params.time_limit_s if seconds is None else seconds
-    budget = int(limit_s * LEVELS_PER_SECOND / max(1.0, tables.unary.size / LEVEL_SIZE))
+    budget = int(limit_s * RATES.levels / max(1.0, tables.unary.size / RATES.level_size))
     started = time.perf_counter()
     stats: dict[str, Any] = dict.fromkeys(COUNTERS, 0)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)

@@ -9,7 +9,7 @@ from msgs_py import FeatureKind
 from msgs_py.numeric.vectors import perpendicular
 
 from .index import ModelIndex
-from .settings import CURVE_POINTS, ON_FACE, SAME_FACE
+from .settings import CURVE_POINTS, ON_FACE, SAME
 
 
 def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
@@ -49,6 +49,6 @@ def _planes(points: np.ndarray, size: float) -> np.ndarray:
     except QhullError:
         return np.zeros((0, 4))
     # The hull comes in triangles; a face is all of them in one plane.
-    steps = SAME_FACE * np.array([1.0, 1.0, 1.0, size])
+    steps = SAME * np.array([1.0, 1.0, 1.0, size])
     _, first = np.unique(np.round(found / steps), axis=0, return_index=True)
     return np.ascontiguousarray(found[np.sort(first)])

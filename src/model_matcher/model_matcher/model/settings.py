@@ -30,18 +30,17 @@ MAX_NORMALS = 24
 
 # In model sizes: what data of the usual accuracy cannot tell apart.
 SYMMETRY_TOLERANCE = 0.004
-# Two symmetric pairs of directions have cosines that differ by no more than this.
-SYMMETRY_COSINE = 0.01
-# Poses are the same when they turn a model by less than this (degrees) and move its middle by less than this part of
-# its size against each other.
+# Cosines, components of unit normals, and shifts and offsets as parts of the model's size: what differs by less than
+# this is the same.
+SAME = 0.01
+# Degrees: poses are the same when they turn a model by less than this, and shift its middle by less than SAME.
 SAME_POSE_DEG = 1.0
-SAME_POSE_SHARE = 0.01
+# As a part of the model's size: shorter distances are rounding.
+EXACT = 1e-6
 
 # -- convex hull -----------------------------------------------------------------------------------------------------
 
 # Corners and edges lie on a face of the hull when they are this near to it, as a part of the model's size.
 ON_FACE = 0.005
-# Normals and offsets (in model sizes) of the hull's triangles that differ by less than this are of one face.
-SAME_FACE = 0.01
 # Points that stand for a curve.
 CURVE_POINTS = 16

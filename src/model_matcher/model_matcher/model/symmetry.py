@@ -14,7 +14,7 @@ from msgs_py import Pose
 
 from ..geometry.settings import PARALLEL_SINE
 from .index import ModelIndex
-from .settings import SAME_POSE_DEG, SAME_POSE_SHARE, SYMMETRY_COSINE, SYMMETRY_TOLERANCE
+from .settings import SAME, SAME_POSE_DEG, SYMMETRY_TOLERANCE
 
 _known: WeakKeyDictionary[ModelIndex, tuple[Pose, ...]] = WeakKeyDictionary()
 
@@ -43,7 +43,7 @@ def _alike(index: ModelIndex, a: Pose, b: Pose) -> bool:
     """Within 1 degree and 1 % of the model's size."""
     return (
         a.error_to(b).rotation_deg < SAME_POSE_DEG
-        and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < SAME_POSE_SHARE * index.size
+        and float(np.linalg.norm(a.apply(index.middle) - b.apply(index.middle))) < SAME * index.size
     )
 
 
@@ -62,12 +62,12 @@ def _find(index: ModelIndex) -> tuple[Pose, ...]:
     found: list[Pose] = []
     for k in np.flatnonzero(alike[i]):
         partners = alike[j] & (np.abs(np.linalg.norm(mids - mids[k], axis=1) - gap) < 2.0 * tolerance)
-        partners &= np.abs(np.abs(directions @ directions[k]) - abs(c)) < SYMMETRY_COSINE
+        partners &= np.abs(np.abs(directions @ directions[k]) - abs(c)) < SAME
         for m in np.flatnonzero(partners):
             for first in (1.0, -1.0):
                 for second in (1.0, -1.0):
                     u, v = first * directions[k], second * directions[m]
-                    if abs(u @ v - c) > SYMMETRY_COSINE:
+                    if abs(u @ v - c) > SAME:
                         continue
                     rotation = _frame(u, v).T @ source
                     shift = 0.5 * (mids[k] + mids[m] - rotation @ (mids[i] + mids[j]))

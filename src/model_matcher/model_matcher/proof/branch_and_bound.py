@@ -28,7 +28,7 @@ from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
 from .arc_consistency import DataRanges, Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
 from .feasibility import FEASIBLE, INFEASIBLE, Sample, all_fit, can_join, deviations, infeasible_subset, minimax_pose
-from .settings import GROUP, NARROWEST_CONE, STEEP, WIDE
+from .settings import GROUP, STEEP, WIDE
 
 
 def _no_nodes() -> IntArray:
@@ -244,7 +244,7 @@ class BranchAndBound:
         data, model = self.sample.data[a], self.sample.model[i]
         cosines = np.maximum(np.abs(data[:, 3:6] @ data[:, 3:6].T), np.abs(model[:, 3:6] @ model[:, 3:6].T))
         sines = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
-        cones = np.maximum(self.sample.tolerances[a, 2], NARROWEST_CONE)
+        cones = self.sample.tolerances[a, 2]
         worth = np.where(sines >= STEEP, sines / np.maximum(cones[:, None], cones), 0.0)
         p, q = (int(v) for v in np.unravel_index(int(np.argmax(worth)), worth.shape))
         if worth[p, q] <= 0.0:

@@ -24,25 +24,8 @@ from ..geometry.back_projection import fit_one
 from ..geometry.features import CURVE, DataFeatures, FeatureRows
 from ..geometry.least_squares import damp, normal_equations, solve6
 from ..geometry.rigid_motion import compose_small, inverse_rotate, inverse_transform, perpendiculars, transform_line
-from ..geometry.settings import WIDEST_CONE
-from .settings import (
-    AT_TOLERANCE,
-    BELOW_ONE,
-    FEW,
-    LEAST_GAIN,
-    LEAST_ROOM,
-    LEAST_SQUARE,
-    LIGHT,
-    LINEARISATIONS,
-    MADE_MINIMAL,
-    MANY,
-    NEWTON_STEPS,
-    POWERS,
-    SEVERAL_MORE,
-    SHORTER,
-    SHORTEST,
-    SMALL_TURN,
-)
+from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH, WIDEST_CONE
+from .settings import MINIMAX, SMALL_TURN, SUBSETS
 
 INFEASIBLE, FEASIBLE, OPEN = range(3)
 # Blocks of residuals of a pairing, and how many there are.
@@ -133,7 +116,7 @@ def _linearise(motion, centre, a, i, sample, residuals, first):
         if across:
             scale = 1.0 / sample.tolerances[a, 0]
         else:
-            scale = 1.0 / max(m[6] + sample.tolerances[a, 1] - abs(c) * d[6], LEAST_ROOM)
+            scale = 1.0 / max(m[6] + sample.tolerances[a, 1] - abs(c) * d[6], SMALLEST_LENGTH)
             qx, qy, qz = mx, my, mz
         gx, gy, gz = qx - centre[0], qy - centre[1], qz - centre[2]
         for k in range(2 if across else 1):
@@ -186,7 +169,8 @@ def _newton(residuals, squares, worst, power, at, fit):
         fit.weights[b] = weight
         total += weight
         cost += weight * squares[b]
-        if weight < LIGHT:
+        # So light a residual changes the normal matrix by rounding.
+        if weight < ROUNDING:
             continue
         gradient[:] = 0.0
         for k in range(2):
@@ -227,7 +211,7 @@ def _line_search(residuals, squares, worst, power, step, direction):
     for b in range(blocks):
         before += (squares[b] / worst) ** power
     length = 1.0
-    while length > SHORTEST:
+    while length > MINIMAX.shortest:
         for p in range(6):
             further[p] = step[p] + length * direction[p]
         now = _squared_norms(residuals, further, tried)
@@ -238,7 +222,7 @@ def _line_search(residuals, squares, worst, power, step, direction):
             step[:] = further
             squares[:] = tried
             return now, 1.0 - after / before
-        length *= SHORTER
+        length *= MINIMAX.shorter
     return worst, 0.0
 
 
@@ -260,15 +244,15 @@ def minimax_pose(motion, a, i, sample, weights):
         for axis in range(3):
             far += (sample.data[a[k], axis] - centre[axis]) ** 2
         lever = max(lever, (np.sqrt(far) + sample.data[a[k], 6]) / sample.tolerances[a[k], 0])
-    for _ in range(LINEARISATIONS):
+    for _ in range(MINIMAX.linearisations):
         _linearise_all(motion, centre, a, i, sample, residuals)
         step[:] = 0.0
         worst = _squared_norms(residuals, step, squares)
         if worst <= 1.0:
             return FEASIBLE
-        for level in range(POWERS):
+        for level in range(MINIMAX.powers):
             power = 2.0**level
-            for _ in range(NEWTON_STEPS if level > 0 else 1):
+            for _ in range(MINIMAX.newton if level > 0 else 1):
                 bound = _newton(residuals, squares, worst, power, step, fit)
                 if bound < 0.0:
                     return OPEN
@@ -280,9 +264,9 @@ def minimax_pose(motion, a, i, sample, weights):
                         weights[k] = fit.weights[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
                     return INFEASIBLE
                 worst, gained = _line_search(residuals, squares, worst, power, step, fit.to_flattest)
-                if worst <= BELOW_ONE or gained < LEAST_GAIN:
+                if worst <= MINIMAX.below_one or gained < MINIMAX.least_gain:
                     break
-            if worst <= BELOW_ONE:
+            if worst <= MINIMAX.below_one:
                 break
         compose_small(motion, centre, step)
     _linearise_all(motion, centre, a, i, sample, residuals)
@@ -325,7 +309,7 @@ def _reachable(motion, centre, a, i, sample):
     residuals, squares = _room_for(blocks), np.empty(blocks)
     fit, step = _Fit(np.empty(blocks), np.zeros(6), np.zeros(6)), np.zeros(6)
     _linearise_all(motion, centre, a, i, sample, residuals)
-    worst = max(_squared_norms(residuals, step, squares), LEAST_SQUARE)
+    worst = max(_squared_norms(residuals, step, squares), NOT_ZERO)
     lowest_mean = _newton(residuals, squares, worst, 1.0, step, fit)
     normal = np.zeros((6, 6))
     for b in range(blocks):
@@ -432,10 +416,10 @@ def infeasible_subset(motion, a, i, weights, sample):
     while size < m:
         if minimax_pose(motion.copy(), a[order[:size]], i[order[:size]], sample, unused[:size]) == INFEASIBLE:
             break
-        size += 1 if size < FEW else SEVERAL_MORE if size < MANY else m
+        size += 1 if size < SUBSETS.few else SUBSETS.several if size < SUBSETS.many else m
     chosen = order[: min(size, m)].copy()
     k = len(chosen) - 1
-    while k >= 0 and len(chosen) > 2 and len(chosen) <= MADE_MINIMAL:
+    while k >= 0 and len(chosen) > 2 and len(chosen) <= SUBSETS.minimal:
         fewer = np.concatenate((chosen[:k], chosen[k + 1 :]))
         if minimax_pose(motion.copy(), a[fewer], i[fewer], sample, unused[: len(fewer)]) == INFEASIBLE:
             chosen = fewer
@@ -455,7 +439,7 @@ def all_fit(motion, a, i, sample, kind_m, radius_tol):
         d = sample.data[a[k]]
         point = inverse_transform(motion, d[0], d[1], d[2])
         direction = inverse_rotate(motion, d[3], d[4], d[5])
-        if fit_one(a[k], features, i[k], model, point, direction, 1.0 + AT_TOLERANCE) < 0.0:
+        if fit_one(a[k], features, i[k], model, point, direction, 1.0 + ROUNDING) < 0.0:
             return False
     return True
 
@@ -477,7 +461,7 @@ def least_squares_pose(motion, assignment, sign, sample, normal, figures):
                 centre[axis] += data[k, axis]
     centre /= max(matched, 1)
     features = DataFeatures(data, sample.kinds, sample.tolerances, 0.0)
-    for turn in range(NEWTON_STEPS + 1):
+    for turn in range(MINIMAX.newton + 1):
         for k in range(n):
             sign[k] = 0
             if assignment[k] >= 0:
@@ -491,7 +475,7 @@ def least_squares_pose(motion, assignment, sign, sample, normal, figures):
             motion, model, features, assignment, sign, centre, normal, right
         )
         figures[0], figures[1] = np.sqrt(squares / max(points, 1)), cost / max(equations - 6, 1)
-        if turn == NEWTON_STEPS:
+        if turn == MINIMAX.newton:
             break
         damp(normal)
         if not solve6(normal, right, step):

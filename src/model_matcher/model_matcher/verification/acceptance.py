@@ -14,7 +14,7 @@ from msgs_py import BIN, Interpretation, Pose
 
 from ..geometry.settings import ROUNDING
 from ..model.problem import Problem
-from ..model.settings import SAME_POSE_SHARE
+from ..model.settings import SAME
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
@@ -183,6 +183,6 @@ def _near(problem: Problem, refined: Refined, k: int, others: list[int]) -> bool
         if mine[:9] @ other[:9] < 3.0 - 3e-4:
             continue
         gap = (mine[:9] - other[:9]).reshape(3, 3) @ problem.index.middle + mine[9:] - other[9:]
-        if np.linalg.norm(gap) < SAME_POSE_SHARE * problem.index.size:
+        if np.linalg.norm(gap) < SAME * problem.index.size:
             return True
     return False

@@ -18,9 +18,9 @@ features that count but coincidences, beyond those that made the pose:
                pieces of that length among those that would fit the edge. Equal parallel edges count once
     view       more of the model is found, and less is missed, than by chance, see visibility_evidence.py
     neighbours an object's edges meet at their ends. Unexplained data that meet the explained data, end to end, speak
-               for another object: a chance pose has NEIGHBOURS of them besides those that density explains and those
+               for another object: a chance pose has some (NEIGHBOURS) besides those that density explains and those
                that noise takes from the model itself, and counts are as likely as Poisson says. Data that run into the
-               middle of an edge tell nothing, as print and what stands behind do. A share CROWDED of real objects has
+               middle of an edge tell nothing, as print and what stands behind do. A share of real objects (crowded) has
                patterns at its edges, or stands on others, and has neighbours like a chance pose
 """
 
@@ -39,14 +39,11 @@ from ..geometry.rigid_motion import inverse_transform, transform
 from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
 from .settings import (
     ANGLE,
-    AT_ENDS,
     BIAS,
     COVERED,
-    CROWDED,
     ENOUGH,
     FIXING_SINE,
     FRAGMENTS,
-    MISSED,
     NEIGHBOURHOOD,
     NEIGHBOURS,
     PER_OFFSET,
@@ -399,9 +396,9 @@ def neighbours(motion, model, data, assignment):
                 break
     # Two of the straight pieces strewn over a volume meet with this chance (Crofton).
     density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius**3)
-    expected = AT_ENDS * density + MISSED * count + 0.05
-    alone = np.exp(NEIGHBOURS - met * np.log((expected + NEIGHBOURS) / expected))
-    return np.log((1.0 - CROWDED) * alone + CROWDED)
+    expected = NEIGHBOURS.at_ends * density + NEIGHBOURS.missed * count + 0.05
+    alone = np.exp(NEIGHBOURS.of_chance - met * np.log((expected + NEIGHBOURS.of_chance) / expected))
+    return np.log((1.0 - NEIGHBOURS.crowded) * alone + NEIGHBOURS.crowded)
 
 
 @njit

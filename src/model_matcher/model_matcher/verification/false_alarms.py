@@ -8,7 +8,7 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..params import MatchParams
-from .settings import FALSE_ALARM_LEAST, FALSE_ALARM_PER_DATA, FALSE_ALARM_TAIL
+from .settings import FALSE_ALARMS
 
 
 def needed_evidence(problem: Problem, params: MatchParams) -> float:
@@ -20,6 +20,5 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
 
 def false_alarm_evidence(n: int, rate: float) -> float:
     """Nats that chance reaches in a share ``rate`` of the scenes of n data features."""
-    return (
-        FALSE_ALARM_LEAST + FALSE_ALARM_PER_DATA * math.log(max(n, 1)) - FALSE_ALARM_TAIL * math.log(max(rate, 1e-12))
-    )
+    nats = FALSE_ALARMS.least + FALSE_ALARMS.per_data * math.log(max(n, 1))
+    return nats - FALSE_ALARMS.tail * math.log(max(rate, 1e-12))

@@ -15,7 +15,8 @@ from msgs_py.numeric.compiled import njit
 from ..geometry.features import CURVE
 from ..geometry.least_squares import add_equation, damp, solve6
 from ..geometry.rigid_motion import compose_small, transform_line
-from .settings import ALIKE, ALONG_SIGHT_SINE, EXACT, FEWEST, FITS, STEREO_RATIO
+from ..model.settings import EXACT
+from .settings import ALIKE, ALONG_SIGHT_SINE, FEWEST, FITS, STEREO_RATIO
 
 
 @njit

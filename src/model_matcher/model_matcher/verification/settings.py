@@ -1,10 +1,12 @@
 """Numbers of verification. Evidence is in nats: natural logarithms of ratios of probabilities.
 
 Those of the evidence were measured on the synthetic scenes of test/benchmarks/bench_matcher.py (presets clutter, absent
-and false_alarms); change one only together with FALSE_ALARM_*, which are the measured result of all.
+and false_alarms); change one only together with FALSE_ALARMS, the measured result of all.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 # -- candidates and their refinement ---------------------------------------------------------------------------------
 
@@ -28,8 +30,6 @@ ALIKE = 0.7
 FEWEST, FITS = 4, 4
 # Sine of the angle between an edge and the line of sight below which the edge says nothing across it.
 ALONG_SIGHT_SINE = 0.05
-# Residuals along the line of sight of less than this part of the model's size are rounding.
-EXACT = 1e-6
 
 # -- coincidences ----------------------------------------------------------------------------------------------------
 
@@ -59,14 +59,23 @@ FRAGMENTS = -1.0
 
 # -- neighbours ------------------------------------------------------------------------------------------------------
 
-# Unexplained data that meets the explained data of a chance pose, on average.
-NEIGHBOURS = 2.2
-# Of an instance's own edges, per matched feature, noise takes so many that meet the others.
-MISSED = 0.03
-# Of the pieces strewn about that meet, so many do so end to end.
-AT_ENDS = 0.3
-# Part of the real objects that have patterns at their edges, or stand on others.
-CROWDED = 0.03
+
+class NeighbourCounts(NamedTuple):
+    """How often unexplained data meets the data that a pose explains.
+
+    of_chance : with a chance pose, on average
+    missed : of an instance's own edges, per matched feature, noise takes so many that meet the others
+    at_ends : of the pieces strewn about that meet, so many do so end to end
+    crowded : part of the real objects that have patterns at their edges, or stand on others
+    """
+
+    of_chance: float
+    missed: float
+    at_ends: float
+    crowded: float
+
+
+NEIGHBOURS = NeighbourCounts(2.2, 0.03, 0.3, 0.03)
 # Edges meet when their lines do within this part of their lengths beyond their ends.
 REACH = 0.12
 # Sine below which two edges do not meet but run on.
@@ -78,15 +87,39 @@ NEIGHBOURHOOD = 0.6
 
 # -- what is in view -------------------------------------------------------------------------------------------------
 
-# Chances that a feature is explained: by a pose at random, among objects as regular as the model; where the model is,
-# when any feature may be missing; there, when it is in view, and when it is hidden.
-BY_CHANCE, THINNED, SEEN, HIDDEN = 0.28, 0.39, 0.47, 0.1
+
+class ChancesOfView(NamedTuple):
+    """Chances that a model feature is explained, measured together.
+
+    by_chance : by a pose at random, among objects as regular as the model; thinned : where the model is, when any
+    feature may be missing; seen, hidden : there, when it is in view, and when it is hidden
+    """
+
+    by_chance: float
+    thinned: float
+    seen: float
+    hidden: float
+
+
+VIEW = ChancesOfView(0.28, 0.39, 0.47, 0.1)
+
 
 # -- acceptance ------------------------------------------------------------------------------------------------------
 
-# Evidence that the best pose of an absent model has by chance: more than LEAST + PER_DATA x ln(data features) +
-# TAIL x t in less than exp(-t) of the scenes, as measured among other objects: bench_matcher.py --presets false_alarms.
-FALSE_ALARM_LEAST, FALSE_ALARM_PER_DATA, FALSE_ALARM_TAIL = -0.6, 1.5, 1.3
+
+class FalseAlarms(NamedTuple):
+    """Evidence (nats) that the best pose of an absent model has by chance.
+
+    It is more than least + per_data x ln(data features) + tail x t in less than exp(-t) of the scenes, as measured
+    among other objects: bench_matcher.py --presets false_alarms.
+    """
+
+    least: float
+    per_data: float
+    tail: float
+
+
+FALSE_ALARMS = FalseAlarms(-0.6, 1.5, 1.3)
 # A candidate whose data is claimed to more than this part by a better interpretation competes with it.
 CLAIMED = 0.34
 # So large a part of the data of another pose, or of the most distinct model features of any, counts as nearly all.

@@ -17,13 +17,13 @@ import numpy as np
 
 from msgs_py.numeric.compiled import njit
 
-from .settings import BY_CHANCE, HIDDEN, SEEN, THINNED
+from .settings import VIEW
 
 
 @njit
 def _nats(found, missed, chance):
-    """Of a chance against BY_CHANCE."""
-    return found * np.log(chance / BY_CHANCE) + missed * np.log((1.0 - chance) / (1.0 - BY_CHANCE))
+    """Of a chance against VIEW.by_chance."""
+    return found * np.log(chance / VIEW.by_chance) + missed * np.log((1.0 - chance) / (1.0 - VIEW.by_chance))
 
 
 @njit
@@ -45,7 +45,7 @@ def nats_of_view(motion, used, planes, lies):
     count = used.sum()
     seen = (in_view & used).sum()
     hidden = (hull & ~in_view & used).sum()
-    of_view = _nats(seen, in_view.sum() - seen, SEEN) + hidden * np.log(HIDDEN / BY_CHANCE)
-    thinned = _nats(count, e - count, THINNED)
+    of_view = _nats(seen, in_view.sum() - seen, VIEW.seen) + hidden * np.log(VIEW.hidden / VIEW.by_chance)
+    thinned = _nats(count, e - count, VIEW.thinned)
     most = max(thinned, of_view)
     return most + np.log(0.5 * (np.exp(thinned - most) + np.exp(of_view - most)))
