@@ -33,6 +33,7 @@ from numba.core.caching import CompileResultCacheImpl, _Cache
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
+from .one_unit import AVAILABLE, UnitDispatcher, is_linked
 from .settings import CACHE_BYTES, NAME_CHARACTERS, SIZE_CHECKED_EVERY_S, USE_NOTED_AFTER_S
 
 # Moves the cache; numba's own NUMBA_CACHE_DIR is taken where this one is not set.
@@ -101,6 +102,8 @@ class ContentCache(_Cache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled, unless it depends on addresses of this process."""
+        if is_linked(data):  # it is in the entries of what calls it
+            return
         if not self._enabled or data.library.has_dynamic_globals or any(not lift.can_cache for lift in data.lifted):
             return
         _write(self._path(sig, data.codegen), dumps(self._impl.reduce(data)))
@@ -150,6 +153,8 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     dispatcher = numba.njit(**options)(function)
     if isinstance(dispatcher, Dispatcher):  # with compilation switched off it is the function itself
         cast(Any, dispatcher)._cache = ContentCache(cast(FunctionType, function), options)
+        if AVAILABLE:
+            dispatcher.__class__ = UnitDispatcher
     return dispatcher
 
 
