@@ -21,13 +21,14 @@ import llvmlite.binding as llvm
 from numba.core import codegen, compiler, dispatcher, sigutils
 from numba.core.compiler_lock import global_compiler_lock
 
+_FunctionCompiler: Any = vars(dispatcher).get('_FunctionCompiler', object)
 _METHODS = (
     (codegen.JITCodeLibrary, 'add_linking_library'),
     (codegen.JITCodeLibrary, 'finalize'),
     (codegen.JITCodeLibrary, '_optimize_final_module'),
     (codegen.JITCodeLibrary, '_finalize_final_module'),
-    (dispatcher._FunctionCompiler, '_compile_core'),
-    (dispatcher._FunctionCompiler, '_customize_flags'),
+    (_FunctionCompiler, '_compile_core'),
+    (_FunctionCompiler, '_customize_flags'),
     (dispatcher.Dispatcher, 'add_overload'),
     (dispatcher.Dispatcher, 'get_call_template'),
 )
@@ -187,7 +188,7 @@ def _intermediate(library: Any) -> Any:
 _REPLACEMENTS: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
     (codegen.JITCodeLibrary, 'add_linking_library', _link_later),
     (codegen.JITCodeLibrary, 'finalize', _finalised),
-    (dispatcher._FunctionCompiler, '_compile_core', _compiled),
+    (_FunctionCompiler, '_compile_core', _compiled),
     (dispatcher.Dispatcher, 'add_overload', _added),
     (dispatcher.Dispatcher, 'get_call_template', _called_by_compiled),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # Bytes that the cache may take before the entries that were not used for longest are removed. All that the nodes need
-# is about 20 MB, so this holds some fifty versions of them.
+# is about 5 MB, so this holds some two hundred versions of them.
 CACHE_BYTES = 1 << 30
 # Age, seconds, after which the time of an entry's use is written again: a day.
 USE_NOTED_AFTER_S = 86400.0
