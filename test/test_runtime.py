@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from dataclasses import dataclass
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
 from rclpy.qos import QoSHistoryPolicy
@@ -18,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.runtime import STEREO_TOPICS, GraphNode, spin_once
+from msgs_py.numeric.steps import CompileStep
 
 
 @dataclass(frozen=True)
@@ -254,3 +256,131 @@ def test_stereo_topics_are_joined_and_survive_a_raising_callback_and_a_backward_
     assert node.seen == [100, 101, 5, 6]
     assert 'first one fails' in node.health.last_error
     assert node._sync.counters.clock_jumps == 1
+
+
+class CompilingEchoNode(EchoNode):
+    """Has to compile something that takes until the test says so."""
+
+    steps: tuple[CompileStep, ...] = ()
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.prepare(self.steps)
+
+
+class CompilingStereoNode(StereoEchoNode):
+    steps: tuple[CompileStep, ...] = ()
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.prepare(self.steps)
+
+
+@pytest.fixture
+def compiler():
+    """Two stand-ins for compiling, each waiting for its event; released at the end whatever happens."""
+    events = [threading.Event(), threading.Event()]
+    steps = tuple(CompileStep(name, event.wait) for name, event in zip(('edges', 'curves'), events))
+    CompilingEchoNode.steps = CompilingStereoNode.steps = steps
+    yield events
+    for event in events:
+        event.set()
+
+
+def status_that(graph, statuses, name, predicate):
+    """The newest status of a node for which the predicate holds."""
+
+    def found():
+        status = latest(statuses, name)
+        return status if status is not None and predicate(status) else None
+
+    return graph.spin_until(found, what=f'such a status of {name}')
+
+
+def test_a_node_that_compiles_says_how_far_it_is_and_answers_meanwhile(graph, compiler):
+    node = graph.add(CompilingEchoNode)
+    statuses = graph.collect(DiagnosticArray, '/diagnostics')
+    status = status_that(graph, statuses, 'echo_node', lambda s: s.message == 'compiling: 1 of 2: edges')
+    assert status.level == DiagnosticStatus.OK and values(status)['compiling'] == '1 of 2: edges'
+    assert set_atomically(graph, node, prefix='> ').successful and node.config.prefix == '> '
+    assert graph.call(Trigger, '/echo_node/reset', Trigger.Request()).success
+    compiler[0].set()
+    status_that(graph, statuses, 'echo_node', lambda s: s.message == 'compiling: 2 of 2: curves')
+    compiler[1].set()
+    status = status_that(graph, statuses, 'echo_node', lambda s: s.message == 'ok')
+    assert values(status)['compiling'] == ''
+
+
+def test_the_newest_input_is_kept_until_all_is_compiled(graph, compiler):
+    node = graph.add(CompilingEchoNode)
+    heard = graph.collect(String, 'out')
+    talk = graph.publisher(String, 'in')
+    graph.wait_matched(talk, node.out)
+    for number in range(3):
+        talk.publish(String(data=str(number)))
+        graph.spin_until(lambda number=number: node._received['in'] > number)
+    assert node.health.processed == 0 and not heard
+    for event in compiler:
+        event.set()
+    graph.spin_until(lambda: heard, what='the input that waited')
+    assert [message.data for message in heard] == ['2']
+    assert (node.health.processed, node.health.lost) == (1, 2)
+    talk.publish(String(data='after'))
+    graph.spin_until(lambda: len(heard) == 2)
+
+
+def test_the_newest_stereo_pair_is_kept_until_all_is_compiled(graph, compiler):
+    node = graph.add(CompilingStereoNode)
+    outputs = [graph.publisher(CameraInfo if 'info' in topic else Image, topic) for topic in STEREO_TOPICS]
+    graph.wait_matched(*outputs)
+    for sec in (1, 2):
+        for output in outputs:
+            message = output.msg_type()
+            message.header.stamp.sec = sec
+            output.publish(message)
+        graph.spin_until(lambda sec=sec: node._sync.counters.sets == sec, what='a pair')
+    assert node.seen == []
+    for event in compiler:
+        event.set()
+    graph.spin_until(lambda: node.seen)
+    assert node.seen == [2]
+
+
+def test_nothing_received_is_no_warning_while_another_node_compiles(graph, compiler, monkeypatch):
+    monkeypatch.setattr('msgs_py.node_runtime.runtime.SILENCE_S', 0.0)
+    graph.add(CompilingEchoNode)
+    graph.add(StereoEchoNode)
+    statuses = graph.collect(DiagnosticArray, '/diagnostics')
+    status = status_that(graph, statuses, 'stereo_echo_node', lambda s: s.message.startswith('waiting'))
+    assert status.level == DiagnosticStatus.OK
+    assert status.message == 'waiting: /echo_node is compiling: 1 of 2: edges'
+    for event in compiler:
+        event.set()
+    status = status_that(graph, statuses, 'stereo_echo_node', lambda s: s.message.startswith('nothing received'))
+    assert status.level == DiagnosticStatus.WARN
+
+
+def test_a_step_that_fails_is_reported_and_the_node_works(graph, compiler):
+    def fail():
+        raise ZeroDivisionError('oops')
+
+    CompilingEchoNode.steps = (CompileStep('edges', fail), CompileStep('curves', compiler[1].wait))
+    node = graph.add(CompilingEchoNode)
+    heard = graph.collect(String, 'out')
+    talk = graph.publisher(String, 'in')
+    graph.wait_matched(talk, node.out)
+    talk.publish(String(data='first'))
+    compiler[1].set()
+    graph.spin_until(lambda: heard)
+    assert node.health.last_error == 'compiling: edges: ZeroDivisionError: oops'
+
+
+def test_a_node_that_is_destroyed_begins_no_further_step(graph, compiler):
+    node = graph.add(CompilingEchoNode)
+    preparation = node._preparation
+    graph.executor.remove_node(node)
+    graph.nodes.remove(node)
+    node.destroy_node()
+    compiler[0].set()
+    preparation._thread.join(10.0)
+    assert not preparation.running and not preparation.done

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
@@ -19,6 +20,7 @@ from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cl
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.numeric.steps import CompileStep
 
 from .language import SceneError, SceneFile, read_scene
 from .language.includes import models_folder
@@ -95,7 +97,8 @@ class RendererNode(GraphNode[RendererConfig]):
         self._depth = self.create_output(Image, 'left/depth')
         self._pose = self.create_output(PoseStamped, 'ground_truth/pose')
         self._features = self.create_output(PointCloud2, 'ground_truth/features')
-        self.create_service(Trigger, '~/render', self._on_render)
+        # Of a group of its own: one that waits for the compiler keeps no other callback waiting.
+        self.create_service(Trigger, '~/render', self._on_render, callback_group=ReentrantCallbackGroup())
         self._file: SceneFile | None = None
         self._read_at: dict[str, int] = {}
         self._pair_index = 0
@@ -104,7 +107,7 @@ class RendererNode(GraphNode[RendererConfig]):
             [*self.config.scene_folders, models_folder()], [self.config.scene], 'scene_folders'
         )
         self._load(self.config.scene)
-        self._guard('warm up', self._warm_up)()
+        self.prepare(self._compile_steps())
         self._start_timer()
 
     # -- configuration -----------------------------------------------------------------------------------------
@@ -162,11 +165,13 @@ class RendererNode(GraphNode[RendererConfig]):
         self._file = file
         self._read_at = {str(path): _changed_at(path) for path in file.files}
 
-    def _warm_up(self) -> None:
-        """Compile, or load from the cache, what the first frame needs, so that it does not come seconds late."""
-        if self._file is not None and self.config.engine == 'native':
-            scene = self._file.scene
-            self._frames(scene, scene_rig(scene, 32, 32, baseline=self.config.baseline), scene.camera_T_scene)
+    def _compile_steps(self) -> tuple[CompileStep, ...]:
+        """What the first frame needs, so that it does not come seconds late."""
+        if self._file is None or self.config.engine != 'native':
+            return ()
+        scene = self._file.scene
+        small = scene_rig(scene, 32, 32, baseline=self.config.baseline)
+        return (CompileStep('ray casting', lambda: self._frames(scene, small, scene.camera_T_scene)),)
 
     def _start_timer(self) -> None:
         if self._timer is not None:
@@ -178,10 +183,11 @@ class RendererNode(GraphNode[RendererConfig]):
     # -- rendering ---------------------------------------------------------------------------------------------
 
     def _on_timer(self) -> None:
-        if any(self.wanted(output) for output in self._outputs):
+        if not self.compiling and any(self.wanted(output) for output in self._outputs):
             self._render()
 
-    def _on_render(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_render(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        await self.prepared()
         before = self._pair_index
         self._guard('render', self._render)()
         response.success = self._pair_index > before

@@ -30,7 +30,7 @@ from msgs_py.renaming import without_effect
 
 from .model.library import Library, load_library
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
-from .pipeline import survey, warm_up
+from .pipeline import compile_steps, survey
 
 TOPIC = 'interpretations'
 WATCH_PERIOD_S = 1.0
@@ -153,7 +153,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
         )
         self._warn_of_seed()
         self._load()
-        warm_up(self._params, len(self._library.models))
+        self.prepare(compile_steps(self._params, len(self._library.models)))
         self._start_transforms()
         self.listen(PointCloud2, 'features', self._on_features)
 

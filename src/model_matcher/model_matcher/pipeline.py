@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import BIN, FeatureSet, Interpretation
+from msgs_py.numeric.steps import CompileStep, run_all
 
 from .geometry.line_pairs import rank_pairs
 from .geometry.settings import PARALLEL_SINE
@@ -317,8 +318,8 @@ def _thin(one: Interpretation, keep: np.ndarray) -> Interpretation:
     return replace(one, assignment=assignment, sign=one.sign[keep], matched=int((assignment != BIN).sum()))
 
 
-def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
-    """Compile, or load from numba's cache, all that :func:`match` needs, so that no first message waits for it.
+def compile_steps(params: MatchParams | None = None, n_models: int = 1) -> tuple[CompileStep, ...]:
+    """What :func:`match` needs compiled, as small computations that use it all.
 
     params : search, scale and proof that will be asked for; n_models : a large library has a search of its own
     """
@@ -330,11 +331,26 @@ def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
             FeatureSet.from_curves([[0.5, 0.5, 0]], [[0, 0, 1]], [0.2]),
         ]
     )
-    _warm.append(True)
-    # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
-    for asked in (MatchParams(false_alarm_rate=1.0), replace(params or MatchParams(), false_alarm_rate=1.0)):
-        match(model, model, asked)
     bars = FeatureSet.from_edges(corners[:4], corners[:4] * [1, 1, 0] + [0, 0, 2])
-    match(bars, bars)  # a tree's, all being parallel
+    asked = params or MatchParams()
+
+    def with_params(wanted: MatchParams) -> None:
+        _warm.append(True)
+        # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
+        match(model, model, replace(wanted, false_alarm_rate=1.0))
+
+    steps = [CompileStep('search by pairs of features', lambda: with_params(MatchParams()))]
+    if asked != MatchParams():
+        steps.append(CompileStep('the search that parameters ask for', lambda: with_params(asked)))
+    steps.append(CompileStep('search by a tree', lambda: match(bars, bars)))  # all being parallel
     if n_models > LIBRARY:
-        prefilter([indexed(model, 'model')], model, params or MatchParams())
+        steps.append(CompileStep('choice from a library', lambda: prefilter([indexed(model, 'model')], model, asked)))
+    return tuple(steps)
+
+
+def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
+    """Compile, or load from the cache, all that :func:`match` needs, so that no first message waits for it.
+
+    params : search, scale and proof that will be asked for; n_models : a large library has a search of its own
+    """
+    run_all(compile_steps(params, n_models))

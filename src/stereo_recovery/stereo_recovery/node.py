@@ -16,7 +16,7 @@ from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
 from .cameras.rectification import Rectifier
 from .drawing import draw_features
 from .params import DETECTORS, LIMITS, RecoveryParams
-from .pipeline import recover, warm_up
+from .pipeline import compile_steps, recover
 
 DEFAULT = RecoveryParams()
 
@@ -134,7 +134,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self._rectifier: Rectifier | None = None
         self._reason = ''
         self._counts: dict[str, object] = {}
-        warm_up()
+        self.prepare(compile_steps())
         self.listen_stereo(self.on_pair, self.config.sync_queue_size, self.config.sync_tolerance)
 
     def on_pair(self, messages: StereoMessages) -> None:

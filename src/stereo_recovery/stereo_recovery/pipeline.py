@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msgs_py import FeatureSet, PinholeCamera, StereoRig
+from msgs_py.numeric.steps import CompileStep, run_all
 from msgs_py.numeric.typed import AnyArray, Float32Array
 
 from .curves.axes import axis_features
@@ -236,12 +237,28 @@ def _edge_features(in_space: EdgesInSpace, kept: AnyArray, curves: list[Curve]) 
     return FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per)
 
 
-def warm_up() -> None:
-    """Compile, or load from numba's cache, what :func:`recover` needs, so that no first pair waits for it."""
-    left = np.full((96, 128), 40, np.uint8)
-    left[24:72, 40:92] = 200
+def compile_steps() -> tuple[CompileStep, ...]:
+    """What :func:`recover` needs compiled, as small computations that use it all."""
+    square = np.full((96, 128), 40, np.uint8)
+    square[24:72, 40:92] = 200
     v, u = np.mgrid[0:96, 0:128]
-    left[(u - 66) ** 2 + (v - 48) ** 2 < 15**2] = 90
-    recover(left, np.roll(left, -12, axis=1), StereoRig.symmetric(PinholeCamera.centred(128, 96, 150.0), 0.05))
-    warm_up_profiles()
-    warm_up_faint()
+    disc = square.copy()
+    disc[(u - 66) ** 2 + (v - 48) ** 2 < 15**2] = 90
+    rig = StereoRig.symmetric(PinholeCamera.centred(128, 96, 150.0), 0.05)
+    params = RecoveryParams()
+
+    def one_image() -> None:
+        detect_view(as_grey(disc, 'left'), params.detector, params.sigma, params.low, params.high)
+
+    return (
+        CompileStep('edges of one image', one_image),
+        CompileStep('straight edges in space', lambda: recover(square, np.roll(square, -12, axis=1), rig)),
+        CompileStep('curves in space', lambda: recover(disc, np.roll(disc, -12, axis=1), rig)),
+        CompileStep('thin faces', warm_up_profiles),
+        CompileStep('edges of low contrast', warm_up_faint),
+    )
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache, what :func:`recover` needs, so that no first pair waits for it."""
+    run_all(compile_steps())

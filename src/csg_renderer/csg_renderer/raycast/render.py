@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from msgs_py import PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.steps import CompileStep
 
 from ..scene.scene import Scene
 from .engines import ViewPose, engine_named
@@ -241,6 +242,11 @@ def render_stereo(
     right = Pose(left.rotation, left.translation + rig.right_T_left, left.scale)
     frames = _render_views(scene, [(rig.left, left), (rig.right, right)], engine, RenderOptions(**options))
     return frames[0], frames[1]
+
+
+def compile_steps(scene: Scene) -> tuple[CompileStep, ...]:
+    """What :func:`render` needs compiled, as a small picture of any scene with a solid."""
+    return (CompileStep('ray casting', lambda: render_stereo(scene, scene_rig(scene, 32, 32))),)
 
 
 def _checked(scene: Scene) -> Scene:

@@ -5,12 +5,15 @@ With codecs this is the only part of the package that needs ROS, and the only on
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import difflib
+import math
+import os
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, cast
 
@@ -29,10 +32,12 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
+from ..numeric.steps import CompileStep, Preparation
 from .config import Config, ParameterSpec
 from .health import Health, SequenceGaps, shortened
 from .renaming import notice
 from .settings import (
+    COMPILING_HEARD_S,
     DIAGNOSTICS_DEPTH,
     DIAGNOSTICS_PERIOD_S,
     NANOSECONDS,
@@ -54,6 +59,8 @@ OUTPUT_QOS = QoSProfile(
 INPUT_QOS = QoSProfile(
     history=QoSHistoryPolicy.KEEP_LAST, depth=QUEUE_DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT
 )
+# Its value in a status says how far compiling is; empty when a node is ready.
+COMPILING_KEY = 'compiling'
 # What a node that takes stereo pairs listens to; a set of them has one stamp.
 STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
 
@@ -101,6 +108,11 @@ class GraphNode(Node, Generic[_C]):
         self._sync: StampSync | None = None
         self._received: dict[str, int] = {}
         self._callback_start = time.monotonic()
+        self._preparation: Preparation | None = None
+        self._ready_at = -math.inf
+        self._newest: dict[str, tuple[Callable[..., None], Any]] = {}
+        self._told = ''
+        self._heard_compiling: dict[str, tuple[float, str]] = {}
         self._silence_logged = -SILENCE_LOG_S
         self._old_names: list[str] = []
         self._ignored: list[str] | None = None
@@ -109,6 +121,10 @@ class GraphNode(Node, Generic[_C]):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._diagnostics_out = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_DEPTH)
+        self._diagnostics_in: Subscription | None = self.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, DIAGNOSTICS_DEPTH
+        )
+        self._wake = self.create_guard_condition(self._on_prepared)
         # A steady clock: diagnostics go on when simulated time stands still.
         self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._publish_diagnostics, clock=self._steady_clock)
@@ -133,6 +149,90 @@ class GraphNode(Node, Generic[_C]):
     def report_values(self) -> dict[str, object]:
         """More key and value pairs for /diagnostics."""
         return {}
+
+    # -- compiling ---------------------------------------------------------------------------------------------
+
+    def prepare(self, steps: Sequence[CompileStep]) -> None:
+        """Run steps in a thread; until they are done the newest input of each topic is kept, and nothing processed.
+
+        Parameters, services and diagnostics answer meanwhile, and the diagnostics tell which step runs.
+        """
+        if not steps:
+            return
+        self._preparation = Preparation(steps, self._wake_up)
+        self._preparation.start()
+
+    def _wake_up(self) -> None:
+        """Called by the thread that compiles; the node may be gone by then."""
+        with contextlib.suppress(Exception):
+            self._wake.trigger()
+
+    @property
+    def compiling(self) -> str:
+        """How far compiling is: ``'2 of 5: curves in space'``; empty when the node is ready."""
+        return '' if self._preparation is None else self._preparation.progress
+
+    @property
+    def is_busy_compiling(self) -> bool:
+        """Whether a thread compiles, also for a node that was destroyed."""
+        return self._preparation is not None and self._preparation.running
+
+    async def prepared(self) -> None:
+        """For services that cannot answer before all is compiled."""
+        await _WhilePreparing(self)
+
+    def _on_prepared(self) -> None:
+        """All is compiled: what waits is processed. Also called when it was before, and then does nothing."""
+        if self.compiling or self._preparation is None:
+            return
+        for error in self._preparation.errors:
+            self.problem(f'compiling: {error}')
+        if self._told:
+            self.get_logger().info(f'compiled, after {time.monotonic() - self.health.started:.0f} s')
+        self._preparation, self._told, self._ready_at = None, '', time.monotonic()
+        waiting, self._newest = self._newest, {}
+        for topic, (callback, message) in waiting.items():
+            self._guard(topic, callback)(message)
+
+    def _when_prepared(self, topic: str, callback: Callable[..., None]) -> Callable[[Any], None]:
+        """The callback, of which the newest call is kept until all is compiled."""
+
+        def call(message: Any) -> None:
+            if self._preparation is not None:
+                self.health.lost += topic in self._newest
+                self._newest[topic] = (callback, message)
+            else:
+                callback(message)
+
+        return call
+
+    def _tell_compiling(self) -> None:
+        """Log each step that takes long enough to be seen; loading what was compiled before is not worth a line."""
+        if self.compiling and self.compiling != self._told:
+            self._told = self.compiling
+            self.get_logger().info(f'compiling: {self._told}')
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Which other nodes are compiling."""
+        for status in message.status:
+            text = next((item.value for item in status.values if item.key == COMPILING_KEY), '')
+            if text and status.name != self.get_fully_qualified_name():
+                self._heard_compiling[status.name] = (time.monotonic(), text)
+            else:
+                self._heard_compiling.pop(status.name, None)
+
+    def _others_compiling(self) -> str:
+        """Who compiles, and how far it is."""
+        oldest = time.monotonic() - COMPILING_HEARD_S
+        return '; '.join(
+            f'{name} is compiling: {text}' for name, (at, text) in self._heard_compiling.items() if at > oldest
+        )
+
+    def destroy_node(self) -> None:
+        """As rclpy's; what has not been compiled is not begun."""
+        if self._preparation is not None:
+            self._preparation.cancel()
+        super().destroy_node()
 
     # -- parameters --------------------------------------------------------------------------------------------
 
@@ -321,6 +421,12 @@ class GraphNode(Node, Generic[_C]):
         formerly : tuple of str
             Old names of the topic; what comes there is taken too, with a warning.
         """
+        return self._subscribe(message_type, topic, self._when_prepared(topic, callback), formerly)
+
+    def _subscribe(
+        self, message_type: type, topic: str, callback: Callable[[Any], None], formerly: tuple[str, ...] = ()
+    ) -> Subscription:
+        """As :meth:`listen`, also while the node compiles."""
         for old in formerly:
 
             def on_old(message: Any, old: str = old) -> None:
@@ -370,6 +476,7 @@ class GraphNode(Node, Generic[_C]):
         tolerance_s : float
             Largest difference of stamps inside a set, seconds.
         """
+        on_set = self._when_prepared('stereo pair', callback)
         self._sync = sync = StampSync(STEREO_TOPICS, queue_size, round(tolerance_s * NANOSECONDS))
 
         def joined(topic: str) -> Callable[[Any], None]:
@@ -377,12 +484,12 @@ class GraphNode(Node, Generic[_C]):
                 stamp = message.header.stamp
                 complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
                 if complete is not None:
-                    callback(StereoMessages(*(complete[name] for name in STEREO_TOPICS)))
+                    on_set(StereoMessages(*(complete[name] for name in STEREO_TOPICS)))
 
             return on_message
 
         for topic in STEREO_TOPICS:
-            self.listen(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
+            self._subscribe(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
 
     def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
         """A callback that reports what the given one raises, under the name of its source."""
@@ -419,11 +526,13 @@ class GraphNode(Node, Generic[_C]):
         """Why nothing has come out for a while, or None when all is well."""
         now = time.monotonic()
         since = self.health.last_output_time if self.health.last_output_time is not None else self.health.started
-        if now - since < SILENCE_S:
+        if self.compiling or now - max(since, self._ready_at) < SILENCE_S:
             return None
         own = self.why_silent()
         if own is not None:
             return own
+        if self._others_compiling():
+            return None  # what is expected from them comes when they are ready
         if self._sync is not None and self._sync.explain() is not None:
             return self._sync.explain()
         deaf = [topic for topic, count in self._received.items() if count == 0]
@@ -434,6 +543,8 @@ class GraphNode(Node, Generic[_C]):
         return f'no input for {now - since:.0f} s' if self._received else None
 
     def _publish_diagnostics(self) -> None:
+        self._on_prepared()  # should its guard condition have been overheard
+        self._tell_compiling()
         now = time.monotonic()
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id='none', message='ok')
         silence = self.silence()
@@ -443,10 +554,14 @@ class GraphNode(Node, Generic[_C]):
             if now - self._silence_logged >= SILENCE_LOG_S:
                 self._silence_logged = now
                 self.get_logger().warning(silence)
+        elif self.compiling:
+            status.message = f'compiling: {self.compiling}'
         elif recent:
             status.level, status.message = DiagnosticStatus.WARN, self.health.last_error
         elif self._old_names:
             status.level, status.message = DiagnosticStatus.WARN, '; '.join(self._old_names)
+        elif self.health.processed == 0 and self._others_compiling():
+            status.message = f'waiting: {self._others_compiling()}'
         values = self.health.values(now)
         if self._sync is not None:
             counters = self._sync.counters
@@ -457,6 +572,7 @@ class GraphNode(Node, Generic[_C]):
                 'clock_jumps': counters.clock_jumps,
             }
         values |= {
+            COMPILING_KEY: self.compiling,
             'old_names_in_use': '; '.join(self._old_names),
             'ignored_parameters': ', '.join(self._ignored_overrides()),
         }
@@ -470,12 +586,24 @@ class GraphNode(Node, Generic[_C]):
         if self._sync is not None:
             self._sync.forget()
         self.health = Health(time.monotonic())
+        self._newest.clear()
         try:
             response.success, response.message = True, f'reset: {self.reset()}'
         except Exception as error:
             response.success, response.message = False, f'{type(error).__name__}: {error}'
             self.problem(f'reset: {response.message}')
         return response
+
+
+class _WhilePreparing:
+    """Awaitable of a node that compiles; its guard condition wakes the executor at the end."""
+
+    def __init__(self, node: GraphNode[Any]) -> None:
+        self.node = node
+
+    def __await__(self) -> Generator[None, None, None]:
+        while self.node.compiling:
+            yield
 
 
 class _AlsoUnderOldNames:
@@ -552,4 +680,9 @@ def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+    if isinstance(node, GraphNode) and node.is_busy_compiling:
+        # The compiler cannot be interrupted, and must not be while the interpreter is taken down around it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
     return 0

@@ -6,6 +6,8 @@ from __future__ import annotations
 QUEUE_DEPTH = 2
 # Statuses that /diagnostics keeps, as diagnostic_updater does.
 DIAGNOSTICS_DEPTH = 10
+# Age, seconds, up to which another node's word that it compiles is believed: three periods of /diagnostics.
+COMPILING_HEARD_S = 3.0
 # Period of /diagnostics, seconds; aggregators call a status stale after five.
 DIAGNOSTICS_PERIOD_S = 1.0
 # Time without output after which a node says why, seconds; as long as an error counts as recent.
