@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import llvmlite.binding as llvm
 from numba.core import codegen, compiler, dispatcher, sigutils
 from numba.core.compiler_lock import global_compiler_lock
 
@@ -179,7 +178,7 @@ def _intermediate(library: Any) -> Any:
     if module is None:
         module = library._final_module.clone()
         for function in module.functions:
-            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+            if not function.is_declaration and function.linkage == codegen.ll.Linkage.external:
                 function.linkage = 'linkonce_odr'
         library._for_units = module
     return module
