@@ -168,7 +168,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         """Stop what runs, then end the worker thread."""
         self.spaces.clear()
         self._worker.shutdown(wait=True)
-        super().destroy_node()  # type: ignore[no-untyped-call]
+        super().destroy_node()
 
 
 def main(args: list[str] | None = None) -> int:

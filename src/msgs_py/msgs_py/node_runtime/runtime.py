@@ -232,7 +232,7 @@ class GraphNode(Node, Generic[_C]):
         """As rclpy's; what has not been compiled is not begun."""
         if self._preparation is not None:
             self._preparation.cancel()
-        super().destroy_node()
+        super().destroy_node()  # type: ignore[no-untyped-call]
 
     # -- parameters --------------------------------------------------------------------------------------------
 

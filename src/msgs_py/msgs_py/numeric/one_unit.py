@@ -178,7 +178,7 @@ def _intermediate(library: Any) -> Any:
     if module is None:
         module = library._final_module.clone()
         for function in module.functions:
-            if not function.is_declaration and function.linkage == codegen.ll.Linkage.external:
+            if not function.is_declaration and function.linkage.name == 'external':
                 function.linkage = 'linkonce_odr'
         library._for_units = module
     return module
