@@ -275,12 +275,40 @@ def _trigonometric(form: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def evaluate(conic: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(n, 3): the points at angles (n,) of conics (n, 4, 3)."""
+    """Points on conics.
+
+    Parameters
+    ----------
+    conic : (n, 4, 3) array of float64
+        Columns multiply cos, sin and 1; homogeneous.
+    angle : (n,) array of float64
+        Radians.
+
+    Returns
+    -------
+    (n, 3) float64
+    """
     return positions(conic, angle)[0]
 
 
 def positions(conic: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (n, 3), unit tangents (n, 3) towards larger angles, and the last homogeneous coordinate (n,)."""
+    """Points on conics with their tangents.
+
+    Parameters
+    ----------
+    conic : (n, 4, 3) array of float64
+    angle : (n,) array of float64
+        Radians.
+
+    Returns
+    -------
+    point : (n, 3) float64
+        NaN at infinity.
+    tangent : (n, 3) float64
+        Unit, towards larger angles.
+    weight : (n,) float64
+        The last homogeneous coordinate.
+    """
     x = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=-1)
     dx = np.stack([-x[..., 1], x[..., 0], np.zeros_like(angle)], axis=-1)
     p, dp = (np.einsum('nij,nj->ni', conic, v) for v in (x, dx))
@@ -291,7 +319,16 @@ def positions(conic: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def identity(conic: np.ndarray) -> np.ndarray:
-    """(n, 16): the dual conic, normalised: equal for equal conics, however they are parametrised."""
+    """What is equal for equal conics, however they are parametrised: the normalised dual conic.
+
+    Parameters
+    ----------
+    conic : (n, 4, 3) array of float64
+
+    Returns
+    -------
+    (n, 16) float64
+    """
     dual = conic @ np.diag([1.0, 1.0, -1.0]) @ np.swapaxes(conic, 1, 2)
     dual = dual.reshape(len(conic), 16)
     dual = dual / np.linalg.norm(dual, axis=1, keepdims=True)
@@ -301,7 +338,16 @@ def identity(conic: np.ndarray) -> np.ndarray:
 
 
 def is_ellipse(conic: np.ndarray) -> np.ndarray:
-    """(n,) bool for conics (n, 4, 3): closed, and parametrised by its conjugate diameters."""
+    """Which conics are closed and parametrised by conjugate diameters.
+
+    Parameters
+    ----------
+    conic : (n, 4, 3) array of float64
+
+    Returns
+    -------
+    (n,) bool
+    """
     ellipse: BoolArray = (np.abs(conic[:, 3, :2]) <= ELLIPSE_ROW).all(axis=1)
     return ellipse
 

@@ -21,9 +21,14 @@ from .settings import BEFORE_CREASE, VIEW_DISTANCE, VIEW_FILL, VIEW_NEARER, VIEW
 
 @dataclass(frozen=True)
 class Drawing:
-    """A wire frame: polylines (k, 2), pixels, and the size of the image.
+    """A wire frame, in pixels.
 
-    ``hidden`` holds all creases; those of ``seen`` are drawn over them.
+    Attributes
+    ----------
+    seen, hidden, contours, axes : list of (k, 2) float64
+        Polylines. ``hidden`` holds all creases; those of ``seen`` are drawn over them.
+    width, height : int
+        Of the image.
     """
 
     seen: list[np.ndarray]
@@ -75,7 +80,19 @@ def view_from(
 
 
 def draw_solid(solid: Solid, pose: Pose, camera: PinholeCamera) -> Drawing:
-    """The wire frame of a solid, hidden lines removed exactly and drawn apart."""
+    """The wire frame of a solid, hidden lines removed exactly and drawn apart.
+
+    Parameters
+    ----------
+    solid : Solid
+    pose : Pose
+        camera_T_model.
+    camera : PinholeCamera
+
+    Returns
+    -------
+    Drawing
+    """
     found, seen = boundary(solid), visible_fragments(solid, pose, camera)
     everything = polylines(found.features.transformed(pose), (FeatureKind.EDGE, FeatureKind.CURVE))
     everything += [pose.apply(points) for points in other_creases(found)]
@@ -98,7 +115,25 @@ def draw_mesh(
     camera: PinholeCamera,
     samples: int = 64,
 ) -> Drawing:
-    """The wire frame of a mesh's features; hidden pieces are found by sampling each feature."""
+    """The wire frame of a mesh's features; hidden pieces are found by sampling each feature.
+
+    Parameters
+    ----------
+    features : FeatureSet
+        Of the mesh, model frame, metres.
+    vertices : (n, 3) array of float64
+        Model frame, metres.
+    triangles : (m, 3) array of int
+    pose : Pose
+        camera_T_model.
+    camera : PinholeCamera
+    samples : int
+        Points along each feature.
+
+    Returns
+    -------
+    Drawing
+    """
     corners = pose.apply(vertices)[triangles]
     seen = []
     lines = polylines(features.transformed(pose), (FeatureKind.EDGE, FeatureKind.CURVE), samples)
@@ -121,7 +156,21 @@ def draw_mesh(
 
 
 def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
-    """Write a PNG, SVG or PDF file, by its suffix. Raises ValueError for another suffix."""
+    """Write a drawing.
+
+    Parameters
+    ----------
+    drawing : Drawing
+    path : str or Path
+        A PNG, SVG or PDF file, by its suffix.
+    title : str
+        Text above it.
+
+    Raises
+    ------
+    ValueError
+        The suffix is another.
+    """
     if Path(path).suffix.lower() not in ('.png', '.svg', '.pdf'):
         raise ValueError(f'{path}: expected .png, .svg or .pdf')
     # matplotlib takes half a second to import, and only drawing needs it.
@@ -148,12 +197,36 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
 
 
 def polylines(features: FeatureSet, kinds: tuple[FeatureKind, ...], samples: int = 64) -> list[np.ndarray]:
-    """Points (k, 3) along every feature of these kinds."""
+    """Points along features.
+
+    Parameters
+    ----------
+    features : FeatureSet
+    kinds : tuple of FeatureKind
+        Which of them.
+    samples : int
+        Points along a curve.
+
+    Returns
+    -------
+    list of (k, 3) float64
+        In the features' frame, metres.
+    """
     return [features.polyline(k, samples) for k in range(len(features)) if features.kind[k] in kinds]
 
 
 def other_creases(found: Boundary) -> list[np.ndarray]:
-    """Points (k, 3), model frame, along the creases that are no matching features."""
+    """Points along the creases of a solid that are no matching features.
+
+    Parameters
+    ----------
+    found : Boundary
+
+    Returns
+    -------
+    list of (k, 3) float64
+        Model frame, metres.
+    """
     lines = list(found.space_curves)
     for curve, low, high, ellipse in zip(found.curve, found.curve_low, found.curve_high, found.ellipse):
         if not ellipse:

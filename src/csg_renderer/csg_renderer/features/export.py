@@ -99,7 +99,14 @@ def as_json(features: FeatureSet, found: Boundary | None = None) -> dict[str, An
 
 
 def save_json(models: dict[str, dict[str, Any]], path: str | Path) -> None:
-    """Models by name, each as :func:`as_json` gives it."""
+    """Write models as JSON.
+
+    Parameters
+    ----------
+    models : dict
+        By name, each as :func:`as_json` gives it.
+    path : str or Path
+    """
     Path(path).write_text(json.dumps(models, indent=1) + '\n', encoding='utf-8')
 
 

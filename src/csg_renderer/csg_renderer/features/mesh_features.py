@@ -60,7 +60,23 @@ def features_from_mesh(
 
 
 def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float64, units of the file, and triangles (m, 3) int of a mesh. Raises as features_from_mesh."""
+    """Vertices and triangles of a mesh file.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    vertices : (n, 3) float64
+        Units of the file.
+    triangles : (m, 3) int
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        As :func:`features_from_mesh`.
+    """
     file = Path(path)
     if not file.is_file():
         raise FileNotFoundError(f'{path}: no such file')

@@ -36,9 +36,21 @@ _UNIT_CALLS = {
 
 
 def format_scene(scene: Scene) -> str:
-    """The scene as one file without includes, in millimetres where that is exact and in metres otherwise.
+    """A scene as one file without includes, in millimetres where that is exact and in metres otherwise.
 
-    Raises ValueError for what the language cannot say (a camera pose with a scale, or without a camera).
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    str
+        Parses to the same scene, to the last bit.
+
+    Raises
+    ------
+    ValueError
+        The language cannot say it: a camera pose with a scale, or without a camera.
     """
     try:
         return _Printer('MM', 1000.0).scene(scene)
@@ -233,7 +245,21 @@ UPRIGHT = Solid.cylinder(1.0, (0.0, 0.0, 1.0)).matrix
 
 
 def number(value: float) -> str:
-    """The shortest text that is read back as this float, without exponent and point where they are not needed."""
+    """The shortest text that is read back as this float, without exponent and point where they are not needed.
+
+    Parameters
+    ----------
+    value : float
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> number(2.0), number(0.1)
+    ('2', '0.1')
+    """
     text = repr(float(value) + 0.0)
     return text[:-2] if text.endswith('.0') else text
 

@@ -20,7 +20,18 @@ class TooMany(Exception):
 
 
 def products_of(code: np.ndarray) -> list[Product] | None:
-    """The products, (leaves, leaves taken away), of a postfix program; None when there are too many."""
+    """The products of intersections whose union a tree is.
+
+    Parameters
+    ----------
+    code : (m,) array of int64
+        A postfix program, see :func:`postfix`.
+
+    Returns
+    -------
+    list of (leaves, leaves taken away), or None
+        None when there are too many (MOST_PRODUCTS, MOST_FACTORS).
+    """
     stack: list[list[Product]] = []
     try:
         for op, inside in zip(code.tolist(), _sides(code.tolist())):

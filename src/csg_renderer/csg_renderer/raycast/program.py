@@ -72,18 +72,35 @@ OUTLINES = _outlines()
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A scene in flat arrays. n leaves, c children.
+    """A scene in flat arrays. n leaves, c children, l lights.
 
-    kind : (n,) int64, KIND_CODES; inverse : (n, 4, 4) float64, leaf unit frame from scene
-    object_of : (n,) int64, the Scene.solids index of each leaf
-    colours : (n, 6, 3) float64, face colours; material : (n, 6) float64: ambient, diffuse, specular, shininess,
-        reflection, transparency
-    children : postfix programs (m,) int64, one for every operand of the unions at the top of the objects. The nearest
-        entry of any child is what a ray sees.
-    terrains : the leaves that are height grids, and in no child
-    outline : (p, 3) float64, scene frame, corners of convex hulls of the leaves; outline_start : (n + 1,) int64
-    extent : float, metres, how far from the origin the bounded leaves reach
-    lights : (l, 3) positions and light_colours (l, 3) float64; ambient_light, background : (3,) float64
+    Attributes
+    ----------
+    leaves : tuple of Primitive
+    kind : (n,) int64
+        See KIND_CODES.
+    inverse : (n, 4, 4) float64
+        Unit frame of each leaf from the scene.
+    object_of : (n,) int64
+        Index into Scene.solids.
+    colours : (n, 6, 3) float64
+        Of each face, linear.
+    material : (n, 6) float64
+        Ambient, diffuse, specular, shininess, reflection, transparency.
+    children : tuple of (m,) int64
+        Postfix programs, one for every operand of the unions at the top of the objects. The nearest entry of any child
+        is what a ray sees.
+    terrains : tuple of int
+        The leaves that are height grids, and in no child.
+    outline : (p, 3) float64
+        Corners of convex hulls of the leaves, metres, scene frame.
+    outline_start : (n + 1,) int64
+        The corners of each leaf.
+    extent : float
+        How far from the origin the bounded leaves reach, metres.
+    lights, light_colours : (l, 3) float64
+        Positions in metres, scene frame, and colours.
+    ambient_light, background : (3,) float64
     """
 
     leaves: tuple[Primitive, ...]
@@ -107,9 +124,17 @@ class Program:
 class View:
     """A program seen by a camera.
 
-    scene_T_camera : (4, 4) float64; local : (n, 3, 4) float64, leaf unit frame from camera: a ray (x, y, 1) has the
-    local direction local[:, 0] x + local[:, 1] y + local[:, 2] and the local origin local[:, 3]
-    tolerance : metres, surfaces this close along a ray are one; departure : metres, see DEPARTURE
+    Attributes
+    ----------
+    program : Program
+    scene_T_camera : (4, 4) float64
+    local : (n, 3, 4) float64
+        Unit frame of each leaf from the camera: a ray (x, y, 1) has the local direction
+        ``local[:, 0] x + local[:, 1] y + local[:, 2]`` and the local origin ``local[:, 3]``.
+    tolerance : float
+        Surfaces this close along a ray are one, metres.
+    departure : float
+        Secondary rays ignore what is nearer than this, metres.
     """
 
     program: Program
@@ -123,7 +148,16 @@ _programs: WeakKeyDictionary[Scene, Program] = WeakKeyDictionary()
 
 
 def program_of(scene: Scene) -> Program:
-    """The scene's program, made on first use and kept as long as the scene lives."""
+    """The program of a scene, made on first use and kept as long as the scene lives.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Program
+    """
     program = _programs.get(scene)
     if program is None:
         program = _programs[scene] = _compile(scene)
@@ -131,7 +165,17 @@ def program_of(scene: Scene) -> Program:
 
 
 def view_of(program: Program, camera_T_scene: Pose) -> View:
-    """The program seen from a camera pose."""
+    """A program as a camera sees it.
+
+    Parameters
+    ----------
+    program : Program
+    camera_T_scene : Pose
+
+    Returns
+    -------
+    View
+    """
     scene_T_camera = camera_T_scene.inverse().matrix
     local = program.inverse @ scene_T_camera
     reach = program.extent + float(np.linalg.norm(scene_T_camera[:3, 3]))
@@ -139,7 +183,24 @@ def view_of(program: Program, camera_T_scene: Pose) -> View:
 
 
 def top_level(solid: Solid) -> list[Solid]:
-    """The operands of the unions at the top of a tree, left to right."""
+    """The operands of the unions at the top of a tree.
+
+    Parameters
+    ----------
+    solid : Solid
+
+    Returns
+    -------
+    list of Solid
+        Left to right.
+
+    Examples
+    --------
+    >>> from csg_renderer import Solid
+    >>> ball = Solid.sphere(1.0)
+    >>> len(top_level(ball | (ball - ball) | ball))
+    3
+    """
     found: list[Solid] = []
     pending = [solid]
     while pending:
@@ -152,7 +213,26 @@ def top_level(solid: Solid) -> list[Solid]:
 
 
 def postfix(solid: Solid, first_leaf: int) -> np.ndarray:
-    """(m,) int64: the tree in reverse Polish order, its leaves numbered from first_leaf (thesis 4.8)."""
+    """A tree in reverse Polish order (thesis 4.8).
+
+    Parameters
+    ----------
+    solid : Solid
+    first_leaf : int
+        Number of its first leaf.
+
+    Returns
+    -------
+    (m,) int64
+        Numbers of leaves, and UNION, INTERSECT or DIFFERENCE.
+
+    Examples
+    --------
+    >>> from csg_renderer import Solid
+    >>> ball = Solid.sphere(1.0)
+    >>> postfix(ball | (ball - ball), 4).tolist()
+    [4, 5, 6, -3, -1]
+    """
     code: list[int] = []
     leaf = first_leaf
     pending: list[Solid | int] = [solid]

@@ -22,10 +22,26 @@ def illuminate(
     direction: np.ndarray,
     transmitted: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(n, 3) float64, linear RGB, not clipped.
+    """Light of points in their lights, without shadows of its own and without mirrors (thesis 4.5).
 
-    hit : (n,) leaf * FACE_SLOTS + face; points, normal, direction : (n, 3) scene frame; direction is the viewing ray's
-    transmitted : (n, lights) how much of each light arrives, all of it by default
+    Parameters
+    ----------
+    program : Program
+    hit : (n,) array of int64
+        leaf * FACE_SLOTS + face.
+    points : (n, 3) array of float64
+        Metres, scene frame.
+    normal : (n, 3) array of float64
+        Unit, towards the viewer, scene frame.
+    direction : (n, 3) array of float64
+        Of the viewing rays, scene frame.
+    transmitted : (n, lights) array of float64, optional
+        How much of each light arrives, 0..1; all of it by default.
+
+    Returns
+    -------
+    (n, 3) float64
+        Linear RGB, not clipped.
     """
     leaf = hit // FACE_SLOTS
     colour = program.colours[leaf, hit % FACE_SLOTS]
@@ -44,19 +60,66 @@ def illuminate(
 
 
 def reflect(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(n, 3) unit: viewing rays mirrored at the surface."""
+    """Viewing rays mirrored at a surface.
+
+    Parameters
+    ----------
+    direction : (n, 3) array of float64
+        Of any length.
+    normal : (n, 3) array of float64
+        Unit.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit.
+
+    Examples
+    --------
+    >>> reflect(np.array([[0.0, 0.0, 2.0]]), np.array([[0.0, 0.0, -1.0]])).tolist()
+    [[0.0, 0.0, -1.0]]
+    """
     ray = unit(direction)
     mirrored: FloatArray = ray - 2.0 * np.einsum('ni,ni->n', ray, normal)[:, None] * normal
     return mirrored
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """(n, 3) scaled to length 1; a zero vector stays zero."""
+    """Vectors scaled to length 1; a zero vector stays zero.
+
+    Parameters
+    ----------
+    vectors : (n, 3) array of float64
+
+    Returns
+    -------
+    (n, 3) float64
+
+    Examples
+    --------
+    >>> unit(np.array([[3.0, 0.0, 4.0], [0.0, 0.0, 0.0]])).tolist()
+    [[0.6, 0.0, 0.8], [0.0, 0.0, 0.0]]
+    """
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return vectors / np.where(length > 0.0, length, 1.0)
 
 
 def quantise(colours: np.ndarray) -> np.ndarray:
-    """Linear 0..1 to uint8, clipped and rounded."""
+    """Linear intensities as bytes.
+
+    Parameters
+    ----------
+    colours : array of float64
+        0..1; what is beyond is clipped.
+
+    Returns
+    -------
+    uint8 array of the same shape
+
+    Examples
+    --------
+    >>> quantise(np.array([-1.0, 0.5, 2.0])).tolist()
+    [0, 128, 255]
+    """
     pixels: ByteArray = (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
     return pixels

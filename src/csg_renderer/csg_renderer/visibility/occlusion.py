@@ -50,7 +50,20 @@ def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: floa
 
 
 def leaf_intervals(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """enter, leave (n, m): parameters at which normalised rays pass each leaf; enter > leave where they miss it."""
+    """Where rays pass each leaf of a solid.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+        Of m leaves.
+    origin, ray : (n, 3) array of float64
+        Normalised frame.
+
+    Returns
+    -------
+    enter, leave : (n, m) float64
+        Parameters along the rays; enter > leave where a ray misses a leaf.
+    """
     n, g = len(origin), len(table.planes)
     slope, value = np.zeros((n, table.groups + 1)), np.full((n, table.groups + 1), -1.0)
     slope[:, :g] = ray @ table.planes[:, :3].T
