@@ -85,8 +85,25 @@ def draw_overlay(
 ) -> None:
     """Write a picture: data thick, in the colour of what explains it (grey: nothing), models thin.
 
-    data : camera frame, metres; models : by name, model frame; image : (h, w[, 3]) uint8, black when not given
-    Raises ValueError when the file cannot be written or the image has another size than the camera.
+    Parameters
+    ----------
+    path : Path
+        The picture; its ending says of which kind.
+    data : FeatureSet
+        Camera frame, metres.
+    models : mapping of str to FeatureSet
+        By name, model frame, metres.
+    found : sequence of Interpretation
+        Of the data.
+    camera : PinholeCamera
+        Which sees it.
+    image : ndarray, shape (h, w) or (h, w, 3), uint8, optional
+        Drawn on; black when not given.
+
+    Raises
+    ------
+    ValueError
+        The file cannot be written, or the image has another size than the camera.
     """
     if image is None:
         image = np.zeros((camera.height, camera.width), np.uint8)

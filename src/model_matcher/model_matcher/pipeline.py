@@ -39,11 +39,28 @@ def match(
 ) -> MatchResult:
     """Find one model in recovered features.
 
-    model : FeatureSet in the model frame, metres (or a ModelIndex); data : FeatureSet in the camera frame, metres
-    name : written to the interpretations
+    Parameters
+    ----------
+    model : FeatureSet or ModelIndex
+        Model frame, metres.
+    data : FeatureSet
+        Camera frame, metres.
+    params : MatchParams, optional
+        How to match.
+    name : str
+        Of the model, written to the interpretations.
 
-    Returns interpretations best first, or the reason why there is none. An empty model or empty data is such a
-    reason. Raises TypeError for arguments of another type, ValueError for bad parameters.
+    Returns
+    -------
+    MatchResult
+        Interpretations best first, or the reason why there is none. An empty model or empty data is such a reason.
+
+    Raises
+    ------
+    TypeError
+        For arguments of another type.
+    ValueError
+        For parameters that cannot be used.
     """
     params = params or MatchParams()
     if not _warm:
@@ -226,10 +243,20 @@ def recognise(
 ) -> list[Interpretation]:
     """Find several models, and several instances of each.
 
-    models : FeatureSets (named model0, model1, ...) or ModelIndexes with names of their own
+    Parameters
+    ----------
+    models : sequence of FeatureSet or ModelIndex
+        Feature sets are named model0, model1, ...; indexes have names of their own.
+    data : FeatureSet
+        Camera frame, metres.
+    params : MatchParams, optional
+        How to match.
 
-    Interpretations come best first (most data explained); assignments refer to the whole of ``data``, and no data
-    feature is in two of them.
+    Returns
+    -------
+    list of Interpretation
+        Best first (most data explained); assignments refer to the whole of ``data``, and no data feature is in two of
+        them.
     """
     return list(survey(models, data, params).interpretations)
 
@@ -241,6 +268,16 @@ def survey(
 
     The interpretation that explains most data over all models claims it; the search goes on in what is left, until
     nothing more is accepted.
+
+    Parameters
+    ----------
+    models, data, params
+        As for :func:`recognise`.
+
+    Returns
+    -------
+    MatchResult
+        Of all models together.
     """
     started = time.perf_counter()
     params = params or MatchParams()
@@ -321,7 +358,12 @@ def _thin(one: Interpretation, keep: np.ndarray) -> Interpretation:
 def compile_steps(params: MatchParams | None = None, n_models: int = 1) -> tuple[CompileStep, ...]:
     """What :func:`match` needs compiled, as small computations that use it all.
 
-    params : search, scale and proof that will be asked for; n_models : a large library has a search of its own
+    Parameters
+    ----------
+    params : MatchParams, optional
+        Search, scale and proof that will be asked for.
+    n_models : int
+        Models that will be searched together: a large library has a search of its own.
     """
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.2, 1.1, 0], [0.3, 0.2, 1.2], [1.1, 0.9, 0.8]])
     first, last = np.triu_indices(len(corners), 1)

@@ -13,8 +13,21 @@ from .settings import CURVE_POINTS, ON_FACE, SAME
 
 
 def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of a model's convex hull: outward normals and offsets (h, 4), the face where normal . x + offset = 0,
-    metres; and lies (h, e) bool, which edges lie on them. A flat model has two faces, a straight one none."""
+    """Faces of a model's convex hull, and the edges on them.
+
+    Parameters
+    ----------
+    index : ModelIndex
+        A model with e features.
+
+    Returns
+    -------
+    planes : ndarray, shape (h, 4), float64
+        Outward normal and offset (metres) of each face, where normal . x + offset = 0. A flat model has two faces, a
+        straight one none.
+    lies : ndarray, shape (h, e), bool
+        Which edges lie on them.
+    """
     rows = index.rows
     step = rows[:, 6:7] * rows[:, 3:6]
     points = np.concatenate([rows[:, :3] - step, rows[:, :3] + step, _rims(index)])
@@ -34,7 +47,8 @@ def _rims(index: ModelIndex) -> np.ndarray:
     u = -perpendicular(normal)
     v = np.cross(normal, u)
     around = np.cos(angle)[:, None, None] * u + np.sin(angle)[:, None, None] * v
-    return (rows[:, :3] + np.nan_to_num(rows[:, 7:8]) * around).reshape(-1, 3)
+    points: np.ndarray = rows[:, :3] + np.nan_to_num(rows[:, 7:8]) * around
+    return points.reshape(-1, 3)
 
 
 def _planes(points: np.ndarray, size: float) -> np.ndarray:

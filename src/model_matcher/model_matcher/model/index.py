@@ -20,9 +20,22 @@ SMALLEST_FEATURE = SMALLEST_LENGTH
 
 
 def feature_rows(features: FeatureSet) -> np.ndarray:
-    """(n, 9) float64: mid point, unit direction, half length, radii, as geometry/features.py describes them (metres).
+    """Features as rows of nine numbers, see geometry/features.py.
 
-    A feature without length gets direction 0 and half length 0.
+    Parameters
+    ----------
+    features : FeatureSet
+        Metres.
+
+    Returns
+    -------
+    ndarray, shape (n, 9), float64
+        Mid point, unit direction, half length, radii. A feature without length has direction 0 and half length 0.
+
+    Examples
+    --------
+    >>> feature_rows(FeatureSet.from_edges([[0, 0, 1]], [[2, 0, 1]]))[0, :7].tolist()
+    [1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0]
     """
     n = len(features)
     rows = np.empty((n, 9))
@@ -115,9 +128,23 @@ def model_size(features: FeatureSet) -> float:
 
 
 def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
-    """Prepare a model. Edges without length are dropped.
+    """Make a model ready for matching.
 
-    Raises ValueError when no feature is left.
+    Parameters
+    ----------
+    features : FeatureSet
+        Model frame, metres; edges without length are left out.
+    name : str
+        Written to the interpretations.
+
+    Returns
+    -------
+    ModelIndex
+
+    Raises
+    ------
+    ValueError
+        No feature is left.
     """
     keep = np.flatnonzero(features.lengths > SMALLEST_FEATURE)
     if len(keep) == 0:
@@ -162,10 +189,25 @@ def indexed(model: FeatureSet | ModelIndex, name: str = 'model') -> ModelIndex:
 
 
 def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: MatchParams) -> np.ndarray:
-    """(n, 3) float64: across and along (metres), half cone angle (radians) of every data feature.
+    """How far data may be off a model's features.
 
-    Across is the stated error, or fracdev x size where that is larger; along adds the overhang. The cone follows thesis
-    5.4, with the errors at both ends, and is capped by max_cone_deg (curve_cone_deg for curves).
+    Parameters
+    ----------
+    data : FeatureSet
+        n features with their stated errors, metres.
+    rows : ndarray, shape (n, 9), float64
+        Its :func:`feature_rows`.
+    size : float
+        Metres, of the model.
+    params : MatchParams
+        Of the match.
+
+    Returns
+    -------
+    ndarray, shape (n, 3), float64
+        Across (metres): the stated error, or fracdev x size where that is larger; along (metres): the same with the
+        overhang; half cone angle (radians): thesis 5.4, with the errors at both ends, at most max_cone_deg
+        (curve_cone_deg for curves).
     """
     floor = params.fracdev * size
     tolerances = np.empty((len(rows), 3))

@@ -18,8 +18,20 @@ from .settings import FARTHEST, SEARCH_WIDTH
 class Problem:
     """A model and data, made ready.
 
-    data : the n usable features; keep : (n,) their numbers among all n_data
-    model, features : the model and the n data features as compiled functions take them
+    Attributes
+    ----------
+    index : ModelIndex
+        The model.
+    data : FeatureSet
+        The n usable features, camera frame, metres.
+    keep : ndarray, shape (n,), int
+        Their numbers among all.
+    n_data : int
+        How many there are with those that are not usable.
+    model : ModelFeatures
+        The model as compiled functions take it.
+    features : DataFeatures
+        The n data features, likewise, with what they may be off.
     """
 
     index: ModelIndex
@@ -46,9 +58,24 @@ class Problem:
 
 
 def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
-    """Numbers (k,) of the features that are neither without length nor beyond all distance, in place or in error.
+    """The features that are neither without length nor beyond all distance, in place or in error.
 
-    unit : metres, of the data; None when it is not known: what most of the data is away then stands for a metre
+    Parameters
+    ----------
+    data : FeatureSet
+        Of any unit.
+    unit : float, optional
+        Metres, of the data; None when it is not known: what most of the data is away then stands for a metre.
+
+    Returns
+    -------
+    ndarray, shape (k,), int
+        Their numbers.
+
+    Examples
+    --------
+    >>> usable(FeatureSet.from_edges([[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0, 1, 1]])).tolist()
+    [1]
     """
     far = np.maximum(np.abs(data.start), np.abs(data.end)).max(axis=1, initial=0.0)
     if unit is None:

@@ -20,9 +20,18 @@ _known: WeakKeyDictionary[ModelIndex, tuple[Pose, ...]] = WeakKeyDictionary()
 
 
 def symmetries(index: ModelIndex) -> tuple[Pose, ...]:
-    """The model's symmetries without the identity, model_T_model; computed once for each index.
+    """The proper rigid motions that lay a model on itself; computed once for each index.
 
-    Empty for a model without symmetry, and for one whose features are all parallel (their group is not finite).
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+
+    Returns
+    -------
+    tuple of Pose
+        model_T_model, without the identity. Empty for a model without symmetry, and for one whose features are all
+        parallel: their group is not finite.
     """
     if index not in _known:
         _known[index] = _find(index)
@@ -30,7 +39,22 @@ def symmetries(index: ModelIndex) -> tuple[Pose, ...]:
 
 
 def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ()) -> tuple[Pose, ...]:
-    """``known`` and the other poses that the model's symmetry makes equal to ``pose``, each once."""
+    """The poses that a model's symmetry makes equal to one.
+
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+    pose : Pose
+        camera_T_model.
+    known : tuple of Pose
+        Equal poses that are known already; they come first.
+
+    Returns
+    -------
+    tuple of Pose
+        Each once, without ``pose`` itself.
+    """
     poses = list(known)
     for motion in symmetries(index):
         other = pose.compose(motion)

@@ -19,9 +19,21 @@ def as_pose(motion: np.ndarray) -> Pose:
 
 
 def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> float:
-    """Metres of model edges that data lies along, each place counted once, and circumferences of matched curves.
+    """How much of a model data lies along.
 
-    motion : (12,), pose; assignment : (n,), BIN or a model feature
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    motion : ndarray, shape (12,), float64
+        A pose.
+    assignment : ndarray, shape (n,), int32
+        The model feature of each usable data feature, BIN for none.
+
+    Returns
+    -------
+    float
+        Metres of edges, each place counted once, and circumferences of matched curves.
     """
     model, used = problem.index.rows, np.flatnonzero(assignment != BIN)
     target = assignment[used]
@@ -41,9 +53,22 @@ def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> flo
 
 
 def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> np.ndarray:
-    """(c, 6, 6) covariances of (x, y, z, rx, ry, rz), metres and radians, of the chosen candidates, from their fits.
+    """Covariances of refined poses, from their fits.
 
-    A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
+    Parameters
+    ----------
+    index : ModelIndex
+        The model.
+    refined : Refined
+        Candidates.
+    chosen : list of int
+        Numbers of c of them.
+
+    Returns
+    -------
+    ndarray, shape (c, 6, 6), float64
+        Of (x, y, z, rx, ry, rz), metres and radians. A direction that the data leaves free has the variance of its
+        whole range: the model's size, or a half turn.
     """
     # The fit turns about the data's centre; the pose's translation is that of the model's origin.
     levers = refined.motions[chosen, 9:] - refined.centres[chosen]
@@ -60,6 +85,10 @@ def as_interpretation(
     others: tuple[Pose, ...],
     reason: str | None,
 ) -> Interpretation:
+    """The interpretation that candidate k is, in numbers of all data and of the model as it was given.
+
+    covariance : (6, 6); others : poses that are equal to ``pose``; reason : why it is rejected, None when it is not
+    """
     assignment = np.full(problem.n_data, BIN, np.int32)
     sign = np.zeros(problem.n_data, np.int8)
     chosen = np.flatnonzero(refined.assignments[k] != BIN)

@@ -28,8 +28,22 @@ def _nats(found, missed, chance):
 
 @njit
 def nats_of_view(motion, used, planes, lies):
-    """Nats for the features ``used`` (e,) bool that were found, and those that were not; the eye is the origin of the
-    data's frame, pose (12,). planes (h, 4), lies (h, e) : see :func:`.convex_hull.hull_faces`."""
+    """Nats for which features of a model were found, and which were not.
+
+    Parameters
+    ----------
+    motion : (12,) float64
+        The pose, in the frame of a camera with its eye in the origin.
+    used : (e,) bool
+        The model features that were found.
+    planes, lies : (h, 4) float64, (h, e) bool
+        Of the model, see :func:`.convex_hull.hull_faces`.
+
+    Returns
+    -------
+    float
+
+    """
     e = len(used)
     hull, in_view = np.zeros(e, np.bool_), np.zeros(e, np.bool_)
     for h in range(planes.shape[0]):
