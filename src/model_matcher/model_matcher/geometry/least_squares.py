@@ -13,7 +13,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from .back_projection import assign
 from .features import CURVE, DataFeatures, ModelFeatures
 from .rigid_motion import compose_small, perpendiculars, transform_line
-from .settings import DAMPING, FREE, NOT_ZERO, SMALLEST_LENGTH
+from .settings import DAMPING, FREE_EIGENVALUE, NOT_ZERO, SMALLEST_LENGTH
 
 
 @njit
@@ -310,7 +310,7 @@ def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: 
             for j in range(6):
                 scaled[i, j] = normals[k, i, j] * units[i] * units[j]
         values, vectors = np.linalg.eigh(scaled)
-        floor = max(values[5], 1e-300) * FREE
+        floor = max(values[5], 1e-300) * FREE_EIGENVALUE
         x, y, z = levers[k, 0], levers[k, 1], levers[k, 2]
         for j in range(6):
             turn = (vectors[0, j] * units[0], vectors[1, j] * units[1], vectors[2, j] * units[2])

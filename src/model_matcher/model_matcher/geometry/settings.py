@@ -20,7 +20,7 @@ NOT_ZERO = 1e-12
 DAMPING = 1e-9
 # An eigenvalue of a normal matrix below this part of the largest belongs to a motion that the data leaves free. It is
 # larger than DAMPING, so that a damped free motion is still seen to be free.
-FREE = 1e-7
+FREE_EIGENVALUE = 1e-7
 
 # -- parallel lines --------------------------------------------------------------------------------------------------
 

@@ -15,8 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..interpretation_tree.absolute_pose import validate
+from ..interpretation_tree.match import feasible
 from ..interpretation_tree.settings import FIRST_FRACDEV
 from ..model.index import SMALLEST_FEATURE, ModelIndex, feature_rows
 from ..model.problem import make_problem
@@ -44,7 +46,25 @@ Search = Callable[[ModelIndex, FeatureSet, MatchParams], MatchResult]
 def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float, search: Search) -> MatchResult:
     """Find a model in data of unknown scale; poses carry it: data = scale R model + t.
 
-    search : finds the model in data of known scale. The searches of the thesis are run once, on directions only.
+    Parameters
+    ----------
+    index : ModelIndex
+    data : FeatureSet
+        Camera frame, any unit.
+    params : MatchParams
+    started : float
+        Seconds of perf_counter() from which the time limit counts.
+    search : callable
+        Finds the model in data of known scale. The searches of the thesis are run once, on directions only.
+
+    Returns
+    -------
+    MatchResult
+
+    References
+    ----------
+    Thesis 5.5.
+
     """
     if params.search != 'hypotheses':
         return _by_directions(index, data, params, started)
@@ -71,12 +91,12 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
     stats = {'data_features': len(data), 'scales': tried, 'search': params.search}
     if best is None:
         return no_match(data, 'the data holds no two features that would tell a scale', **stats)
-    settled: list[Interpretation] = []
+    estimated: list[Interpretation] = []
     for k, found_one in enumerate(best.interpretations):
         if k == 0 or time.perf_counter() < deadline:
-            one = settle(index, data, found_one, best_scale, known, deadline)
-            settled += [] if one is None else [one]
-    accepted = tuple(settled)
+            one = estimate_scale(index, data, found_one, best_scale, known, deadline)
+            estimated += [] if one is None else [one]
+    accepted = tuple(estimated)
     rejected = tuple(_with_scale(one, best_scale) for one in best.rejected)
     stats.update({name: value for name, value in best.stats.items() if name not in stats})
     return MatchResult(accepted, rejected, stats, best.reason if not accepted else None)
@@ -84,8 +104,6 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
 
 def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float) -> MatchResult:
     """A tree search without the constraints that need a scale; what it finds is validated with its own scale."""
-    from ..interpretation_tree.match import feasible
-
     unit = next(likely_scales(index, data), 1.0)  # only to make the tolerances' floor comparable
     near = resized(data, 1.0 / unit)
     problem = make_problem(index, near, params)
@@ -111,7 +129,7 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
     )
     order = np.lexsort((np.nan_to_num(checked.deviations).max(axis=1), -checked.passed.sum(axis=1)))[:ESTIMATED]
     known = params.replace(scale='known', prove=False)
-    settled: list[Interpretation] = []
+    estimated: list[Interpretation] = []
     for k in order:
         pose = checked.poses[k]
         assignment, sign = np.full(len(data), BIN, np.int32), np.zeros(len(data), np.int8)
@@ -119,11 +137,11 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
         assignment[problem.keep[matched]] = index.source[result.assignments[k][matched]]
         sign[problem.keep[matched]] = checked.signs[k][matched]
         found = Interpretation(index.name, assignment, sign, Pose(pose.rotation, pose.translation / pose.scale))
-        one = settle(index, near, found, pose.scale, known, started + params.time_limit_s)
-        if one is not None and not any((one.assignment == other.assignment).all() for other in settled):
-            settled.append(one)
-    settled.sort(key=lambda one: (-len(np.unique(one.assignment)), one.residual_rms))
-    accepted = tuple(_with_scale(one, unit) for one in settled[: params.max_interpretations])
+        one = estimate_scale(index, near, found, pose.scale, known, started + params.time_limit_s)
+        if one is not None and not any((one.assignment == other.assignment).all() for other in estimated):
+            estimated.append(one)
+    estimated.sort(key=lambda one: (-len(np.unique(one.assignment)), one.residual_rms))
+    accepted = tuple(_with_scale(one, unit) for one in estimated[: params.max_interpretations])
     return MatchResult(accepted, (), stats, None if accepted else 'no feasible interpretation is a similarity')
 
 
@@ -139,12 +157,41 @@ def _rank(result: MatchResult | None) -> tuple[int, int, float]:
 
 
 def resized(data: FeatureSet, factor: float) -> FeatureSet:
-    """The data with all lengths and errors times a factor."""
+    """The data with all lengths and errors times a factor.
+
+    Parameters
+    ----------
+    data : FeatureSet
+    factor : float
+
+    Returns
+    -------
+    FeatureSet
+
+    Examples
+    --------
+    >>> edge = FeatureSet.from_edges([[0.0, 0.0, 1.0]], [[0.5, 0.0, 1.0]])
+    >>> resized(edge, 2.0).lengths.tolist()
+    [1.0]
+
+    """
     return data.transformed(Pose(np.eye(3), np.zeros(3), factor))
 
 
 def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
-    """Scales of the data, data over model lengths, the likeliest first."""
+    """Scales of the data, the likeliest first.
+
+    Parameters
+    ----------
+    index : ModelIndex
+    data : FeatureSet
+
+    Yields
+    ------
+    float
+        Lengths of the data over those of the model.
+
+    """
     shortest = 3.0 * float(np.median(np.hypot(data.err_par, data.err_per))) if len(data) else 0.0
     mine, theirs = _distances(feature_rows(data), shortest), _distances(index.rows, 0.0)
     if not len(mine[0]) or not len(theirs[0]):
@@ -175,16 +222,16 @@ def likely_scales(index: ModelIndex, data: FeatureSet) -> Iterator[float]:
             yield float(np.exp(shifts[at]))
 
 
-def _counts(lengths: np.ndarray, weights: np.ndarray, first: float, bins: int) -> np.ndarray:
+def _counts(lengths: FloatArray, weights: FloatArray, first: float, bins: int) -> FloatArray:
     """Smoothed histogram of logarithms; a length between two bins counts in both."""
     at = (np.log(lengths) - first) / SCALE_STEP
     low = np.minimum(at.astype(int), bins - 1)
     part = np.clip(at - low, 0.0, 1.0)
     counts = np.bincount(low, weights * (1.0 - part), bins)
-    return counts + np.bincount(np.minimum(low + 1, bins - 1), weights * part, bins)
+    return np.asarray(counts + np.bincount(np.minimum(low + 1, bins - 1), weights * part, bins), np.float64)
 
 
-def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _distances(rows: FloatArray, shortest: float) -> tuple[FloatArray, IntArray, FloatArray]:
     """Distances between the lines of all pairs, their class of angle, and their weight: pairs near each other count."""
     rows = rows[np.argsort(-rows[:, 6], kind='stable')[:LONGEST_FEATURES]]
     i, j = np.triu_indices(len(rows), 1)
@@ -211,7 +258,7 @@ def _distances(rows: np.ndarray, shortest: float) -> tuple[np.ndarray, np.ndarra
     return lengths[keep], group[keep], weights[keep]
 
 
-def settle(
+def estimate_scale(
     index: ModelIndex,
     data: FeatureSet,
     found: Interpretation,
@@ -219,10 +266,27 @@ def settle(
     params: MatchParams,
     deadline: float = np.inf,
 ) -> Interpretation | None:
-    """An interpretation at about the right scale, with scale and pose estimated by turns; None when it dissolves.
+    """Estimate scale and pose of an interpretation by turns.
 
-    data : as observed; found : of the data divided by ``scale``; params : of known scale
-    deadline : of perf_counter(), after which no turn begins but the first
+    Parameters
+    ----------
+    index : ModelIndex
+    data : FeatureSet
+        As observed.
+    found : Interpretation
+        Of the data divided by ``scale``.
+    scale : float
+        About the right one: lengths of the data over those of the model.
+    params : MatchParams
+        Of known scale.
+    deadline : float
+        Seconds of perf_counter() after which no turn begins but the first.
+
+    Returns
+    -------
+    Interpretation or None
+        Of the data as observed; None when at the better scale nothing is accepted any more.
+
     """
     current = found
     for _ in range(SCALE_TURNS):
@@ -253,7 +317,7 @@ def _better_scale(index: ModelIndex, data: FeatureSet, found: Interpretation) ->
     return factor if 0.5 < factor < 2.0 and not _scale_is_open(index, chosen, found) else 1.0
 
 
-def _scale_is_open(index: ModelIndex, chosen: np.ndarray, found: Interpretation) -> bool:
+def _scale_is_open(index: ModelIndex, chosen: FloatArray, found: Interpretation) -> bool:
     """Whether all matched lines meet in one point, or are parallel to one another in one line: any scale fits then."""
     rows = index.rows[chosen]
     lines = index.kind[chosen] != FeatureKind.CURVE

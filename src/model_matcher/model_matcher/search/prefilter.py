@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
+from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.line_pairs import rank_pairs
@@ -44,7 +45,21 @@ from .threads import spread
 
 
 def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
-    """Numbers of the models to search fully, best first. All of them when there is next to no data."""
+    """Which models of a library are worth a full search.
+
+    Parameters
+    ----------
+    models : sequence of ModelIndex
+    data : FeatureSet
+        Camera frame, metres.
+    params : MatchParams
+
+    Returns
+    -------
+    list of int
+        Numbers of the models, best first; all of them when there is next to no data.
+
+    """
     keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
     if len(keep) < 3:
         return list(range(len(models)))
@@ -65,7 +80,7 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
 
 
 def _surplus(
-    model: ModelIndex, data: FeatureSet, params: MatchParams, motions: np.ndarray, scores: np.ndarray
+    model: ModelIndex, data: FeatureSet, params: MatchParams, motions: FloatArray, scores: FloatArray
 ) -> float:
     """Nats by which the best of a model's poses, refined, exceeds what an accepted interpretation needs."""
     problem = make_problem(model, data, params)
@@ -76,11 +91,23 @@ def _surplus(
 
 def library_scores(
     models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams
-) -> tuple[np.ndarray, np.ndarray]:
-    """The distinct model features, plus fit quality, that the best poses of the shared pairs explain, best first:
-    scores (models, POSES) float64, 0 where there is none, and poses (models, POSES, 12).
+) -> tuple[FloatArray, FloatArray]:
+    """What the best poses of the shared pairs explain of each model.
 
-    data : features with length, camera frame
+    Parameters
+    ----------
+    models : sequence of ModelIndex
+    data : FeatureSet
+        Features with length, camera frame, metres.
+    params : MatchParams
+
+    Returns
+    -------
+    scores : (models, POSES) float64
+        As :func:`.back_projection.count_matches` gives them, best first, 0 where there is no pose.
+    motions : (models, POSES, 12) float64
+        The poses.
+
     """
     rows = feature_rows(data)
     scores, motions = np.zeros((len(models), POSES)), np.zeros((len(models), POSES, 12))
@@ -107,11 +134,26 @@ def library_scores(
     return scores, motions
 
 
-def choose_pairs(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Rows of the pairs to use: those that fit least often by chance, up to BUDGET hypotheses a model.
+def choose_pairs(pairs: Int32Array, counts: FloatArray) -> IntArray:
+    """Rows of the pairs to use: those that fit least often by chance, up to BUDGET hypotheses for a model.
 
-    pairs : (p, 2); counts : (p,) mean number of hypotheses of each in a model. A feature is in at most EACH of them,
-    so that many of the features, and with them every object, have their turn.
+    A feature is in at most EACH of them, so that many of the features, and with them every object, have their turn.
+
+    Parameters
+    ----------
+    pairs : (p, 2) int32
+    counts : (p,) float64
+        Mean number of hypotheses of each pair in a model.
+
+    Returns
+    -------
+    (c,) int64
+
+    Examples
+    --------
+    >>> choose_pairs(np.array([[0, 1], [0, 2], [1, 2]], np.int32), np.array([30.0, 10.0, 0.0])).tolist()
+    [1, 0]
+
     """
     used: dict[int, int] = {}
     chosen: list[int] = []
@@ -128,10 +170,22 @@ def choose_pairs(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.array(chosen, np.int64)
 
 
-def shared_pairs(rows: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (p, 2) int32 in which every feature occurs with its best partners, and neighbours (p, m) int32 of each.
+def shared_pairs(rows: FloatArray, reach: float) -> tuple[Int32Array, Int32Array]:
+    """Pairs in which every feature occurs with its best partners.
 
-    reach : metres, a usual size of a model
+    Parameters
+    ----------
+    rows : (n, 9) float64
+        The data's features, see geometry/features.py.
+    reach : float
+        Metres, a usual size of a model.
+
+    Returns
+    -------
+    pairs : (p, 2) int32
+    neighbours : (p, m) int32
+        Data features near each pair, -1 at the end.
+
     """
     n = len(rows)
     count = min(n, 4 * NEAR + 1)

@@ -14,7 +14,30 @@ Result = TypeVar('Result')
 
 
 def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """``work`` of every item, in their order, whatever thread does it. An exception of one is raised."""
+    """Do work on several items at once.
+
+    Parameters
+    ----------
+    work : callable
+        It should release the interpreter lock for most of its time.
+    items : sequence
+
+    Returns
+    -------
+    list
+        What ``work`` returns of every item, in their order, whatever thread does it.
+
+    Raises
+    ------
+    Exception
+        What ``work`` raises of any item.
+
+    Examples
+    --------
+    >>> spread(lambda number: number * number, [1, 2, 3])
+    [1, 4, 9]
+
+    """
     workers = min(THREADS, os.cpu_count() or 1, len(items))
     if workers < 2:
         return [work(item) for item in items]
