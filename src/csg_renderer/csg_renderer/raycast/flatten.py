@@ -20,10 +20,19 @@ from .settings import AMBIGUOUS, BOX_SLACK, FAR, SPHERE_SLACK
 class FlatProgram:
     """What of a program the kernels need and no camera changes. c children.
 
-    csg, materials, terrains : see kernels/records.py; terrains is None without any
-    child_products : (c, 2) first and last + 1 product of every child, equal when it must be evaluated by lists
-    listed, chosen : the children to evaluate by lists, and the products, for a camera outside all of them
-    most_subtracted : the largest number of subtracted primitives of a product
+    Attributes
+    ----------
+    program : Program
+    csg : CsgPrograms
+    materials : Materials
+    terrains : TerrainGrids or None
+        None without any.
+    child_products : (c, 2) int64
+        First and last + 1 product of every child, equal when it must be evaluated by lists.
+    listed, chosen : (k,), (p,) int64
+        The children to evaluate by lists, and the products, for a camera outside all of them.
+    most_subtracted : int
+        The largest number of subtracted primitives of a product.
     """
 
     program: Program

@@ -33,7 +33,12 @@ Convex: TypeAlias = tuple[FloatArray, FloatArray, IntArray, IntArray]
 class Spans:
     """Sorted boundaries along each of n rays: even columns enter, odd ones leave; padded with inf.
 
-    t : (n, k) float64; hit : (n, k) int64, leaf * FACE_SLOTS + face
+    Attributes
+    ----------
+    t : (n, k) float64
+        Lengths along the rays.
+    hit : (n, k) int64
+        leaf * FACE_SLOTS + face.
     """
 
     t: np.ndarray
@@ -42,7 +47,17 @@ class Spans:
 
 @dataclass
 class Hits:
-    """The nearest boundary on each of n rays: t (n,) float64, inf on a miss; hit (n,) int64; entering (n,) bool."""
+    """The nearest boundary on each of n rays.
+
+    Attributes
+    ----------
+    t : (n,) float64
+        Length along the ray, inf on a miss.
+    hit : (n,) int64
+        leaf * FACE_SLOTS + face, or MISS.
+    entering : (n,) bool
+        The ray enters the solid there.
+    """
 
     t: np.ndarray
     hit: np.ndarray
@@ -52,7 +67,19 @@ class Hits:
 def leaf_span(kind: int, leaf: int, origin: np.ndarray, direction: np.ndarray, transform: np.ndarray) -> Spans:
     """Entry and exit of rays with one primitive (thesis 4.7).
 
-    origin, direction : (n, 3) float64, |direction| near 1, in the frame that transform (3, 4) takes to the unit frame
+    Parameters
+    ----------
+    kind : int
+        See KIND_CODES.
+    leaf : int
+        Its number, for the hits.
+    origin, direction : (n, 3) array of float64
+        Directions of length near 1, in the frame that ``transform`` takes to the unit frame.
+    transform : (3, 4) array of float64
+
+    Returns
+    -------
+    Spans
     """
     origin, direction = localise(origin, direction, transform)
     if kind == BLOCK:
@@ -81,7 +108,19 @@ def leaf_span(kind: int, leaf: int, origin: np.ndarray, direction: np.ndarray, t
 
 
 def localise(origin: np.ndarray, direction: np.ndarray, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rays in a unit frame, with what is zero but for rounding made exactly zero (origin) or TINY (direction)."""
+    """Rays in a unit frame, with what is zero but for rounding made exactly zero (origin) or TINY (direction).
+
+    Parameters
+    ----------
+    origin, direction : (n, 3) array of float64
+    transform : (3, 4) array of float64
+        Unit frame from the rays' frame.
+
+    Returns
+    -------
+    origin, direction : (n, 3) float64
+        Unit frame.
+    """
     m = transform
     local = np.stack(
         [m[i, 0] * direction[:, 0] + (m[i, 1] * direction[:, 1] + m[i, 2] * direction[:, 2]) for i in range(3)], axis=1
@@ -188,7 +227,21 @@ def _cone(origin: FloatArray, direction: FloatArray) -> Convex:
 
 
 def combine(operator: int, left: Spans, right: Spans, tolerance: float) -> Spans:
-    """Two lists of boundaries merged by UNION, INTERSECT or DIFFERENCE (thesis Table 4.2)."""
+    """Two lists of boundaries merged by a set operator (thesis Table 4.2).
+
+    Parameters
+    ----------
+    operator : int
+        UNION, INTERSECT or DIFFERENCE.
+    left, right : Spans
+        Of the same rays.
+    tolerance : float
+        Boundaries this close along a ray are one.
+
+    Returns
+    -------
+    Spans
+    """
     n = len(left.t)
     t = np.concatenate([left.t, right.t], axis=1)
     hit = np.concatenate([left.hit, right.hit], axis=1)
@@ -237,7 +290,25 @@ def child_spans(
     tolerance: float,
     stats: RenderStats,
 ) -> Spans:
-    """Boundaries of one child along rays. origin, direction : (n, 3); transforms : (leaves, 3, 4) to unit frames."""
+    """Boundaries of one child along rays.
+
+    Parameters
+    ----------
+    program : Program
+    code : (m,) array of int64
+        The child's postfix program.
+    origin, direction : (n, 3) array of float64
+    transforms : (leaves, 3, 4) array of float64
+        Unit frames from the rays' frame.
+    tolerance : float
+        Boundaries this close along a ray are one.
+    stats : RenderStats
+        What is done is counted here.
+
+    Returns
+    -------
+    Spans
+    """
     stack: list[Spans] = []
     for op in code:
         stats.nodes += len(direction)
@@ -260,7 +331,20 @@ def _regular(spans: Spans, tolerance: float) -> Spans:
 
 
 def first_hits(spans: Spans, nearest: float, entries_only: bool) -> Hits:
-    """The first boundary beyond ``nearest`` on every ray. The end of what never ends is none."""
+    """The first boundary beyond some length on every ray. The end of what never ends is none.
+
+    Parameters
+    ----------
+    spans : Spans
+    nearest : float
+        Length along the rays.
+    entries_only : bool
+        Exits do not count.
+
+    Returns
+    -------
+    Hits
+    """
     usable = (spans.t > nearest) & (spans.t < NEVER)
     if entries_only:
         usable[:, 1::2] = False
@@ -272,7 +356,19 @@ def first_hits(spans: Spans, nearest: float, entries_only: bool) -> Hits:
 
 
 def nearest_of(best: Hits, other: Hits, tolerance: float) -> Hits:
-    """The nearer hit of two on every ray; within the tolerance, the lower leaf's."""
+    """The nearer hit of two on every ray; within the tolerance, the lower leaf's.
+
+    Parameters
+    ----------
+    best, other : Hits
+        On the same rays.
+    tolerance : float
+        Lengths along the rays.
+
+    Returns
+    -------
+    Hits
+    """
     with np.errstate(invalid='ignore'):
         difference = other.t - best.t
     lower = other.hit // FACE_SLOTS < best.hit // FACE_SLOTS
@@ -296,7 +392,27 @@ def cast(
     entries_only: bool,
     stats: RenderStats,
 ) -> Hits:
-    """The nearest boundary of some children along rays (n, 3)."""
+    """The nearest boundary of some children along rays.
+
+    Parameters
+    ----------
+    view : View
+    children : iterable of (m,) array of int64
+        Their postfix programs.
+    origin, direction : (n, 3) array of float64
+    transforms : (leaves, 3, 4) array of float64
+        Unit frames from the rays' frame.
+    nearest : float
+        Length along the rays beyond which boundaries count.
+    entries_only : bool
+        Exits do not count.
+    stats : RenderStats
+        What is done is counted here.
+
+    Returns
+    -------
+    Hits
+    """
     n = len(direction)
     best = Hits(np.full(n, np.inf), np.full(n, MISS, dtype=np.int64), np.ones(n, bool))
     for code in children:
@@ -363,10 +479,25 @@ def transmission(
 def normals(
     program: Program, hit: np.ndarray, points: np.ndarray, direction: np.ndarray, entering: np.ndarray
 ) -> np.ndarray:
-    """(n, 3) float64, unit, scene frame: outward normals of the solid at boundaries.
+    """Outward normals of the solid at boundaries.
 
-    points, direction : (n, 3) scene frame. Where a ray enters, the outward normal faces it, whichever side of the leaf
-    the boundary is: that turns the normals of cut faces the right way.
+    Where a ray enters, the outward normal faces it, whichever side of the leaf the boundary is: that turns the normals
+    of cut faces the right way.
+
+    Parameters
+    ----------
+    program : Program
+    hit : (n,) array of int64
+        leaf * FACE_SLOTS + face.
+    points, direction : (n, 3) array of float64
+        Places, metres, and viewing rays, scene frame.
+    entering : (n,) array of bool
+        The ray enters the solid there.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit, scene frame.
     """
     leaf, face = hit // FACE_SLOTS, hit % FACE_SLOTS
     inverse = program.inverse[leaf]
