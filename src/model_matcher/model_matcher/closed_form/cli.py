@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable
 
 from .case import Case, Limits
+from .commands import run
 
 
 def main(args: list[str] | None = None) -> int:
@@ -35,9 +36,6 @@ def main(args: list[str] | None = None) -> int:
     options = parser.parse_args(args)
     if not (options.scenes or options.demo or options.replay):
         parser.error('name at least one scene, or use --demo DIR or --replay FOLDER')
-    # The renderer, the recovery and OpenCV take half a second to import, so the options are checked before.
-    from .commands import run
-
     return run(options, parser.error)
 
 
