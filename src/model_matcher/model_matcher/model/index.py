@@ -12,7 +12,7 @@ from msgs_py import FeatureKind, FeatureSet
 from ..geometry.back_projection import build_voxels
 from ..geometry.features import ModelFeatures, PairTable, VoxelGrid
 from ..geometry.line_pairs import build_pair_table
-from ..geometry.settings import SMALLEST_LENGTH
+from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH
 from ..params import MatchParams
 from .settings import VOXEL_REACHES, VOXELS_ACROSS
 
@@ -214,10 +214,10 @@ def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: Mat
     tolerances[:, 0] = np.maximum(data.err_per * params.err_scale, floor)
     half = rows[:, 6]
     tolerances[:, 1] = np.maximum(data.err_par * params.err_scale, floor) + params.overhang * 2.0 * half
-    room = np.maximum(2.0 * half - 2.0 * data.err_par * params.err_scale, 1e-12)
+    room = np.maximum(2.0 * half - 2.0 * data.err_par * params.err_scale, NOT_ZERO)
     cone = np.arctan2(2.0 * tolerances[:, 0], room)
     tolerances[:, 2] = np.minimum(cone, np.radians(params.max_cone_deg))
     curve = data.kind == FeatureKind.CURVE
     if curve.any():
         tolerances[curve, 2] = np.radians(params.curve_cone_deg)
-    return np.maximum(tolerances, 1e-9)
+    return np.maximum(tolerances, ROUNDING)

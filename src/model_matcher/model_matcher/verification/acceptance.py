@@ -12,7 +12,7 @@ import numpy as np
 
 from msgs_py import BIN, Interpretation, Pose
 
-from ..geometry.settings import ROUNDING
+from ..geometry.settings import NOT_ZERO, ROUNDING
 from ..model.problem import Problem
 from ..model.settings import SAME
 from ..model.symmetry import symmetric_poses
@@ -168,7 +168,7 @@ def _ranked(problem: Problem, refined: Refined) -> list[int]:
     if len(distinct) > CANDIDATES:
         for k in np.flatnonzero((distinct > 0.0) & (distinct >= NEARLY_ALL * distinct.max(initial=0.0))):
             cover[k] = covered(problem, refined.motions[k], refined.assignments[k])
-    step = max(SAME_COVER * cover.max(initial=0.0), 1e-12)
+    step = max(SAME_COVER * cover.max(initial=0.0), NOT_ZERO)
     # Poses that a symmetry makes equal come in the order of their assignments, whatever search found them.
     return sorted(
         (k for k in range(len(distinct)) if distinct[k] > 0.0),
