@@ -16,8 +16,6 @@ from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH
 from ..params import MatchParams
 from .settings import VOXEL_REACHES, VOXELS_ACROSS
 
-SMALLEST_FEATURE = SMALLEST_LENGTH
-
 
 def feature_rows(features: FeatureSet) -> np.ndarray:
     """Features as rows of nine numbers, see geometry/features.py.
@@ -44,7 +42,7 @@ def feature_rows(features: FeatureSet) -> np.ndarray:
     length = np.sqrt(np.einsum('ij,ij->i', vector, vector))
     curve = features.kind == FeatureKind.CURVE
     rows[:, 0:3] = 0.5 * (start + end)
-    rows[:, 3:6] = vector / np.maximum(length, SMALLEST_FEATURE)[:, None]
+    rows[:, 3:6] = vector / np.maximum(length, SMALLEST_LENGTH)[:, None]
     rows[:, 6] = 0.5 * length
     rows[:, 7:9] = features.radii
     if curve.any():
@@ -91,7 +89,7 @@ class ModelIndex:
 
     def voxels(self, tolerance: float) -> VoxelGrid:
         """The table whose reach covers a tolerance (metres); the widest one when none does."""
-        wanted = tolerance / max(self.size, SMALLEST_FEATURE)
+        wanted = tolerance / max(self.size, SMALLEST_LENGTH)
         reach = next((r for r in VOXEL_REACHES if r >= wanted), VOXEL_REACHES[-1])
         if reach not in self._voxels:
             points = extent_points(self.features)
@@ -146,7 +144,7 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
     ValueError
         No feature is left.
     """
-    keep = np.flatnonzero(features.lengths > SMALLEST_FEATURE)
+    keep = np.flatnonzero(features.lengths > SMALLEST_LENGTH)
     if len(keep) == 0:
         raise ValueError(
             f'model: {name} has no features'
@@ -155,7 +153,7 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
         )
     used = features if len(keep) == len(features) else features.select(keep)
     rows = feature_rows(used)
-    size = max(model_size(used), SMALLEST_FEATURE)
+    size = max(model_size(used), SMALLEST_LENGTH)
     points = extent_points(used)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     curve = used.kind == FeatureKind.CURVE

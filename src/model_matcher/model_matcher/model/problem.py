@@ -9,8 +9,9 @@ import numpy as np
 from msgs_py import FeatureSet
 
 from ..geometry.features import DataFeatures, ModelFeatures
+from ..geometry.settings import SMALLEST_LENGTH
 from ..params import MatchParams
-from .index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
+from .index import ModelIndex, data_tolerances, feature_rows
 from .settings import FARTHEST, SEARCH_WIDTH
 
 
@@ -81,7 +82,7 @@ def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
     if unit is None:
         unit = 1.0 / (float(np.median(far)) or 1.0) if len(far) else 1.0
     far = np.maximum(far, np.maximum(data.err_par, data.err_per))
-    return np.flatnonzero((data.lengths > SMALLEST_FEATURE) & (far < FARTHEST / unit))
+    return np.flatnonzero((data.lengths > SMALLEST_LENGTH) & (far < FARTHEST / unit))
 
 
 def make_problem(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Problem:

@@ -17,10 +17,11 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
 from msgs_py.numeric.typed import FloatArray, IntArray
 
+from ..geometry.settings import SMALLEST_LENGTH
 from ..interpretation_tree.absolute_pose import validate
 from ..interpretation_tree.match import feasible
 from ..interpretation_tree.settings import FIRST_FRACDEV
-from ..model.index import SMALLEST_FEATURE, ModelIndex, feature_rows
+from ..model.index import ModelIndex, feature_rows
 from ..model.problem import make_problem
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import accept
@@ -248,13 +249,13 @@ def _distances(rows: FloatArray, shortest: float) -> tuple[FloatArray, IntArray,
     points = (rows[i, 6] == 0.0) & (rows[j, 6] == 0.0)
     lengths = np.where(points, reach, lengths)
     usual = np.median(reach) if len(reach) else 1.0
-    weights = np.exp(-reach / max(float(usual), SMALLEST_FEATURE))
+    weights = np.exp(-reach / max(float(usual), SMALLEST_LENGTH))
     # A feature's own length counts as well: most are seen whole.
     whole = 2.0 * rows[:, 6]
     lengths = np.concatenate([lengths, whole[whole > 0.0]])
     group = np.concatenate([group, np.full(int((whole > 0.0).sum()), ANGLE_CLASSES - 1)])
     weights = np.concatenate([weights, np.full(int((whole > 0.0).sum()), 0.5)])
-    keep = lengths > max(SHORTEST_DISTANCE * float(lengths.max(initial=0.0)), shortest, SMALLEST_FEATURE)
+    keep = lengths > max(SHORTEST_DISTANCE * float(lengths.max(initial=0.0)), shortest, SMALLEST_LENGTH)
     return lengths[keep], group[keep], weights[keep]
 
 

@@ -20,7 +20,8 @@ from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
 from ..geometry.line_pairs import rank_pairs
-from ..model.index import SMALLEST_FEATURE, ModelIndex, data_tolerances, feature_rows
+from ..geometry.settings import SMALLEST_LENGTH
+from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..model.problem import make_problem
 from ..model.settings import SEARCH_WIDTH
 from ..params import MatchParams
@@ -60,7 +61,7 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
         Numbers of the models, best first; all of them when there is next to no data.
 
     """
-    keep = np.flatnonzero(data.lengths > SMALLEST_FEATURE)
+    keep = np.flatnonzero(data.lengths > SMALLEST_LENGTH)
     if len(keep) < 3:
         return list(range(len(models)))
     used = data.select(keep)
