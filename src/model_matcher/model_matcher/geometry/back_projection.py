@@ -119,29 +119,28 @@ def fit_one(
     """
     if data.kind[k] != model.kind[j]:
         return -1.0
-    rows, tols, lines = data.rows, data.tolerances, model.rows
     vx, vy, vz = direction
-    rx, ry, rz = point[0] - lines[j, 0], point[1] - lines[j, 1], point[2] - lines[j, 2]
-    mx, my, mz = lines[j, 3], lines[j, 4], lines[j, 5]
+    rx, ry, rz = point[0] - model.rows[j, 0], point[1] - model.rows[j, 1], point[2] - model.rows[j, 2]
+    mx, my, mz = model.rows[j, 3], model.rows[j, 4], model.rows[j, 5]
     along = rx * mx + ry * my + rz * mz
-    across = tols[k, 0] * widen
+    across = data.tolerances[k, 0] * widen
     qx, qy, qz = rx - along * mx, ry - along * my, rz - along * mz
     middle = qx * qx + qy * qy + qz * qz
     if middle > across * across:
         return -1.0
     c = vx * mx + vy * my + vz * mz
-    h = rows[k, 6]
-    if abs(along) + abs(c) * h > lines[j, 6] + tols[k, 1] * widen:
+    h = data.rows[k, 6]
+    if abs(along) + abs(c) * h > model.rows[j, 6] + data.tolerances[k, 1] * widen:
         return -1.0
     # sin(x)^2 lies between x^2 - x^4 / 3 and x^2: the sine itself is hardly ever needed.
-    cone = min(tols[k, 2] * widen, WIDEST_CONE)
+    cone = min(data.tolerances[k, 2] * widen, WIDEST_CONE)
     square = cone * cone
     away = 1.0 - c * c
     if away > square or (away > square * (1.0 - square / 3.0) and away > np.sin(cone) ** 2):
         return -1.0
     if data.kind[k] == CURVE:
-        room = data.radius_tolerance + tols[k, 0]
-        if abs(rows[k, 7] - lines[j, 7]) > room or abs(rows[k, 8] - lines[j, 8]) > room:
+        room = data.radius_tolerance + data.tolerances[k, 0]
+        if abs(data.rows[k, 7] - model.rows[j, 7]) > room or abs(data.rows[k, 8] - model.rows[j, 8]) > room:
             return -1.0
         return float(min(1.0, np.sqrt(middle + along * along) / across))
     sx, sy, sz = h * (vx - c * mx), h * (vy - c * my), h * (vz - c * mz)
@@ -196,9 +195,19 @@ def count_matches(
     for k in range(n):
         if distinct + n - k < needed:
             return 0.0
-        px, py, pz = inverse_transform(pose, rows[k, 0], rows[k, 1], rows[k, 2])
-        gx, gy, gz = (px - lx) * inverse, (py - ly) * inverse, (pz - lz) * inverse
-        if gx < 0.0 or gx >= nx or gy < 0.0 or gy >= ny or gz < 0.0 or gz >= nz:
+        # One axis after the other, by hand: most data is outside the grid along the first that is looked at.
+        x, y, z = rows[k, 0] - pose[9], rows[k, 1] - pose[10], rows[k, 2] - pose[11]
+        px = pose[0] * x + pose[3] * y + pose[6] * z
+        gx = (px - lx) * inverse
+        if gx < 0.0 or gx >= nx:
+            continue
+        py = pose[1] * x + pose[4] * y + pose[7] * z
+        gy = (py - ly) * inverse
+        if gy < 0.0 or gy >= ny:
+            continue
+        pz = pose[2] * x + pose[5] * y + pose[8] * z
+        gz = (pz - lz) * inverse
+        if gz < 0.0 or gz >= nz:
             continue
         at = (int(gx) * ny + int(gy)) * nz + int(gz)
         first, last = starts[at], starts[at + 1]
