@@ -179,7 +179,8 @@ def indexed(model: FeatureSet | ModelIndex, name: str = 'model') -> ModelIndex:
         return known[1]
     index = index_model(model, name)
 
-    def forget(_: object, cache: dict = _cache) -> None:  # bound here: module globals go first at interpreter exit
+    # Bound here, because a module's globals go first when the interpreter ends.
+    def forget(_: object, cache: dict[int, tuple[weakref.ref[FeatureSet], ModelIndex]] = _cache) -> None:
         cache.pop(key, None)
 
     _cache[key] = (weakref.ref(model, forget), index)

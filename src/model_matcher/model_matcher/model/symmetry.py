@@ -109,7 +109,8 @@ def _lookalikes(index: ModelIndex, tolerance: float) -> np.ndarray:
     """(e, e) bool: features of the same kind and size."""
     sizes = np.column_stack([index.rows[:, 6], np.nan_to_num(index.rows[:, 7:9])])
     same = (np.abs(sizes[:, None] - sizes) < tolerance).all(axis=2)
-    return same & (index.kind[:, None] == index.kind)
+    alike: np.ndarray = same & (index.kind[:, None] == index.kind)
+    return alike
 
 
 def _base_pair(directions: np.ndarray, alike: np.ndarray) -> tuple[int, int] | None:

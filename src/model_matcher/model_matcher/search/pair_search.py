@@ -109,7 +109,7 @@ def _gather(data: DataFeatures, a: int, reach: float, widen: float, around: Data
 
 @njit
 def _partners_of_both(partners: Int32Array, a: int, b: int, p: int, entered: IntArray, near: Int32Array) -> None:
-    """Numbers of the best partners of a data pair, number p, into near; -1 ends them. entered : (n,), scratch space"""
+    """Numbers of the best partners of a data pair, number p, into near; -1 ends them. entered : (n,), scratch space."""
     knn = min(partners.shape[1], LOCAL_PARTNERS)
     count = 0
     for k in range(2 * knn):
