@@ -48,6 +48,13 @@ def score(
 
 def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterator[Measurement]:
     """The figures; the note gives spread and bars (floor | aim)."""
+    yield from rim_figures(total, head, aliased)
+    yield from axis_figures(total, head)
+    yield from false_figures(total, head)
+
+
+def rim_figures(total: CurveScore, head: str, aliased: bool) -> Iterator[Measurement]:
+    """How many circles and ellipses are found, and how well."""
     bars = {
         'normal': ('deg', '0.25 | 0.10' if aliased else '0.10 / max 0.4 | 0.03 / 0.1'),
         'centre': ('mm', '0.05 | 0.02'),
@@ -88,6 +95,10 @@ def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterato
             'deg',
             note=f'{spread}; {len(total.large)} circles; bars {bars["normal"][1]}',
         )
+
+
+def axis_figures(total: CurveScore, head: str) -> Iterator[Measurement]:
+    """How many axes are found, and how well."""
     for name, axes in total.axes.items():
         if not axes.there:
             continue
@@ -107,6 +118,10 @@ def figures(total: CurveScore, head: str = '', aliased: bool = False) -> Iterato
                     unit,
                     note=f'p90 {np.quantile(values, 0.9):.3g}, max {values.max():.3g}{bar}',
                 )
+
+
+def false_figures(total: CurveScore, head: str) -> Iterator[Measurement]:
+    """What is reported and not there, and the edges that stand beside curves."""
     reported, true = total.shown
     edges = total.edges
     yield Measurement(f'{head}false curves', float(total.false_curves), '', note=f'of {total.curves}')
