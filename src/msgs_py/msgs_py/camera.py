@@ -191,7 +191,15 @@ class StereoRig:
 
     @classmethod
     def symmetric(cls, camera: PinholeCamera, baseline: float) -> StereoRig:
-        """A rig of two equal cameras."""
+        """A rig of two equal cameras.
+
+        Parameters
+        ----------
+        camera : PinholeCamera
+            Both of them.
+        baseline : float
+            Their distance, metres.
+        """
         return cls(camera, camera, baseline)
 
     @classmethod

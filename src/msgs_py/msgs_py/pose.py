@@ -19,7 +19,16 @@ from .settings import ORTHONORMAL_TOLERANCE, SHORTEST_QUATERNION
 
 
 class PoseError(NamedTuple):
-    """How far one pose is from another: angle in radians, distance in metres, ratio of scales minus one.
+    """How far one pose is from another.
+
+    Attributes
+    ----------
+    rotation : float
+        Angle, radians.
+    translation : float
+        Distance of the origins, metres.
+    scale : float
+        Ratio of the scales minus one.
 
     Examples
     --------

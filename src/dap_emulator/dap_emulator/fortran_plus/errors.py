@@ -33,7 +33,7 @@ class FortranError(ValueError):
 
 
 class FortranStoreError(FortranError, OutOfStore):
-    """A program asked for more bit-planes than are free."""
+    """A program asked for more bit-planes than are free; the parameters are those of :class:`FortranError`."""
 
 
 class Stopped(RuntimeError):

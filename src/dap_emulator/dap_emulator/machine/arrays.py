@@ -169,7 +169,14 @@ class DapArray:
         self.dap.charge(operation, kind, self.shape, self.mapping, detail, axis, times)
 
     def like(self, kind: Kind, values: AnyArray) -> DapArray:
-        """Make an array of these values on the same machine and mapping. Charges nothing."""
+        """Make an array of these values on the same machine and mapping; it costs nothing.
+
+        Parameters
+        ----------
+        kind : Kind
+        values : array of this array's shape
+            In the kind's type.
+        """
         return DapArray(self.dap, kind, values, mapping=self.mapping)
 
     def _logical(self, words: WordArray) -> DapArray:
@@ -318,11 +325,18 @@ class DapArray:
             return self.like(kind, kind.fit(np.power(a, b).astype(kind.dtype, copy=False)))
 
     def plus(self, other: Operand, kind: Kind) -> DapArray:
-        """The sum in a word of this kind: in assembly it may grow by one plane at a time."""
+        """The sum in a word of another kind: in assembly it may grow by one plane at a time.
+
+        Parameters
+        ----------
+        other : DapArray or number
+        kind : Kind
+            Of the sum.
+        """
         return self.binary('add', other, kind=kind)
 
     def minus(self, other: Operand, kind: Kind) -> DapArray:
-        """The difference in a word of this kind."""
+        """The difference in a word of another kind; the parameters are those of :meth:`plus`."""
         return self.binary('subtract', other, kind=kind)
 
     def __add__(self, other: Operand) -> DapArray:

@@ -298,7 +298,15 @@ class CostTable:
         return total
 
     def mcu(self, real: bool = False, function: bool = False) -> int:
-        """Cycles of one scalar operation in the control unit."""
+        """Cycles of one scalar operation in the control unit.
+
+        Parameters
+        ----------
+        real : bool
+            REAL instead of INTEGER.
+        function : bool
+            A function of REAL, such as a square root.
+        """
         return round(self['mcu_real_function'] if function else self['mcu_real'] if real else self['mcu_integer'])
 
     def table(self) -> str:

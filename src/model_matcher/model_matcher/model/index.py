@@ -55,10 +55,24 @@ def feature_rows(features: FeatureSet) -> np.ndarray:
 class ModelIndex:
     """A model ready for matching; make it with :func:`index_model`.
 
-    rows : (e, 9) float64 (see geometry/features.py); kind : (e,) uint8
-    source : (e,) int, the feature's number in the FeatureSet the model came from (features without length are left out)
-    size : metres, the largest distance between two model points (the thesis' maxdist)
-    middle : (3,) float64, centre of the model's bounding box; max_radius : metres, 0 without curves
+    Attributes
+    ----------
+    name : str
+    features : FeatureSet
+        The features that have a length, model frame, metres.
+    rows : (e, 9) float64
+        The same as rows, see :func:`feature_rows`.
+    kind : (e,) uint8
+    source : (e,) int
+        Number of each in the FeatureSet that the model came from.
+    size : float
+        Largest distance between two model points, metres (the thesis' maxdist).
+    middle : (3,) float64
+        Centre of the model's bounding box, metres.
+    max_radius : float
+        Metres; 0 without curves.
+    pair_reach, pair_starts, pair_members, pair_values
+        The table of pairs, see :attr:`pair_table`.
     """
 
     name: str

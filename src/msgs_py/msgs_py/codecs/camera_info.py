@@ -29,6 +29,11 @@ def camera_infos_from_rig(rig: StereoRig, header: Header | None = None) -> tuple
 def rig_from_camera_infos(left: CameraInfo, right: CameraInfo) -> StereoRig:
     """The rig that two camera_info messages describe.
 
+    Parameters
+    ----------
+    left, right : sensor_msgs.msg.CameraInfo
+        P[0,3] of the right one is -fx * baseline, pixel-metres.
+
     Raises
     ------
     CodecError

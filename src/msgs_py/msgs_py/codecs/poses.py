@@ -42,7 +42,14 @@ def pose_from_message(message: PoseMessage) -> Pose:
 
 
 def pose_to_stamped(pose: Pose, header: Header | None = None) -> PoseStamped:
-    """The geometry_msgs/PoseStamped of a pose, with stamp and frame of a header."""
+    """The geometry_msgs/PoseStamped of a pose.
+
+    Parameters
+    ----------
+    pose : Pose
+    header : std_msgs.msg.Header, optional
+        Stamp, and the frame that the pose leads to.
+    """
     message = PoseStamped(pose=pose_to_message(pose))
     if header is not None:
         message.header = header
@@ -50,7 +57,14 @@ def pose_to_stamped(pose: Pose, header: Header | None = None) -> PoseStamped:
 
 
 def poses_to_array(poses: Iterable[Pose], header: Header | None = None) -> PoseArray:
-    """The geometry_msgs/PoseArray of several poses, with stamp and frame of a header."""
+    """The geometry_msgs/PoseArray of several poses.
+
+    Parameters
+    ----------
+    poses : iterable of Pose
+    header : std_msgs.msg.Header, optional
+        Stamp, and the frame that the poses lead to.
+    """
     message = PoseArray(poses=[pose_to_message(pose) for pose in poses])
     if header is not None:
         message.header = header

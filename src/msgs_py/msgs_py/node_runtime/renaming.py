@@ -18,6 +18,15 @@ _F = TypeVar('_F', bound=Callable[..., Any])
 def notice(kind: str, old: str, new: str) -> str:
     """What a user of an old name is told, in a log or a warning.
 
+    Parameters
+    ----------
+    kind : str
+        What has the name: 'parameter', 'topic', 'name'.
+    old, new : str
+        The names.
+
+    Examples
+    --------
     >>> notice('topic', 'edges', 'features')
     'topic edges is now features: use the new name, the old one will go'
     """
@@ -27,6 +36,14 @@ def notice(kind: str, old: str, new: str) -> str:
 def without_effect(kind: str, name: str) -> str:
     """The notice about a name that is still accepted and has no effect, for a log or a warning.
 
+    Parameters
+    ----------
+    kind : str
+        What has the name: 'parameter', 'argument'.
+    name : str
+
+    Examples
+    --------
     >>> without_effect('parameter', 'seed')
     'parameter seed has no effect: leave it out, the name will go'
     """

@@ -76,7 +76,13 @@ _C = TypeVar('_C', bound=Config)
 
 @dataclass(frozen=True)
 class StereoMessages:
-    """Four messages of one moment."""
+    """Four messages of one stamp.
+
+    Parameters
+    ----------
+    left, right : sensor_msgs.msg.Image
+    left_info, right_info : sensor_msgs.msg.CameraInfo
+    """
 
     left: Image
     left_info: CameraInfo
@@ -136,7 +142,13 @@ class GraphNode(Node, Generic[_C]):
         """Refuse a configuration: raise ValueError with what was expected. No side effects."""
 
     def on_config(self, old: _C, new: _C) -> None:
-        """The configuration has changed from old to new."""
+        """The configuration has changed.
+
+        Parameters
+        ----------
+        old, new : Config
+            Before and now; they differ.
+        """
 
     def reset(self) -> str:
         """Forget everything about earlier inputs; return what was forgotten."""
