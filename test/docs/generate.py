@@ -56,6 +56,8 @@ MEANING = {
     '~/fetch': 'read arrays, counters and the trace',
     '~/list': 'programs that come with the package, as JSON',
 }
+# The same of a topic that a node both publishes and hears, where that differs.
+HEARD = {'/diagnostics': 'which nodes of the graph are still compiling; their silence is no fault then'}
 EVERY_NODE_HAS = (
     'rosout',
     'parameter_events',
@@ -158,7 +160,8 @@ def tables(found: Interface) -> str:
     for title, rows in (('subscribes', found.subscribed), ('publishes', found.published), ('serves', found.served)):
         if rows:
             lines += [f'| {title} | type | |', '| --- | --- | --- |']
-            lines += [f'| `{_topic(name)}` | `{kind}` | {MEANING[name]} |' for name, kind in rows]
+            meaning = MEANING | HEARD if title == 'subscribes' else MEANING
+            lines += [f'| `{_topic(name)}` | `{kind}` | {meaning[name]} |' for name, kind in rows]
             lines.append('')
     lines += ['| parameter | default | range | |', '| --- | --- | --- | --- |']
     for spec in found.parameters:
