@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import Int32Array
+from msgs_py.numeric.typed import BoolArray, ByteArray, Int32Array
 
 from .tables import Tables, pair_row
 
@@ -46,7 +46,7 @@ def largest_core(core: Int32Array) -> int:
 
 
 @njit
-def _core(code, unary):
+def _core(code: ByteArray, unary: BoolArray) -> Int32Array:
     """Core numbers (n, e) int32 from tables (P, e, e) uint8 and unary (n, e) bool."""
     n, e = unary.shape
     counts = np.zeros((n, e, n), np.int32)  # how many model features of the third agree with the pairing

@@ -10,13 +10,14 @@ import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from ..geometry.constraints import entry
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
 from .settings import INTERPRETATIONS, LARGEST_PAIRS, RATES
-from .signs import apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
-from .tables import pair_row, pair_tests, unary_table
+from .signs import Signs, apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
+from .tables import PairTests, pair_row, pair_tests, unary_table
 from .tree import BACKTRACKS, COUNTERS, LEVELS, SIGN_CUTOFFS, TRUNCATED, Limits, TreeResult
 
 WORK = len(COUNTERS)  # one more counter: pair tests and what counts as such
@@ -80,7 +81,9 @@ def serial_search(
 
 
 @njit
-def _descend(tests, unary, limits, counters):
+def _descend(
+    tests: PairTests, unary: BoolArray, limits: Limits, counters: IntArray
+) -> tuple[int, Int32Array, Int8Array]:
     """Depth-first over the data features; returns as tree.traverse_pairs does, and fills the counters (6,) int64.
 
     unary : (n, e) bool, which model features a data feature may be on by itself
@@ -136,7 +139,9 @@ def _descend(tests, unary, limits, counters):
 
 
 @njit
-def _agrees(tests, assignment, level, j, use_signs, signs, counters):
+def _agrees(
+    tests: PairTests, assignment: Int32Array, level: int, j: int, use_signs: bool, signs: Signs, counters: IntArray
+) -> bool:
     """Whether data feature ``level`` on model feature j agrees with all assigned before it; changes the signs."""
     n = len(assignment)
     counters[LEVELS] += 1

@@ -29,48 +29,50 @@ class Signs(NamedTuple):
 
 
 @njit
-def unknown_signs(n):
+def unknown_signs(n: int) -> Signs:
     """The states of n features of which nothing is known."""
     return Signs(np.arange(n).astype(np.int32), np.ones(n, np.int8), np.zeros(n, np.int8))
 
 
 @njit
-def stacked_signs(depth, n):
+def stacked_signs(depth: int, n: int) -> Signs:
     """Room for the states of n features at each of ``depth`` levels: Signs of (depth, n) arrays."""
     return Signs(np.zeros((depth, n), np.int32), np.zeros((depth, n), np.int8), np.zeros((depth, n), np.int8))
 
 
 @njit
-def save_signs(signs, stack, level):
+def save_signs(signs: Signs, stack: Signs, level: int) -> None:
     """Copy the states to a level of the stack."""
     stack.root[level], stack.parity[level], stack.known[level] = signs.root, signs.parity, signs.known
 
 
 @njit
-def restore_signs(signs, stack, level):
+def restore_signs(signs: Signs, stack: Signs, level: int) -> None:
     """Copy the states back from a level of the stack."""
     signs.root[:], signs.parity[:], signs.known[:] = stack.root[level], stack.parity[level], stack.known[level]
 
 
 @njit
-def set_sign(k, sign, signs):
+def set_sign(k: int, sign: int, signs: Signs) -> bool:
     """Give feature k an absolute sign; False when it is known to have the other."""
     r = signs.root[k]
     wanted = sign * signs.parity[k]
     if signs.known[r] == 0:
         signs.known[r] = wanted
         return True
-    return signs.known[r] == wanted
+    agrees: bool = signs.known[r] == wanted
+    return agrees
 
 
 @njit
-def relate(a, b, relation, signs):
+def relate(a: int, b: int, relation: int, signs: Signs) -> bool:
     """Make b's sign equal (relation 1) or opposite (-1) to a's; False when that contradicts what is known."""
     root, parity, known = signs
     ra, rb = root[a], root[b]
     factor = relation * parity[a] * parity[b]
     if ra == rb:
-        return factor == 1
+        agrees: bool = factor == 1
+        return agrees
     if known[ra] != 0 and known[rb] != 0 and known[rb] != factor * known[ra]:
         return False
     if rb < ra:
@@ -85,7 +87,7 @@ def relate(a, b, relation, signs):
 
 
 @njit
-def apply_code(code, a, b, signs):
+def apply_code(code: int, a: int, b: int, signs: Signs) -> bool:
     """Take over the signs that a table entry (constraints.entry) allows a and b; False when they contradict the states.
 
     The direction constraints come first, because they give absolute signs.
@@ -101,7 +103,7 @@ def apply_code(code, a, b, signs):
 
 
 @njit
-def write_signs(signs, assignment, out):
+def write_signs(signs: Signs, assignment: Int32Array, out: Int8Array) -> None:
     """Absolute signs into out (n,) int8, 0 where unknown or where the feature has no model feature."""
     for k in range(len(assignment)):
         out[k] = signs.known[signs.root[k]] * signs.parity[k] if assignment[k] >= 0 else 0

@@ -199,7 +199,7 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
 
 
 @njit
-def _model_ranges(rows):
+def _model_ranges(rows: FloatArray) -> FloatArray:
     """(e, e, 11) ranges of ordered pairs of model rows (e, 9); 0 for a feature with itself."""
     e = rows.shape[0]
     out = np.zeros((e, e, 11))
@@ -211,7 +211,7 @@ def _model_ranges(rows):
 
 
 @njit
-def _data_ranges(rows, error, cone, pairs):
+def _data_ranges(rows: FloatArray, error: FloatArray, cone: FloatArray, pairs: Int32Array) -> FloatArray:
     """(P, 11) ranges of pairs (P, 2) of data rows (n, 9), with errors (n,) in metres and cones (n,) in radians."""
     out = np.zeros((pairs.shape[0], 11))
     for p in range(pairs.shape[0]):
@@ -221,7 +221,7 @@ def _data_ranges(rows, error, cone, pairs):
 
 
 @njit
-def _fill(tests, pairs, unary, signs):
+def _fill(tests: PairTests, pairs: Int32Array, unary: BoolArray, signs: bool) -> ByteArray:
     """The tables (P, e, e) uint8 of data pairs (P, 2); unary : (n, e) bool; signs : test their consistency."""
     e = unary.shape[1]
     code = np.zeros((pairs.shape[0], e, e), np.uint8)

@@ -21,7 +21,7 @@ import numpy as np
 
 from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
+from msgs_py.numeric.typed import BoolArray, ByteArray, Int8Array, Int32Array, IntArray
 
 from ..params import MatchParams
 from .cores import core_numbers, largest_core
@@ -250,7 +250,7 @@ class _State(NamedTuple):
 
 
 @njit
-def _saved_states(depth, n, e, look_ahead):
+def _saved_states(depth: int, n: int, e: int, look_ahead: bool) -> _State:
     """Room for what each level found when it was entered; of the assignment only the level's two features.
 
     Without looking ahead the open model features do not change, and none are kept.
@@ -260,7 +260,7 @@ def _saved_states(depth, n, e, look_ahead):
 
 
 @njit
-def _save(state, saved, level, a, b):
+def _save(state: _State, saved: _State, level: int, a: int, b: int) -> None:
     saved.assignment[level, 0], saved.assignment[level, 1] = state.assignment[a], state.assignment[b]
     save_signs(state.signs, saved.signs, level)
     saved.in_bin[level] = state.in_bin[0]
@@ -269,7 +269,7 @@ def _save(state, saved, level, a, b):
 
 
 @njit
-def _restore(state, saved, level, a, b):
+def _restore(state: _State, saved: _State, level: int, a: int, b: int) -> None:
     state.assignment[a], state.assignment[b] = saved.assignment[level, 0], saved.assignment[level, 1]
     restore_signs(state.signs, saved.signs, level)
     state.in_bin[0] = saved.in_bin[level]
@@ -278,7 +278,9 @@ def _restore(state, saved, level, a, b):
 
 
 @njit
-def traverse_pairs(tree, code, alive, limits, counters):
+def traverse_pairs(
+    tree: PairTree, code: ByteArray, alive: BoolArray, limits: Limits, counters: IntArray
+) -> tuple[int, Int32Array, Int8Array]:
     """Depth-first over the levels of the tree: appendix C, with the bin.
 
     code : (P, e, e) uint8, the look-up tables, row and column e of which stand for the bin; alive : (n, e) bool, the
@@ -329,7 +331,17 @@ def traverse_pairs(tree, code, alive, limits, counters):
 
 
 @njit
-def _assign_next(tree, level, cursor, code, alive, limits, state, saved, counters):
+def _assign_next(
+    tree: PairTree,
+    level: int,
+    cursor: IntArray,
+    code: ByteArray,
+    alive: BoolArray,
+    limits: Limits,
+    state: _State,
+    saved: _State,
+    counters: IntArray,
+) -> bool:
     """Assign the level's next consistent entry from the cursor on; False, with nothing assigned, when there is none."""
     e = alive.shape[1]
     side = tree.side
@@ -381,7 +393,7 @@ def _assign_next(tree, level, cursor, code, alive, limits, state, saved, counter
 
 
 @njit
-def _allowed(fixed, e):
+def _allowed(fixed: int, e: int) -> tuple[np.int64 | int, np.int64 | int]:
     """First and one past the last row (or column) of a table that a feature's assignment leaves; e is the bin."""
     if fixed == UNASSIGNED:
         return np.int64(0), e + 1
@@ -390,7 +402,7 @@ def _allowed(fixed, e):
 
 
 @njit
-def _close_inconsistent(a, i, code, assignment, open_to):
+def _close_inconsistent(a: int, i: int, code: ByteArray, assignment: Int32Array, open_to: BoolArray) -> None:
     """Feature a is on model feature i: close what disagrees with that, for every unassigned feature."""
     n, e = open_to.shape
     for k in range(n):
@@ -403,7 +415,7 @@ def _close_inconsistent(a, i, code, assignment, open_to):
 
 
 @njit
-def _stranded(alive, assignment, open_to):
+def _stranded(alive: BoolArray, assignment: Int32Array, open_to: BoolArray) -> int:
     """How many unassigned features that could once be matched have nothing left."""
     count = 0
     for k in range(alive.shape[0]):

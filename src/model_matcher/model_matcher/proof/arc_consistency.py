@@ -110,7 +110,7 @@ def listed(possible: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 @njit
-def _extent(halves, relations):
+def _extent(halves: FloatArray, relations: FloatArray) -> tuple[float, IntArray]:
     """PairTest's span and below; a model feature with itself has angle 0."""
     span = 0.0
     below = np.zeros(ANGLES + 1, np.int64)
@@ -125,7 +125,7 @@ def _extent(halves, relations):
 
 
 @njit
-def _some_pair_may_fit(rel, cone, room, span, below):
+def _some_pair_may_fit(rel: FloatArray, cone: float, room: float, span: float, below: IntArray) -> bool:
     """Whether any two model features are near enough to each other and at the angle for a data pair's relation."""
     low = rel[ANGLE] - cone
     high = min(rel[ANGLE] + cone, RIGHT_ANGLE)
@@ -133,11 +133,14 @@ def _some_pair_may_fit(rel, cone, room, span, below):
         low = min(low, np.pi - rel[ANGLE] - cone)
     first = min(max(int((low - ROUNDING) / RIGHT_ANGLE * ANGLES), 0), ANGLES - 1)
     last = min(int((high + ROUNDING) / RIGHT_ANGLE * ANGLES), ANGLES - 1)
-    return rel[MIDS] <= span + room + ROUNDING and below[last + 1] > below[first]
+    may_fit: bool = rel[MIDS] <= span + room + ROUNDING and below[last + 1] > below[first]
+    return may_fit
 
 
 @njit
-def revise(a, others, test, lists, counts, supporters, wide):
+def revise(
+    a: int, others: IntArray, test: PairTest, lists: IntArray, counts: IntArray, supporters: int, wide: int
+) -> None:
     """Remove from data feature a's list the nodes that are consistent with too few of the data features ``others``.
 
     A node stays when at least ``supporters`` of them have a node that is consistent with it. lists : (n, e) int64, the
@@ -190,7 +193,16 @@ def revise(a, others, test, lists, counts, supporters, wide):
 
 
 @njit
-def forward_check(node, free, forced, least, nodes, groups, test, own):
+def forward_check(
+    node: int,
+    free: IntArray,
+    forced: IntArray,
+    least: int,
+    nodes: Nodes,
+    groups: Groups,
+    test: PairTest,
+    own: DataRanges,
+) -> IntArray:
     """Those of the nodes ``free`` that a node is consistent with, by the exact test and the five constraints.
 
     None at all when interpretations have fewer than ``least`` of their data features; of each group, one feature at
@@ -248,7 +260,7 @@ def forward_check(node, free, forced, least, nodes, groups, test, own):
 
 
 @njit
-def _constraints_agree(a, b, i, j, test, own):
+def _constraints_agree(a: int, b: int, i: int, j: int, test: PairTest, own: DataRanges) -> bool:
     """Whether the five constraints let data features a and b be on model features i and j; fills ranges as needed."""
     data, tols, model = test.sample.data, test.sample.tolerances, test.sample.model
     error_a, error_b = np.hypot(tols[a, 0], tols[a, 1]), np.hypot(tols[b, 0], tols[b, 1])
@@ -261,4 +273,5 @@ def _constraints_agree(a, b, i, j, test, own):
         if i != j:
             pair_ranges(model[i], model[j], 0.0, 0.0, 0.0, 0.0, test.model_ranges[i, j])
     bits = entry(own.ranges[b], test.model_ranges[i, j], i == j, 2.0 * model[i, 6], error_a + error_b, test.use)
-    return bits != 0 and consistent_signs(bits)
+    agree: bool = bits != 0 and consistent_signs(bits)
+    return agree

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import ByteArray, FloatArray
+from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray, Int8Array, Int32Array, IntArray
 
 from ..geometry.back_projection import fit_one
 from ..geometry.features import CURVE, DataFeatures, FeatureRows
@@ -65,13 +65,13 @@ class _Fit(NamedTuple):
 
 
 @njit
-def _room_for(blocks):
+def _room_for(blocks: int) -> _Residuals:
     """Uninitialised residuals of so many blocks."""
     return _Residuals(np.empty((blocks, 2, 6)), np.empty((blocks, 2)))
 
 
 @njit
-def _centroid(sample, a):
+def _centroid(sample: Sample, a: IntArray) -> FloatArray:
     """(3,) mean of the mid points of data features a (m,), metres; turns are about it."""
     centre = np.zeros(3)
     m = len(a)
@@ -82,7 +82,9 @@ def _centroid(sample, a):
 
 
 @njit
-def _linearise(motion, centre, a, i, sample, residuals, first):
+def _linearise(
+    motion: FloatArray, centre: FloatArray, a: int, i: int, sample: Sample, residuals: _Residuals, first: int
+) -> None:
     """The residuals of a on i and their derivatives at a motion (12,), into blocks ``first``... of ``residuals``."""
     m, d = sample.model[i], sample.data[a]
     rows, values = residuals.jacobian, residuals.values
@@ -132,14 +134,16 @@ def _linearise(motion, centre, a, i, sample, residuals, first):
 
 
 @njit
-def _linearise_all(motion, centre, a, i, sample, residuals):
+def _linearise_all(
+    motion: FloatArray, centre: FloatArray, a: IntArray, i: IntArray, sample: Sample, residuals: _Residuals
+) -> None:
     """The residuals of pairings a on i (m,), BLOCKS blocks for each."""
     for k in range(len(a)):
         _linearise(motion, centre, a[k], i[k], sample, residuals, BLOCKS * k)
 
 
 @njit
-def _squared_norms(residuals, step, out):
+def _squared_norms(residuals: _Residuals, step: FloatArray, out: FloatArray) -> float:
     """Squared length of each block's residuals after a step (6,), into out (b,); returns the largest."""
     worst = 0.0
     for b in range(len(out)):
@@ -155,7 +159,7 @@ def _squared_norms(residuals, step, out):
 
 
 @njit
-def _newton(residuals, squares, worst, power, at, fit):
+def _newton(residuals: _Residuals, squares: FloatArray, worst: float, power: float, at: FloatArray, fit: _Fit) -> float:
     """One Newton step for the sum of powers of the squares (b,), from a step ``at`` (6,); fills ``fit``.
 
     Returns the least weighted sum of squares over the sum of weights, -1 when nothing can be solved.
@@ -199,7 +203,9 @@ def _newton(residuals, squares, worst, power, at, fit):
 
 
 @njit
-def _line_search(residuals, squares, worst, power, step, direction):
+def _line_search(
+    residuals: _Residuals, squares: FloatArray, worst: float, power: float, step: FloatArray, direction: FloatArray
+) -> tuple[float, float]:
     """Go from a step (6,) along a direction as far as the sum of powers falls, at first the whole way.
 
     Changes step and squares (b,); returns the largest square and the part by which the sum has fallen, 0 when it has
@@ -227,7 +233,7 @@ def _line_search(residuals, squares, worst, power, step, direction):
 
 
 @njit
-def minimax_pose(motion, a, i, sample, weights):
+def minimax_pose(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample, weights: FloatArray) -> int:
     """Whether some pose near ``motion`` (12,) lays data features a (m,) on model features i (m,) within tolerances.
 
     FEASIBLE, with the pose in ``motion``; INFEASIBLE, with the weight of each pairing in that bound in weights (m,); or
@@ -275,7 +281,7 @@ def minimax_pose(motion, a, i, sample, weights):
 
 
 @njit
-def deviations(motion, a, i, sample):
+def deviations(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> FloatArray:
     """(m,) the largest residual of each pairing a on i (m,) under a pose; the pairing fits up to 1."""
     residuals, centre = _room_for(BLOCKS), np.zeros(3)
     out = np.zeros(len(a))
@@ -300,7 +306,7 @@ class _Ellipsoid(NamedTuple):
 
 
 @njit
-def _reachable(motion, centre, a, i, sample):
+def _reachable(motion: FloatArray, centre: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> _Ellipsoid:
     """The ellipsoid of the poses that may lay all a on i (m,) within tolerances.
 
     Under such a pose the mean of the squared residuals is at most one.
@@ -333,7 +339,7 @@ def _reachable(motion, centre, a, i, sample):
 
 
 @njit
-def _misses_everywhere(residuals, ellipsoid, bent):
+def _misses_everywhere(residuals: _Residuals, ellipsoid: _Ellipsoid, bent: float) -> bool:
     """Whether a block of residuals (BLOCKS of them) is above one for every pose of the ellipsoid.
 
     bent : what the second order of the largest turn may take from a residual
@@ -353,7 +359,9 @@ def _misses_everywhere(residuals, ellipsoid, bent):
 
 
 @njit
-def can_join(motion, a, i, others_a, others_i, least, sample):
+def can_join(
+    motion: FloatArray, a: IntArray, i: IntArray, others_a: IntArray, others_i: IntArray, least: int, sample: Sample
+) -> BoolArray:
     """(c,) bool: which pairings others_a on others_i may share a pose with the set a on i, whose pose is ``motion``.
 
     None when they are of fewer than ``least`` data features; those of one data feature stand together in others_a.
@@ -394,7 +402,7 @@ def can_join(motion, a, i, others_a, others_i, least, sample):
 
 
 @njit
-def _fits_here(residuals):
+def _fits_here(residuals: _Residuals) -> bool:
     """Whether all blocks of one pairing are at most one at the pose where they were linearised."""
     fits = True
     for b in range(BLOCKS):
@@ -403,7 +411,7 @@ def _fits_here(residuals):
 
 
 @njit
-def infeasible_subset(motion, a, i, weights, sample):
+def infeasible_subset(motion: FloatArray, a: IntArray, i: IntArray, weights: FloatArray, sample: Sample) -> IntArray:
     """Numbers of few of the pairings a on i (m,), an infeasible set, that are infeasible already.
 
     weights : (m,) as minimax_pose leaves them; the heaviest are tried first. A small subset is made minimal: without
@@ -428,7 +436,7 @@ def infeasible_subset(motion, a, i, weights, sample):
 
 
 @njit
-def all_fit(motion, a, i, sample, kind_m, radius_tol):
+def all_fit(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample, kind_m: ByteArray, radius_tol: float) -> bool:
     """Whether a pose lays every data feature a (m,) on its model feature i (m,), as back-projection counts.
 
     kind_m : (e,) uint8; radius_tol : metres
@@ -445,7 +453,9 @@ def all_fit(motion, a, i, sample, kind_m, radius_tol):
 
 
 @njit
-def least_squares_pose(motion, assignment, sign, sample, normal, figures):
+def least_squares_pose(
+    motion: FloatArray, assignment: Int32Array, sign: Int8Array, sample: Sample, normal: FloatArray, figures: FloatArray
+) -> None:
     """Least-squares pose of an assignment (n,), in place.
 
     Fills sign (n,), normal (6, 6) and figures: rms (metres), weighted cost per equation, centre x, y, z (metres).

@@ -31,11 +31,12 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
-from ..geometry.features import CURVE
+from ..geometry.features import CURVE, DataFeatures, ModelFeatures
 from ..geometry.line_pairs import pair_geometry
 from ..geometry.rigid_motion import inverse_transform, transform
+from ..model.regularity import Regularity
 from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
 from .settings import (
     ANGLE,
@@ -71,7 +72,7 @@ class Planes(NamedTuple):
 
 
 @njit
-def plane_table(offsets, by_offset, tolerance):
+def plane_table(offsets: FloatArray, by_offset: Int32Array, tolerance: float) -> Planes:
     """Number the planes that a model's features lie in.
 
     Offsets within twice the tolerance cannot be told apart. The offset of a plane of another object lies anywhere in
@@ -115,18 +116,19 @@ def plane_table(offsets, by_offset, tolerance):
 
 
 @njit
-def _remainder(vector, basis, count, out):
+def _remainder(vector: FloatArray, basis: FloatArray, count: int, out: FloatArray) -> float:
     """Length of a vector's part outside the span of the first ``count`` orthonormal rows of ``basis``."""
     x, y, z = vector[0], vector[1], vector[2]
     for b in range(count):
         dot = x * basis[b, 0] + y * basis[b, 1] + z * basis[b, 2]
         x, y, z = x - dot * basis[b, 0], y - dot * basis[b, 1], z - dot * basis[b, 2]
     out[0], out[1], out[2] = x, y, z
-    return np.sqrt(x * x + y * y + z * z)
+    length: float = np.sqrt(x * x + y * y + z * z)
+    return length
 
 
 @njit
-def free_angles(u, earlier, count):
+def free_angles(u: FloatArray, earlier: FloatArray, count: int) -> int:
     """Angles of a direction that regularity does not explain: 0, 1 or 2; the first direction's are the pose's own."""
     if count == 0:
         return 0
@@ -150,7 +152,7 @@ def free_angles(u, earlier, count):
 
 
 @njit
-def regular_planes(used, regular):
+def regular_planes(used: BoolArray, regular: Regularity) -> BoolArray:
     """Which orientations of planes an object with these model features owes to its regularity.
 
     They are spanned by directions of the features ``used`` (e,) bool, and of those upright to two of them. A slanted
@@ -186,7 +188,9 @@ def regular_planes(used, regular):
 
 
 @njit
-def coincidences(model, used, regular, planes, accuracy):
+def coincidences(
+    model: ModelFeatures, used: BoolArray, regular: Regularity, planes: Planes, accuracy: FloatArray
+) -> float:
     """Nats of the coincidences beyond the pose among the model features that are explained.
 
     Parameters
@@ -302,7 +306,9 @@ def coincidences(model, used, regular, planes, accuracy):
 
 
 @njit
-def coverage(model, data, low, high, direction):
+def coverage(
+    model: ModelFeatures, data: DataFeatures, low: FloatArray, high: FloatArray, direction: Int32Array
+) -> float:
     """Nats for the lengths of the pieces found: low, high (e,) metres, what is covered of each model edge."""
     rows = model.rows
     e, n = rows.shape[0], data.rows.shape[0]
@@ -332,7 +338,7 @@ def coverage(model, data, low, high, direction):
 
 
 @njit
-def meet(a, b, tolerance):
+def meet(a: FloatArray, b: FloatArray, tolerance: float) -> bool:
     """Whether two edges (rows) meet end to end: their lines within the tolerance (metres), near an end of both."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     reach = (1.0 + 2.0 * REACH) * (a[6] + b[6]) + 6.0 * tolerance
@@ -342,11 +348,14 @@ def meet(a, b, tolerance):
     if s < RUNS_ON_SINE or abs(d) > tolerance:
         return False
     beyond = tolerance / s
-    return abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond
+    near_ends: bool = (
+        abs(abs(fa) - a[6]) < 2.0 * REACH * a[6] + beyond and abs(abs(fb) - b[6]) < 2.0 * REACH * b[6] + beyond
+    )
+    return near_ends
 
 
 @njit
-def neighbours(motion, model, data, assignment):
+def neighbours(motion: FloatArray, model: ModelFeatures, data: DataFeatures, assignment: Int32Array) -> float:
     """Nats for what surrounds the data that a pose explains.
 
     Parameters
@@ -398,11 +407,19 @@ def neighbours(motion, model, data, assignment):
     density = explained * unexplained * 0.5 * np.pi * tolerance / (4.0 / 3.0 * np.pi * radius**3)
     expected = NEIGHBOURS.at_ends * density + NEIGHBOURS.missed * count + 0.05
     alone = np.exp(NEIGHBOURS.of_chance - met * np.log((expected + NEIGHBOURS.of_chance) / expected))
-    return np.log((1.0 - NEIGHBOURS.crowded) * alone + NEIGHBOURS.crowded)
+    nats: float = np.log((1.0 - NEIGHBOURS.crowded) * alone + NEIGHBOURS.crowded)
+    return nats
 
 
 @njit
-def evidence(motion, model, data, assignment, regular, planes):
+def evidence(
+    motion: FloatArray,
+    model: ModelFeatures,
+    data: DataFeatures,
+    assignment: Int32Array,
+    regular: Regularity,
+    planes: Planes,
+) -> float:
     """Evidence of one pose with its assignment.
 
     Parameters
@@ -474,4 +491,5 @@ def evidence(motion, model, data, assignment, regular, planes):
     total = coincidences(model, used, regular, planes, accuracy)
     total += max(coverage(model, data, low, high, regular.direction), FRAGMENTS)
     total += nats_of_view(motion, used, regular.faces, regular.lies)
-    return total + neighbours(motion, model, data, assignment)
+    nats: float = total + neighbours(motion, model, data, assignment)
+    return nats

@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
-from ..geometry.features import CURVE
+from ..geometry.features import CURVE, DataFeatures, ModelFeatures
 from ..geometry.least_squares import add_equation, damp, solve6
 from ..geometry.rigid_motion import compose_small, transform_line
 from ..model.settings import EXACT
@@ -20,7 +21,18 @@ from .settings import ALIKE, ALONG_SIGHT_SINE, FEWEST, FITS, STEREO_RATIO
 
 
 @njit
-def _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right):
+def _equations(
+    motion: FloatArray,
+    model: ModelFeatures,
+    data: DataFeatures,
+    assignment: Int32Array,
+    sign: Int8Array,
+    centre: FloatArray,
+    ratio: float,
+    unit: float,
+    normal: FloatArray,
+    right: FloatArray,
+) -> FloatArray:
     """Normal equations of point-to-line least squares about a pose, with the line of sight weighted apart.
 
     As least_squares.normal_equations otherwise. unit : metres, sigma across; ratio : of sigma across to sigma along
@@ -107,7 +119,9 @@ def _equations(motion, model, data, assignment, sign, centre, ratio, unit, norma
 
 
 @njit
-def refine_along_sight(motion, model, data, assignment, sign):
+def refine_along_sight(
+    motion: FloatArray, model: ModelFeatures, data: DataFeatures, assignment: Int32Array, sign: Int8Array
+) -> float:
     """Fit a pose to the data assigned to it, the line of sight weighted as the residuals tell.
 
     Parameters

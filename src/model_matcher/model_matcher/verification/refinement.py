@@ -10,9 +10,10 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.back_projection import assign, count_matches
+from ..geometry.features import DataFeatures, ModelFeatures
 from ..geometry.least_squares import refine
 from ..model.problem import Problem
-from ..model.regularity import regularity
+from ..model.regularity import Regularity, regularity
 from ..params import MatchParams
 from .evidence import evidence, plane_table
 from .false_alarms import needed_evidence
@@ -56,7 +57,15 @@ class Refined(NamedTuple):
 
 
 @njit(nogil=True)
-def refine_candidates(scores, keep, doubtful, model, data, regular, refined):
+def refine_candidates(
+    scores: FloatArray,
+    keep: float,
+    doubtful: float,
+    model: ModelFeatures,
+    data: DataFeatures,
+    regular: Regularity,
+    refined: Refined,
+) -> None:
     """Refine candidate poses, in place, and weigh the evidence for each.
 
     Parameters

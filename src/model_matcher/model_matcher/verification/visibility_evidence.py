@@ -16,18 +16,20 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from .settings import VIEW
 
 
 @njit
-def _nats(found, missed, chance):
+def _nats(found: int, missed: int, chance: float) -> float:
     """Of a chance against VIEW.by_chance."""
-    return found * np.log(chance / VIEW.by_chance) + missed * np.log((1.0 - chance) / (1.0 - VIEW.by_chance))
+    nats: float = found * np.log(chance / VIEW.by_chance) + missed * np.log((1.0 - chance) / (1.0 - VIEW.by_chance))
+    return nats
 
 
 @njit
-def nats_of_view(motion, used, planes, lies):
+def nats_of_view(motion: FloatArray, used: BoolArray, planes: FloatArray, lies: BoolArray) -> float:
     """Nats for which features of a model were found, and which were not.
 
     Parameters
@@ -62,4 +64,5 @@ def nats_of_view(motion, used, planes, lies):
     of_view = _nats(seen, in_view.sum() - seen, VIEW.seen) + hidden * np.log(VIEW.hidden / VIEW.by_chance)
     thinned = _nats(count, e - count, VIEW.thinned)
     most = max(thinned, of_view)
-    return most + np.log(0.5 * (np.exp(thinned - most) + np.exp(of_view - most)))
+    nats: float = most + np.log(0.5 * (np.exp(thinned - most) + np.exp(of_view - most)))
+    return nats
