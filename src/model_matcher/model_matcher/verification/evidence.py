@@ -188,6 +188,61 @@ def regular_planes(used: BoolArray, regular: Regularity) -> BoolArray:
 
 
 @njit
+def _is_new(radius: float, radii: FloatArray, count: int) -> bool:
+    """Whether a radius (metres) is none of the first ``count`` radii."""
+    new = True
+    for r in range(count):
+        new = new and abs(radii[r] - radius) > SAME_LENGTH * radius
+    return new
+
+
+@njit
+def _next_plane(
+    j: int,
+    planes: Planes,
+    owed: BoolArray,
+    known: BoolArray,
+    normals: FloatArray,
+    fixed: FloatArray,
+    n_fixed: int,
+    placed: FloatArray,
+    n_placed: int,
+    rest: FloatArray,
+) -> tuple[int, float]:
+    """Of the unknown planes of feature j those first that only fix the position, then the likeliest coincidence.
+
+    fixed, placed : orthonormal rows, the directions that are fixed for the feature and for the whole model; rest : (3,)
+    scratch space
+    Returns its number, -1 when none is left, and its nats, -1 when it only fixes the position.
+    """
+    best, least = -1, np.inf
+    for i in range(len(owed)):
+        if not owed[i] or planes.number[i, j] < 0 or known[i, planes.number[i, j]]:
+            continue
+        if _remainder(normals[i], fixed, n_fixed, rest) <= FIXING_SINE:
+            continue
+        value = planes.nats[i]
+        if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > PLACING_SINE:
+            value = -1.0
+        if value < least:
+            best, least = i, value
+    return best, least
+
+
+@njit
+def _place_any(placed: FloatArray, count: int, rest: FloatArray) -> int:
+    """Add an axis that is not placed yet to the first ``count`` orthonormal rows; returns their new number."""
+    for axis in range(3):
+        unit = np.zeros(3)
+        unit[axis] = 1.0
+        length = _remainder(unit, placed, count, rest)
+        if length > 0.5:
+            placed[count] = rest / length
+            return count + 1
+    return count
+
+
+@njit
 def coincidences(
     model: ModelFeatures, used: BoolArray, regular: Regularity, planes: Planes, accuracy: FloatArray
 ) -> float:
@@ -212,7 +267,7 @@ def coincidences(
 
     """
     rows, order, direction, normals = model.rows, regular.order, regular.direction, regular.normals
-    number, nats = planes.number, planes.nats
+    number = planes.number
     q, e = number.shape[0], rows.shape[0]
     owed = regular_planes(used, regular)
     anchor = np.full(q, np.nan)
@@ -240,10 +295,7 @@ def coincidences(
         freedom = 2
         if model.kind[j] == CURVE:
             freedom = 3
-            fresh = True
-            for r in range(n_radii):
-                fresh = fresh and abs(radii[r] - rows[j, 7]) > SAME_LENGTH * rows[j, 7]
-            if fresh:
+            if _is_new(rows[j, 7], radii, n_radii):
                 radii[n_radii] = rows[j, 7]
                 n_radii += 1
                 total += PER_RADIUS
@@ -255,33 +307,11 @@ def coincidences(
                     fixed[n_fixed] = rest / length
                     n_fixed += 1
         while n_fixed < freedom:
-            # Of the unknown planes those first that only fix the position, then the likeliest coincidence.
-            best, least = -1, np.inf
-            for i in range(q):
-                if (
-                    not owed[i]
-                    or number[i, j] < 0
-                    or known[i, number[i, j]]
-                    or _remainder(normals[i], fixed, n_fixed, rest) <= FIXING_SINE
-                ):
-                    continue
-                value = nats[i]
-                if n_placed < 3 and _remainder(normals[i], placed, n_placed, rest) > PLACING_SINE:
-                    value = -1.0
-                if value < least:
-                    best, least = i, value
+            best, least = _next_plane(j, planes, owed, known, normals, fixed, n_fixed, placed, n_placed, rest)
             if best < 0:
                 n_fixed += 1
                 if n_placed < 3:
-                    # Any direction that is not placed yet.
-                    for axis in range(3):
-                        unit = np.zeros(3)
-                        unit[axis] = 1.0
-                        length = _remainder(unit, placed, n_placed, rest)
-                        if length > 0.5:
-                            placed[n_placed] = rest / length
-                            n_placed += 1
-                            break
+                    n_placed = _place_any(placed, n_placed, rest)
                 else:
                     total += PER_OFFSET
                 continue

@@ -68,7 +68,7 @@ def _beside(samples: FloatArray, row: FloatArray, first: float, last: float, sid
 
 
 @njit
-def candidates(
+def candidates(  # noqa: C901, PLR0912, PLR0915
     left: FloatArray,
     right: FloatArray,
     left_beside: FloatArray,
