@@ -17,8 +17,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from numba.core import codegen, compiler, dispatcher, sigutils
+from numba.core import base, codegen, compiler, dispatcher, sigutils
 from numba.core.compiler_lock import global_compiler_lock
+from numba.extending import overload
+from numba.np import arrayobj
 
 _FunctionCompiler: Any = vars(dispatcher).get('_FunctionCompiler', object)
 _METHODS = (
@@ -184,10 +186,38 @@ def _intermediate(library: Any) -> Any:
     return module
 
 
-_REPLACEMENTS: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
+_get_abi_sizeof = base.BaseContext.get_abi_sizeof
+_sizes: dict[tuple[int, str], int] = {}
+
+
+def _size(self: Any, kind: Any) -> int:
+    """Bytes of a type. numba parses a module for each question, a tenth of all time, and asks for few types."""
+    key = id(self), str(kind)
+    if key not in _sizes:
+        _sizes[key] = _get_abi_sizeof(self, kind)
+    return _sizes[key]
+
+
+def _refuse_shapes(source: Any, target: Any) -> None:
+    """Raise for an assignment to a slice of another shape."""
+
+
+@overload(_refuse_shapes)
+def _refuse_shapes_compiled(source: Any, target: Any) -> Callable[[Any, Any], None]:
+    """Without the shapes in the text, for which numba compiles half of its functions of strings."""
+
+    def implementation(source: Any, target: Any) -> None:
+        raise ValueError('cannot assign to a slice of another shape')
+
+    return implementation
+
+
+_REPLACEMENTS: tuple[tuple[Any, str, Any], ...] = (
     (codegen.JITCodeLibrary, 'add_linking_library', _link_later),
     (codegen.JITCodeLibrary, 'finalize', _finalised),
     (_FunctionCompiler, '_compile_core', _compiled),
     (dispatcher.Dispatcher, 'add_overload', _added),
     (dispatcher.Dispatcher, 'get_call_template', _called_by_compiled),
+    (base.BaseContext, 'get_abi_sizeof', _size),
+    (arrayobj, 'raise_with_shape_context', _refuse_shapes),
 )
