@@ -194,7 +194,7 @@ def _size(self: Any, kind: Any) -> int:
     """Bytes of a type. numba parses a module for each question, a tenth of all time, and asks for few types."""
     key = id(self), str(kind)
     if key not in _sizes:
-        _sizes[key] = _get_abi_sizeof(self, kind)
+        _sizes[key] = _get_abi_sizeof(self, kind)  # type: ignore[no-untyped-call]
     return _sizes[key]
 
 
