@@ -17,6 +17,8 @@ Colour = tuple[int, int, int]  # blue, green, red, as OpenCV writes files
 def _colour(rgb: str) -> Colour:
     """A colour written as on web pages, #rrggbb.
 
+    Examples
+    --------
     >>> _colour('#3cdc50')
     (80, 220, 60)
     """
@@ -97,7 +99,7 @@ def draw_overlay(
         Of the data.
     camera : PinholeCamera
         Which sees it.
-    image : ndarray, shape (h, w) or (h, w, 3), uint8, optional
+    image : (h, w) or (h, w, 3) uint8, optional
         Drawn on; black when not given.
 
     Raises

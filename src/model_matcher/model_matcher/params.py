@@ -140,6 +140,8 @@ class MatchParams:
     def replace(self, **changes: Any) -> MatchParams:
         """A copy with some parameters changed.
 
+        Examples
+        --------
         >>> MatchParams().replace(prove=True).prove
         True
         """

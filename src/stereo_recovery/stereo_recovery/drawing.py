@@ -23,8 +23,8 @@ def draw_features(image: AnyArray, features: FeatureSet, camera: PinholeCamera, 
         Left optical frame, metres.
     camera : PinholeCamera
         The left camera.
-    thickness : int, pixels
-        Of the lines.
+    thickness : int
+        Pixels. Of the lines.
 
     Returns
     -------
@@ -80,8 +80,8 @@ def depth_colours(depth: FloatArray, near: float, far: float) -> ByteArray:
     Parameters
     ----------
     depth : (n,) float64, metres
-    near, far : float, metres
-        Depths that are red and blue; what is beyond them has their colours.
+    near, far : float
+        Metres. Depths that are red and blue; what is beyond them has their colours.
 
     Returns
     -------

@@ -29,21 +29,22 @@ class RecoveryParams:
     ----------
     detector : str
         One of DETECTORS.
-    sigma : float, pixels
-        Gaussian smoothing of the images.
-    low, high : float, grey levels per pixel
-        Thresholds of hysteresis on the gradient of the smoothed image. Where the image is noisy they are raised to 5
-        and 7 times the noise of the gradient, which is measured.
-    min_length : float, pixels
-        Shortest straight edge.
-    min_disparity, max_disparity : float, pixels
-        Range in which matches are looked for; by default from just in front of infinity to nearly the image's width.
-    support_radius : float, pixels
-        Neighbourhood in which matches support each other.
+    sigma : float
+        Pixels. Gaussian smoothing of the images.
+    low, high : float
+        Grey levels per pixel. Thresholds of hysteresis on the gradient of the smoothed image. Where the image is noisy
+        they are raised to 5 and 7 times the noise of the gradient, which is measured.
+    min_length : float
+        Pixels. Shortest straight edge.
+    min_disparity, max_disparity : float
+        Pixels. Range in which matches are looked for; by default from just in front of infinity to nearly the image's
+        width.
+    support_radius : float
+        Pixels. Neighbourhood in which matches support each other.
     min_belief : float
         A match is kept when its strongest competitor has less than about 1 - min_belief of its strength.
-    rectification_sigma : float, pixels
-        By how much corresponding rows may disagree; about 0.2 for a typical calibration.
+    rectification_sigma : float
+        Pixels. By how much corresponding rows may disagree; about 0.2 for a typical calibration.
 
     Raises
     ------

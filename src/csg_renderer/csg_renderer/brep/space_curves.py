@@ -47,8 +47,8 @@ class RuledCurve:
     base : (4, 3) float64
     other : (4, 4) float64
         The quadric that the rulings meet.
-    middle, half : float, radians
-        The range of t is middle - half to middle + half.
+    middle, half : float
+        Radians. The range of t is middle - half to middle + half.
     sign : float
         0, or the sign of the one root of a branch that goes round once; half is pi then.
     """

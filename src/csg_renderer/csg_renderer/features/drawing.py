@@ -50,7 +50,8 @@ def view_from(
         From the box to the camera, model frame, any length but zero.
     low, high : (3,) float64, metres, model frame
         The box.
-    width, height : int, pixels
+    width, height : int
+        Pixels.
 
     Returns
     -------

@@ -30,17 +30,17 @@ class Degradation:
     ----------
     pieces : int
         An edge is broken into up to this many fragments.
-    gap : float, 0 to 1
-        The part of an edge's length that is lost in breaking it.
-    err_par, err_per : float, metres
-        End points are moved inside an ellipsoid with these half-axes, along and across the feature (uniformly), and
-        the data states these errors. A curve's or axis' centres move in the same way.
-    normal_cone : float, radians
-        A curve's normal is tilted by up to this angle.
-    keep : float, 0 to 1
-        The probability that a feature is kept.
-    shortest : float, metres
-        Shorter fragments of edges are lost.
+    gap : float
+        From 0 to 1. The part of an edge's length that is lost in breaking it.
+    err_par, err_per : float
+        Metres. End points are moved inside an ellipsoid with these half-axes, along and across the feature (uniformly),
+        and the data states these errors. A curve's or axis' centres move in the same way.
+    normal_cone : float
+        Radians. A curve's normal is tilted by up to this angle.
+    keep : float
+        From 0 to 1. The probability that a feature is kept.
+    shortest : float
+        Metres. Shorter fragments of edges are lost.
 
     Raises
     ------

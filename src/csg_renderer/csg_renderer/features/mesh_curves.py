@@ -50,10 +50,10 @@ class FittedConic:
     Parameters
     ----------
     centre, normal, major_axis : (3,) float64, metres and unit vectors
-    radii : (2,) float64, metres
-        Major, minor.
-    arc : (2,) float64, radians
-        Start, from the major axis, and sweep.
+    radii : (2,) float64
+        Metres. Major, minor.
+    arc : (2,) float64
+        Radians. Start, from the major axis, and sweep.
     """
 
     centre: np.ndarray

@@ -33,9 +33,9 @@ def features_from_mesh(
     ----------
     path : str or path
         An STL, OBJ, PLY or OFF file.
-    crease_angle : float, radians
-        Neighbouring triangles that turn by more meet in a crease; larger than the angle between the facets of a round
-        surface.
+    crease_angle : float
+        Radians. Neighbouring triangles that turn by more meet in a crease; larger than the angle between the facets of
+        a round surface.
     scale : float
         Metres per unit of the file, which does not say what its unit is.
 
@@ -104,8 +104,8 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     vertices : (n, 3) float64, metres
     triangles : (m, 3) int
         Rows of ``vertices``, anticlockwise as seen from outside.
-    crease_angle : float, radians
-        Neighbouring triangles that turn by more meet in a crease.
+    crease_angle : float
+        Radians. Neighbouring triangles that turn by more meet in a crease.
 
     Returns
     -------

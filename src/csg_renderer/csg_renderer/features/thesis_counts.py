@@ -3,6 +3,8 @@
 None stands where the thesis prints no number. The dimensions of its models are lost; those of the scene files that come
 with this package are chosen so that these counts come out.
 
+Examples
+--------
 >>> MODELS['l_shape'].edges, VIEWS['l_shape_v1'].total
 (18, 15)
 """

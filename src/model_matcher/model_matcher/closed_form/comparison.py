@@ -23,15 +23,15 @@ class EdgeComparison:
 
     Attributes
     ----------
-    true_index : ndarray, shape (m,), int
+    true_index : (m,) int
         Which true edge each found one belongs to, -1 for none.
-    covered : ndarray, shape (n,), float64
+    covered : (n,) float64
         The part of each true edge that found edges cover, 0..1.
-    true_lengths : ndarray, shape (n,), float64
+    true_lengths : (n,) float64
         Metres.
-    direction_deg : ndarray, shape (m,), float64
+    direction_deg : (m,) float64
         Degrees, angle of each found edge to its true one; NaN where it belongs to none.
-    across_m : ndarray, shape (m, 2), float64
+    across_m : (m, 2) float64
         Metres, distances of its ends from the true line; NaN where it belongs to none.
     """
 

@@ -31,7 +31,7 @@ class CaseResult:
     model, true_features, data : FeatureSet
         Features of the model (model frame), those of the object that both cameras see (left optical frame), and the
         recovered ones (left optical frame), metres.
-    left, right : ndarray, shape (h, w), uint8
+    left, right : (h, w) uint8
         The rendered images.
     edges : EdgeComparison
         Recovered edges against the true ones.

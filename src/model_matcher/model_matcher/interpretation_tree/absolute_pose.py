@@ -29,16 +29,16 @@ class Validation:
     ----------
     poses : list of Pose
         camera_T_model of each interpretation.
-    deviations : ndarray, shape (m, n), float64
+    deviations : (m, n) float64
         The larger distance of a feature's end points from its model feature, metres in the model frame; NaN where
         unmatched.
-    passed : ndarray, shape (m, n), bool
+    passed : (m, n) bool
         The deviation is within its limit; True where unmatched.
-    signs : ndarray, shape (m, n), int8
+    signs : (m, n) int8
         Direction signs; those that were 0 are read off the first fit.
-    free_shift : ndarray, shape (m, 3), float64
+    free_shift : (m, 3) float64
         Unit direction of a translation that the data leaves open, camera frame; NaN when there is none.
-    free_turn : ndarray, shape (m, 3), float64
+    free_turn : (m, 3) float64
         Unit axis of a rotation that the data leaves open, camera frame; NaN when there is none.
     """
 
@@ -60,15 +60,15 @@ def best_rotations(model: FloatArray, data: FloatArray, weights: FloatArray) -> 
 
     Parameters
     ----------
-    model, data : ndarray, shape (m, k, 3), float64
+    model, data : (m, k, 3) float64
         Unit vectors of m fits of k pairs each.
-    weights : ndarray, shape (m, k), float64
+    weights : (m, k) float64
         At least 0.
 
     Returns
     -------
-    rotation : ndarray, shape (m, 3, 3), float64
-    free : ndarray, shape (m, 3), float64
+    rotation : (m, 3, 3) float64
+    free : (m, 3) float64
         The axis about which the rotation is undetermined because all directions are parallel, else NaN.
 
     References
@@ -169,16 +169,16 @@ def best_translations(
 
     Parameters
     ----------
-    rotation : ndarray, shape (m, 3, 3), float64
+    rotation : (m, 3, 3) float64
     pairs : PointsOnLines
     scale_free : bool
         Estimate the scale too; it is 1 otherwise.
 
     Returns
     -------
-    translation : ndarray, shape (m, 3), float64, metres
-    scale : ndarray, shape (m,), float64
-    free : ndarray, shape (m, 3), float64
+    translation : (m, 3) float64
+    scale : (m,) float64
+    free : (m, 3) float64
         The direction along which the shift is free, else NaN.
     """
     data_points, data_weights = pairs.data_points, pairs.weights
@@ -243,9 +243,9 @@ def validate(
     ----------
     model, data : FeatureSet
         In the model frame and in the camera frame, metres.
-    assignments : array_like, shape (m, n), int
+    assignments : (m, n) array_like of int
         Model feature of each data feature, or BIN.
-    signs : array_like, shape (m, n), int8
+    signs : (m, n) array_like of int8
         Direction signs, 0 unknown.
     fracdev : float
         Largest deviation of an end point, as a fraction of ``size``.

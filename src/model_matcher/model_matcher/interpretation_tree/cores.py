@@ -24,7 +24,7 @@ def core_numbers(tables: Tables) -> Int32Array:
 
     Returns
     -------
-    ndarray, shape (n, e), int32
+    (n, e) int32
         The largest K for which the pairing stays; 0 where the tests of single features fail.
 
     References
@@ -38,6 +38,8 @@ def core_numbers(tables: Tables) -> Int32Array:
 def largest_core(core: Int32Array) -> int:
     """The largest K for which K data features have a pairing that stays: no interpretation is larger.
 
+    Examples
+    --------
     >>> largest_core(np.array([[3, 0], [0, 3], [1, 2], [3, 1]], np.int32))
     3
     """

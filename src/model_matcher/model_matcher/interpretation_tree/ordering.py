@@ -14,9 +14,9 @@ def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> 
 
     Parameters
     ----------
-    pairs : ndarray, shape (P, 2), int
+    pairs : (P, 2) int
         Data pairs a < b of n features, all of them.
-    sums : ndarray, shape (P,), int
+    sums : (P,) int
         Matches of each pair: consistent pairs of model features.
     ordering : str
         - 'worst': most matches first
@@ -28,7 +28,7 @@ def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> 
 
     Returns
     -------
-    ndarray, shape (P,), int64
+    (P,) int64
 
     Raises
     ------

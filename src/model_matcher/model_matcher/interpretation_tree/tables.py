@@ -26,12 +26,12 @@ class Tables:
 
     Attributes
     ----------
-    pairs : ndarray, shape (P, 2), int32
+    pairs : (P, 2) int32
         Data pairs a < b in the order 0-1, 0-2, ..., 1-2, ...
-    code : ndarray, shape (P, e, e), uint8
+    code : (P, e, e) uint8
         [p, i, j] holds the sign bits (constraints.py) under which a on i agrees with b on j; 0: they do not. All bits
         are set where a constraint says nothing of signs.
-    unary : ndarray, shape (n, e), bool
+    unary : (n, e) bool
         Which model features a data feature may be on by itself: type and length.
     """
 
@@ -59,6 +59,8 @@ class Tables:
 def pair_number(a: Any, b: Any, n: int) -> Any:
     """Row of data pair a < b among the n (n - 1) / 2, in the order 0-1, 0-2, ..., 1-2, ...; for arrays too.
 
+    Examples
+    --------
     >>> [pair_number(a, b, 4) for a, b in ((0, 1), (0, 3), (1, 2), (2, 3))]
     [0, 2, 3, 5]
     """
@@ -103,12 +105,12 @@ def data_ranges(data: FeatureSet, size: float, params: MatchParams, tolerances: 
         Size of the model, metres.
     params : MatchParams
         Tolerances.
-    tolerances : ndarray, shape (n, 3), optional
+    tolerances : (n, 3) float64, optional
         As model.index.data_tolerances gives them, the default.
 
     Returns
     -------
-    ndarray, shape (P, 11), float64
+    (P, 11) float64
         Distances in metres and angles in radians (geometry.constraints.pair_ranges).
     """
     rows = feature_rows(data)

@@ -42,9 +42,9 @@ class TreeResult:
 
     Attributes
     ----------
-    assignments : ndarray, shape (m, n), int32
+    assignments : (m, n) int32
         Model feature of each data feature, BIN (-1) for the bin.
-    signs : ndarray, shape (m, n), int8
+    signs : (m, n) int8
         Direction signs, 0 unknown.
     complete : bool
         The whole tree was searched (at the bin count of the result).

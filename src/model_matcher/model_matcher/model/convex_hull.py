@@ -22,10 +22,10 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
 
     Returns
     -------
-    planes : ndarray, shape (h, 4), float64
+    planes : (h, 4) float64
         Outward normal and offset (metres) of each face, where normal . x + offset = 0. A flat model has two faces, a
         straight one none.
-    lies : ndarray, shape (h, e), bool
+    lies : (h, e) bool
         Which edges lie on them.
     """
     rows = index.rows

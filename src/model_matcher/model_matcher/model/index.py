@@ -27,7 +27,7 @@ def feature_rows(features: FeatureSet) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (n, 9), float64
+    (n, 9) float64
         Mid point, unit direction, half length, radii. A feature without length has direction 0 and half length 0.
 
     Examples
@@ -208,7 +208,7 @@ def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: Mat
     ----------
     data : FeatureSet
         n features with their stated errors, metres.
-    rows : ndarray, shape (n, 9), float64
+    rows : (n, 9) float64
         Its :func:`feature_rows`.
     size : float
         Metres, of the model.
@@ -217,7 +217,7 @@ def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: Mat
 
     Returns
     -------
-    ndarray, shape (n, 3), float64
+    (n, 3) float64
         Across (metres): the stated error, or fracdev x size where that is larger; along (metres): the same with the
         overhang; half cone angle (radians): thesis 5.4, with the errors at both ends, at most max_cone_deg
         (curve_cone_deg for curves).

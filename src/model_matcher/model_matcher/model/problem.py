@@ -25,7 +25,7 @@ class Problem:
         The model.
     data : FeatureSet
         The n usable features, camera frame, metres.
-    keep : ndarray, shape (n,), int
+    keep : (n,) int
         Their numbers among all.
     n_data : int
         How many there are with those that are not usable.
@@ -70,7 +70,7 @@ def usable(data: FeatureSet, unit: float | None = 1.0) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (k,), int
+    (k,) int
         Their numbers.
 
     Examples

@@ -22,22 +22,22 @@ class Regularity(NamedTuple):
 
     Attributes
     ----------
-    order : ndarray, shape (e,), int32
+    order : (e,) int32
         The features, longest first, curves before edges.
-    direction : ndarray, shape (e,), int32
+    direction : (e,) int32
         Number of each one's direction.
-    normals : ndarray, shape (q, 3), float64
+    normals : (q, 3) float64
         Unit normals of planes spanned by two of the directions, or upright to a flat model.
-    offsets : ndarray, shape (q, e), float64
+    offsets : (q, e) float64
         Metres, distance of each feature's plane from the origin, NaN when it lies in no such plane: a line in planes
         along it, a curve also in its own.
-    sorted : ndarray, shape (q, e), int32
+    sorted : (q, e) int32
         The features by offset, those without one last.
-    usual : ndarray, shape (d,), int32
+    usual : (d,) int32
         Numbers of the most frequent directions, which span the planes.
-    spanned : ndarray, shape (q, d), int8
+    spanned : (q, d) int8
         By plane and usual direction: 1 when it lies in the plane, 2 when it is upright to it.
-    upright : ndarray, shape (d, d), int32
+    upright : (d, d) int32
         Which usual direction is upright to two of them, -1 for none.
     faces, lies : ndarray
         Of the model's convex hull, see :func:`.convex_hull.hull_faces`.

@@ -102,6 +102,8 @@ def no_ranges(n: int) -> DataRanges:
 def listed(possible: BoolArray) -> tuple[IntArray, IntArray]:
     """Lists (n, e) int64 of the true columns of each row of possible (n, e), and how many they are, (n,) int64.
 
+    Examples
+    --------
     >>> lists, counts = listed(np.array([[False, True, True], [True, False, False]]))
     >>> lists[0, :2].tolist(), counts.tolist()
     ([1, 2], [2, 1])

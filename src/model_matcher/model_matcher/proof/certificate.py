@@ -38,9 +38,9 @@ class Proof:
     ----------
     proven : bool
         No interpretation matches more data than asked about, or than ``assignment`` if there is one.
-    assignment : ndarray, shape (n,), int32, optional
+    assignment : (n,) int32, optional
         The largest interpretation found beyond what was asked about.
-    motion : ndarray, shape (12,), float64, optional
+    motion : (12,) float64, optional
         A pose that explains it: rotation row by row, translation in metres.
     nodes : int
         Branches of the tree; 0 when arc consistency was enough.

@@ -25,9 +25,9 @@ def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> flo
     ----------
     problem : Problem
         Model and data.
-    motion : ndarray, shape (12,), float64
+    motion : (12,) float64
         A pose.
-    assignment : ndarray, shape (n,), int32
+    assignment : (n,) int32
         The model feature of each usable data feature, BIN for none.
 
     Returns
@@ -66,7 +66,7 @@ def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> 
 
     Returns
     -------
-    ndarray, shape (c, 6, 6), float64
+    (c, 6, 6) float64
         Of (x, y, z, rx, ry, rz), metres and radians. A direction that the data leaves free has the variance of its
         whole range: the model's size, or a half turn.
     """

@@ -25,23 +25,23 @@ class Refined(NamedTuple):
 
     Attributes
     ----------
-    motions : ndarray, shape (c, 12), float64
+    motions : (c, 12) float64
         The poses.
-    assignments : ndarray, shape (c, n), int32
+    assignments : (c, n) int32
         The model feature of each usable data feature, BIN for none.
-    signs : ndarray, shape (c, n), int8
+    signs : (c, n) int8
         Which way round each data feature lies on its model feature.
-    normals : ndarray, shape (c, 6, 6), float64
+    normals : (c, 6, 6) float64
         Normal matrices of the fits, about the centres; see :func:`.least_squares.refine`.
-    scores : ndarray, shape (c,), float64
+    scores : (c,) float64
         Distinct model features and quality of fit, see :func:`.back_projection.count_matches`.
-    residuals : ndarray, shape (c,), float64
+    residuals : (c,) float64
         Metres, root mean square distance of data end points from their model features.
-    costs : ndarray, shape (c,), float64
+    costs : (c,) float64
         Weighted cost per equation of the fits.
-    centres : ndarray, shape (c, 3), float64
+    centres : (c, 3) float64
         Metres, camera frame: what the fits turn about, the middle of the data.
-    evidence : ndarray, shape (c,), float64
+    evidence : (c,) float64
         Nats.
     """
 
@@ -114,9 +114,9 @@ def refine_all(
     ----------
     problem : Problem
         Model and data.
-    motions : ndarray, shape (c, 12), float64
+    motions : (c, 12) float64
         The candidates, best first; refined in place.
-    scores : ndarray, shape (c,), float64
+    scores : (c,) float64
         Of the search.
     params : MatchParams
         Of the match.

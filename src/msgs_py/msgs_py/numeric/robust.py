@@ -1,5 +1,7 @@
 """The scale of normal noise from medians, which outliers hardly move.
 
+Examples
+--------
 >>> import numpy as np
 >>> noise = np.random.default_rng(0).normal(scale=2.0, size=100_000)
 >>> round(sigma_from_median(float(np.median(np.abs(noise)))), 1)

@@ -1,5 +1,7 @@
 """Types of the arrays that functions take and return; shapes, units and frames stand in the docstrings.
 
+Examples
+--------
 >>> import numpy as np
 >>> def mean_point(points: FloatArray) -> FloatArray:
 ...     return points.mean(axis=0)

@@ -33,8 +33,8 @@ class CameraFile:
 
     Attributes
     ----------
-    width, height : int, pixels
-        Of the raw image.
+    width, height : int
+        Pixels. Of the raw image.
     distortion_model : str
         One of :data:`~stereo_recovery.cameras.settings.DISTORTION_MODELS`.
     d : list of float
@@ -66,8 +66,8 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
     ----------
     path : str or Path
         The file.
-    size : (width, height), pixels
-        Of the images, for files that do not say.
+    size : (width, height)
+        Pixels. Of the images, for files that do not say.
 
     Returns
     -------
@@ -107,8 +107,8 @@ def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
     ----------
     path : str or Path
         As for :func:`load_cameras`.
-    size : (width, height), pixels
-        Of the images, for files that do not say.
+    size : (width, height)
+        Pixels. Of the images, for files that do not say.
 
     Returns
     -------

@@ -20,8 +20,8 @@ class Calibration:
 
     Attributes
     ----------
-    width, height : int, pixels
-        Of the raw image.
+    width, height : int
+        Pixels. Of the raw image.
     model : str
         One of :data:`~.settings.DISTORTION_MODELS`.
     distortion : (n,) float64

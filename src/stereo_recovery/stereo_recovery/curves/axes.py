@@ -26,10 +26,10 @@ class Axis:
 
     Attributes
     ----------
-    start, end : (3,) float64, metres
-        Left optical frame.
-    err_par, err_per : float, metres
-        Three sigma along and across.
+    start, end : (3,) float64
+        Metres. Left optical frame.
+    err_par, err_per : float
+        Metres. Three sigma along and across.
     """
 
     start: FloatArray

@@ -23,8 +23,8 @@ class AxisConstraint:
         A point of the axis, metres, and its unit direction.
     point_covariance : (3, 3) float64, m^2
         Of the point.
-    tilt : float, radians
-        Sigma of the direction.
+    tilt : float
+        Radians. Sigma of the direction.
     """
 
     point: FloatArray

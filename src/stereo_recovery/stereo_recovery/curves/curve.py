@@ -18,12 +18,12 @@ class CurveShape(NamedTuple):
 
     Attributes
     ----------
-    centre : (3,) float64, metres
-        Left optical frame.
+    centre : (3,) float64
+        Metres. Left optical frame.
     normal, first : (3,) float64, unit
         The plane's normal, and the direction of the major radius.
-    radii : (2,) float64, metres
-        Major and minor.
+    radii : (2,) float64
+        Metres. Major and minor.
     """
 
     centre: FloatArray
@@ -38,8 +38,8 @@ class CameraView(NamedTuple):
     Attributes
     ----------
     camera : PinholeCamera
-    x : float, metres
-        The camera's centre is (x, 0, 0) in the left optical frame.
+    x : float
+        Metres. The camera's centre is (x, 0, 0) in the left optical frame.
     """
 
     camera: PinholeCamera
@@ -74,13 +74,13 @@ class Curve:
     ----------
     centre, normal, first : (3,) float64
         Centre, unit normal of the plane, unit direction of the major radius.
-    radii : (2,) float64, metres
-        Major and minor; equal for a circle.
+    radii : (2,) float64
+        Metres. Major and minor; equal for a circle.
     covariance : (6, 6) float64
         Of the centre (x, y, z), of the normal's tilts about first and about normal x first (radians), and of the major
         radius.
-    rms : float, pixels
-        Root mean square of the edgels' distances from the image conics.
+    rms : float
+        Pixels. Root mean square of the edgels' distances from the image conics.
     left, right : (n,) bool
         Which edgels of the left and of the right image belong to it.
     arc : (float, float), radians

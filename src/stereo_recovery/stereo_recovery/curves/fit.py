@@ -181,8 +181,9 @@ def distances(curve: Curve, points: FloatArray, view: CameraView, blur: float) -
         Of the image of ``view``.
     view : CameraView
         The camera.
-    blur : float, px^2
-        Variance of the smoothing, see :class:`.observations.StereoEdgels`; 0 for points that are no edgels.
+    blur : float
+        Squared pixels. Variance of the smoothing, see :class:`.observations.StereoEdgels`; 0 for points that are no
+        edgels.
 
     Returns
     -------

@@ -48,8 +48,8 @@ def inliers(
         All n edgels of the image, in the order of their chains.
     view : CameraView
         The camera of the image.
-    blur : float, px^2
-        Variance of the smoothing, see :class:`.observations.StereoEdgels`.
+    blur : float
+        Squared pixels. Variance of the smoothing, see :class:`.observations.StereoEdgels`.
     wide : bool
         The curve's own uncertainty adds to the distance that is allowed.
 

@@ -25,11 +25,12 @@ class ImagePoints(NamedTuple):
     points : (n, 2) float64, pixels
     left_count : int
         How many of them, the first ones, are the left image's.
-    camera_left, camera_right : (4,) float64, pixels
-        fx, fy, cx, cy.
-    baseline : float, metres
-    blur : float, px^2
-        Variance of the smoothing that edgels have gone through; 0 for points that come from no image.
+    camera_left, camera_right : (4,) float64
+        Pixels. fx, fy, cx, cy.
+    baseline : float
+        Metres.
+    blur : float
+        Squared pixels. Variance of the smoothing that edgels have gone through; 0 for points that come from no image.
     """
 
     points: FloatArray
@@ -50,10 +51,10 @@ class StereoEdgels:
         Of the two images.
     rig : StereoRig
         The cameras.
-    blur : float, px^2
-        Variance of all smoothing that the edgels have gone through, see :func:`.detection.edgels.blur_variance`. It
-        moves an edgel on a circle of radius R pixels by blur / (2 R) towards the centre (exact for a blurred disc to
-        first order), which fits take off.
+    blur : float
+        Squared pixels. Variance of all smoothing that the edgels have gone through, see
+        :func:`.detection.edgels.blur_variance`. It moves an edgel on a circle of radius R pixels by blur / (2 R)
+        towards the centre (exact for a blurred disc to first order), which fits take off.
     """
 
     left: Edgels

@@ -45,8 +45,8 @@ def successors(
     tu, tv : (n,) float64
         Unit tangent.
     magnitude : (n,) float64, grey levels per pixel
-    height, width : int, pixels
-        Of the image.
+    height, width : int
+        Pixels. Of the image.
 
     Returns
     -------
@@ -98,8 +98,8 @@ def trace(
     following : (n,) int32
         Successor, or -1.
     magnitude : (n,) float64, grey levels per pixel
-    high : float, grey levels per pixel
-        Least mean of three consecutive magnitudes somewhere in a chain.
+    high : float
+        Grey levels per pixel. Least mean of three consecutive magnitudes somewhere in a chain.
     minimum : int
         Least number of edgels in a chain.
 

@@ -43,8 +43,9 @@ def link(edgels: Edgels, shape: tuple[int, int], high: float, minimum: int = LEA
     edgels : Edgels
     shape : (height, width), pixels
         Of the image.
-    high : float, grey levels per pixel
-        A chain is kept when the mean magnitude of three consecutive edgels exceeds this somewhere.
+    high : float
+        Grey levels per pixel. A chain is kept when the mean magnitude of three consecutive edgels exceeds this
+        somewhere.
     minimum : int
         Least number of edgels in a chain.
 
@@ -78,8 +79,8 @@ def with_weak(chains: EdgeChains, edgels: Edgels, shape: tuple[int, int], least:
         All of the picture, the weak ones too.
     shape : (height, width), pixels
         Of the image.
-    least : float, grey levels per pixel
-        Least mean magnitude of a weak chain.
+    least : float
+        Grey levels per pixel. Least mean magnitude of a weak chain.
     minimum : int
         Least number of edgels in a weak chain.
 

@@ -72,8 +72,8 @@ def fit(points: FloatArray, rounds: int) -> tuple[FloatArray, float]:
     conic : (6,) float64
         a, b, c, d, e, f of a u^2 + b u v + c v^2 + d u + e v + f, negative inside, with a + c = 1 in scaled
         coordinates.
-    rms : float, pixels
-        Of the Sampson distance; infinite when there is no ellipse.
+    rms : float
+        Pixels. Of the Sampson distance; infinite when there is no ellipse.
 
     References
     ----------
@@ -150,8 +150,8 @@ def radii(q: FloatArray) -> tuple[float, float]:
 
     Returns
     -------
-    major, minor : float, pixels
-        0 and 0 when the conic is no real ellipse.
+    major, minor : float
+        Pixels. 0 and 0 when the conic is no real ellipse.
     """
     a, b, c, d, e, f = q[0], 0.5 * q[1], q[2], 0.5 * q[3], 0.5 * q[4], q[5]
     small = a * c - b * b

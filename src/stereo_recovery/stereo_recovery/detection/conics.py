@@ -26,8 +26,8 @@ class Ellipse:
     ----------
     conic : (3, 3) float64, symmetric
         x^T C x = 0 for points x = (u, v, 1), pixels; negative inside.
-    rms : float, pixels
-        Distance of the edgels that it was fitted to.
+    rms : float
+        Pixels. Distance of the edgels that it was fitted to.
 
     Examples
     --------

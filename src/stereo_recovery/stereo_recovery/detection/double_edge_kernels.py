@@ -42,8 +42,8 @@ def sample(
         Derivatives of the smoothed image.
     centre, direction : pair of float
         Of the line: a point, pixels, and its unit direction.
-    low, high : float, pixels
-        Abscissas between which the line counts.
+    low, high : float
+        Pixels. Abscissas between which the line counts.
 
     Returns
     -------
@@ -157,8 +157,8 @@ def two_steps(profile: FloatArray, abscissa: FloatArray, width: float) -> tuple[
     ----------
     profile, abscissa
         See :func:`sample`.
-    width : float, pixels
-        Standard deviation of a blurred step.
+    width : float
+        Pixels. Standard deviation of a blurred step.
 
     Returns
     -------

@@ -50,8 +50,8 @@ def fit_double_steps(
     edgels : Edgels
         As the segments' bounds count.
     segments : Segments
-    sigma : float, pixels
-        Of the smoothing.
+    sigma : float
+        Pixels. Of the smoothing.
 
     Returns
     -------

@@ -28,8 +28,8 @@ def ridge_maxima(
     Parameters
     ----------
     gx, gy : (h, w) float32, grey levels per pixel
-    threshold : float, grey levels per pixel
-        Least magnitude.
+    threshold : float
+        Grey levels per pixel. Least magnitude.
 
     Returns
     -------
@@ -101,8 +101,8 @@ def zero_crossings(
     ----------
     laplacian : (h, w) float32
     gx, gy : (h, w) float32, grey levels per pixel
-    threshold : float, grey levels per pixel
-        Least magnitude of the gradient.
+    threshold : float
+        Grey levels per pixel. Least magnitude of the gradient.
 
     Returns
     -------
@@ -154,8 +154,8 @@ def flanking_gradients(
         Positions of edgels.
     gu, gv : (n,) float64, grey levels per pixel
         Their gradients.
-    distance : float, pixels
-        Of the flanks.
+    distance : float
+        Pixels. Of the flanks.
 
     Returns
     -------

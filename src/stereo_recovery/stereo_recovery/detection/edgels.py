@@ -148,8 +148,8 @@ def noise_level(grey: Float32Array) -> float:
 
     Returns
     -------
-    float, grey levels
-        At least what rounding to 8 bits leaves.
+    float
+        Grey levels. At least what rounding to 8 bits leaves.
 
     References
     ----------
@@ -168,14 +168,15 @@ def gradient_noise(noise: float, sigma: float) -> float:
 
     Parameters
     ----------
-    noise : float, grey levels
-        Of the image, independent from pixel to pixel.
-    sigma : float, pixels
-        Of the Gaussian smoothing.
+    noise : float
+        Grey levels. Of the image, independent from pixel to pixel.
+    sigma : float
+        Pixels. Of the Gaussian smoothing.
 
     Returns
     -------
-    float, grey levels per pixel
+    float
+        Grey levels per pixel.
 
     Examples
     --------
@@ -195,7 +196,8 @@ def blur_variance(found: Sequence[Edgels]) -> float:
 
     Returns
     -------
-    float, px^2
+    float
+        Squared pixels.
     """
     return float(np.median(np.concatenate([e.width for e in found]))) ** 2
 
@@ -205,7 +207,8 @@ def gaussian_kernels(sigma: float) -> tuple[Float32Array, Float32Array]:
 
     Parameters
     ----------
-    sigma : float, pixels
+    sigma : float
+        Pixels.
 
     Returns
     -------
@@ -230,8 +233,8 @@ def gradient(grey: Float32Array, detector: str, sigma: float) -> tuple[Float32Ar
         One of :data:`~stereo_recovery.params.DETECTORS`. Sobel's and Roberts' differences are taken of the smoothed
         image. Roberts' pair is the diagonal 2 x 2 difference, rotated to the axes; its shift by half a pixel is undone
         by averaging the four 2 x 2 windows around a pixel.
-    sigma : float, pixels
-        Of the smoothing.
+    sigma : float
+        Pixels. Of the smoothing.
 
     Returns
     -------
@@ -281,16 +284,16 @@ def detect(
     grey : (h, w) float32, grey levels
     detector : str
         One of :data:`~stereo_recovery.params.DETECTORS`.
-    sigma : float, pixels
-        Of the smoothing.
-    threshold : float, grey levels per pixel
-        Least gradient magnitude.
-    noise : float, grey levels, optional
-        Of the image; measured when it is not given.
+    sigma : float
+        Pixels. Of the smoothing.
+    threshold : float
+        Grey levels per pixel. Least gradient magnitude.
+    noise : float, optional
+        Grey levels. Of the image; measured when it is not given.
     slopes : pair of (h, w) float32, optional
         The result of :func:`gradient` for this picture, where it is there already.
-    usual_width : float, pixels, optional
-        Median width of the picture's edgels, where it is known already.
+    usual_width : float, optional
+        Pixels. Median width of the picture's edgels, where it is known already.
 
     Returns
     -------

@@ -87,8 +87,8 @@ def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array,
     ----------
     lines : Lines
         Of n segments.
-    widest : float, pixels
-        Largest gap.
+    widest : float
+        Pixels. Largest gap.
 
     Returns
     -------

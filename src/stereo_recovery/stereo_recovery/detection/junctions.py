@@ -61,8 +61,8 @@ def find_junctions(segments: Segments, gap: float = JUNCTION_GAP) -> Junctions:
     ----------
     segments : Segments
         n of one image.
-    gap : float, pixels
-        Largest distance of an end from the crossing; less at square corners.
+    gap : float
+        Pixels. Largest distance of an end from the crossing; less at square corners.
 
     Returns
     -------

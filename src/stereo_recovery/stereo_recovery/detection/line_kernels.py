@@ -124,8 +124,8 @@ def regression(x: FloatArray, y: FloatArray, w: FloatArray, a: int, b: int) -> t
 
     Returns
     -------
-    cx, cy : float, pixels
-        Centre.
+    cx, cy : float
+        Pixels. Centre.
     tx, ty : float
         Unit direction, along the order of the points.
     """

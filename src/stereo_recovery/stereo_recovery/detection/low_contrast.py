@@ -36,12 +36,12 @@ def track_low_contrast(
     segments : Segments
     gradients : pair of (h, w) float32, grey levels per pixel
         Derivatives of the smoothed image, see :func:`.edgels.gradient`.
-    noise : float, grey levels per pixel
-        Sigma of the derivatives.
-    sigma : float, pixels
-        Of the smoothing.
-    tolerance : float, pixels
-        See :func:`.splitting.split`.
+    noise : float
+        Grey levels per pixel. Sigma of the derivatives.
+    sigma : float
+        Pixels. Of the smoothing.
+    tolerance : float
+        Pixels. See :func:`.splitting.split`.
 
     Returns
     -------

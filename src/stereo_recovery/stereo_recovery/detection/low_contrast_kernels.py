@@ -76,8 +76,8 @@ def track(
         Those to be tracked.
     gx, gy : (h, w) float32, grey levels per pixel
         Derivatives of the smoothed image.
-    least : float, grey levels per pixel
-        Least median gradient that shows an edge.
+    least : float
+        Grey levels per pixel. Least median gradient that shows an edge.
 
     Returns
     -------

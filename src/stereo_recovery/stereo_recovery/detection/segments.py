@@ -182,8 +182,8 @@ def fit_segments(e: Edgels, bounds: IntArray, chain: IntArray, sigma: float) -> 
         Runs [first, last).
     chain : (n,) int
         The chain of each run.
-    sigma : float, pixels
-        Smoothing of the detector.
+    sigma : float
+        Pixels. Smoothing of the detector.
 
     Returns
     -------

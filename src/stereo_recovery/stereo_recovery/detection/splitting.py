@@ -41,7 +41,8 @@ def localisation_noise(chains: EdgeChains) -> float:
 
     Returns
     -------
-    float, pixels
+    float
+        Pixels.
     """
     p = chains.edgels.position
     if len(p) < FEW_EDGELS:
@@ -61,10 +62,10 @@ def split(
     Parameters
     ----------
     chains : EdgeChains
-    tolerance : float, pixels
-        Largest offset of an edgel from its line; more for an edgel with a large sigma of its own.
-    sigma : float, pixels
-        Smoothing of the detector.
+    tolerance : float
+        Pixels. Largest offset of an edgel from its line; more for an edgel with a large sigma of its own.
+    sigma : float
+        Pixels. Smoothing of the detector.
     minimum : int
         Least number of edgels in a segment.
 
@@ -100,8 +101,8 @@ def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float
     e : Edgels
         As the segments' bounds count.
     segments : Segments
-    sigma, tolerance : float, pixels
-        As in :func:`split`.
+    sigma, tolerance : float
+        Pixels. As in :func:`split`.
 
     Returns
     -------
@@ -152,8 +153,8 @@ def fit_runs(e: Edgels, segments: Segments, runs: list[list[int]], sigma: float)
     segments : Segments
     runs : list of lists of int
         Segments that belong together, in their order.
-    sigma : float, pixels
-        Smoothing of the detector.
+    sigma : float
+        Pixels. Smoothing of the detector.
 
     Returns
     -------

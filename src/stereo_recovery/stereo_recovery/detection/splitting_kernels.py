@@ -149,8 +149,8 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
     ----------
     lines : Lines
         Of n segments.
-    straightness : float, pixels
-        Offset of real edges from a line.
+    straightness : float
+        Pixels. Offset of real edges from a line.
 
     Returns
     -------

@@ -76,10 +76,10 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
         Grey levels.
     detector : str
         One of :data:`~stereo_recovery.params.DETECTORS`.
-    sigma : float, pixels
-        Gaussian smoothing.
-    low, high : float, grey levels per pixel
-        Thresholds of hysteresis, raised where the image is noisy or textured.
+    sigma : float
+        Pixels. Gaussian smoothing.
+    low, high : float
+        Grey levels per pixel. Thresholds of hysteresis, raised where the image is noisy or textured.
 
     Returns
     -------

@@ -93,8 +93,8 @@ def is_edge(
         The curves and curved surfaces of the pair.
     hidden_rims : sequence of Curve
         Curves that exist by symmetry, see :func:`.curves.opposite_rims.hidden_opposite_rims`.
-    min_length : float, pixels
-        Of the part of an edge that both images show.
+    min_length : float
+        Pixels. Of the part of an edge that both images show.
     rig : StereoRig
         The cameras.
 
