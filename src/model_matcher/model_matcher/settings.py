@@ -13,7 +13,12 @@ NEIGHBOURS = 24
 class Patience(NamedTuple):
     """Hypotheses without a better pose after which a search stops.
 
-    least : times the square of data per explained model feature; most : whatever that is
+    Attributes
+    ----------
+    least
+        Times the square of data per explained model feature.
+    most
+        Whatever that is.
     """
 
     least: float
@@ -42,8 +47,12 @@ LOOK_S = 0.02
 class LargeData(NamedTuple):
     """How the time limit is shared out when there is much data; with less no step but the search takes long.
 
-    features : with more than this; ranking, searching : parts of the time limit until which pairs are ranked and
-    searched, the rest being for the refinement
+    Attributes
+    ----------
+    features
+        With more than this.
+    ranking, searching
+        Parts of the time limit until which pairs are ranked and searched, the rest being for the refinement.
     """
 
     features: int

@@ -187,8 +187,14 @@ def _loops(outlines: list[Outline], left: list[bool], normal: np.ndarray) -> lis
 class _Ray:
     """How a plane curve leaves a vertex.
 
-    tangent : its direction there, radians; bend : change of a chord's direction with its length; reach : length of the
-    chord from which they were computed.
+    Attributes
+    ----------
+    tangent
+        Its direction there, radians.
+    bend
+        Change of a chord's direction with its length.
+    reach
+        Length of the chord from which they were computed.
     """
 
     tangent: float

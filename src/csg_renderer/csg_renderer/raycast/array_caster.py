@@ -25,7 +25,12 @@ INFINITE = float('inf')
 class Spans:
     """Sorted boundaries of every ray, alternately entering and leaving; infinity where there are fewer.
 
-    t : REAL planes; hit : INTEGER*4 planes, whose boundary it is
+    Attributes
+    ----------
+    t
+        REAL planes.
+    hit
+        INTEGER*4 planes, whose boundary it is.
     """
 
     t: list[DapArray]

@@ -21,8 +21,16 @@ from .tiling import leaf_spans
 class ViewData(NamedTuple):
     """What a pose of the camera makes of the leaves, small arrays. n leaves, p outline points.
 
-    origin, limit, sphere : as in CameraData; points : (p, 3) outlines, metres, camera frame
-    listed : children to evaluate by lists; chosen : products to evaluate
+    Attributes
+    ----------
+    origin, limit, sphere
+        As in CameraData.
+    points : (p, 3)
+        Outlines, metres, camera frame.
+    listed
+        Children to evaluate by lists.
+    chosen
+        Products to evaluate.
     """
 
     origin: FloatArray

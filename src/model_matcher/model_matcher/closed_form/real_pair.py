@@ -28,8 +28,14 @@ PAIR = '01'
 class Chessboard(NamedTuple):
     """A printed chessboard with its inner corners (i, j) at (i, j, 0), in squares.
 
-    square : metres, the side of one; columns, rows : of inner corners; x_limits, y_limits : squares, where the printed
-    pattern ends
+    Attributes
+    ----------
+    square
+        Metres, the side of one.
+    columns, rows
+        Of inner corners.
+    x_limits, y_limits
+        Squares, where the printed pattern ends.
     """
 
     square: float

@@ -28,8 +28,17 @@ SCENE_FILE = 'scene.csg'
 class PreparedCase(NamedTuple):
     """A case ready to be rendered.
 
-    path : its scene file; rig : its cameras; scene : what the file says; name : of the first object, whose model
-    features (model frame, metres) are ``model`` and whose left_T_model is ``true_pose``
+    Attributes
+    ----------
+    path
+        Its scene file.
+    rig
+        Its cameras.
+    scene
+        What the file says.
+    name
+        Of the first object, whose model features (model frame, metres) are ``model`` and whose left_T_model is
+        ``true_pose``.
     """
 
     path: Path

@@ -19,10 +19,17 @@ from msgs_py import BIN, FeatureKind, FeatureSet, Pose
 class SyntheticScene:
     """Data with its truth.
 
-    data : FeatureSet in the camera frame
-    assignment : (n,) int32, true model feature of each data feature or BIN; sign : (n,) int8
-    instance : (n,) int32, which instance (index into poses) a feature belongs to, -1 for clutter
-    poses : the true camera_T_model of every instance of the model
+    Attributes
+    ----------
+    data
+        FeatureSet in the camera frame.
+    assignment : (n,) int32
+        True model feature of each data feature or BIN.
+    sign : (n,) int8
+    instance : (n,) int32
+        Which instance (index into poses) a feature belongs to, -1 for clutter.
+    poses
+        The true camera_T_model of every instance of the model.
     """
 
     data: FeatureSet

@@ -28,8 +28,18 @@ class FeatureRows(NamedTuple):
 class VoxelGrid(NamedTuple):
     """Which model features pass near each cell of a grid.
 
-    low : (3,) metres, corner of the first cell; cell : metres, its edge; inverse_cell : 1 / cell; shape : cells along
-    each axis; starts : (cells + 1,) and items : (m,), the features near each cell, one cell after the other
+    Attributes
+    ----------
+    low : (3,)
+        Metres, corner of the first cell.
+    cell, inverse_cell
+        Metres, the edge of a cell, and one over it.
+    shape
+        Cells along each axis.
+    starts : (cells + 1,)
+        Where each cell's features begin in items.
+    items : (m,)
+        The features near each cell, one cell after the other.
     """
 
     low: FloatArray
@@ -43,8 +53,17 @@ class VoxelGrid(NamedTuple):
 class ModelFeatures(NamedTuple):
     """A model made ready for back-projection.
 
-    rows : (e, 9), model frame; kind : (e,); middle : (3,) metres, centre of its bounding box; size : metres, the
-    largest distance between two of its points; voxels : which features pass where
+    Attributes
+    ----------
+    rows : (e, 9)
+        Model frame.
+    kind : (e,)
+    middle : (3,)
+        Metres, centre of its bounding box.
+    size
+        Metres, the largest distance between two of its points.
+    voxels
+        Which features pass where.
     """
 
     rows: FloatArray
@@ -57,8 +76,14 @@ class ModelFeatures(NamedTuple):
 class DataFeatures(NamedTuple):
     """Recovered features with what they may be off when compared with one model.
 
-    rows : (n, 9), camera frame; kind : (n,); tolerances : (n, 3); radius_tolerance : metres, of curves, added to the
-    tolerance across
+    Attributes
+    ----------
+    rows : (n, 9)
+        Camera frame.
+    kind : (n,)
+    tolerances : (n, 3)
+    radius_tolerance
+        Metres, of curves, added to the tolerance across.
     """
 
     rows: FloatArray
@@ -70,8 +95,14 @@ class DataFeatures(NamedTuple):
 class PairTable(NamedTuple):
     """All ordered pairs of a model's features that are not parallel, in cells of angle and signed distance.
 
-    reach : metres, largest signed distance; starts : (cells + 1,); members : (p, 2); values : (p, 6) angle, signed
-    distance, foot on the first, foot on the second, flip of the second, half length of the shorter
+    Attributes
+    ----------
+    reach
+        Metres, largest signed distance.
+    starts : (cells + 1,)
+    members : (p, 2)
+    values : (p, 6)
+        Angle, signed distance, foot on the first, foot on the second, flip of the second, half length of the shorter.
     """
 
     reach: float

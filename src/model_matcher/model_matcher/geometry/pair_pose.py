@@ -24,8 +24,16 @@ from .settings import FLIP_MARGIN, OFFSET_CELLS, WIDEST_CONE
 class PairWindow(NamedTuple):
     """A pair of data features, and how far off a model pair that it lies on may be.
 
-    angle : radians; distance, foot_a, foot_b : metres; flip : as :func:`.line_pairs.pair_geometry` gives them
-    cone : radians, across : metres, slide_a, slide_b : metres along either line; what they may be off
+    Attributes
+    ----------
+    angle, distance, foot_a, foot_b, flip
+        As :func:`.line_pairs.pair_geometry` gives them, radians and metres.
+    cone
+        Radians, what the angle may be off.
+    across
+        Metres, what the distance may be off.
+    slide_a, slide_b
+        Metres along either line, what the feet may be off.
     """
 
     angle: float
@@ -42,8 +50,14 @@ class PairWindow(NamedTuple):
 class Neighbourhood(NamedTuple):
     """Neighbours of a data pair in the pair's frame; rows are filled as far as :func:`into_frame` says.
 
-    features : (m,) their numbers; places : (m, 6) point and direction; limits : (m, 4) squared distance across, slack
-    along, half length (metres), squared cosine of the half cone angle
+    Attributes
+    ----------
+    features : (m,)
+        Their numbers.
+    places : (m, 6)
+        Point and direction.
+    limits : (m, 4)
+        Squared distance across, slack along, half length (metres), squared cosine of the half cone angle.
     """
 
     features: Int32Array

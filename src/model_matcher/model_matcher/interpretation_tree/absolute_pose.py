@@ -147,9 +147,15 @@ def _skew(axis: FloatArray) -> FloatArray:
 class PointsOnLines(NamedTuple):
     """Pairs of data points and model lines, for m fits of k pairs each.
 
-    model_points, model_directions : (m, k, 3), a point of each model line and its unit direction, model frame, metres
-    data_points : (m, k, 3) camera frame, metres; weights : (m, k)
-    is_point : (m, k) bool, the model feature is a point (a curve's centre), not a line
+    Attributes
+    ----------
+    model_points, model_directions : (m, k, 3)
+        A point of each model line and its unit direction, model frame, metres.
+    data_points : (m, k, 3)
+        Camera frame, metres.
+    weights : (m, k)
+    is_point : (m, k) bool
+        The model feature is a point (a curve's centre), not a line.
     """
 
     model_points: FloatArray

@@ -261,8 +261,18 @@ def _traverse_left(
 class _Entries(NamedTuple):
     """The consistent entries of a level that are left, and what is restored before the next of them is tried.
 
-    consistent : (side, side) LOGICAL; assigned : of the level's two features when it was entered; in_bin : features in
-    the bin; signs : root, parity and known; still_open : for each data feature, a LOGICAL vector of model features
+    Attributes
+    ----------
+    consistent : (side, side)
+        LOGICAL.
+    assigned
+        Of the level's two features when it was entered.
+    in_bin
+        Features in the bin.
+    signs
+        Root, parity and known.
+    still_open
+        For each data feature, a LOGICAL vector of model features.
     """
 
     consistent: DapArray

@@ -14,11 +14,17 @@ import numpy as np
 class Rates(NamedTuple):
     """Steps in a second.
 
-    entries : of the tables, filled
-    levels, level_size : levels of the tree visited, while a level has at most ``level_size`` data x model features;
-        with more, proportionally fewer
-    tests : pairs tested by the serial search; signs_per_test : saving the signs of this many data features at a level
-        counts as one test
+    Attributes
+    ----------
+    entries
+        Of the tables, filled.
+    levels, level_size
+        Levels of the tree visited, while a level has at most ``level_size`` data x model features; with more,
+        proportionally fewer.
+    tests
+        Pairs tested by the serial search.
+    signs_per_test
+        Saving the signs of this many data features at a level counts as one test.
     """
 
     entries: int

@@ -19,8 +19,14 @@ from ..geometry.constraints import A_MINUS, A_PLUS, B_MINUS, B_PLUS, DIFFERENT, 
 class Signs(NamedTuple):
     """The states of n features, changed in place.
 
-    root : (n,) int32, the first feature of each one's group; parity : (n,) int8, +1 or -1, its sign relative to root's
-    known : (n,) int8, +1, -1 or 0 (unknown), the sign of a root; of no meaning for other features
+    Attributes
+    ----------
+    root : (n,) int32
+        The first feature of each one's group.
+    parity : (n,) int8
+        +1 or -1, its sign relative to root's.
+    known : (n,) int8
+        +1, -1 or 0 (unknown), the sign of a root; of no meaning for other features.
     """
 
     root: Int32Array

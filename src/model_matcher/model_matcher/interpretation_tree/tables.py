@@ -120,8 +120,17 @@ def data_ranges(data: FeatureSet, size: float, params: MatchParams, tolerances: 
 class PairTests(NamedTuple):
     """What the test of a data pair against a model pair (constraints.entry) needs.
 
-    data : (P, 11) and model : (e, e, 11), their ranges; lengths : (e,) metres, of the model features
-    errors : (n,) metres, of the data end points; use : (5,) bool, the constraints that are tested
+    Attributes
+    ----------
+    data : (P, 11)
+    model : (e, e, 11)
+        Their ranges.
+    lengths : (e,)
+        Metres, of the model features.
+    errors : (n,)
+        Metres, of the data end points.
+    use : (5,) bool
+        The constraints that are tested.
     """
 
     data: FloatArray

@@ -216,9 +216,16 @@ def sub_pairs(left: IntArray, n: int) -> tuple[IntArray, IntArray]:
 class PairTree(NamedTuple):
     """The levels of the tree.
 
-    pairs : (L, 2) int32, the data pair of each level; rows : (L,) int64, its table in the match list
-    quadrants : (L, q) int32, the order in which the quadrants of its table are entered, -1 at the end of the list
-    side : of a quadrant; one quadrant of side e + 1 is the plain search
+    Attributes
+    ----------
+    pairs : (L, 2) int32
+        The data pair of each level.
+    rows : (L,) int64
+        Its table in the match list.
+    quadrants : (L, q) int32
+        The order in which the quadrants of its table are entered, -1 at the end of the list.
+    side
+        Of a quadrant; one quadrant of side e + 1 is the plain search.
     """
 
     pairs: Int32Array
@@ -228,7 +235,17 @@ class PairTree(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """in_bin : exactly so many features go into the bin; interpretations, levels (or tests) : most of them."""
+    """Where a search ends.
+
+    Attributes
+    ----------
+    in_bin
+        Exactly so many features go into the bin.
+    interpretations, levels
+        Most of them; of the serial search tests instead of levels.
+    use_signs
+        Whether direction signs are kept consistent.
+    """
 
     in_bin: int
     interpretations: int

@@ -20,9 +20,14 @@ from .index import ModelIndex, index_model
 class Library:
     """Models ready for matching.
 
-    models : one index a model, names unique
-    problems : one line for each path that could not be used, beginning with its name
-    files : every file and folder that was looked at, with its time of change (nanoseconds)
+    Attributes
+    ----------
+    models
+        One index a model, names unique.
+    problems
+        One line for each path that could not be used, beginning with its name.
+    files
+        Every file and folder that was looked at, with its time of change (nanoseconds).
     """
 
     models: tuple[ModelIndex, ...]

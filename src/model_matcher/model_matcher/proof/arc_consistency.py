@@ -27,13 +27,27 @@ RANGES = 11  # numbers that geometry.constraints.pair_ranges gives for a pair
 class PairTest(NamedTuple):
     """What the tests of pairs of nodes need.
 
-    sample : the data and the model; margins : (n, 6) of geometry.pair_bounds.margins_of
-    halves : (e,) metres, half lengths of the model features; relations : (e, e, 10) of model_relations, of which
-    mids : (e, e) metres and angles : (e, e) radians are two columns
-    span : metres, the farthest apart that points of two model features are
-    below : (ANGLES + 1,) how many pairs of model features, both orders, have an angle below k / ANGLES of pi/2
-    model_ranges : (e, e, 11) of pair_ranges, filled where model_known (e, e) is set
-    use : (5,) bool, the constraints that are tested: all
+    Attributes
+    ----------
+    sample : Sample
+        The data and the model.
+    margins : (n, 6)
+        Of geometry.pair_bounds.margins_of.
+    halves : (e,)
+        Metres, half lengths of the model features.
+    relations : (e, e, 10)
+        Of model_relations.
+    mids, angles : (e, e)
+        Two columns of the relations: metres, radians.
+    span
+        Metres, the farthest apart that points of two model features are.
+    below : (ANGLES + 1,)
+        How many pairs of model features, both orders, have an angle below k / ANGLES of pi/2.
+    model_ranges : (e, e, 11)
+        Of pair_ranges, filled where model_known is set.
+    model_known : (e, e) bool
+    use : (5,) bool
+        The constraints that are tested: all.
     """
 
     sample: Sample
@@ -50,7 +64,13 @@ class PairTest(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """a : (m,) data feature and i : (m,) model feature of each node; both int64."""
+    """The pairings that are left.
+
+    Attributes
+    ----------
+    a, i : (m,) int64
+        Data feature and model feature of each node.
+    """
 
     a: IntArray
     i: IntArray
@@ -59,7 +79,12 @@ class Nodes(NamedTuple):
 class Groups(NamedTuple):
     """Disjoint groups of data features of each of which one is left out.
 
-    of : (n,) int64, the group of a data feature, or -1; sizes : (g,) int64, how many features each group has
+    Attributes
+    ----------
+    of : (n,) int64
+        The group of a data feature, or -1.
+    sizes : (g,) int64
+        How many features each group has.
     """
 
     of: IntArray
@@ -67,7 +92,14 @@ class Groups(NamedTuple):
 
 
 class DataRanges(NamedTuple):
-    """ranges : (n, 11) of one data feature with each other one, filled where known (n,) is set."""
+    """Ranges of one data feature with each other one.
+
+    Attributes
+    ----------
+    ranges : (n, 11)
+        As of pair_ranges, filled where known is set.
+    known : (n,) bool
+    """
 
     ranges: FloatArray
     known: BoolArray

@@ -35,8 +35,15 @@ FIRST_END, SECOND_END, ALONG, TILT, BLOCKS = range(5)
 class Sample(NamedTuple):
     """Data and model as the kernels of the proof take them.
 
-    data : (n, 9) rows of model.index.feature_rows, camera frame, metres; kinds : (n,) uint8; tolerances : (n, 3) metres
-    across, metres along, radians of the direction's cone; model : (e, 9) rows in the model frame
+    Attributes
+    ----------
+    data : (n, 9)
+        Rows of model.index.feature_rows, camera frame, metres.
+    kinds : (n,) uint8
+    tolerances : (n, 3)
+        Metres across, metres along, radians of the direction's cone.
+    model : (e, 9)
+        Rows in the model frame.
     """
 
     data: FloatArray
@@ -55,8 +62,12 @@ class _Residuals(NamedTuple):
 class _Fit(NamedTuple):
     """What a Newton step finds.
 
-    weights : (b,) of the blocks; to_lowest, to_flattest : (6,) steps to the least weighted sum of squares and towards
-    the least sum of powers
+    Attributes
+    ----------
+    weights : (b,)
+        Of the blocks.
+    to_lowest, to_flattest : (6,)
+        Steps to the least weighted sum of squares and towards the least sum of powers.
     """
 
     weights: FloatArray
@@ -295,7 +306,12 @@ def deviations(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> 
 class _Ellipsoid(NamedTuple):
     """Where the pose of a set may be: about ``lowest`` (6,), a step, by no more than ``room`` in the metric of inverse.
 
-    inverse : (6, 6) of the mean normal matrix; turn : radians, the largest turn in there, of meaning when ``solved``
+    Attributes
+    ----------
+    inverse : (6, 6)
+        Of the mean normal matrix.
+    turn
+        Radians, the largest turn in there, of meaning when ``solved``.
     """
 
     lowest: FloatArray

@@ -21,14 +21,21 @@ ANGLES = 180
 class MinimaxSteps(NamedTuple):
     """How a pose is sought under which the largest residual is least.
 
-    linearisations : times that the residuals are linearised anew
-    powers : of the sums that approach the maximum: 2, 4, 8, ..., 2 ** powers
-    newton : steps for each power at most, and Gauss-Newton steps of a least-squares pose of an assignment
-    shorter, shortest : the first step of the line search is the whole Newton step; it is multiplied by ``shorter``
-        until the sum falls, but is not made shorter than ``shortest``
-    least_gain : a power is left when a step lowers its sum by less than this part
-    below_one : the residuals are linearised anew when the largest squared one is below this; below 1 the set is
-        feasible
+    Attributes
+    ----------
+    linearisations
+        Times that the residuals are linearised anew.
+    powers
+        Of the sums that approach the maximum: 2, 4, 8, ..., 2 ** powers.
+    newton
+        Steps for each power at most, and Gauss-Newton steps of a least-squares pose of an assignment.
+    shorter, shortest
+        The first step of the line search is the whole Newton step; it is multiplied by ``shorter`` until the sum falls,
+        but is not made shorter than ``shortest``.
+    least_gain
+        A power is left when a step lowers its sum by less than this part.
+    below_one
+        The residuals are linearised anew when the largest squared one is below this; below 1 the set is feasible.
     """
 
     linearisations: int
@@ -50,8 +57,12 @@ SMALL_TURN = 0.3
 class SubsetSizes(NamedTuple):
     """In which steps an infeasible subset is sought; the heaviest pairings are tried first.
 
-    few, several, many : one more at a time up to ``few``, then ``several`` at a time up to ``many``, then all
-    minimal : a subset of at most so many pairings is made minimal; a larger one is used as it is
+    Attributes
+    ----------
+    few, several, many
+        One more at a time up to ``few``, then ``several`` at a time up to ``many``, then all.
+    minimal
+        A subset of at most so many pairings is made minimal; a larger one is used as it is.
     """
 
     few: int

@@ -27,9 +27,14 @@ from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, OUTDONE, SAME_CO
 class _Groups(NamedTuple):
     """Candidates by what becomes of them, by their numbers.
 
-    equivalent : by a representative, the candidates that explain the same data as well, at other poses
-    repeated : those that repeat a representative or one of its equivalents
-    competitors : the better candidate by the worse that wants the same data
+    Attributes
+    ----------
+    equivalent
+        By a representative, the candidates that explain the same data as well, at other poses.
+    repeated
+        Those that repeat a representative or one of its equivalents.
+    competitors
+        The better candidate by the worse that wants the same data.
     """
 
     equivalent: dict[int, list[int]]

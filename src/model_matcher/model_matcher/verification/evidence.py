@@ -63,8 +63,12 @@ from .visibility_evidence import nats_of_view
 class Planes(NamedTuple):
     """The planes of the usual orientations that a model's e features lie in, under a tolerance.
 
-    number : (q, e) int32, of the plane of each orientation that a feature lies in, -1 for none; nats : (q,) of a chance
-    coincidence with one of them
+    Attributes
+    ----------
+    number : (q, e) int32
+        Of the plane of each orientation that a feature lies in, -1 for none.
+    nats : (q,)
+        Of a chance coincidence with one of them.
     """
 
     number: Int32Array

@@ -63,10 +63,16 @@ FRAGMENTS = -1.0
 class NeighbourCounts(NamedTuple):
     """How often unexplained data meets the data that a pose explains.
 
-    of_chance : with a chance pose, on average
-    missed : of an instance's own edges, per matched feature, noise takes so many that meet the others
-    at_ends : of the pieces strewn about that meet, so many do so end to end
-    crowded : part of the real objects that have patterns at their edges, or stand on others
+    Attributes
+    ----------
+    of_chance
+        With a chance pose, on average.
+    missed
+        Of an instance's own edges, per matched feature, noise takes so many that meet the others.
+    at_ends
+        Of the pieces strewn about that meet, so many do so end to end.
+    crowded
+        Part of the real objects that have patterns at their edges, or stand on others.
     """
 
     of_chance: float
@@ -91,8 +97,14 @@ NEIGHBOURHOOD = 0.6
 class ChancesOfView(NamedTuple):
     """Chances that a model feature is explained, measured together.
 
-    by_chance : by a pose at random, among objects as regular as the model; thinned : where the model is, when any
-    feature may be missing; seen, hidden : there, when it is in view, and when it is hidden
+    Attributes
+    ----------
+    by_chance
+        By a pose at random, among objects as regular as the model.
+    thinned
+        Where the model is, when any feature may be missing.
+    seen, hidden
+        There, when it is in view, and when it is hidden.
     """
 
     by_chance: float

@@ -99,10 +99,20 @@ def tangents(conic: FloatArray, point: FloatArray) -> FloatArray:
 class _ContourDistances:
     """How the n segments of an image lie to the two contours of a surface: rows are contours, columns segments.
 
-    off : (2, n) float64, pixels: distance from the contour's line beyond what is uncertain
-    inside : (2, n) float64, pixels: how far inside the segment the touching point is, negative beyond its end
-    radius : pixels, of the rim's image; straight : (n,) bool, segments that are long enough and no arcs
-    length : (n,) pixels, of the segments; before_apex : (2, n) bool, whether the segment ends before a cone's apex
+    Attributes
+    ----------
+    off : (2, n) float64
+        Pixels: distance from the contour's line beyond what is uncertain.
+    inside : (2, n) float64
+        Pixels: how far inside the segment the touching point is, negative beyond its end.
+    radius
+        Pixels, of the rim's image.
+    straight : (n,) bool
+        Segments that are long enough and no arcs.
+    length : (n,)
+        Pixels, of the segments.
+    before_apex : (2, n) bool
+        Whether the segment ends before a cone's apex.
     """
 
     off: FloatArray

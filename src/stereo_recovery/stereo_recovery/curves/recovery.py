@@ -39,8 +39,16 @@ from .observations import EdgelMasks, StereoEdgels
 class _ArcPair:
     """Arcs of the two images that show one curve.
 
-    masks : their edgels, bool over all of either image; ellipses : of the two arcs; samples : (k, 3) float64, pixels:
-    u, v, disparity; planes : candidates (3,) for the disparity that the curve's plane induces
+    Attributes
+    ----------
+    masks
+        Their edgels, bool over all of either image.
+    ellipses
+        Of the two arcs.
+    samples : (k, 3) float64
+        Pixels: u, v, disparity.
+    planes
+        Candidates (3,) for the disparity that the curve's plane induces.
     """
 
     masks: EdgelMasks

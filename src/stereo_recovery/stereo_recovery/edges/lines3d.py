@@ -51,10 +51,22 @@ Solution = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 class Lines3D:
     """n straight edges seen in both images.
 
-    left, right : (n,) int32, the segments; extent : (n, 2) float64, pixels along the left segment: the part both see
-    coefficient : (n, 2) float64: disparity a + b s; covariance : (n, 2, 2) of them
-    end_sigma : (n, 2) float64, pixels, of the extent; fixed : (n, 2) bool, the end is a corner; strut : (n,) bool,
-    the edge runs from one known corner to another, whatever its segments say
+    Attributes
+    ----------
+    left, right : (n,) int32
+        The segments.
+    extent : (n, 2) float64
+        Pixels along the left segment: the part both see.
+    coefficient : (n, 2) float64
+        Disparity a + b s.
+    covariance : (n, 2, 2)
+        Of them.
+    end_sigma : (n, 2) float64
+        Pixels, of the extent.
+    fixed : (n, 2) bool
+        The end is a corner.
+    strut : (n,) bool
+        The edge runs from one known corner to another, whatever its segments say.
     """
 
     left: AnyArray

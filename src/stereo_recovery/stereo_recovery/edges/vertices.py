@@ -37,9 +37,16 @@ SHORTEST = 8.0
 class Vertices:
     """m ends of matched edges that are corners in both images.
 
-    edge : (m,) int, the match, ascending; own : (2, m) int, its segments in the left and the right image
-    point : (2, m, 2) float64, pixels, in the left and the right image, at the left one's height
-    disparity, sigma : (m,) float64, pixels
+    Attributes
+    ----------
+    edge : (m,) int
+        The match, ascending.
+    own : (2, m) int
+        Its segments in the left and the right image.
+    point : (2, m, 2) float64
+        Pixels, in the left and the right image, at the left one's height.
+    disparity, sigma : (m,) float64
+        Pixels.
     """
 
     edge: AnyArray
@@ -233,8 +240,11 @@ def _same(points: AnyArray, others: AnyArray) -> bool:
 class Strut:
     """k edges from corner to corner, appended to the segments of both images.
 
-    segments : of the left and the right image, with the edges as their last k; the rest: arrays of k rows as in
-    :class:`.lines3d.Lines3D`
+    Attributes
+    ----------
+    segments
+        Of the left and the right image, with the edges as their last k; the rest: arrays of k rows as in
+        :class:`.lines3d.Lines3D`.
     """
 
     segments: tuple[Segments, Segments]

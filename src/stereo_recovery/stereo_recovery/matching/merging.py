@@ -35,7 +35,10 @@ MOVED = 1.0
 class JoinedLine:
     """One line through several segments; fields as in :class:`.segments.Segments`, of one segment.
 
-    miss : pixels, the largest distance of an end of the segments from the line
+    Attributes
+    ----------
+    miss
+        Pixels, the largest distance of an end of the segments from the line.
     """
 
     centre: AnyArray

@@ -13,14 +13,28 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray
 class CsgPrograms(NamedTuple):
     """The children of a program, flattened.
 
-    product_start : (q + 1,) into factors, the leaves of each product, its ``positive`` (q,) positives first
-    ambiguity : (q,) settings.AMBIGUOUS for one of several products of a child, 0 for a child's only one
-    code_start : (c + 1,) into code and jump: postfix programs; after code[i], an empty list on the stack lets the
-        program go on at jump[i], if that is not 0 (early out, Roth 1982)
-    simple : (c,) the leaf of a child that is a single leaf, else -1; child_of : (n,) the child of each leaf
-    box : (6, c) bounds of each child in the scene frame: low x y z, high x y z, metres
-    kind : (n,) of the leaves; inverse : (n, 3, 4) unit frame from scene; halfspaces : (n,)
-    sphere : (n, 4) about each leaf in the scene frame: centre, metres, and squared radius
+    Attributes
+    ----------
+    product_start : (q + 1,)
+        Into factors, the leaves of each product, its ``positive`` (q,) positives first.
+    ambiguity : (q,)
+        settings.AMBIGUOUS for one of several products of a child, 0 for a child's only one.
+    code_start : (c + 1,)
+        Into code and jump: postfix programs; after code[i], an empty list on the stack lets the program go on at
+        jump[i], if that is not 0 (early out, Roth 1982).
+    simple : (c,)
+        The leaf of a child that is a single leaf, else -1.
+    child_of : (n,)
+        The child of each leaf.
+    box : (6, c)
+        Bounds of each child in the scene frame: low x y z, high x y z, metres.
+    kind : (n,)
+        Of the leaves.
+    inverse : (n, 3, 4)
+        Unit frame from scene.
+    halfspaces : (n,)
+    sphere : (n, 4)
+        About each leaf in the scene frame: centre, metres, and squared radius.
     """
 
     product_start: IntArray
@@ -42,9 +56,19 @@ class CsgPrograms(NamedTuple):
 class Materials(NamedTuple):
     """Surfaces and lights of a scene.
 
-    colours : (n, 6, 3) float64, linear RGB of each face; coefficients : (n, 6) float64: ambient, diffuse, specular,
-        shininess, reflection, transparency; flat_normals : (n, 6, 3) float64, unit, of flat faces, scene frame
-    lights : (l, 3) float64, metres, scene frame; light_colours : (l, 3); ambient_light, background : (3,) linear RGB
+    Attributes
+    ----------
+    colours : (n, 6, 3) float64
+        Linear RGB of each face.
+    coefficients : (n, 6) float64
+        Ambient, diffuse, specular, shininess, reflection, transparency.
+    flat_normals : (n, 6, 3) float64
+        Unit, of flat faces, scene frame.
+    lights : (l, 3) float64
+        Metres, scene frame.
+    light_colours : (l, 3)
+    ambient_light, background : (3,)
+        Linear RGB.
     """
 
     colours: FloatArray
@@ -59,8 +83,17 @@ class Materials(NamedTuple):
 class TerrainGrids(NamedTuple):
     """The terrains of a program.
 
-    leaf : (g,); heights : (sum of points,) metres, row by row; start : (g,) into heights; rows, columns : (g,)
-    bilinear : (g,); low, high : (g,) least and greatest height, metres
+    Attributes
+    ----------
+    leaf : (g,)
+    heights : (sum of points,)
+        Metres, row by row.
+    start : (g,)
+        Into heights.
+    rows, columns : (g,)
+    bilinear : (g,)
+    low, high : (g,)
+        Least and greatest height, metres.
     """
 
     leaf: IntArray
@@ -76,11 +109,24 @@ class TerrainGrids(NamedTuple):
 class CameraData(NamedTuple):
     """Leaves and products as a camera sees them.
 
-    local : (n, 3, 4) unit frame from camera; origin : (n, 3) its last column with rounding removed
-    limit : (n, 3) local direction components below it are zero; sphere : (n, 4) as in CsgPrograms, camera frame
-    span : (n, h, 2) int32, first and last pixel of each image row that the leaf may touch; first > last: none
-    near : (q,) least depth of each product, metres
-    listed : (k,) children to evaluate by lists; chosen : (p,) products to evaluate, front to back
+    Attributes
+    ----------
+    local : (n, 3, 4)
+        Unit frame from camera.
+    origin : (n, 3)
+        Its last column with rounding removed.
+    limit : (n, 3)
+        Local direction components below it are zero.
+    sphere : (n, 4)
+        As in CsgPrograms, camera frame.
+    span : (n, h, 2) int32
+        First and last pixel of each image row that the leaf may touch; first > last: none.
+    near : (q,)
+        Least depth of each product, metres.
+    listed : (k,)
+        Children to evaluate by lists.
+    chosen : (p,)
+        Products to evaluate, front to back.
     """
 
     local: FloatArray
@@ -96,10 +142,27 @@ class CameraData(NamedTuple):
 class Plan(NamedTuple):
     """What to render and how.
 
-    xs, ys : (w,), (h,) ray components of pixel centres; dx, dy : ray component of one pixel
-    rotation : (3, 4) scene_T_camera; tolerance : metres, see program.View
-    span : (q, h, 2) pixels of each product in each row; band : (q, bands, 2) the same for bands of ``size`` rows
-    size : pixels a side of a tile; whole : no tiling; box : see RenderOptions
+    Attributes
+    ----------
+    xs : (w,)
+    ys : (h,)
+        Ray components of pixel centres.
+    dx, dy
+        Ray component of one pixel.
+    rotation : (3, 4)
+        scene_T_camera.
+    tolerance
+        Metres, see program.View.
+    span : (q, h, 2)
+        Pixels of each product in each row.
+    band : (q, bands, 2)
+        The same for bands of ``size`` rows.
+    size
+        Pixels a side of a tile.
+    whole
+        No tiling.
+    box
+        See RenderOptions.
     """
 
     xs: FloatArray
@@ -129,9 +192,18 @@ class Target(NamedTuple):
 class Workspace(NamedTuple):
     """Scratch memory of one thread.
 
-    row : the parts of rows.py, one after another; times, hits, starts : see tree.child_boundaries
-    products : (q + 1,) those of one tile; colours : (3, w) sums of samples
-    counts : (3,) intersections, nodes and combines so far (frame.RenderStats)
+    Attributes
+    ----------
+    row
+        The parts of rows.py, one after another.
+    times, hits, starts
+        See tree.child_boundaries.
+    products : (q + 1,)
+        Those of one tile.
+    colours : (3, w)
+        Sums of samples.
+    counts : (3,)
+        Intersections, nodes and combines so far (frame.RenderStats).
     """
 
     row: FloatArray
@@ -146,8 +218,16 @@ class Workspace(NamedTuple):
 class SecondaryRayWorkspace(NamedTuple):
     """Memory and options of shadows, mirrors and glass.
 
-    batch : the parts of secondary_rays.py, one after another; stack : (rays, RAY_PARTS) rays still to be cast
-    levels, shadows : see RenderOptions; departure, tolerance : metres, see program.View
+    Attributes
+    ----------
+    batch
+        The parts of secondary_rays.py, one after another.
+    stack : (rays, RAY_PARTS)
+        Rays still to be cast.
+    levels, shadows
+        See RenderOptions.
+    departure, tolerance
+        Metres, see program.View.
     """
 
     batch: FloatArray
