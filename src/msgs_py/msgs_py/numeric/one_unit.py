@@ -156,7 +156,8 @@ def _finalised(self: Any) -> None:
     self._codegen._check_llvm_bugs()
     self._raise_if_finalized()
     for library in _reached(self, {}):
-        self._reload_init.update(library._reload_init)
+        if hasattr(library, '_reload_init'):  # older versions of numba keep no list of what to run after loading
+            self._reload_init.update(library._reload_init)
         whole = library._get_module_for_linking() if library._finalized else _intermediate(library)
         self._final_module.link_in(whole, preserve=True)
     self._optimize_final_module()
