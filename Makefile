@@ -46,7 +46,7 @@ $(OLDEST): requirements-oldest.txt $(PACKAGES:%=src/%/setup.cfg)
 	$(OLDEST_PYTHON) -m venv .venv-oldest
 	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-oldest.txt
 	.venv-oldest/bin/python -m pip uninstall --quiet --yes lark-parser
-	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps lark==1.1.9
+	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check lark==1.1.9
 	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation \
 	    --use-pep517 $(PACKAGES:%=-e src/%)
 	touch $@

@@ -1,0 +1,266 @@
+"""Compiled loops over pairs of segments that may show one edge: their geometry and what the grey levels beside say."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import Float32Array, FloatArray, Int32Array
+
+from .settings import (
+    BORDER,
+    BOTH_SIDES,
+    END_AGREEMENT,
+    END_HEIGHT,
+    LEAST_COMMON_ROWS,
+    LEAST_COMMON_SHARE,
+    LEVEL,
+    LEVEL_BOTH,
+    LEVEL_ONE,
+    LIKE_ENDS,
+    NO_SIDE,
+    ONE_SIDE,
+    PROFILE_OFFSETS,
+    PROFILE_SAMPLES,
+    REVERSED_ODDS,
+    ROW_SCALE,
+    SAME_ROW,
+    SLANT_SCALE,
+    STEEPEST,
+)
+
+# A place or a vector in an image, pixels.
+Pair: TypeAlias = tuple[float, float]
+# Disparities that are tried for one pair: of a level one by both ends, by the first and by the last.
+CHOICES = 3
+
+
+class SegmentTable(NamedTuple):
+    """n segments as the loops take them.
+
+    start, end : (n, 2) float64, pixels; direction : (n, 2) float64, unit, the bright side on one hand
+    """
+
+    start: FloatArray
+    end: FloatArray
+    direction: FloatArray
+
+
+class Photometry(NamedTuple):
+    """What the grey levels beside an edge mean.
+
+    profile : (n, PROFILE_SAMPLES, 2, offsets) float32, grey levels on either side of the left segments, as the right
+    camera would show them; image : (h, w) float32, the right image, smoothed; density : (256,) float64, of the grey
+    levels beside the right image's segments; scale : grey levels, see settings
+    """
+
+    profile: Float32Array
+    image: Float32Array
+    density: FloatArray
+    scale: float
+
+
+@njit
+def _pixel(image: Float32Array, x: float, y: float) -> float:
+    """Grey level of the pixel of (h, w) image that is nearest to column x, row y."""
+    row, column = min(max(int(y + 0.5), 0), image.shape[0] - 1), min(max(int(x + 0.5), 0), image.shape[1] - 1)
+    return float(image[row, column])
+
+
+@njit
+def profiles(image: Float32Array, table: SegmentTable) -> Float32Array:
+    """(n, PROFILE_SAMPLES, 2, offsets) float32: grey levels beside segments, from start to end."""
+    out = np.empty((len(table.start), PROFILE_SAMPLES, 2, len(PROFILE_OFFSETS)), np.float32)
+    for i in range(len(table.start)):
+        nx, ny = -table.direction[i, 1], table.direction[i, 0]
+        for k in range(PROFILE_SAMPLES):
+            s = (k + 0.5) / PROFILE_SAMPLES
+            x = table.start[i, 0] + s * (table.end[i, 0] - table.start[i, 0])
+            y = table.start[i, 1] + s * (table.end[i, 1] - table.start[i, 1])
+            for o in range(len(PROFILE_OFFSETS)):
+                t = PROFILE_OFFSETS[o]
+                out[i, k, 0, o] = _pixel(image, x - t * nx, y - t * ny)
+                out[i, k, 1, o] = _pixel(image, x + t * nx, y + t * ny)
+    return out
+
+
+@njit
+def _photometric(
+    photometry: Photometry, i: int, start: Pair, run: Pair, normal: Pair, samples: tuple[int, int]
+) -> float:
+    """Logarithm of how much likelier the right image's grey levels are beside this edge than beside any.
+
+    i : left segment; start, run : where the right image shows its start, and from there its end; normal : of the
+     left segment; samples : first and last of its profile to compare.
+    """
+    height, width = photometry.image.shape
+    scale = photometry.scale
+    one, two, count = 0.0, 0.0, 0
+    for k in range(samples[0], samples[1]):
+        s = (k + 0.5) / PROFILE_SAMPLES
+        x, y = start[0] + s * run[0], start[1] + s * run[1]
+        if x < 0.0 or y < 0.0 or x > width - 1 or y > height - 1:
+            continue
+        count += 1
+        for side in range(2):
+            for o in range(len(PROFILE_OFFSETS)):
+                t = PROFILE_OFFSETS[o] if side == 1 else -PROFILE_OFFSETS[o]
+                seen = _pixel(photometry.image, x + t * normal[0], y + t * normal[1])
+                off = (seen - photometry.profile[i, k, side, o]) / scale
+                # A Cauchy density, since shading and highlights differ more than noise does.
+                ratio = 1.0 / (np.pi * scale * (1.0 + off * off) * photometry.density[min(max(int(seen), 0), 255)])
+                if side == 0:
+                    one += np.log(ratio)
+                else:
+                    two += np.log(ratio)
+    if count == 0:
+        return float(np.log(NO_SIDE))
+    # What lies beside one edge is one surface: all samples of a side are worth one.
+    one, two = one / (count * len(PROFILE_OFFSETS)), two / (count * len(PROFILE_OFFSETS))
+    return float(np.log(BOTH_SIDES * np.exp(one + two) + 0.5 * ONE_SIDE * (np.exp(one) + np.exp(two)) + NO_SIDE))
+
+
+@njit
+def _at_border(x: float, y: float, image: Float32Array) -> bool:
+    """Whether a segment ends where the picture does, which says nothing about the edge's end."""
+    return bool(min(min(x, y), min(image.shape[1] - 1 - x, image.shape[0] - 1 - y)) < BORDER)
+
+
+@njit
+def _ends_ratio(p: FloatArray, q: FloatArray, spans: float, image: Float32Array) -> float:
+    """Log likelihood ratio of the heights of two steep segments' ends.
+
+    p, q : (2, 2) ends in the left and in the right image; spans : rows that the two cover, together.
+    """
+    by_chance = min(0.9, max(LIKE_ENDS, 4.0 * END_HEIGHT / spans))
+    ratio = 0.0
+    for e in range(2):
+        if _at_border(p[e, 0], p[e, 1], image) or _at_border(q[e, 0], q[e, 1], image):
+            continue
+        if abs(p[e, 1] - q[e, 1]) < END_HEIGHT:
+            ratio += np.log(END_AGREEMENT / by_chance)
+        else:
+            ratio += np.log((1.0 - END_AGREEMENT) / (1.0 - by_chance))
+    return ratio
+
+
+@njit
+def _level_pair(p: FloatArray, q: FloatArray, choice: int, disparity: FloatArray) -> float:
+    """Log likelihood ratio of a pair along the rows whose disparity is told by its ends, or -inf.
+
+    p, q : (2, 2) ends in the left and in the right image; choice : by both, by the first, by the last. Fills
+    ``disparity`` (2,).
+    """
+    for e in range(2):
+        disparity[e] = p[e, 0] - q[e, 0]
+    ratio = LEVEL_BOTH if choice == 0 else LEVEL_ONE
+    for e in range(2):
+        off = abs(p[e, 1] - q[e, 1])
+        if choice == 0 or choice == e + 1:
+            if off > SAME_ROW:
+                return -np.inf
+            # Rows that agree, against rows that chance has within the limit.
+            ratio += np.log(2.0 * SAME_ROW / (np.pi * ROW_SCALE * (1.0 + (off / ROW_SCALE) ** 2)))
+    if choice == 0:
+        return ratio if abs(disparity[0] - disparity[1]) < 0.5 * abs(p[1, 0] - p[0, 0]) else -np.inf
+    disparity[:] = disparity[choice - 1]
+    return ratio
+
+
+@njit
+def _common_samples(p: FloatArray, top: float, bottom: float) -> tuple[int, int]:
+    """First and last sample of a left segment with ends p (2, 2) in rows ``top`` to ``bottom``."""
+    s0, s1 = (top - p[0, 1]) / (p[1, 1] - p[0, 1]), (bottom - p[0, 1]) / (p[1, 1] - p[0, 1])
+    if s0 > s1:
+        s0, s1 = s1, s0
+    first = max(0, int(np.ceil(s0 * PROFILE_SAMPLES - 0.5)))
+    last = min(PROFILE_SAMPLES, int(np.floor(s1 * PROFILE_SAMPLES - 0.5)) + 1)
+    if last <= first:
+        first = min(max(int(0.5 * (s0 + s1) * PROFILE_SAMPLES), 0), PROFILE_SAMPLES - 1)
+        last = first + 1
+    return first, last
+
+
+@njit
+def candidates(
+    left: SegmentTable, right: SegmentTable, photometry: Photometry, lowest: float, highest: float
+) -> tuple[Int32Array, FloatArray, FloatArray]:
+    """All pairs of segments that could be one edge, and how likely each is by itself.
+
+    left, right : SegmentTable; photometry : Photometry; lowest, highest : allowed disparity, pixels.
+
+    Returns node (k, 2) int32, segments, ordered by the left one; value (k, 8) float64: disparity at the left segment's
+    start, middle and end, first and last common row, log likelihood ratio against a pair at random, disparity in the
+    first and in the last common row; chances (n,) float64: how many pairs geometry alone offers along a left segment.
+    """
+    count = 0
+    node, value = np.empty((1024, 2), np.int32), np.empty((1024, 8))
+    chances = np.zeros(len(left.start))
+    tops = np.minimum(right.start[:, 1], right.end[:, 1])
+    order = np.argsort(tops)
+    tops = tops[order]
+    tallest = np.max(np.abs(right.end[:, 1] - right.start[:, 1]))
+    p, q, disparity = np.empty((2, 2)), np.empty((2, 2)), np.empty(2)
+    for i in range(len(left.start)):
+        p[0], p[1] = left.start[i], left.end[i]
+        tu, tv = left.direction[i]
+        top, bottom = min(p[0, 1], p[1, 1]), max(p[0, 1], p[1, 1])
+        for rank in range(np.searchsorted(tops, top - tallest - SAME_ROW), len(order)):
+            if tops[rank] > bottom + SAME_ROW:
+                break
+            j = order[rank]
+            ru, rv = right.direction[j]
+            # The bright side is on one hand, so that directions against each other show opposite contrasts.
+            steep = min(abs(tv), abs(rv)) > LEVEL
+            reverse = tv * rv < 0.0 if steep else tv * rv + tu * ru < 0.0
+            if reverse:
+                ru, rv = -ru, -rv
+                q[0], q[1] = right.end[j], right.start[j]
+            else:
+                q[0], q[1] = right.start[j], right.end[j]
+            level = abs(tv) < LEVEL or abs(rv) < LEVEL
+            first_row, last_row = max(top, min(q[0, 1], q[1, 1])), min(bottom, max(q[0, 1], q[1, 1]))
+            if level and (tu * ru < 0.0 or abs(tv - rv) > 2.0 * LEVEL):
+                continue
+            if not level:
+                shorter = min(bottom - top, abs(q[1, 1] - q[0, 1]))
+                if last_row - first_row < max(min(LEAST_COMMON_ROWS, 0.5 * shorter), LEAST_COMMON_SHARE * shorter):
+                    continue
+            for choice in range(CHOICES if level else 1):
+                if level:
+                    ratio = _level_pair(p, q, choice, disparity)
+                    gradient = (disparity[0] - disparity[1]) / max(abs(p[1, 0] - p[0, 0]), 1e-9)
+                    first_row, last_row = top, bottom
+                else:
+                    slope, right_slope = tu / tv, ru / rv
+                    gradient = abs(slope - right_slope) / np.sqrt(1.0 + 0.25 * (slope + right_slope) ** 2)
+                    for e in range(2):
+                        disparity[e] = p[e, 0] - (q[0, 0] + (p[e, 1] - q[0, 1]) * right_slope)
+                    ratio = _ends_ratio(p, q, bottom - top + abs(q[1, 1] - q[0, 1]), photometry.image)
+                middle = 0.5 * (disparity[0] + disparity[1])
+                if ratio == -np.inf or gradient > STEEPEST or middle < lowest or middle > highest:
+                    continue
+                # Chance covers the edge once with so much of a pair.
+                share = (last_row - first_row + 1.0) / (bottom - top + 1.0)
+                chances[i] += 1.0 / CHOICES if level else min(1.0, share)
+                # Directions that agree, against directions at random.
+                ratio += np.log(4.0 / (np.pi * SLANT_SCALE * (1.0 + (gradient / SLANT_SCALE) ** 2)))
+                if reverse:
+                    ratio += np.log(REVERSED_ODDS)
+                samples = (0, PROFILE_SAMPLES) if level else _common_samples(p, first_row, last_row)
+                start = (p[0, 0] - disparity[0], p[0, 1])
+                run = (p[1, 0] - disparity[1] - start[0], p[1, 1] - p[0, 1])
+                ratio += _photometric(photometry, i, start, run, (-tv, tu), samples)
+                if count == len(node):
+                    node = np.concatenate((node, np.empty_like(node)))
+                    value = np.concatenate((value, np.empty_like(value)))
+                node[count, 0], node[count, 1] = i, j
+                value[count, 0], value[count, 1], value[count, 2] = disparity[0], middle, disparity[1]
+                value[count, 3], value[count, 4], value[count, 5] = first_row, last_row, ratio
+                per_row = 0.0 if level else (disparity[1] - disparity[0]) / (p[1, 1] - p[0, 1])
+                value[count, 6] = disparity[0] + per_row * (first_row - p[0, 1])
+                value[count, 7] = disparity[0] + per_row * (last_row - p[0, 1])
+                count += 1
+    return node[:count], value[:count], chances

@@ -1,0 +1,118 @@
+"""Dense disparity as a witness for candidates: it knows what texture shows, and is silent on plain faces."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, Int32Array
+
+from ..detection.edgels import gradient_noise, noise_level
+from ..detection.segments import Segments
+from .settings import (
+    DENSE_OFFSETS,
+    DENSE_PIXELS,
+    DENSE_SAMPLES,
+    DENSE_TOLERANCE,
+    DENSE_TRUE,
+    DENSE_WRONG,
+    TEXTURE_NOISE,
+)
+
+# Of OpenCV's semi-global matching, its manual's values: window, penalties of a step of one and of a larger one, by the
+# window's pixels; largest difference of the two directions, px; margin of the best over the second, percent.
+WINDOW, STEP_PENALTY, JUMP_PENALTY, MOST_DIFFERENCE, UNIQUENESS = 5, 8, 32, 1, 10
+# Disparities come as sixteenths of a pixel, and the range is in steps of as many.
+FRACTION = 16
+# px: the Gaussian that smooths about as much as Sobel's difference does.
+SOBEL_SIGMA = 0.8
+
+
+def _textured(grey: ByteArray) -> BoolArray:
+    """(h, w) bool: where grey levels (h, w) change along the rows by more than noise; elsewhere all disparities fit."""
+    change = cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125)
+    energy = cv2.boxFilter(change * change, cv2.CV_32F, (WINDOW, WINDOW))
+    limit = (TEXTURE_NOISE * gradient_noise(noise_level(grey.astype(np.float32)), SOBEL_SIGMA)) ** 2
+    return np.asarray(energy > limit)
+
+
+class DenseDisparity:
+    """Disparity of the left image, at a reduced size.
+
+    Parameters
+    ----------
+    left, right : (h, w) float32, grey levels
+    lowest, highest : float, pixels
+        Range in which it is looked for.
+
+    Attributes
+    ----------
+    disparity : (h', w') float32, reduced pixels
+        NaN where nothing is known.
+    scale : float
+        Reduced pixels a pixel.
+
+    References
+    ----------
+    H. Hirschmueller, "Stereo processing by semiglobal matching and mutual information", PAMI 30(2), 2008.
+    """
+
+    def __init__(self, left: Float32Array, right: Float32Array, lowest: float, highest: float) -> None:
+        height, width = left.shape
+        scale = min(1.0, float(np.sqrt(DENSE_PIXELS / (height * width))))
+        size = (max(FRACTION, round(width * scale)), max(FRACTION, round(height * scale)))
+        self.scale = size[0] / width
+        low = int(np.floor(lowest * self.scale)) - 1
+        count = max(1, -(-(int(np.ceil(highest * self.scale)) + 2 - low) // FRACTION)) * FRACTION
+        # Without room at its left the columns whose partner may lie outside the right image would be lost.
+        room = max(low + count, 0)
+        reduced = [
+            cv2.copyMakeBorder(
+                cv2.resize(np.clip(grey, 0, 255), size, interpolation=cv2.INTER_AREA).astype(np.uint8),
+                *(0, 0, room, 0),
+                cv2.BORDER_REPLICATE,
+            )
+            for grey in (left, right)
+        ]
+        matcher = cv2.StereoSGBM.create(
+            minDisparity=low,
+            numDisparities=count,
+            blockSize=WINDOW,
+            P1=STEP_PENALTY * WINDOW**2,
+            P2=JUMP_PENALTY * WINDOW**2,
+            disp12MaxDiff=MOST_DIFFERENCE,
+            uniquenessRatio=UNIQUENESS,
+            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        )
+        raw = matcher.compute(*reduced)[:, room:]
+        known = (raw >= low * FRACTION) & _textured(np.asarray(reduced[0][:, room:], np.uint8))
+        self.disparity = np.where(known, raw / FRACTION, np.nan).astype(np.float32)
+
+    def log_ratio(self, node: Int32Array, value: FloatArray, left: Segments) -> FloatArray:
+        """(k,) float64: how much likelier the surface beside a candidate's edge is if the candidate is true.
+
+        The edge belongs to the nearer of the two surfaces beside it, so that one of them is enough. Where nothing is
+        known nothing is said.
+
+        Parameters
+        ----------
+        node, value : (k, 2), (k, 8)
+            Candidates, see :func:`.candidate_kernels.candidates`.
+        left : Segments
+        """
+        share = (np.arange(DENSE_SAMPLES) + 0.5) / DENSE_SAMPLES
+        places = left.start[:, None] + share[:, None] * (left.end - left.start)[:, None]
+        across = np.stack([-left.direction[:, 1], left.direction[:, 0]], axis=1)[:, None, None]
+        offsets = np.array(DENSE_OFFSETS) / self.scale
+        beside = np.stack([places[:, None] + sign * offsets[:, None, None] * across for sign in (-1.0, 1.0)], axis=1)
+        height, width = self.disparity.shape
+        x = np.clip(np.rint(beside[..., 0] * self.scale).astype(np.intp), 0, width - 1)
+        y = np.clip(np.rint(beside[..., 1] * self.scale).astype(np.intp), 0, height - 1)
+        of_edge = (value[:, :1] + share * (value[:, 2:3] - value[:, :1])) * self.scale
+        off = np.abs(self.disparity[y, x][node[:, 0]] - of_edge[:, None, None])
+        known = np.isfinite(off).mean(axis=(2, 3))
+        agreeing = (off < DENSE_TOLERANCE).mean(axis=(2, 3))
+        # Of each side one surface speaks, once.
+        side = agreeing * np.log(DENSE_TRUE / DENSE_WRONG)
+        side += (known - agreeing) * np.log((1.0 - DENSE_TRUE) / (1.0 - DENSE_WRONG))
+        return np.asarray(np.logaddexp(side[:, 0], side[:, 1]) - np.log(2.0))

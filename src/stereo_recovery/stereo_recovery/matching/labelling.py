@@ -1,0 +1,231 @@
+"""Which segment of the right image shows the same edge as a segment of the left one (thesis 3.10, after PMF).
+
+One labelling: each left segment has a partner, several that are parts of one edge, or none. Every candidate pair has
+log odds: how many pairs chance would offer, against what its geometry, the grey levels on either side and, where there
+is texture, dense disparity say for it. Neighbours that may lie on one surface support each other when their disparities
+agree (Pollard, Mayhew and Frisby's disparity gradient as a density), and candidates that exclude each other compete:
+loopy belief propagation, a few rounds. What the pair's cameras make of one surface is learnt between two passes.
+
+A. Yuille and S. Grzywacz's view of stereo as inference, and S. Pollard, J. Mayhew, J. Frisby, "PMF: a stereo
+correspondence algorithm using a disparity gradient limit", Perception 14, 1985.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
+
+from ..detection.segments import Segments
+from . import candidate_kernels, labelling_kernels
+from .candidate_kernels import Photometry, SegmentTable
+from .dense import DenseDisparity
+from .labelling_kernels import CandidateLists, Neighbours
+from .matches import Matches
+from .settings import (
+    FEW_MATCHES,
+    FIRST_ROUNDS,
+    FIRST_SCALE,
+    GAIN_SIGMA,
+    HISTOGRAM_SIGMA,
+    LEAST_ODDS,
+    LEAST_SCALE,
+    MOST_CANDIDATES,
+    MOST_SCALE,
+    OUTLYING,
+    PARTNER_ODDS,
+    PROFILE_SIGMA,
+    RANDOM_SHARE,
+    ROOM,
+    ROOM_SHARE,
+    ROUNDS,
+    SHIFT_SIGMA,
+)
+
+# Rounds of the robust fit of one camera's exposure to the other's.
+EXPOSURE_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How the right camera shows what the left one shows as ``grey``: gain * grey + shift, give or take ``scale``."""
+
+    gain: float = 1.0
+    shift: float = 0.0
+    scale: float = FIRST_SCALE
+
+
+@dataclass(frozen=True, eq=False)
+class Labelling:
+    """The candidates that are in the game, and how they stand.
+
+    node, value : (k, 2), (k, 8), see :func:`.candidate_kernels.candidates`; score, belief : (k,), log odds and
+    probability; chosen : (m,) candidates that are matches, best first
+    """
+
+    node: Int32Array
+    value: FloatArray
+    score: FloatArray
+    belief: FloatArray
+    chosen: Int32Array
+
+
+def match(
+    greys: tuple[Float32Array, Float32Array],
+    segments: tuple[Segments, Segments],
+    window: tuple[float, float],
+    radius: float,
+    least_belief: float,
+) -> Matches:
+    """Pairs of segments that show one edge.
+
+    Parameters
+    ----------
+    greys : (h, w) float32 each, grey levels
+    segments : (Segments, Segments)
+        Of the left and the right image.
+    window : (float, float), pixels
+        Allowed disparity.
+    radius : float, pixels
+        Neighbourhood of support.
+    least_belief : float
+        Probability below which a pair is no match.
+
+    Returns
+    -------
+    Matches
+        Best first; a part of a segment is in one pair only.
+    """
+    left, right = segments
+    if len(left) == 0 or len(right) == 0:
+        return Matches.empty()
+    tables = _table(left), _table(right)
+    smooth = [np.asarray(cv2.GaussianBlur(grey, (0, 0), PROFILE_SIGMA), np.float32) for grey in greys]
+    profiles = [candidate_kernels.profiles(image, table) for image, table in zip(smooth, tables)]
+    density = grey_density(profiles[1])
+    near = labelling_kernels.neighbours(tables[0], radius)
+    spread = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
+
+    def labelled(exposure: Exposure, dense: DenseDisparity | None, rounds: int) -> Labelling:
+        seen = (exposure.gain * profiles[0] + exposure.shift).astype(np.float32)
+        photometry = Photometry(seen, smooth[1], density, exposure.scale)
+        node, value, chances = candidate_kernels.candidates(*tables, photometry, *window)
+        own = value[:, 5] + np.log(PARTNER_ODDS / np.maximum(chances[node[:, 0]], 1.0))
+        if dense is not None and len(node):
+            own += dense.log_ratio(node, value, left)
+        kept = _in_the_game(node, own, len(left), len(right))
+        node, value, own = node[kept], value[kept], own[kept]
+        return _labelling(node, value, own, near, (len(left), len(right)), spread, radius, rounds, least_belief)
+
+    first = labelled(Exposure(), None, FIRST_ROUNDS)
+    exposure = learnt_exposure(profiles, first.node[first.chosen])
+    dense = DenseDisparity(*greys, *_range(first.value[first.chosen], window))
+    found = labelled(exposure, dense, ROUNDS)
+    node, value = found.node[found.chosen], found.value[found.chosen]
+    return Matches(node[:, 0], node[:, 1], value[:, :3], value[:, 3:5], found.belief[found.chosen])
+
+
+def _table(segments: Segments) -> SegmentTable:
+    """Segments as the loops take them."""
+    return SegmentTable(*(np.ascontiguousarray(a) for a in (segments.start, segments.end, segments.direction)))
+
+
+def grey_density(profile: Float32Array) -> FloatArray:
+    """(256,) float64: density of the grey levels beside segments, by which a look-alike is known from a rarity.
+
+    Parameters
+    ----------
+    profile : (n, ...) float32, grey levels
+
+    Examples
+    --------
+    >>> density = grey_density(np.full((4, 8), 100.0, np.float32))
+    >>> int(density.argmax()), round(float(density.sum()), 6)
+    (100, 1.0)
+    """
+    # One grey level in all at random keeps every level possible.
+    counts = np.bincount(np.clip(profile, 0, 255).astype(np.intp).ravel(), minlength=256) + 1.0 / 256.0
+    smooth = cv2.GaussianBlur(counts.reshape(1, -1), (0, 0), HISTOGRAM_SIGMA, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(smooth.ravel() / smooth.sum())
+
+
+def learnt_exposure(profiles: list[Float32Array], node: Int32Array) -> Exposure:
+    """What the two cameras make of the surfaces beside matched edges, by a robust fit.
+
+    Parameters
+    ----------
+    profiles : (n, samples, 2, offsets), (m, samples, 2, offsets) float32
+        Grey levels beside the segments of the two images.
+    node : (k, 2) int
+        Matched segments.
+    """
+    if len(node) < FEW_MATCHES:
+        return Exposure()
+    a, b = (np.median(p[node[:, k]], axis=(1, 3)).ravel().astype(np.float64) for k, p in enumerate(profiles))
+    prior = np.diag([1.0 / GAIN_SIGMA**2, 1.0 / SHIFT_SIGMA**2])
+    gain, shift = 1.0, 0.0
+    for _ in range(EXPOSURE_ROUNDS):
+        off = b - gain * a - shift
+        scale = max(float(np.median(np.abs(off))) / NORMAL_QUARTILE, LEAST_SCALE)
+        weight = 1.0 / (scale**2 + off**2)
+        columns = np.stack([a, np.ones_like(a)], axis=1)
+        normal = (columns * weight[:, None]).T @ columns + prior
+        gain, shift = np.linalg.solve(normal, columns.T @ (weight * b) + prior @ [1.0, 0.0])
+    off = b - gain * a - shift
+    scale = float(np.clip(np.median(np.abs(off)) / NORMAL_QUARTILE, LEAST_SCALE, MOST_SCALE))
+    return Exposure(float(gain), float(shift), scale)
+
+
+def _range(value: FloatArray, window: tuple[float, float]) -> tuple[float, float]:
+    """Disparities that the first matches show, with room on either side, pixels."""
+    if len(value) < FEW_MATCHES:
+        return window
+    low, high = np.quantile(value[:, [0, 2]], [OUTLYING, 1.0 - OUTLYING])
+    room = ROOM + ROOM_SHARE * (high - low)
+    return max(window[0], float(low - room)), min(window[1], float(high + room))
+
+
+def _lists(node: Int32Array, n: int, m: int) -> CandidateLists:
+    """Candidates by left and by right segment, of which there are n and m."""
+    right_of = np.argsort(node[:, 1], kind='stable')
+    first = np.searchsorted(node[:, 0], np.arange(n + 1))
+    return CandidateLists(first, right_of, np.searchsorted(node[right_of, 1], np.arange(m + 1)))
+
+
+def _in_the_game(node: Int32Array, own: FloatArray, n: int, m: int) -> BoolArray:
+    """(k,) bool: candidates that are not hopeless by themselves, the strongest of each segment."""
+    kept = own > LEAST_ODDS
+    some = np.flatnonzero(kept)
+    kept[some] = labelling_kernels.strongest(own[some], _lists(node[some], n, m), MOST_CANDIDATES)
+    return np.asarray(kept)
+
+
+def _labelling(
+    node: Int32Array,
+    value: FloatArray,
+    own: FloatArray,
+    near: Neighbours,
+    count: tuple[int, int],
+    spread: float,
+    radius: float,
+    rounds: int,
+    least_belief: float,
+) -> Labelling:
+    """Belief propagation, and the choice that follows from it."""
+    if len(node) == 0:
+        return Labelling(node, value, own, own, np.zeros(0, np.int32))
+    lists = _lists(node, *count)
+    support = labelling_kernels.supporters(node, value, lists.first, near, spread)
+    against = labelling_kernels.rival_lists(node, value, lists)
+    score, belief = labelling_kernels.propagate(
+        np.ascontiguousarray(node[:, 0]), own, near, support, against, radius, rounds
+    )
+    # Several disparities of one pair of segments are one answer to the question which segments belong together.
+    pair = np.concatenate([[0], np.cumsum((np.diff(node, axis=0) != 0).any(axis=1))])
+    order = np.flatnonzero(np.bincount(pair, belief)[pair] >= least_belief)
+    order = order[np.argsort(-score[order], kind='stable')]
+    return Labelling(node, value, score, belief, labelling_kernels.unique(node, value, order))

@@ -1,0 +1,282 @@
+"""Compiled belief propagation over candidate pairs of segments.
+
+Candidates stand in ``node`` (k, 2) and ``value`` (k, 8), as :func:`.candidate_kernels.candidates` returns them, ordered
+by left segment. Lists of candidates are a start (n + 1,) and the items from one start to the next.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
+
+from .candidate_kernels import SegmentTable
+from .settings import (
+    BESIDE,
+    DAMPING,
+    DISPARITY_GRADIENT,
+    DISPARITY_SPREAD,
+    INDEPENDENT_NEIGHBOURS,
+    LEAST_BESIDE,
+    LONG_NEIGHBOUR,
+    MOST_ODDS,
+    NEAR_NEIGHBOUR,
+    NEARER_LOG_ODDS,
+    NEIGHBOURS,
+    ONE_LINE,
+    ONE_LINE_SLOPE,
+    SAME_PART,
+    SAME_SURFACE,
+    SUPPORT_REACH,
+)
+
+
+class Neighbours(NamedTuple):
+    """The neighbours of n segments of one image, (n, NEIGHBOURS) each.
+
+    other : int32, segment, or -1; gap : pixels between the nearest of start, middle and end of the two; place : (n,
+    NEIGHBOURS, 2) int8, which of the three on either side; worth : of how many independent neighbours, 0..1
+    """
+
+    other: Int32Array
+    gap: FloatArray
+    place: Int8Array
+    worth: FloatArray
+
+
+class CandidateLists(NamedTuple):
+    """Where each left segment's candidates are, and each right segment's.
+
+    first : (n + 1,); right_of : (k,) candidates by right segment; right_first : (m + 1,) places in it
+    """
+
+    first: IntArray
+    right_of: IntArray
+    right_first: IntArray
+
+
+# Of each candidate the supporters: start, candidate, column of the neighbour, ratio of densities.
+Support: TypeAlias = tuple[IntArray, Int32Array, IntArray, FloatArray]
+# Of each candidate the rivals: start, candidate, odds.
+Rivals: TypeAlias = tuple[IntArray, Int32Array, FloatArray]
+
+
+@njit
+def neighbours(table: SegmentTable, radius: float) -> Neighbours:
+    """The NEIGHBOURS of each segment within ``radius`` pixels that weigh most: long ones that are near."""
+    n = len(table.start)
+    found = Neighbours(
+        np.full((n, NEIGHBOURS), -1, np.int32),
+        np.zeros((n, NEIGHBOURS)),
+        np.zeros((n, NEIGHBOURS, 2), np.int8),
+        np.zeros((n, NEIGHBOURS)),
+    )
+    points, length = np.empty((n, 3, 2)), np.empty(n)
+    for i in range(n):
+        points[i, 0], points[i, 2] = table.start[i], table.end[i]
+        points[i, 1] = 0.5 * (table.start[i] + table.end[i])
+        length[i] = np.hypot(table.end[i, 0] - table.start[i, 0], table.end[i, 1] - table.start[i, 1])
+    order = np.argsort(points[:, 1, 1])
+    rows = points[:, 1, 1][order]
+    longest = np.max(length)
+    for i in range(n):
+        most = radius + 0.5 * length[i] + 0.5 * longest
+        for rank in range(np.searchsorted(rows, points[i, 1, 1] - most), n):
+            if rows[rank] > points[i, 1, 1] + most:
+                break
+            k = order[rank]
+            between = radius + 0.5 * (length[i] + length[k])
+            if (
+                k == i
+                or abs(points[k, 1, 0] - points[i, 1, 0]) > between
+                or abs(rows[rank] - points[i, 1, 1]) > between
+            ):
+                continue
+            best, own, its = 1e30, 0, 0
+            for a in range(3):
+                for b in range(3):
+                    apart = (points[i, a, 0] - points[k, b, 0]) ** 2 + (points[i, a, 1] - points[k, b, 1]) ** 2
+                    if apart < best:
+                        best, own, its = apart, a, b
+            best = np.sqrt(best)
+            if best > radius:
+                continue
+            weight = min(length[k], LONG_NEIGHBOUR) / (best + NEAR_NEIGHBOUR)
+            slot = np.argmin(found.worth[i])
+            if weight > found.worth[i, slot]:
+                found.other[i, slot], found.gap[i, slot], found.worth[i, slot] = k, best, weight
+                found.place[i, slot, 0], found.place[i, slot, 1] = own, its
+        total = max(np.sum(found.worth[i]), 1e-12)
+        for m in range(NEIGHBOURS):
+            found.worth[i, m] = min(1.0, INDEPENDENT_NEIGHBOURS * found.worth[i, m] / total)
+    return found
+
+
+@njit
+def rivals(value: FloatArray, a: int, b: int) -> bool:
+    """Whether two candidates of one segment cannot both be true: they claim one part of it, or differ in depth."""
+    common = min(value[a, 4], value[b, 4]) - max(value[a, 3], value[b, 3])
+    shorter = min(value[a, 4] - value[a, 3], value[b, 4] - value[b, 3])
+    if common > SAME_PART * shorter or shorter < 1e-9:
+        return True
+    # One below the other: parts of one line, or edges that meet there and that one eye sees in line.
+    upper, lower = (a, b) if value[a, 3] < value[b, 3] else (b, a)
+    return bool(abs(value[upper, 7] - value[lower, 6]) > ONE_LINE + ONE_LINE_SLOPE * max(0.0, -common))
+
+
+@njit
+def _odds(nearer: float) -> float:
+    """Odds of a rival that is nearer by this disparity, pixels."""
+    told = NEARER_LOG_ODDS * np.exp(-abs(nearer) / BESIDE) if abs(nearer) > LEAST_BESIDE else 0.0
+    return float(np.exp(told if nearer > 0.0 else -told))
+
+
+@njit
+def supporters(node: Int32Array, value: FloatArray, first: IntArray, near: Neighbours, spread: float) -> Support:
+    """For each candidate those of its neighbours that may support it.
+
+    Returns start (k + 1,); who, column : candidate and column in ``near.other`` of each; ratio : how much likelier its
+    disparity is beside this candidate than at random in a range of ``spread`` pixels.
+    """
+    start = np.zeros(len(node) + 1, np.int64)
+    size = 16 * len(node) + 64
+    who, column, ratio = np.empty(size, np.int32), np.empty(size, np.int16), np.empty(size)
+    count = 0
+    for a in range(len(node)):
+        i = node[a, 0]
+        for m in range(NEIGHBOURS):
+            o = near.other[i, m]
+            if o < 0:
+                continue
+            disparity = value[a, near.place[i, m, 0]]
+            scale = DISPARITY_SPREAD + DISPARITY_GRADIENT * near.gap[i, m]
+            for b in range(first[o], first[o + 1]):
+                off = (disparity - value[b, near.place[i, m, 1]]) / scale
+                if abs(off) > SUPPORT_REACH:
+                    continue
+                # Two edges beside each other are not one segment of the other image.
+                if node[b, 1] == node[a, 1] and value[a, 4] - value[b, 3] > 1.0 and value[b, 4] - value[a, 3] > 1.0:
+                    continue
+                if count == len(who):
+                    who = np.concatenate((who, np.empty_like(who)))
+                    column = np.concatenate((column, np.empty_like(column)))
+                    ratio = np.concatenate((ratio, np.empty_like(ratio)))
+                who[count], column[count] = b, m
+                ratio[count] = spread / (np.pi * scale * (1.0 + off * off))
+                count += 1
+        start[a + 1] = count
+    return start, who[:count], column[:count], ratio[:count]
+
+
+@njit
+def rival_lists(node: Int32Array, value: FloatArray, lists: CandidateLists) -> Rivals:
+    """For each candidate those that cannot be true with it: start (k + 1,), who, and the odds of each."""
+    start = np.zeros(len(node) + 1, np.int64)
+    who, odds = np.empty(16 * len(node) + 64, np.int32), np.empty(16 * len(node) + 64)
+    first, right_of, right_first = lists.first, lists.right_of, lists.right_first
+    count = 0
+    for a in range(len(node)):
+        i, j = node[a]
+        if count + first[i + 1] - first[i] + right_first[j + 1] - right_first[j] > len(who):
+            who = np.concatenate((who, np.empty_like(who)))
+            odds = np.concatenate((odds, np.empty_like(odds)))
+        for b in range(first[i], first[i + 1]):
+            if b != a and rivals(value, a, b):
+                who[count], odds[count] = b, _odds(value[b, 1] - value[a, 1])
+                count += 1
+        for place in range(right_first[j], right_first[j + 1]):
+            b = right_of[place]
+            if node[b, 0] != i and rivals(value, a, b):
+                who[count], odds[count] = b, _odds(value[b, 1] - value[a, 1])
+                count += 1
+        start[a + 1] = count
+    return start, who[:count], odds[:count]
+
+
+@njit
+def propagate(
+    segment: Int32Array,
+    own: FloatArray,
+    near: Neighbours,
+    support: Support,
+    against: Rivals,
+    radius: float,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Log odds (k,) and belief (k,) of every candidate.
+
+    segment : (k,) left segment; own : (k,) log odds by itself; support, against : as from :func:`supporters` and
+    :func:`rival_lists`; radius : of support, pixels.
+    """
+    start, who, column, ratio = support
+    rival_start, rival, odds = against
+    belief, score, likelihood = np.zeros(len(own)), own.copy(), np.empty(len(own))
+    same = SAME_SURFACE * np.exp(-near.gap / radius)
+    # Neighbours that have no candidate near a disparity speak against it.
+    alone = (near.worth * np.log(1.0 - same)).sum(axis=1)
+    for turn in range(rounds + 1):
+        for a in range(len(own)):
+            likelihood[a] = np.exp(min(score[a], MOST_ODDS))
+        for a in range(len(own)):
+            total = 1.0 + likelihood[a]
+            for q in range(rival_start[a], rival_start[a + 1]):
+                total += odds[q] * likelihood[rival[q]]
+            new = likelihood[a] / total
+            belief[a] = new if turn == 0 else belief[a] + DAMPING * (new - belief[a])
+        if turn == rounds:
+            break
+        for a in range(len(own)):
+            i = segment[a]
+            told, part = alone[i], 0.0
+            for q in range(start[a], start[a + 1]):
+                part += ratio[q] * belief[who[q]]
+                m = column[q]
+                if q + 1 == start[a + 1] or column[q + 1] != m:
+                    told += near.worth[i, m] * np.log(1.0 + same[i, m] / (1.0 - same[i, m]) * part)
+                    part = 0.0
+            score[a] = own[a] + told
+    return score, belief
+
+
+@njit
+def strongest(own: FloatArray, lists: CandidateLists, most: int) -> BoolArray:
+    """(k,) bool: candidates that are among the ``most`` strongest of their left or of their right segment."""
+    kept = np.zeros(len(own), np.bool_)
+    every = np.arange(len(own))
+    for side in range(2):
+        start = lists.first if side == 0 else lists.right_first
+        item = every if side == 0 else lists.right_of
+        for i in range(len(start) - 1):
+            group = item[start[i] : start[i + 1]]
+            if len(group) > most:
+                group = group[np.argsort(own[group])[-most:]]
+            for a in group:
+                kept[a] = True
+    return kept
+
+
+@njit
+def unique(node: Int32Array, value: FloatArray, order: IntArray) -> IntArray:
+    """Candidates in the given order, without those that an earlier one excludes: (m,) int64."""
+    chosen = np.empty(len(order), np.int64)
+    count = 0
+    # Chains of the chosen, by left and by right segment.
+    last = np.full((2, np.max(node) + 1), -1, np.int64)
+    before = np.full((2, len(order)), -1, np.int64)
+    for a in order:
+        free = True
+        for side in range(2):
+            k = last[side, node[a, side]]
+            while k >= 0 and free:
+                free = not rivals(value, a, chosen[k])
+                k = before[side, k]
+        if free:
+            chosen[count] = a
+            for side in range(2):
+                before[side, count] = last[side, node[a, side]]
+                last[side, node[a, side]] = count
+            count += 1
+    return chosen[:count].copy()

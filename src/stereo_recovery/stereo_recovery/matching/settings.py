@@ -1,0 +1,97 @@
+"""Numbers of the labelling: probabilities, spreads of densities, and search radii.
+
+[R] says that a value was set by trial on rendered scenes (bench_lines.py --seeds 100..119) and on the pairs of
+test/benchmarks/bench_photoreal.py and bench_real.py that are not held out; [D] that it follows from what is said.
+"""
+
+from __future__ import annotations
+
+# -- geometry of a candidate -------------------------------------------------------------------------------------------
+
+# Sine of a segment's slope below which rows say little about its disparity, and ends give it instead. [R]
+LEVEL = 0.1
+# px: by how much rows of one point may differ in the two images, where a level segment's ends are compared, and width
+# of the Cauchy density of that difference. [R]
+SAME_ROW, ROW_SCALE = 2.5, 0.4
+# Rows that two steep segments have in common: at least so many, or half of the shorter one's, and this share of it. [R]
+LEAST_COMMON_ROWS, LEAST_COMMON_SHARE = 2.0, 0.2
+# Largest disparity gradient along an edge; at 2 its direction would be reversed in one image. [D] Pollard, Mayhew and
+# Frisby's limit for surfaces both eyes see is 1; edges seen almost end on exceed it.
+STEEPEST = 1.9
+# Width of the Cauchy density of the disparity gradient along true edges; along pairs at random it is even on -2..2. [R]
+SLANT_SCALE = 0.2
+# Probability that an end of a true pair is at one height in both images, to END_HEIGHT px. [R]
+END_AGREEMENT, END_HEIGHT = 0.6, 3.0
+# Probability that an end of another edge of the same object is at that height too. [R]
+LIKE_ENDS = 0.25
+# Log likelihood ratio of a level pair whose ends both are in the same rows, and of one end alone. [R]
+LEVEL_BOTH, LEVEL_ONE = 0.5, -1.0
+# Odds that the contrast of an edge changes its sign between the images. [R]
+REVERSED_ODDS = 0.05
+# px from the border of the image within which a segment ends because the picture does. [R]
+BORDER = 5.0
+
+# -- grey levels beside an edge ----------------------------------------------------------------------------------------
+
+# px: smoothing of the images that grey levels are looked up in, one pixel each.
+PROFILE_SIGMA = 0.8
+# Samples along a segment, and their distances from it, px.
+PROFILE_SAMPLES, PROFILE_OFFSETS = 8, (2.0, 3.5, 5.0)
+# Shares of edges beside which both sides, one side, and no side show the same surface to both eyes. [R] One: outlines
+# before a background; none: outlines of narrow or mirror-like faces.
+BOTH_SIDES, ONE_SIDE, NO_SIDE = 0.55, 0.38, 0.07
+# Grey levels: width of the Cauchy density of the difference of one surface's two pictures; at first, and the range that
+# the pair itself may set, from the quantisation to what exposure control leaves. [R]
+FIRST_SCALE, LEAST_SCALE, MOST_SCALE = 8.0, 2.0, 16.0
+# Grey levels: smoothing of the histogram of what lies beside edges, and matches from which the exposures are compared.
+HISTOGRAM_SIGMA, FEW_MATCHES = 4.0, 6
+# Standard deviation of the gain between the two cameras, and of the shift, grey levels, that one match outweighs. [R]
+GAIN_SIGMA, SHIFT_SIGMA = 0.2, 7.0
+
+# -- dense disparity ---------------------------------------------------------------------------------------------------
+
+# Pixels of the reduced image in which it is looked for. [R] bounds the time
+DENSE_PIXELS = 120_000
+# Samples along a segment, and their distances from it on either side, reduced px.
+DENSE_SAMPLES, DENSE_OFFSETS = 6, (1.5, 3.0)
+# Reduced px to which it agrees with a candidate; probability that it does, with a true one and with a wrong one. [R]
+DENSE_TOLERANCE, DENSE_TRUE, DENSE_WRONG = 1.5, 0.85, 0.06
+# Slope of grey levels along the rows, in sigma of its noise, above which there is texture in the window. [R]
+TEXTURE_NOISE = 3.0
+
+# -- neighbours --------------------------------------------------------------------------------------------------------
+
+# How many neighbours of a segment are heard, and how many independent ones they are worth: what one surface's edges say
+# of each other is said many times. [R]
+NEIGHBOURS, INDEPENDENT_NEIGHBOURS = 20, 4.0
+# px: neighbours weigh by their length, up to the first, over their distance, plus the second. [R]
+LONG_NEIGHBOUR, NEAR_NEIGHBOUR = 60.0, 8.0
+# Probability that adjacent segments lie on one surface; it falls with distance over the support radius. [R]
+SAME_SURFACE = 0.8
+# Width of the Cauchy density of the difference of disparity on one surface: px, and per px of distance. [R]
+DISPARITY_SPREAD, DISPARITY_GRADIENT = 0.7, 0.12
+# Widths beyond which a neighbour's candidate is not asked. [R]
+SUPPORT_REACH = 5.0
+# Disparities at random are even on this share of the image's width. [R]
+RANDOM_SHARE = 0.25
+
+# -- labelling ---------------------------------------------------------------------------------------------------------
+
+# Odds that a segment has a partner at all, over the number of pairs that chance offers it. [R]
+PARTNER_ODDS = 4.0
+# Candidates of a segment that stay in the game, and the least log odds that one has by itself. [R] bounds the time
+MOST_CANDIDATES, LEAST_ODDS = 8, -6.0
+# Rounds of belief propagation, in the first pass and in the second; share of a new belief that is taken. [R]
+FIRST_ROUNDS, ROUNDS, DAMPING = 3, 8, 0.7
+# Log odds beyond which nothing is more certain. [D] keeps the exponential finite
+MOST_ODDS = 40.0
+# Two partners of one segment are parts of one edge when their disparities agree to this, px, and per px between them;
+# pairs that have this share of the shorter one's rows in common claim the same part. [R]
+ONE_LINE, ONE_LINE_SLOPE, SAME_PART = 2.0, 0.05, 0.3
+# An eye that sees past an object's side sees one edge more there, outside the one that both see: of two candidates the
+# nearer is the true one. Log odds of that, when they are side by side; px over which it falls off; and px below which
+# two candidates are one. [R]
+NEARER_LOG_ODDS, BESIDE, LEAST_BESIDE = 3.5, 60.0, 1.0
+# Share of matched ends left out at either end of the range of disparities, and the room beyond it: px, and as a share
+# of the range. [R]
+OUTLYING, ROOM, ROOM_SHARE = 0.02, 8.0, 0.25

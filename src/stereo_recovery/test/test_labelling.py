@@ -1,0 +1,239 @@
+"""Which segments show one edge: closed forms of the candidates, the beliefs and the choice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stereo_recovery.detection.segments import Segments
+from stereo_recovery.matching import candidate_kernels, labelling_kernels
+from stereo_recovery.matching.candidate_kernels import Photometry, SegmentTable
+from stereo_recovery.matching.dense import DenseDisparity
+from stereo_recovery.matching.labelling import grey_density, learnt_exposure, match
+
+WINDOW, RADIUS, BELIEF = (1.0, 200.0), 100.0, 0.5
+
+
+def table(*ends):
+    ends = np.array(ends, float)
+    run = ends[:, 1] - ends[:, 0]
+    return SegmentTable(ends[:, 0].copy(), ends[:, 1].copy(), run / np.hypot(*run.T)[:, None])
+
+
+def segments(*ends):
+    t = table(*ends)
+    n = len(t.start)
+    length, zeros = np.hypot(*(t.end - t.start).T), np.zeros(n)
+    return Segments(
+        np.zeros((n, 2), int),
+        np.arange(n),
+        t.start,
+        t.direction,
+        np.column_stack([zeros, length]),
+        zeros,
+        zeros,
+        zeros + 50.0,
+        np.full((n, 2), 1e-3),
+        zeros + 20.0,
+        np.full(n, -1, np.int32),
+    )
+
+
+def plain(shape=(120, 240), level=80.0):
+    return np.full(shape, level, np.float32)
+
+
+def photometry(left, image, density=None, scale=4.0):
+    return Photometry(candidate_kernels.profiles(image, left), image, np.full(256, 1 / 256), scale)
+
+
+def candidates(left, right, image=None):
+    image = plain() if image is None else image
+    return candidate_kernels.candidates(left, right, photometry(left, image), -1000.0, 1000.0)
+
+
+def bars(columns, levels, shape=(100, 240), rows=(20, 80)):
+    """A picture whose grey level changes at these columns, and the segments there."""
+    image = np.full(shape, 20.0, np.float32)
+    for u, level in zip(columns, levels):
+        image[rows[0] : rows[1] + 1, int(u) :] = level
+    return image, segments(*[((u, float(rows[1])), (u, float(rows[0]))) for u in columns])
+
+
+@pytest.mark.parametrize(('slope', 'found'), [(0.0, True), (1.4, True), (4.0, True), (8.0, False)])
+def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
+    """Upright in the left image; in the right one it leans by this slope: disparity gradients 0, 1.1, 1.8 and 1.94."""
+    left = table(((100.0, 10.0), (100.0, 50.0)))
+    right = table(((40.0, 10.0), (40.0 + 40.0 * slope, 50.0)))
+    node, _, _ = candidates(left, right)
+    assert bool(len(node)) == found
+
+
+def test_disparity_is_told_at_start_middle_end_and_where_the_common_rows_begin_and_end():
+    left = table(((100.0, 10.0), (120.0, 50.0)))
+    right = table(((60.0, 10.0), (60.0, 30.0)))
+    _, value, chances = candidates(left, right)
+    # In row y the left line is at 100 + (y - 10) / 2.
+    assert value[0, :3] == pytest.approx([40.0, 50.0, 60.0])
+    assert value[0, 3:5] == pytest.approx([10.0, 30.0])
+    assert value[0, 6:] == pytest.approx([40.0, 50.0])
+    assert chances[0] == pytest.approx(21.0 / 41.0)
+
+
+def test_a_level_pair_has_the_disparities_of_both_ends_and_of_either():
+    left = table(((100.0, 40.0), (160.0, 40.0)))
+    right = table(((70.0, 40.0), (140.0, 40.0)))
+    _, value, _ = candidates(left, right)
+    assert value[:, [0, 2]].tolist() == [[30.0, 20.0], [30.0, 30.0], [20.0, 20.0]]
+    assert value[0, 5] > value[1, 5]
+
+
+def test_ends_at_one_height_speak_for_a_pair_and_those_of_the_picture_say_nothing():
+    left = table(((100.0, 30.0), (100.0, 90.0)))
+    image = plain()
+    whole = candidates(left, table(((60.0, 30.0), (60.0, 90.0))), image)[1][0, 5]
+    part = candidates(left, table(((60.0, 50.0), (60.0, 70.0))), image)[1][0, 5]
+    cut = candidates(left, table(((60.0, 2.0), (60.0, 117.0))), image)[1][0, 5]
+    assert whole > cut > part
+
+
+def test_one_side_that_stays_is_enough_and_a_rare_grey_level_says_more():
+    """The surface at the right of the edge is the same to both eyes; what is behind differs."""
+    left = table(((100.0, 90.0), (100.0, 30.0)))
+    right = table(((60.0, 90.0), (60.0, 30.0)))
+    ratios = []
+    for density in (np.full(256, 1 / 256), np.where(np.arange(256) == 150, 0.5, 0.5 / 255)):
+        seen, image = plain(level=30.0), plain(level=100.0)
+        seen[:, 101:], image[:, 61:] = 150.0, 150.0
+        told = Photometry(candidate_kernels.profiles(seen, left), image, density, 4.0)
+        other = Photometry(candidate_kernels.profiles(seen, left), plain(level=100.0), density, 4.0)
+        same, wrong = (candidate_kernels.candidates(left, right, p, 0.0, 200.0)[1][0, 5] for p in (told, other))
+        ratios.append(same - wrong)
+    assert ratios[0] > 1.0
+    assert ratios[0] > ratios[1]
+
+
+@pytest.mark.parametrize(
+    ('second', 'both'),
+    [
+        (((100.0, 60.0), (100.0, 90.0)), True),  # one line, broken
+        (((112.0, 60.0), (112.0, 90.0)), False),  # another line
+        (((100.0, 50.0), (112.0, 90.0)), True),  # two edges that meet, and that the other eye sees in line
+        (((100.0, 30.0), (100.0, 90.0)), False),  # the same part of it
+    ],
+)
+def test_two_segments_match_one_only_if_they_can_be_one_edge(second, both):
+    left = table(((100.0, 10.0), (100.0, 50.0)), second)
+    right = table(((40.0, 10.0), (40.0, 90.0)))
+    node, value, _ = candidates(left, right)
+    chosen = labelling_kernels.unique(node, value, np.arange(len(node)))
+    assert list(chosen) == ([0, 1] if both else [0])
+
+
+def lists(node):
+    right_of = np.argsort(node[:, 1], kind='stable')
+    return labelling_kernels.CandidateLists(
+        np.searchsorted(node[:, 0], np.arange(node[:, 0].max() + 2)),
+        right_of,
+        np.searchsorted(node[right_of, 1], np.arange(node[:, 1].max() + 2)),
+    )
+
+
+def beliefs(left, node, value, own):
+    near, its = labelling_kernels.neighbours(left, RADIUS), lists(node)
+    support = labelling_kernels.supporters(node, value, its.first, near, 60.0)
+    against = labelling_kernels.rival_lists(node, value, its)
+    return labelling_kernels.propagate(np.ascontiguousarray(node[:, 0]), own, near, support, against, RADIUS, 8)[1]
+
+
+@given(st.lists(st.floats(-20.0, 60.0), min_size=2, max_size=6))
+def test_beliefs_of_rivals_and_of_none_are_probabilities(odds):
+    """One left segment, candidates of one part of it, far from each other: what they leave is the belief in none."""
+    n = len(odds)
+    node = np.array([[0, j] for j in range(n)], np.int32)
+    disparity = 30.0 + 1e4 * np.arange(n)
+    value = np.column_stack([disparity] * 3 + [np.full(n, 10.0), np.full(n, 50.0), np.zeros(n), disparity, disparity])
+    own = np.array(odds)
+    belief = beliefs(table(((100.0, 10.0), (100.0, 50.0))), node, value, own)
+    weight = np.exp(np.minimum(own, 40.0))
+    assert belief == pytest.approx(weight / (1.0 + weight.sum()), abs=1e-6)
+
+
+def test_the_nearer_of_two_edges_side_by_side_is_believed():
+    """One left edge, two right ones a few pixels apart: an eye sees past the object's side."""
+    node = np.array([[0, 0], [0, 1]], np.int32)
+    value = np.array([[d, d, d, 10.0, 50.0, 0.0, d, d] for d in (30.0, 33.0)])
+    belief = beliefs(table(((100.0, 10.0), (100.0, 50.0))), node, value, np.array([5.5, 5.0]))
+    assert belief[1] > 0.5 > belief[0]
+
+
+def test_a_neighbour_of_like_disparity_decides_between_two_candidates():
+    left = table(((100.0, 10.0), (100.0, 50.0)), ((120.0, 10.0), (120.0, 50.0)))
+    node = np.array([[0, 0], [0, 1], [1, 2]], np.int32)
+    d = np.array([70.0, 30.0, 71.0])
+    value = np.column_stack([d] * 3 + [np.full(3, 10.0), np.full(3, 50.0), np.zeros(3), d, d])
+    belief = beliefs(left, node, value, np.array([2.0, 2.0, 6.0]))
+    assert belief[0] > 0.8
+    assert belief[1] < 0.1
+
+
+def test_the_end_of_a_row_of_like_bars_tells_their_period():
+    """Twelve like bars, the last beside a brighter area: each has eleven look-alikes, and all must shift together."""
+    columns = 40.0 + 12.0 * np.arange(13)
+    levels = [60.0 if k % 2 else 140.0 for k in range(12)] + [220.0]
+    left, right = (bars(columns - shift, levels) for shift in (0.0, 17.0))
+    found = match((left[0], right[0]), (left[1], right[1]), (1.0, 100.0), RADIUS, BELIEF)
+    assert len(found) >= 12
+    assert np.allclose(found.disparity, 17.0)
+
+
+def test_what_is_left_over_in_both_images_is_no_match_far_from_all_others():
+    """A face with two edges that only one eye sees each: they are not one edge behind the face."""
+    left = bars([100.0, 104.0, 130.0, 160.0, 190.0], [90.0, 120.0, 150.0, 180.0, 210.0])
+    right = bars([60.0, 86.0, 90.0, 120.0, 150.0], [120.0, 135.0, 150.0, 180.0, 210.0])
+    found = match((left[0], right[0]), (left[1], right[1]), WINDOW, RADIUS, BELIEF)
+    assert not (found.disparity[:, 1] < 30.0).any()
+
+
+def test_cameras_that_expose_differently_are_matched_and_their_exposures_learnt():
+    columns, levels = 30.0 + 22.0 * np.arange(8), [90.0, 40.0, 120.0, 70.0, 160.0, 60.0, 110.0, 30.0]
+    left = bars(columns, levels)
+    image, right = bars(columns - 25.0, levels)
+    other = 0.8 * image + 25.0
+    found = match((left[0], other), (left[1], right), (1.0, 100.0), RADIUS, BELIEF)
+    assert len(found) == 8
+    assert np.allclose(found.disparity, 25.0)
+    profiles = [
+        candidate_kernels.profiles(g, table(*np.stack([s.start, s.end], axis=1))) for g, s in (left, (other, right))
+    ]
+    learnt = learnt_exposure(profiles, np.column_stack([found.left, found.right]))
+    assert learnt.gain == pytest.approx(0.8, abs=0.05)
+    assert learnt.gain * 90.0 + learnt.shift == pytest.approx(97.0, abs=3.0)
+
+
+def test_nothing_in_one_image_matches_nothing():
+    image, some = bars([50.0], [90.0])
+    none = some.select(np.zeros(1, bool))
+    assert len(match((image, image), (some, none), WINDOW, RADIUS, BELIEF)) == 0
+    assert len(match((image, image), (none, some), WINDOW, RADIUS, BELIEF)) == 0
+
+
+def test_dense_disparity_speaks_for_the_true_candidate_in_texture_and_not_at_all_on_plain_faces():
+    texture = np.random.default_rng(3).uniform(0.0, 255.0, (160, 260)).astype(np.float32)
+    texture = np.repeat(np.repeat(texture[::2, ::2], 2, axis=0), 2, axis=1)
+    left = segments(((130.0, 120.0), (130.0, 40.0)))
+    node = np.array([[0, 0], [0, 1]], np.int32)
+    value = np.array([[d, d, d, 40.0, 120.0, 0.0, d, d] for d in (20.0, 45.0)])
+    textured = DenseDisparity(texture, np.roll(texture, -20, axis=1), 1.0, 60.0)
+    true, wrong = textured.log_ratio(node, value, left)
+    assert true > 1.5
+    assert wrong < -1.5
+    even = plain((160, 260))
+    assert DenseDisparity(even, even, 1.0, 60.0).log_ratio(node, value, left) == pytest.approx(0.0)
+
+
+def test_grey_levels_that_never_occur_are_possible():
+    density = grey_density(np.full((4, 8), 250.0, np.float32))
+    assert density.min() > 0.0

@@ -1,0 +1,42 @@
+"""Recovery with the labelling of matching/labelling.py in place of the relaxation, for a comparison side by side:
+
+python test/benchmarks/bench_photoreal.py --recover by_labelling:recover
+python test/benchmarks/bench_lines.py --kinds any flat aliased --seeds 100..119 --labelling
+
+It bears more texture, so that more edgels are let through as well.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest import mock
+
+from stereo_recovery import Recovery, pipeline
+from stereo_recovery import recover as todays_recover
+from stereo_recovery.detection import view
+from stereo_recovery.matching import labelling
+from stereo_recovery.matching.matches import Matches
+
+# Edgels per px^2 above which only the strongest are kept; 0.03 today.
+EDGEL_DENSITY = 0.08
+
+
+def _matched(greys: Any, segments: Any, rig: Any, params: Any) -> Matches:
+    window = pipeline._disparity_range(rig, params)
+    return labelling.match(greys, segments, window, params.support_radius, params.min_belief)
+
+
+@contextmanager
+def in_place() -> Any:
+    """Within it every recovery is by labelling."""
+    with ExitStack() as stack:
+        stack.enter_context(mock.patch.object(pipeline, '_matched', _matched))
+        stack.enter_context(mock.patch.object(view, 'MOST_EDGEL_DENSITY', EDGEL_DENSITY))
+        yield
+
+
+def recover(left: Any, right: Any, rig: Any, params: Any = None) -> Recovery:
+    """As stereo_recovery.recover."""
+    with in_place():
+        return todays_recover(left, right, rig, params)
