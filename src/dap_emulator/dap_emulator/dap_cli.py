@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from msgs_py.numeric.typed import AnyArray
@@ -48,9 +49,6 @@ def value_of(text: str) -> Any:
                 raise ValueError(f'{file}: holds {", ".join(archive)}; name one as {file}:NAME')
             return archive[key]
     if Path(text).suffix.lower() in IMAGE_SUFFIXES:
-        # OpenCV takes about 0.1 s to import, and only arguments that are image files need it.
-        import cv2
-
         image = cv2.imread(text, cv2.IMREAD_GRAYSCALE)
         if image is None:
             raise ValueError(f'{text}: not an image that can be read')

@@ -8,12 +8,13 @@ A :class:`Pose` named ``camera_T_model`` takes points of the model frame to the 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import as_finite
+from .numeric.spatial import rotations
 from .numeric.typed import FloatArray
 from .settings import ORTHONORMAL_TOLERANCE, SHORTEST_QUATERNION
 
@@ -140,7 +141,7 @@ class Pose:
         norm = np.linalg.norm(q)
         if norm < SHORTEST_QUATERNION:
             raise ValueError('quaternion: norm is zero; an unset message field?')
-        return cls(_rotations().from_quat(q / norm).as_matrix(), np.asarray(translation, float))
+        return cls(rotations().from_quat(q / norm).as_matrix(), np.asarray(translation, float))
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
@@ -154,7 +155,7 @@ class Pose:
             Metres, target frame.
         """
         vector = as_finite('rotation_vector', rotation_vector, (3,))
-        return cls(_rotations().from_rotvec(vector).as_matrix(), np.asarray(translation, float))
+        return cls(rotations().from_rotvec(vector).as_matrix(), np.asarray(translation, float))
 
     @property
     def matrix(self) -> FloatArray:
@@ -167,13 +168,13 @@ class Pose:
     @property
     def quaternion(self) -> FloatArray:
         """The unit quaternion, (4,) float64, in the order of ROS (x, y, z, w), w >= 0."""
-        q: FloatArray = _rotations().from_matrix(self.rotation).as_quat()
+        q: FloatArray = rotations().from_matrix(self.rotation).as_quat()
         return -q if q[3] < 0 else q
 
     @property
     def rotation_vector(self) -> FloatArray:
         """Axis times angle, (3,) float64, radians."""
-        vector: FloatArray = _rotations().from_matrix(self.rotation).as_rotvec()
+        vector: FloatArray = rotations().from_matrix(self.rotation).as_rotvec()
         return vector
 
     def apply(self, points: ArrayLike) -> FloatArray:
@@ -251,16 +252,6 @@ class Pose:
             f'Pose(rotation_vector_deg=[{rv[0]:.4g}, {rv[1]:.4g}, {rv[2]:.4g}], '
             f'translation=[{t[0]:.6g}, {t[1]:.6g}, {t[2]:.6g}]{scale})'
         )
-
-
-def _rotations() -> Any:
-    """Rotations of scipy, imported when they are needed.
-
-    Who only renders or finds edges does without, and importing them is a fifth of a node's start.
-    """
-    from scipy.spatial.transform import Rotation
-
-    return Rotation
 
 
 def _departure(rotation: FloatArray) -> tuple[float, float]:

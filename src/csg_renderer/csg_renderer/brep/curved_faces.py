@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.spatial import rotations
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from .axes import connected
@@ -120,11 +121,8 @@ class _Chart:
 @lru_cache
 def _turns() -> np.ndarray:
     """(24, 4, 4): orientations of a sphere's poles, at which the angle is undefined."""
-    # scipy takes a fifth of a node's start to import, and rendering does not need it.
-    from scipy.spatial.transform import Rotation
-
     turns = np.tile(np.eye(4), (POLE_TRIALS, 1, 1))
-    turns[:, :3, :3] = Rotation.from_rotvec(2.0 * np.random.default_rng(1).normal(size=(POLE_TRIALS, 3))).as_matrix()
+    turns[:, :3, :3] = rotations().from_rotvec(2.0 * np.random.default_rng(1).normal(size=(POLE_TRIALS, 3))).as_matrix()
     return turns
 
 

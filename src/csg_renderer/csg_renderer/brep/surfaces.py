@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
+from msgs_py.numeric.spatial import nearest_neighbours
 from msgs_py.numeric.typed import FloatArray
 
 from ..scene.solid import Operation, Primitive, Solid
@@ -255,10 +256,7 @@ def cluster(rows: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]
     """
     if not len(rows):
         return np.zeros(0, int), np.zeros(0, int)
-    # scipy takes a fifth of a node's start to import, and rendering does not need it.
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
+    pairs = nearest_neighbours(rows).query_pairs(tolerance * np.sqrt(rows.shape[1]), output_type='ndarray')
     labels = linked_groups(len(rows), pairs)
     return labels, np.unique(labels, return_index=True)[1]
 

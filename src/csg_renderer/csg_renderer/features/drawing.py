@@ -175,10 +175,10 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
     if Path(path).suffix.lower() not in ('.png', '.svg', '.pdf'):
         raise ValueError(f'{path}: expected .png, .svg or .pdf')
     # matplotlib takes half a second to import, and only drawing needs it.
-    from matplotlib.collections import LineCollection
-    from matplotlib.figure import Figure
+    from matplotlib import collections
+    from matplotlib import figure as figures
 
-    figure = Figure(figsize=(drawing.width / 100.0, drawing.height / 100.0), dpi=100)
+    figure = figures.Figure(figsize=(drawing.width / 100.0, drawing.height / 100.0), dpi=100)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     styles: tuple[tuple[list[np.ndarray], dict[str, Any]], ...] = (
         (drawing.hidden, {'color': '0.6', 'linewidth': 0.8, 'linestyle': (0, (4, 3))}),
@@ -187,7 +187,7 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
         (drawing.seen, {'color': 'black', 'linewidth': 1.6, 'capstyle': 'round'}),
     )
     for lines, style in styles:
-        axes.add_collection(LineCollection(lines, **style))
+        axes.add_collection(collections.LineCollection(lines, **style))
     axes.set_xlim(0, drawing.width)
     axes.set_ylim(drawing.height, 0)
     axes.set_aspect('equal')

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from msgs_py.numeric.spatial import nearest_neighbours
 from msgs_py.numeric.typed import FloatArray
 
 from ..brep.surfaces import SurfaceTable, compile_surfaces
@@ -114,9 +115,7 @@ def _importance(left: dict[int, Face]) -> np.ndarray:
     """(n, n) float64: how much it matters that two faces differ."""
     out = np.full((len(left), len(left)), OTHERS)
     faces = list(left.values())
-    from scipy.spatial import cKDTree  # not needed to render, and a fifth of a node's start
-
-    trees = [cKDTree(face.samples) for face in faces]
+    trees = [nearest_neighbours(face.samples) for face in faces]
     for i, one in enumerate(faces):
         for j, other in enumerate(faces[:i]):
             near = trees[i].query(other.samples, distance_upper_bound=one.spacing + other.spacing)[0]
