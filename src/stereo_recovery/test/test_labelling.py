@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.detection.segments import Segments
@@ -149,6 +149,7 @@ def beliefs(left, node, value, own):
 
 
 @given(st.lists(st.floats(-20.0, 60.0), min_size=2, max_size=6))
+@settings(deadline=None)  # the first example may compile
 def test_beliefs_of_rivals_and_of_none_are_probabilities(odds):
     """One left segment, candidates of one part of it, far from each other: what they leave is the belief in none."""
     n = len(odds)
