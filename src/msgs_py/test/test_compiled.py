@@ -247,3 +247,75 @@ def test_functions_that_call_themselves_and_each_other(tmp_path, cache, availabl
             print(error)
         """)
     assert answer(start(tmp_path, cache, code=code)) == '240 24\nnegative'
+
+
+LENT = """\
+    import sys
+    from typing import NamedTuple
+    import numpy as np
+    from numba.typed import List
+    from msgs_py.numeric.compiled import njit
+    class Two(NamedTuple):
+        a: np.ndarray
+        b: np.ndarray
+    @njit
+    def tail(two, k):
+        return two.a[k:]
+    @njit
+    def product(two):
+        return (two.a * two.b).sum()
+    @njit
+    def both(two):
+        x = tail(two, 1)
+        return product(Two(x, x)), x
+    @njit
+    def keep(x, others):
+        others.append(x[1:])
+    @njit
+    def each(x):
+        for i in range(len(x)):
+            yield x[i]
+    @njit
+    def total(x):
+        s = 0.0
+        for value in each(x.copy()[1:]):
+            s += value
+        return s
+    @njit
+    def largest(two, start=None):
+        best = two.a
+        for i in range(4):
+            other = two.b * i
+            if other.sum() > best.sum():
+                best = other
+        return best.sum()
+    def many():
+        return np.arange(100000.0)  # memory of its own, that is given back when it is freed
+    def other_use():
+        return [many() + 7 for _ in range(10)]
+    for _ in range(3):
+        x = tail(Two(many(), many()), 5)
+        y = both(Two(many(), many()))[1]
+        others = List([many()])
+        keep(many(), others)
+        other_use()
+        s = many().sum()
+        print(x[0], x[-1] - 99999, y[0], others[1][0], total(many()) - s, largest(Two(many(), many())) / s)
+    x = many()
+    before = sys.getrefcount(x)
+    for _ in range(100):
+        product(Two(x, x)), largest(Two(x, x)), total(x), both(Two(x, x)), keep(x, List([x]))
+    print(sys.getrefcount(x) - before)
+    if one_unit.AVAILABLE:
+        code = ''.join(largest.inspect_llvm().values())
+        print('NRT_incref(ptr %arg' in code or 'NRT_incref(i8* %arg' in code)
+    else:
+        print(False)
+"""
+
+
+@pytest.mark.parametrize('available', [True, False])
+def test_arrays_live_as_long_as_what_was_returned_or_kept_of_them(tmp_path, cache, available):
+    """References of a function's arguments are counted where something may outlive the call."""
+    code = f'import msgs_py.numeric.one_unit as one_unit\none_unit.AVAILABLE = {available}\n{textwrap.dedent(LENT)}'
+    assert answer(start(tmp_path, cache, code=code)).splitlines() == ['5.0 0.0 1.0 1.0 0.0 3.0'] * 3 + ['0', 'False']

@@ -34,7 +34,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
 from .one_unit import AVAILABLE, UnitDispatcher, is_linked
-from .settings import CACHE_BYTES, NAME_CHARACTERS, SIZE_CHECKED_EVERY_S, USE_NOTED_AFTER_S
+from .settings import CACHE_BYTES, NAME_CHARACTERS, SIZE_CHECKED_EVERY_S, UNIT_FORM, USE_NOTED_AFTER_S
 
 # Moves the cache; numba's own NUMBA_CACHE_DIR is taken where this one is not set.
 FOLDER_VARIABLE = 'MSGS_PY_CACHE_DIR'
@@ -114,6 +114,7 @@ class ContentCache(_Cache):
         for part in (
             sys.version_info[:2],
             numba.__version__,
+            AVAILABLE and UNIT_FORM,
             codegen.magic_tuple(),
             sorted(self._options.items()),
             self._function.__module__,

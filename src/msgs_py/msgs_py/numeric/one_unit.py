@@ -6,6 +6,11 @@ called by compiled functions stays intermediate code, and only what Python calls
 with everything it reaches in one unit, as compilers of other languages do. That takes a third less time to compile.
 The arithmetic is the same: nothing here allows an operation that numba would not do.
 
+Neither are references counted of arrays that a function is given. They belong to its caller until it returns, yet numba
+counts one up and down, each time an atomic operation, whenever a record of arrays gets another name, which is also what
+passing it on is; that took a third of the time of a search whose loops hand on records. It can be left out where no
+array is returned and no list or other container is given that may keep one.
+
 For that some methods of numba are replaced, while one of our functions compiles and numba's lock is held, so that code
 of others is compiled as ever. With a version of numba that lacks one of them, :data:`AVAILABLE` is false and numba
 compiles in its own way.
@@ -17,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from numba.core import base, codegen, compiler, dispatcher, sigutils
+from numba.core import base, cgutils, codegen, compiler, dispatcher, lowering, sigutils, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import overload
 from numba.np import arrayobj
@@ -32,6 +37,7 @@ _METHODS = (
     (_FunctionCompiler, '_customize_flags'),
     (dispatcher.Dispatcher, 'add_overload'),
     (dispatcher.Dispatcher, 'get_call_template'),
+    (lowering.BaseLower, 'extract_function_arguments'),
 )
 AVAILABLE = all(hasattr(kind, name) for kind, name in _METHODS) and hasattr(compiler.Flags(), 'no_compile')
 
@@ -213,6 +219,45 @@ def _refuse_shapes_compiled(source: Any, target: Any) -> Callable[[Any, Any], No
     return implementation
 
 
+_extract_function_arguments: Any = lowering.BaseLower.extract_function_arguments
+# What a function may return or be given, besides arrays and tuples, when references of arrays are not counted.
+_NUMBERS = (types.Number, types.Boolean, types.NoneType, types.Omitted)
+
+
+def _arguments(self: Any) -> Any:
+    """A function's arguments; arrays among them have no count of references where none can outlive the call."""
+    values = _extract_function_arguments(self)
+    kinds = self.fndesc.argtypes
+    if _only_of(self.fndesc.restype, _NUMBERS) and all(_only_of(kind, (*_NUMBERS, types.Array)) for kind in kinds):
+        self.fnargs = [_uncounted(self, kind, value) for kind, value in zip(kinds, values)]
+    return self.fnargs
+
+
+def _only_of(kind: Any, allowed: tuple[Any, ...]) -> bool:
+    """Whether a type, or all that a tuple consists of, is one of some."""
+    if isinstance(kind, types.BaseTuple):
+        return all(_only_of(part, allowed) for part in _parts(kind))
+    return isinstance(kind, allowed)
+
+
+def _parts(kind: Any) -> tuple[Any, ...]:
+    """Types that a tuple consists of."""
+    return tuple(kind)
+
+
+def _uncounted(self: Any, kind: Any, value: Any) -> Any:
+    """An array, or a tuple with arrays, without the counter, which numba has only for memory that is its own."""
+    if isinstance(kind, types.BaseTuple):
+        for position, part in enumerate(_parts(kind)):
+            inner = self.builder.extract_value(value, position)
+            value = self.builder.insert_value(value, _uncounted(self, part, inner), position)
+    elif isinstance(kind, types.Array):
+        position = self.context.data_model_manager[kind].get_field_position('meminfo')
+        owner = self.builder.extract_value(value, position)
+        value = self.builder.insert_value(value, cgutils.get_null_value(owner.type), position)
+    return value
+
+
 _REPLACEMENTS: tuple[tuple[Any, str, Any], ...] = (
     (codegen.JITCodeLibrary, 'add_linking_library', _link_later),
     (codegen.JITCodeLibrary, 'finalize', _finalised),
@@ -220,5 +265,6 @@ _REPLACEMENTS: tuple[tuple[Any, str, Any], ...] = (
     (dispatcher.Dispatcher, 'add_overload', _added),
     (dispatcher.Dispatcher, 'get_call_template', _called_by_compiled),
     (base.BaseContext, 'get_abi_sizeof', _size),
+    (lowering.BaseLower, 'extract_function_arguments', _arguments),
     (arrayobj, 'raise_with_shape_context', _refuse_shapes),
 )

@@ -9,6 +9,8 @@ CACHE_BYTES = 1 << 30
 USE_NOTED_AFTER_S = 86400.0
 # Time between two looks of one process at the size of the cache, seconds: an hour.
 SIZE_CHECKED_EVERY_S = 3600.0
+# Counted up when one_unit.py makes other machine code of the same function, so that the cache's entries are made anew.
+UNIT_FORM = 2
 # Characters of a function's name that an entry's file name begins with, for who lists the folder.
 NAME_CHARACTERS = 40
 
