@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
-from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ..detection.segments import Segments
 from . import candidate_kernels, labelling_kernels
@@ -63,15 +63,14 @@ class Exposure:
 class Labelling:
     """The candidates that are in the game, and how they stand.
 
-    node, value : (k, 2), (k, 8), see :func:`.candidate_kernels.candidates`; score, belief : (k,), log odds and
-    probability; chosen : (m,) candidates that are matches, best first
+    node, value : (k, 2), (k, 8), see :func:`.candidate_kernels.candidates`; belief : (k,), probability; chosen : (m,)
+    candidates that are matches, best first
     """
 
     node: Int32Array
     value: FloatArray
-    score: FloatArray
     belief: FloatArray
-    chosen: Int32Array
+    chosen: IntArray
 
 
 def match(
@@ -217,7 +216,7 @@ def _labelling(
 ) -> Labelling:
     """Belief propagation, and the choice that follows from it."""
     if len(node) == 0:
-        return Labelling(node, value, own, own, np.zeros(0, np.int32))
+        return Labelling(node, value, own, np.zeros(0, np.int64))
     lists = _lists(node, *count)
     support = labelling_kernels.supporters(node, value, lists.first, near, spread)
     against = labelling_kernels.rival_lists(node, value, lists)
@@ -228,4 +227,4 @@ def _labelling(
     pair = np.concatenate([[0], np.cumsum((np.diff(node, axis=0) != 0).any(axis=1))])
     order = np.flatnonzero(np.bincount(pair, belief)[pair] >= least_belief)
     order = order[np.argsort(-score[order], kind='stable')]
-    return Labelling(node, value, score, belief, labelling_kernels.unique(node, value, order))
+    return Labelling(node, value, belief, labelling_kernels.unique(node, value, order))
