@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import threading
+import time
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -16,25 +18,38 @@ from std_srvs.srv import Trigger
 from msgs_py.codecs import array_to_image, gray_from_image
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.numeric.typed import ByteArray
 
-from .fortran_plus import FortranError, Stopped
+from .fortran_plus import Stopped
 from .fortran_plus.library import program_names, summary
 from .service.imaging import ImageProgram
 from .service.parameter_values import value_from_message, value_to_message
+from .service.processes import PROCESSES, ProgramFailed
 from .service.service_config import EmulatorConfig
-from .service.workspaces import Refused, Request, ServiceLimits, Workspaces
+from .service.workspaces import Refused, ServiceLimits, Workspaces
+
+_T = TypeVar('_T')
 
 
-class _Finished:
+class _Finished(Generic[_T]):
     """Awaitable of a Future of another thread; the executor is woken by a guard condition when it is done."""
 
-    def __init__(self, future: Future[list[Request]]) -> None:
+    def __init__(self, future: Future[_T]) -> None:
         self.future = future
 
-    def __await__(self) -> Generator[None, None, list[Request]]:
+    def __await__(self) -> Generator[None, None, _T]:
         while not self.future.done():
             yield
         return self.future.result()
+
+
+class _ImageRun(NamedTuple):
+    """An image that is being filtered."""
+
+    future: Future[ByteArray]
+    message: Image
+    program: str
+    started: float
 
 
 class EmulatorNode(GraphNode[EmulatorConfig]):
@@ -47,10 +62,17 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         started_with = [self.config.image_program] if self.config.image_program else []
         self._trusted = TrustedFolders(self.config.program_folders, started_with, 'program_folders')
         self.on_config(self.config, self.config)
-        # Runs happen in a thread of their own, so that a store can cancel one and a fetch can watch it.
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix='dap')
-        self._wake = self.create_guard_condition(lambda: None)
-        self.create_service(SetParametersAtomically, '~/store', self._on_store)
+        # Threads that wait for the processes in which programs run and are compiled, so that meanwhile a store can
+        # cancel a run, and a fetch can watch it.
+        self._runner, self._compiler, self._image_runner = (
+            ThreadPoolExecutor(max_workers=1, thread_name_prefix=f'dap {what}') for what in ('run', 'compile', 'image')
+        )
+        self._image_run: _ImageRun | None = None
+        self._newest_image: Image | None = None
+        self._no_more_images = threading.Event()
+        self._something_done = self.create_guard_condition(self._on_image_done)
+        PROCESSES.prepare()
+        self.create_service(SetParametersAtomically, '~/store', self._on_store, callback_group=ReentrantCallbackGroup())
         self.create_service(GetParameters, '~/fetch', self._on_fetch)
         self.create_service(Trigger, '~/list', self._on_list)
         self.create_service(Trigger, '~/run', self._on_run, callback_group=ReentrantCallbackGroup())
@@ -70,7 +92,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
     def on_config(self, old: EmulatorConfig, new: EmulatorConfig) -> None:
         """Apply new limits, and compile the image program when it has changed."""
         self.spaces.limits = ServiceLimits(
-            new.max_program_bytes, new.max_store_bytes, new.max_run_seconds, new.max_clients
+            new.max_program_bytes, new.max_store_bytes, new.max_run_seconds, new.max_clients, new.max_total_bytes
         )
         if not new.image_program:
             self.images = None
@@ -80,7 +102,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             except (ValueError, OSError) as error:
                 self.problem(f'parameter image_program: {error}')
 
-    def _on_store(
+    async def _on_store(
         self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
     ) -> SetParametersAtomically.Response:
         try:
@@ -90,7 +112,10 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
                     items.append((parameter.name, value_from_message(parameter.value)))
                 except ValueError as error:
                     raise Refused(f'{parameter.name}: {error}') from None
-            self.spaces.store(items)
+            if any(name.endswith(('.program', '.library')) for name, _ in items):
+                await self._done(self._compiler.submit(self.spaces.store, items))
+            else:
+                self.spaces.store(items)
             response.result = SetParametersResult(successful=True)
         except Refused as error:
             response.result = SetParametersResult(successful=False, reason=str(error))
@@ -99,11 +124,14 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             response.result = SetParametersResult(successful=False, reason=f'{type(error).__name__}: {error}')
         return response
 
+    def _done(self, future: Future[_T]) -> _Finished[_T]:
+        """What a thread does, to be awaited."""
+        future.add_done_callback(lambda _: self._something_done.trigger())
+        return _Finished(future)
+
     async def _on_run(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Execute what waits, oldest first; done when everything that waited on arrival is done."""
-        future = self._worker.submit(self.spaces.execute_waiting)
-        future.add_done_callback(lambda _: self._wake.trigger())
-        waiting = await _Finished(future)
+        waiting = await self._done(self._runner.submit(self.spaces.execute_waiting))
         response.success = all(item.state == 'done' for item in waiting)
         response.message = json.dumps([item.summary() for item in waiting])
         return response
@@ -127,12 +155,44 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             raise ValueError('no program: set the parameter image_program')
         if not self.wanted(self.image_out):
             return
+        # One image is filtered at a time, and of those that come meanwhile the newest is kept.
+        self.health.lost += self._newest_image is not None
+        self._newest_image = message
+        self._filter_newest()
+
+    @property
+    def filtering(self) -> bool:
+        """Whether the program has an image in hand."""
+        return self._image_run is not None
+
+    def _filter_newest(self) -> None:
+        """Hand the newest image to the program, when it has none."""
+        if self._image_run is not None or self._newest_image is None or self.images is None:
+            return
+        message, self._newest_image = self._newest_image, None
+        future = self._image_runner.submit(
+            self.images.run, gray_from_image(message), self.config.max_run_seconds, self._no_more_images
+        )
+        self._image_run = _ImageRun(future, message, self.config.image_program, time.monotonic())
+        self._done(future)
+
+    def _on_image_done(self) -> None:
+        """Publish what the program made of an image, when it is done with one."""
+        run = self._image_run
+        if run is None or not run.future.done():
+            return
+        self._image_run = None
+        self._guard('image_in', self._publish_image)(run)
+        self._guard('image_in', self._filter_newest)()
+
+    def _publish_image(self, run: _ImageRun) -> None:
+        self._callback_start = run.started
         try:
-            result = self.images.run(gray_from_image(message), self.config.max_run_seconds)
-        except (FortranError, Stopped) as error:
-            raise ValueError(f'{self.config.image_program}: {error}') from None
-        self.image_out.publish(array_to_image(result, 'mono8', message.header))
-        self.done(message.header)
+            result = run.future.result()
+        except (ProgramFailed, Stopped) as error:
+            raise ValueError(f'{run.program}: {error}') from None
+        self.image_out.publish(array_to_image(result, 'mono8', run.message.header))
+        self.done(run.message.header)
 
     def why_silent(self) -> str | None:
         """Without listeners no image is processed."""
@@ -166,8 +226,10 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
 
     def destroy_node(self) -> None:
         """Stop what runs, then end the worker thread."""
-        self.spaces.clear()
-        self._worker.shutdown(wait=True)
+        self.spaces.close()
+        self._no_more_images.set()
+        for threads in (self._runner, self._compiler, self._image_runner):
+            threads.shutdown(wait=True)
         super().destroy_node()
 
 

@@ -19,7 +19,7 @@ from .errors import FortranError, FortranStoreError
 from .expressions import Expressions, position_in, select_part
 from .parser import located
 from .running import Evaluate, Execute, Frame, Run, StopProgram, Store
-from .settings import MAX_DEPTH, MAX_DISPLAYS, STEPS_PER_CHECK
+from .settings import MAX_DEPTH, MAX_DISPLAY_BYTES, MAX_DISPLAYS, STEPS_PER_CHECK
 from .storage import ArrayVariable
 from .syntax import Constant, Node, Reference, Whole
 
@@ -54,6 +54,7 @@ class CompiledUnit:
         run.depth += 1
         if run.depth > MAX_DEPTH:
             raise located(self.item.unit.header.source, 0, f'calls nested deeper than {MAX_DEPTH}')
+        run.check()
         caller_line = run.dap.line
         try:
             for prepare in self.prepare:
@@ -276,10 +277,12 @@ class _Compiler(Expressions):
         name = first.name if isinstance(first, Reference) else 'value'
 
         def run(frame: Frame) -> None:
-            if len(frame[0].displays) < MAX_DISPLAYS:
+            run = frame[0]
+            if len(run.displays) < MAX_DISPLAYS and run.display_bytes < MAX_DISPLAY_BYTES:
                 shown = value(frame)
                 values = shown.values.copy() if isinstance(shown, DapArray) else np.asarray(shown)
-                frame[0].displays.append((name, values, str(title(frame)) if title else ''))
+                run.displays.append((name, values, str(title(frame)) if title else ''))
+                run.display_bytes += values.nbytes
 
         return run
 

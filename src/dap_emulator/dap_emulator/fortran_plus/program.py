@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -114,19 +114,7 @@ class Program:
 
     def entry(self, name: str | None = None) -> CheckedUnit:
         """Find the entry of this name, or the only one. Raises ValueError."""
-        if name is None:
-            if len(self.entries) != 1:
-                raise ValueError(
-                    f'entry: the program has {len(self.entries)} entries '
-                    f'({", ".join(self.entries) or "none"}); name one'
-                )
-            name = self.entries[0]
-        if name.upper() not in self.entries:
-            raise ValueError(
-                f'entry: {name!r} is not an ENTRY SUBROUTINE, expected one of '
-                f'{", ".join(self.entries) or "(the program has none)"}'
-            )
-        return self.units[name.upper()]
+        return self.units[chosen_entry(name, self.entries)]
 
     def run(self, dap: Machine, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
         """Run an entry.
@@ -163,19 +151,22 @@ class Program:
             if name not in known:
                 raise ValueError(f'{name}: no such argument of {unit.unit.name}, expected {", ".join(known) or "none"}')
         run = Run(dap, self._compiled, limits or Limits())
+        watch = dap.watch
         try:
             with dap.measured() as stats_so_far:
                 values = _bind(dap, unit, given)
                 run.started, run.first_cycle = time.monotonic(), dap.cycles
+                dap.watch = run.check if limits is not None else watch
                 with deep_recursion():
                     frame = self._compiled[unit.unit.name].call(run, [values[name] for name in known])
+                dap.watch = watch
                 results = {symbol.name: _host_value(frame[symbol.slot]) for symbol in unit.arguments}
                 for name, value in given.items():
                     if isinstance(value, DapArray):
                         value.replace(results[name])
                 stats = stats_so_far()
         finally:
-            dap.line = 0
+            dap.line, dap.watch = 0, watch
         return Result(results, stats, run.displays, self.source)
 
     def __repr__(self) -> str:
@@ -183,6 +174,34 @@ class Program:
             f'{name}({", ".join(symbol.name for symbol in self.units[name].arguments)})' for name in self.entries
         ]
         return f'Program({"; ".join(signatures) or "no entries"})'
+
+
+def chosen_entry(name: str | None, entries: Sequence[str]) -> str:
+    """The entry of this name, in any case, or the only one.
+
+    Parameters
+    ----------
+    name : str, optional
+    entries : sequence of str
+        All that the program has.
+
+    Raises
+    ------
+    ValueError
+        When there is no such entry, or several and no name.
+    """
+    if name is None:
+        if len(entries) != 1:
+            raise ValueError(
+                f'entry: the program has {len(entries)} entries ({", ".join(entries) or "none"}); name one'
+            )
+        return entries[0]
+    if name.upper() not in entries:
+        raise ValueError(
+            f'entry: {name!r} is not an ENTRY SUBROUTINE, expected one of '
+            f'{", ".join(entries) or "(the program has none)"}'
+        )
+    return name.upper()
 
 
 def compile(source: str, form: str = 'auto') -> Program:

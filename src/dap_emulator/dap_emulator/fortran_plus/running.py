@@ -51,6 +51,10 @@ def deep_recursion() -> Iterator[None]:
 class Limits:
     """What a run may use; None is no limit.
 
+    They are looked at between statements and between operations on arrays, so a run ends after the operation in which
+    it reaches one: on the largest arrays that a store holds a tenth of a second later. The service ends a run inside an
+    operation, too (service/processes.py).
+
     Parameters
     ----------
     seconds : float, optional
@@ -64,6 +68,16 @@ class Limits:
     seconds: float | None = None
     cycles: int | None = None
     cancelled: threading.Event | None = None
+
+
+def late_text(seconds: float) -> str:
+    """Why a run was stopped that has reached its limit of time."""
+    return f'run time limit of {seconds:.3g} s reached'
+
+
+def cancelled_text() -> str:
+    """Why a run was stopped from outside."""
+    return 'cancelled'
 
 
 class CallableUnit(Protocol):
@@ -87,6 +101,8 @@ class Run:
         Values of COMMON variables, by block and position.
     displays : list of (name, values, title)
         What CALL DISPLAY has shown.
+    display_bytes : int
+        Their size.
     depth, ticks : int
         Calls that are open, and steps done.
     started : float
@@ -100,6 +116,7 @@ class Run:
     limits: Limits
     commons: dict[tuple[str, int], Any] = field(default_factory=dict)
     displays: list[Display] = field(default_factory=list)
+    display_bytes: int = 0
     depth: int = 0
     ticks: int = 0
     started: float = 0.0
@@ -109,9 +126,9 @@ class Run:
         """Raise Stopped when a limit is reached."""
         limits = self.limits
         if limits.cancelled is not None and limits.cancelled.is_set():
-            raise Stopped('cancelled')
+            raise Stopped(cancelled_text())
         if limits.seconds is not None and time.monotonic() - self.started > limits.seconds:
-            raise Stopped(f'run time limit of {limits.seconds:g} s reached')
+            raise Stopped(late_text(limits.seconds))
         if limits.cycles is not None and self.dap.cycles - self.first_cycle > limits.cycles:
             raise Stopped(f'cycle limit of {limits.cycles} reached')
 

@@ -9,10 +9,12 @@ FRAMES_PER_CALL = 8
 # Python frames left for the caller and for numpy.
 SPARE_FRAMES = 1000
 
-# Steps of a program between two looks at its limits (time, cycles, cancellation); a power of two.
-STEPS_PER_CHECK = 64
-# Frames that CALL DISPLAY keeps; later ones are left out.
+# Steps of a program between two looks at its limits (time, cycles, cancellation); a power of two. Operations on arrays
+# look at them every time, so these are steps of scalars: the longest expression that compiles takes 2 ms.
+STEPS_PER_CHECK = 8
+# Frames that CALL DISPLAY keeps, and their size in all, bytes; later ones are left out.
 MAX_DISPLAYS = 500
+MAX_DISPLAY_BYTES = 256_000_000
 
 # Compiled programs kept for reuse, by their text.
 PROGRAMS_CACHED = 64

@@ -56,12 +56,8 @@ def column_order(values: AnyArray) -> AnyArray:
 def matr(v: Any, rows: int | None = None) -> DapArray:
     """MATR(v) or MATR(v, rows): the matrix whose every row is v; by default as many rows as v has elements."""
     source = checked_array(v, 'MATR', rank=1)
-    out = source.like(
-        source.kind,
-        np.ascontiguousarray(
-            np.broadcast_to(source.values, (_extent('MATR', rows or source.shape[0]), source.shape[0]))
-        ),
-    )
+    shape = _checked(source.dap, source.kind, (_extent('MATR', rows or source.shape[0]), source.shape[0]))
+    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(source.values, shape)))
     out.charge('broadcast', source.kind)
     return out
 
@@ -69,12 +65,8 @@ def matr(v: Any, rows: int | None = None) -> DapArray:
 def matc(v: Any, columns: int | None = None) -> DapArray:
     """MATC(v) or MATC(v, columns): the matrix whose every column is v."""
     source = checked_array(v, 'MATC', rank=1)
-    out = source.like(
-        source.kind,
-        np.ascontiguousarray(
-            np.broadcast_to(source.values[:, None], (source.shape[0], _extent('MATC', columns or source.shape[0])))
-        ),
-    )
+    shape = _checked(source.dap, source.kind, (source.shape[0], _extent('MATC', columns or source.shape[0])))
+    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(source.values[:, None], shape)))
     out.charge('broadcast', source.kind)
     return out
 
@@ -86,6 +78,14 @@ def _extent(name: str, value: int) -> int:
     return int(value)
 
 
+def _checked(dap: Machine, kind: Kind, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape, when the store has room for it: extents from a program may be too large for this computer, too."""
+    wanted = kind.bits * dap.layout(shape).blocks
+    dap.store.take(wanted, f'a {kind} array of shape {shape}')
+    dap.store.give_back(wanted)
+    return shape
+
+
 def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None = None) -> DapArray:
     """MAT(s): a matrix full of a scalar. MAT(v, rows, columns): a long vector folded down the columns; zeros fill up.
 
@@ -94,13 +94,14 @@ def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None =
     shape = _extent('MAT', rows or dap.es), _extent('MAT', columns or dap.es)
     if isinstance(x, DapArray):
         source = checked_array(x, 'MAT', rank=1)
+        _checked(dap, source.kind, shape)
         full = np.zeros(shape[0] * shape[1], dtype=source.kind.dtype)
         if source.size > full.size:
             raise ValueError(f'MAT: {source.size} elements do not fit a matrix of {shape[0]} x {shape[1]}')
         full[: source.size] = source.values
         out = source.like(source.kind, np.ascontiguousarray(full.reshape(shape[::-1]).T))
     else:
-        out = filled(dap, x, shape)
+        out = filled(dap, x, _checked(dap, _kind_of_scalar(x), shape))
     out.charge('copy', out.kind)
     return out
 
@@ -111,7 +112,7 @@ def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
         source = checked_array(x, 'VEC', rank=2)
         source.charge('copy', source.kind)
         return DapArray(source.dap, source.kind, column_order(source.values).copy())
-    out = filled(dap, x, (_extent('VEC', n or dap.es),))
+    out = filled(dap, x, _checked(dap, _kind_of_scalar(x), (_extent('VEC', n or dap.es),)))
     out.charge('copy', out.kind)
     return out
 
@@ -128,8 +129,13 @@ def filled(dap: Machine, value: Scalar, shape: tuple[int, ...], kind: Kind | Non
         LOGICAL, INTEGER*4 or REAL*4 after the value's class when not given.
     """
     if kind is None:
-        kind = LOGICAL if isinstance(value, (bool, np.bool_)) else real(4) if isinstance(value, float) else integer(4)
+        kind = _kind_of_scalar(value)
     return DapArray(dap, kind, np.full(shape, kind.scalar(value), dtype=kind.dtype))
+
+
+def _kind_of_scalar(value: Scalar) -> Kind:
+    """The kind that an array takes from a scalar's class."""
+    return LOGICAL if isinstance(value, (bool, np.bool_)) else real(4) if isinstance(value, float) else integer(4)
 
 
 def tran(x: Any) -> DapArray:
@@ -170,8 +176,15 @@ def _pattern(dap: Machine, values: BoolArray) -> DapArray:
 
 
 def _shape(dap: Machine, rows: int | None, columns: int | None) -> tuple[int, int]:
-    """Extents of a matrix; ES where none is given."""
-    return _extent('extent', rows or dap.es), _extent('extent', columns or dap.es)
+    """Extents of a LOGICAL matrix; ES where none is given."""
+    shape = _extent('extent', rows or dap.es), _extent('extent', columns or dap.es)
+    _checked(dap, LOGICAL, shape)
+    return shape
+
+
+def _elements(dap: Machine, name: str, n: int | None, kind: Kind = LOGICAL) -> int:
+    """Extent of a vector; ES where none is given."""
+    return _checked(dap, kind, (_extent(name, n or dap.es),))[0]
 
 
 def _within(extent: int, first: int, last: int) -> BoolArray:
@@ -209,7 +222,7 @@ def el(dap: Machine, i: int, n: int | None = None) -> DapArray:
 
 def els(dap: Machine, first: int, last: int, n: int | None = None) -> DapArray:
     """ELS(i, j): a vector true in elements i to j."""
-    return _pattern(dap, _within(_extent('ELS', n or dap.es), first, last))
+    return _pattern(dap, _within(_elements(dap, 'ELS', n), first, last))
 
 
 def _alternate(extent: int, run: int) -> BoolArray:
@@ -220,7 +233,7 @@ def _alternate(extent: int, run: int) -> BoolArray:
 
 def alt(dap: Machine, run: int, n: int | None = None) -> DapArray:
     """ALT(r): a vector of r falses, r trues, r falses, ..."""
-    return _pattern(dap, _alternate(_extent('ALT', n or dap.es), run))
+    return _pattern(dap, _alternate(_elements(dap, 'ALT', n), run))
 
 
 def altr(dap: Machine, run: int, rows: int | None = None, columns: int | None = None) -> DapArray:
@@ -252,7 +265,7 @@ def upper_triangle(dap: Machine, rows: int | None = None, columns: int | None = 
 
 def index_vector(dap: Machine, n: int | None = None) -> DapArray:
     """INDEX(n): the INTEGER*4 vector 1, 2, ..., n (our addition: the language builds it from patterns)."""
-    out = DapArray(dap, integer(4), np.arange(1, _extent('INDEX', n or dap.es) + 1, dtype=np.int32))
+    out = DapArray(dap, integer(4), np.arange(1, _elements(dap, 'INDEX', n, integer(4)) + 1, dtype=np.int32))
     out.charge('broadcast', integer(4))
     return out
 

@@ -232,6 +232,8 @@ class Machine:
     trace : deque of TraceEntry
     store : Store
     costs : CostTable
+    watch : callable, optional
+        Called after every charge; what it raises ends the work.
 
     Raises
     ------
@@ -267,6 +269,7 @@ class Machine:
         self.faults = 0
         self.tracing = tracing
         self.trace: deque[TraceEntry] = deque(maxlen=TRACE_LENGTH)
+        self.watch: Callable[[], None] | None = None
         self._counts: dict[tuple[int, str], list[int]] = {}
 
     # Figures of the machine itself.
@@ -369,6 +372,8 @@ class Machine:
         else:
             entry[0] += times
             entry[1] += cycles
+        if self.watch is not None:
+            self.watch()
 
     def stats(self) -> Stats:
         """Counts, cycles and seconds of everything charged so far."""

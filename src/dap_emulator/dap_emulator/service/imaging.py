@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 
 from msgs_py.numeric.typed import AnyArray, ByteArray
 
-from ..fortran_plus import Limits
 from ..fortran_plus.library import load_program
-from ..machine.dap import Dap
-from .settings import GREY_VALUE_BITS
+from .processes import PROCESSES
+from .program_worker import RunJob
+from .settings import GREY_VALUE_BITS, LARGEST_IMAGE_BYTES, RUN_SECONDS
 
 
 class ImageProgram:
@@ -60,15 +62,19 @@ class ImageProgram:
             raise ValueError(f'{name}: IMAGE is {types["IMAGE"].kind}; grey values 0..255 need INTEGER*2 or REAL')
         self._real = types['IMAGE'].kind.name == 'REAL'
 
-    def run(self, image: ByteArray, seconds: float | None = None) -> ByteArray:
-        """Filter an image.
+    def run(
+        self, image: ByteArray, seconds: float = RUN_SECONDS, cancelled: threading.Event | None = None
+    ) -> ByteArray:
+        """Filter an image, in a process of its own.
 
         Parameters
         ----------
         image : (h, w) uint8 array
             Grey values.
-        seconds : float, optional
+        seconds : float
             The run is stopped after this time.
+        cancelled : threading.Event, optional
+            Stops the run when another thread sets it.
 
         Returns
         -------
@@ -77,16 +83,18 @@ class ImageProgram:
 
         Raises
         ------
-        FortranError
+        ProgramFailed
             When the program fails.
         Stopped
-            When the time is over.
+            When the time is over, or the run was cancelled.
         """
-        dap = Dap.model(self.model, tracing=False)
-        given = image.astype(np.float32 if self._real else np.int16)
-        result = self.program.run(dap, self.entry.unit.name, limits=Limits(seconds=seconds), image=given)
-        self.cycles, self.seconds = result.cycles, result.seconds
-        out: AnyArray = result['RESULT']
+        given = {'image': image.astype(np.float32 if self._real else np.int16)}
+        source = self.program.source
+        answer = PROCESSES.run(
+            RunJob(source, self.entry.unit.name, self.model, given, seconds, LARGEST_IMAGE_BYTES), cancelled
+        )
+        self.cycles, self.seconds = answer.stats.cycles, answer.stats.seconds
+        out: AnyArray = answer.values['RESULT']
         if out.dtype == bool:
             return np.where(out, np.uint8(255), np.uint8(0))
         grey: ByteArray = np.clip(np.nan_to_num(out), 0, 255).astype(np.uint8)

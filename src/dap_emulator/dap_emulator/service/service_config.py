@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from msgs_py.node_runtime.config import Config, parameter
 
 from ..machine.machine import MODELS
-from .settings import CLIENTS, PROGRAM_BYTES, RUN_SECONDS, STORE_BYTES
+from .settings import CLIENTS, PROGRAM_BYTES, RUN_SECONDS, STORE_BYTES, TOTAL_BYTES
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,21 @@ class EmulatorConfig(Config):
         PROGRAM_BYTES, 'Largest program text accepted', unit='bytes', minimum=100, maximum=10_000_000
     )
     max_store_bytes: int = parameter(
-        STORE_BYTES, 'Most data one client may store', unit='bytes', minimum=1000, maximum=1_000_000_000
+        STORE_BYTES,
+        'Most data one client may store, names included, and largest result of a run',
+        unit='bytes',
+        minimum=1000,
+        maximum=1_000_000_000,
+    )
+    max_total_bytes: int = parameter(
+        TOTAL_BYTES,
+        'Most that all clients together hold: stored, waiting and as results',
+        unit='bytes',
+        minimum=1000,
+        maximum=100_000_000_000,
     )
     max_run_seconds: float = parameter(
-        RUN_SECONDS, 'A run is stopped after this time', unit='s', minimum=0.05, maximum=3600.0
+        RUN_SECONDS, 'A run, or compiling a program, is stopped after this time', unit='s', minimum=0.05, maximum=3600.0
     )
     max_clients: int = parameter(
         CLIENTS, 'Workspaces kept; the one idle for longest makes room', minimum=1, maximum=1000

@@ -12,8 +12,11 @@ To its host a DAP is extra memory, so a client writes and reads named values. Ev
     <client>.cancel             whole number: stop that request, waiting or running
     <client>.forget             true: drop the workspace
 
-A request takes the workspace as it was when stored, so later stores do not disturb it. Results are read under the
-request's id, and are kept until the client's later requests push them out:
+A request takes the workspace as it was when stored, so later stores do not disturb it. Clients take turns: of the
+requests that wait, the next is one of the client that was served longest ago. What all clients together hold is
+bounded; the workspace that has been idle for longest makes room. Programs are compiled and run in processes of their
+own (processes.py). Results are read under the request's id, and are kept until the client's later requests push them
+out:
 
     <client>.result.<id>.state          waiting, running, done, failed, stopped
     <client>.result.<id>.message        why it failed or stopped
@@ -26,6 +29,7 @@ from __future__ import annotations
 
 import re
 import threading
+import time
 from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Any
@@ -34,21 +38,26 @@ import numpy as np
 
 from msgs_py.numeric.typed import IntArray
 
-from ..fortran_plus import FortranError, Limits, Program, Result, Stopped
-from ..fortran_plus.library import compiled, program_source
-from ..machine.dap import Dap
-from ..machine.machine import MODELS, OutOfStore
+from ..fortran_plus import Result, Stopped
+from ..fortran_plus.library import program_source
+from ..fortran_plus.settings import PROGRAMS_CACHED
+from ..machine.machine import MODELS
+from .processes import PROCESSES, ProgramFailed
+from .program_worker import Interface, RunJob, size_of
 from .settings import (
     CLIENTS,
     LONGEST_NAME,
     MAX_DIMENSIONS,
+    MAX_NAMES,
     MAX_WAITING,
+    MAX_WAITING_IN_ALL,
     MOST_DIGITS,
+    NAME_BYTES,
     PROGRAM_BYTES,
     RESULTS_KEPT,
     RUN_SECONDS,
     STORE_BYTES,
-    TRACE_KEPT,
+    TOTAL_BYTES,
 )
 
 _CLIENT = rf'([A-Za-z0-9_-]{{1,{LONGEST_NAME}}})'
@@ -72,17 +81,20 @@ class ServiceLimits:
     program_bytes : int
         Length of a program's text, characters.
     store_bytes : int
-        Data of one client, bytes.
+        Data, shapes and names of one client, bytes; also the largest result of a run.
     run_seconds : float
-        Time of one run on this computer.
+        Time of one run on this computer, and of compiling one program.
     clients : int
         Workspaces kept; the one that has been idle for longest makes room for a new one.
+    total_bytes : int
+        What all clients together have stored, waiting and as results, bytes.
     """
 
     program_bytes: int = PROGRAM_BYTES
     store_bytes: int = STORE_BYTES
     run_seconds: float = RUN_SECONDS
     clients: int = CLIENTS
+    total_bytes: int = TOTAL_BYTES
 
 
 @dataclass
@@ -94,7 +106,8 @@ class Request:
     client : str
     number : int
         The client's number of the request.
-    program : Program
+    program : Interface
+        The text, and its entries.
     entry : str, optional
     model : str
         Model of the machine.
@@ -106,12 +119,14 @@ class Request:
     result : Result, optional
     trace : list of str
         The last operations.
+    result_bytes : int
+        Size of result and trace.
     cancelled : threading.Event
     """
 
     client: str
     number: int
-    program: Program
+    program: Interface
     entry: str | None
     model: str
     data: dict[str, Any]
@@ -120,6 +135,7 @@ class Request:
     message: str = ''
     result: Result | None = None
     trace: list[str] = field(default_factory=list)
+    result_bytes: int = 0
     cancelled: threading.Event = field(default_factory=threading.Event)
 
     def summary(self) -> dict[str, Any]:
@@ -132,7 +148,7 @@ class Request:
 class Workspace:
     """One client's values."""
 
-    program: Program | None = None
+    program: Interface | None = None
     entry: str | None = None
     model: str = '510'
     data: dict[str, Any] = field(default_factory=dict)
@@ -141,8 +157,20 @@ class Workspace:
 
     @property
     def bytes(self) -> int:
-        """Size of its data."""
-        return sum(_bytes(value) for value in self.data.values())
+        """Size of its data and shapes, with their names."""
+        named = sum(len(name) + NAME_BYTES for names in (self.data, self.shapes) for name in names)
+        return named + sum(size_of(value) for value in self.data.values())
+
+    def held(self) -> dict[int, int]:
+        """Sizes of everything that it keeps in memory, by identity: requests share values with the workspace."""
+        values: list[Any] = [*self.data.values()]
+        found: dict[int, int] = {id(self): self.bytes - sum(size_of(value) for value in values)}
+        for request in self.requests.values():
+            found[id(request)] = NAME_BYTES * (1 + len(request.data)) + len(request.message) + request.result_bytes
+            values += [*request.data.values(), request.program.source]
+        if self.program is not None:
+            values.append(self.program.source)
+        return found | {id(value): size_of(value) for value in values}
 
     @property
     def busy(self) -> bool:
@@ -179,6 +207,9 @@ class Workspaces:
         self._executing = threading.Lock()
         self._clients: OrderedDict[str, Workspace] = OrderedDict()
         self._waiting: list[Request] = []
+        self._served: dict[str, int] = {}
+        self._closed = threading.Event()
+        self._programs: OrderedDict[str, Interface] = OrderedDict()
         self.runs = self.failures = self.cycles = 0
 
     # ~/store
@@ -196,6 +227,7 @@ class Workspaces:
         Refused
             With the reason.
         """
+        programs = self._compiled(items)
         with self._lock:
             drafts: dict[str, Workspace] = {}
             actions: list[tuple[str, str, int]] = []
@@ -211,6 +243,8 @@ class Workspaces:
                 try:
                     if what in ('run_request', 'cancel', 'forget'):
                         actions.append((client, what, _whole(value, what != 'forget')))
+                    elif name in programs:
+                        draft.program = programs[name]
                     else:
                         self._set(draft, group or what, (variable or '').upper(), value)
                 except ValueError as error:
@@ -219,6 +253,39 @@ class Workspaces:
                 self._check(client, draft)
             requests = self._requests(drafts, actions)
             self._accept(drafts, actions, requests)
+
+    def _compiled(self, items: list[tuple[str, Any]]) -> dict[str, Interface]:
+        """Compile the programs among them, by name; others may store and fetch meanwhile. Raises Refused."""
+        found: dict[str, Interface] = {}
+        end = time.monotonic() + self.limits.run_seconds
+        for name, value in items:
+            what = name.partition('.')[2]
+            if what not in ('program', 'library'):
+                continue
+            try:
+                if not isinstance(value, str):
+                    raise ValueError(f'expected a text, got {type(value).__name__}')
+                if what == 'program' and len(value) > self.limits.program_bytes:
+                    raise ValueError(f'{len(value)} characters, at most {self.limits.program_bytes} are accepted')
+                found[name] = self._interface(
+                    value if what == 'program' else program_source(value), max(0.0, end - time.monotonic())
+                )
+            except ValueError as error:
+                raise Refused(f'{name}: {error}') from None
+        return found
+
+    def _interface(self, source: str, seconds: float) -> Interface:
+        """Compile a text, once while it is among the last ones. Raises ProgramFailed."""
+        with self._lock:
+            known = self._programs.get(source)
+        if known is None:
+            known = PROCESSES.interface(source, seconds, self._closed)
+        with self._lock:
+            self._programs[source] = known
+            self._programs.move_to_end(source)
+            while len(self._programs) > PROGRAMS_CACHED:
+                self._programs.popitem(last=False)
+        return known
 
     def _draft(self, client: str) -> Workspace:
         """A copy of a client's workspace, to be changed."""
@@ -244,17 +311,13 @@ class Workspaces:
             draft.shapes[variable] = tuple(int(extent) for extent in extents)
         elif not isinstance(value, str):
             raise ValueError(f'expected a text, got {type(value).__name__}')
-        elif what == 'program':
-            if len(value) > self.limits.program_bytes:
-                raise ValueError(f'{len(value)} characters, at most {self.limits.program_bytes} are accepted')
-            draft.program = compiled(value)
-        elif what == 'library':
-            draft.program = compiled(program_source(value))
         elif what == 'model':
             if value.upper() not in MODELS:
                 raise ValueError(f'expected one of {", ".join(MODELS)}, got {value!r}')
             draft.model = value.upper()
         else:
+            if len(value) > LONGEST_NAME:
+                raise ValueError(f'{len(value)} characters, at most {LONGEST_NAME} are accepted')
             draft.entry = value or None
 
     def _check(self, client: str, draft: Workspace) -> None:
@@ -264,8 +327,13 @@ class Workspaces:
             size = value.size if isinstance(value, np.ndarray) else None
             if size is not None and int(np.prod(shape, dtype=np.int64)) != size:
                 raise Refused(f'{client}.shape.{name}: {shape} does not hold {size} elements')
+        if len(draft.data) + len(draft.shapes) > MAX_NAMES:
+            raise Refused(f'{client}: {len(draft.data) + len(draft.shapes)} names, at most {MAX_NAMES} are accepted')
         if draft.bytes > self.limits.store_bytes:
-            raise Refused(f'{client}: {draft.bytes} bytes of data, at most {self.limits.store_bytes} are accepted')
+            raise Refused(
+                f'{client}: {draft.bytes} bytes of data with their names, '
+                f'at most {self.limits.store_bytes} are accepted'
+            )
 
     def _requests(self, drafts: dict[str, Workspace], actions: list[tuple[str, str, int]]) -> list[Request]:
         """The runs that are asked for. Raises Refused."""
@@ -284,6 +352,8 @@ class Workspaces:
                 raise Refused(f'{client}.run_request: {number} was used before')
             if sum(request.state == 'waiting' for request in draft.requests.values()) >= MAX_WAITING:
                 raise Refused(f'{client}.run_request: {MAX_WAITING} requests are waiting already')
+            if len(self._waiting) + len(requests) >= MAX_WAITING_IN_ALL:
+                raise Refused(f'{client}.run_request: {MAX_WAITING_IN_ALL} requests of all clients are waiting already')
             requests.append(
                 Request(client, number, draft.program, draft.entry, draft.model, dict(draft.data), dict(draft.shapes))
             )
@@ -299,6 +369,7 @@ class Workspaces:
             if idle is None:
                 raise Refused(f'{new[0]}: {self.limits.clients} clients are busy')
             del self._clients[idle]
+        self._make_room({**self._clients, **drafts}, requests, keep=set(drafts))
         for client, draft in drafts.items():
             self._clients[client] = draft
             self._clients.move_to_end(client)
@@ -315,6 +386,27 @@ class Workspaces:
                 for request in self._clients.pop(client).requests.values():
                     self._cancel(request)
 
+    def _make_room(self, spaces: dict[str, Workspace], requests: list[Request], keep: set[str]) -> None:
+        """Forget idle workspaces, the idle for longest first, until these and the requests fit. Raises Refused."""
+        queued = Workspace(requests=OrderedDict(enumerate(requests)))
+        sizes = {name: space.held() for name, space in spaces.items()}
+
+        def total() -> int:
+            merged: dict[int, int] = queued.held()
+            for held in sizes.values():
+                merged |= held
+            return sum(merged.values())
+
+        while (size := total()) > self.limits.total_bytes:
+            idle = next((name for name, space in spaces.items() if name not in keep and not space.busy), None)
+            if idle is None:
+                raise Refused(
+                    f'all clients together would hold {size} bytes, at most {self.limits.total_bytes} are kept'
+                )
+            spaces = {name: space for name, space in spaces.items() if name != idle}
+            del sizes[idle]
+            self._clients.pop(idle, None)
+
     def _cancel(self, request: Request) -> None:
         """Stop a request, waiting or running."""
         request.cancelled.set()
@@ -326,10 +418,22 @@ class Workspaces:
     # ~/run
 
     def take_waiting(self) -> list[Request]:
-        """Take the requests that wait, oldest first; the caller executes them."""
+        """Take the requests that wait, in the order in which they are executed; the caller executes them."""
         with self._lock:
-            taken, self._waiting = self._waiting, []
+            taken: list[Request] = []
+            while self._waiting:
+                taken.append(self._take_next(self._waiting))
             return taken
+
+    def _take_next(self, waiting: list[Request]) -> Request:
+        """Take the oldest request of the client that was served longest ago."""
+        first = min(waiting, key=lambda request: self._served.get(request.client, 0))
+        waiting.remove(first)
+        self._served.pop(first.client, None)
+        self._served[first.client] = 1 + max(self._served.values(), default=0)
+        while len(self._served) > self.limits.clients:
+            del self._served[next(iter(self._served))]
+        return first
 
     def execute_waiting(self) -> list[Request]:
         """Execute what waits, after what another thread has begun to execute.
@@ -340,10 +444,17 @@ class Workspaces:
             Those that this call executed.
         """
         with self._executing:
-            waiting = self.take_waiting()
-            for request in waiting:
+            with self._lock:
+                mine = list(self._waiting)
+            executed: list[Request] = []
+            while True:
+                # Another client's request may come between those that waited on arrival.
+                with self._lock:
+                    if not any(request in self._waiting for request in mine):
+                        return executed
+                    request = self._take_next(self._waiting)
                 self.execute(request)
-            return waiting
+                executed.append(request)
 
     def execute(self, request: Request) -> None:
         """Run one request; its state says how it went. Raises nothing."""
@@ -354,23 +465,50 @@ class Workspaces:
             request.state = 'running'
         state, message, result = 'done', '', None
         try:
-            dap = Dap.model(request.model)
-            limits = Limits(seconds=self.limits.run_seconds, cancelled=request.cancelled)
-            arguments = _arguments(request)
-            result = request.program.run(dap, request.entry, limits=limits, **arguments)
-            request.trace = [str(entry) for entry in list(dap.trace)[-TRACE_KEPT:]]
+            job = RunJob(
+                request.program.source,
+                request.entry,
+                request.model,
+                _arguments(request),
+                self.limits.run_seconds,
+                self.limits.store_bytes,
+            )
+            answer = PROCESSES.run(job, request.cancelled)
+            result, request.trace = answer.result(request.program.source), answer.trace
         except Stopped as error:
             state, message = 'stopped', str(error)
-        except (FortranError, ValueError, OutOfStore) as error:
+        except ProgramFailed as error:
             state, message = 'failed', str(error)
         except Exception as error:  # a fault of ours must not leave the request running for ever
             state, message = 'failed', f'{type(error).__name__}: {error}'
         with self._lock:
-            request.result, request.message, request.state = result, message, state
             request.data, request.shapes = {}, {}
+            request.result = result
+            if result is not None:
+                request.result_bytes = sum(size_of(value) for value in [*result.values(), *request.trace])
+            try:
+                self._make_room_for_result(request)
+            except Refused as error:
+                request.result, request.trace, request.result_bytes = None, [], 0
+                state, message = 'failed', f'no room for the result: {error}'
+            request.message, request.state = message, state
             self.runs += 1
             self.failures += state != 'done'
             self.cycles += result.cycles if result is not None else 0
+
+    def _make_room_for_result(self, request: Request) -> None:
+        """Forget older results of the same client, then idle workspaces, until a result fits. Raises Refused."""
+        space = self._clients.get(request.client)
+        older = (
+            [] if space is None else [k for k, r in space.requests.items() if r.result is not None and r is not request]
+        )
+        while True:
+            try:
+                return self._make_room(dict(self._clients), [request], keep={request.client})
+            except Refused:
+                if space is None or not older:
+                    raise
+                del space.requests[older.pop(0)]
 
     # ~/fetch
 
@@ -410,6 +548,11 @@ class Workspaces:
             self.runs = self.failures = self.cycles = 0
             return f'{count} workspace(s)'
 
+    def close(self) -> None:
+        """Forget everything, stop what runs or is compiled, and compile nothing more."""
+        self._closed.set()
+        self.clear()
+
     @property
     def clients(self) -> int:
         """Number of workspaces."""
@@ -423,11 +566,6 @@ def _whole(value: Any, positive: bool) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or (positive and value < 1):
         raise ValueError(f'expected {"a whole number of at least 1" if positive else "true or false"}, got {value!r}')
     return value
-
-
-def _bytes(value: Any) -> int:
-    """Size of a stored value."""
-    return value.nbytes if isinstance(value, np.ndarray) else len(value) if isinstance(value, str) else 8
 
 
 def _value(value: Any) -> Any:
@@ -450,17 +588,17 @@ def _shape_of(value: Any, shape: tuple[int, ...] | None) -> IntArray | None:
 def _arguments(request: Request) -> dict[str, Any]:
     """Data of the workspace as arguments of the entry; what is no argument is left out."""
     arguments: dict[str, Any] = {}
-    for symbol in request.program.entry(request.entry).arguments:
-        if symbol.name not in request.data:
+    for name, kind in request.program.entries[request.program.entry(request.entry)].items():
+        if name not in request.data:
             continue
-        value = request.data[symbol.name]
+        value = request.data[name]
         if isinstance(value, np.ndarray):
-            value = value.reshape(request.shapes.get(symbol.name, value.shape))
-            if symbol.type.kind.name == 'LOGICAL' and value.dtype.kind == 'i':
+            value = value.reshape(request.shapes.get(name, value.shape))
+            if kind == 'LOGICAL' and value.dtype.kind == 'i':
                 value = value != 0
-        elif symbol.type.kind.name == 'LOGICAL' and isinstance(value, int):
+        elif kind == 'LOGICAL' and isinstance(value, int):
             value = bool(value)
-        arguments[symbol.name] = value
+        arguments[name] = value
     return arguments
 
 
