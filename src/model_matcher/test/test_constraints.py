@@ -85,10 +85,34 @@ def test_ranges_agree_with_dense_sampling_to_1e_9(seed):
     assert out[2] == out[3] == pytest.approx(angle(a[3:6], b[3:6]), abs=1e-12)
 
 
-def test_segments_that_touch_allow_any_direction_between_them():
-    out = ranges(row([0, 0, 0], [1, 0, 0], 1.0), row([0.3, 1.0, 0], [0, 1, 0], 1.0))
+@pytest.mark.parametrize(
+    ('middle', 'half', 'direction1', 'direction2'),
+    [
+        ((0.3, 0.0, 0.0), 1.0, (0.0, np.pi), (0.0, np.pi)),  # across each other
+        ((0.3, 1.0, 0.0), 1.0, (0.0, np.pi), (0.0, np.pi / 2)),  # an end on the other's middle
+        ((-1.0, 1.0, 0.0), 1.0, (np.pi / 2, np.pi), (0.0, np.pi / 2)),  # an end on an end: a corner of a block
+    ],
+)
+def test_directions_between_segments_that_touch(middle, half, direction1, direction2):
+    """There is none where they touch; all others are in the range, and in the plane of the two lines."""
+    a, b = row([0, 0, 0], [1, 0, 0], 1.0), row(middle, [0, 1, 0], half)
+    out = ranges(a, b)
     assert out[0] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(out[4:8], [0.0, np.pi, 0.0, np.pi])
+    np.testing.assert_allclose(out[4:10], [*direction1, *direction2, np.pi / 2, np.pi / 2], atol=1e-12)
+    _, _, between = sampled(a, b, 41)
+    between = between[np.linalg.norm(between, axis=-1) > 1e-6]
+    for at, axis in ((4, a[3:6]), (6, b[3:6])):
+        measured = angle(between, axis)
+        assert measured.min() >= out[at] - 1e-9 and measured.max() <= out[at + 1] + 1e-9
+
+
+def test_two_edges_whose_normal_is_certain_are_on_no_parallel_pair():
+    """direction3 alone tells a right angle from two parallel edges."""
+    index = index_model(MODELS['l_shape']())
+    parallel = np.abs(index.rows[:, 3:6] @ index.rows[:, 3:6].T) > 0.999
+    data = index.features.select([0, int(np.flatnonzero(~parallel[0])[0])])
+    params = MatchParams(constraints=('direction3',), fracdev=1e-9, overhang=0.0)
+    assert not build_tables(index, data, params).match[0][parallel & ~np.eye(len(index), dtype=bool)].any()
 
 
 def test_direction2_is_direction1_seen_from_the_other_segment():

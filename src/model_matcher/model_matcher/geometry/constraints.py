@@ -20,7 +20,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
-from .settings import NO_NORMAL_SINE, NOT_ZERO, ROUNDING, SMALLEST_LENGTH
+from .settings import NO_NORMAL_SINE, NOT_ZERO, RIGHT_ANGLE, ROUNDING, SMALLEST_LENGTH
 
 DISTANCE, ANGLE, DIRECTION1, DIRECTION2, DIRECTION3 = range(5)
 NAMES = ('distance', 'angle', 'direction1', 'direction2', 'direction3')
@@ -175,9 +175,9 @@ def stationary(a: FloatArray, b: FloatArray, s: float) -> float:
 def direction_range(a: FloatArray, b: FloatArray, contact: float, error: float, cone: float) -> tuple[float, float]:
     """Range of the angle between q - p and a's direction.
 
-    Without errors this is the exact range, [0, pi] when the segments touch. Otherwise the least of angle + slack and
-    the largest of angle - slack, where slack is what the errors may do to that angle: bounds that a true pairing's
-    model range cannot fail to embrace.
+    Without errors this is the exact range; a place where the segments touch has no direction and does not count.
+    Otherwise the least of angle + slack and the largest of angle - slack, where slack is what the errors may do to that
+    angle: bounds that a true pairing's model range cannot fail to embrace.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def direction_range(a: FloatArray, b: FloatArray, contact: float, error: float, 
 
     """
     exact = error == 0.0 and cone == 0.0
-    if exact and contact < SMALLEST_LENGTH:
+    if exact and contact < SMALLEST_LENGTH and _cross(a, b):
         return 0.0, np.pi
     low, high = np.inf, -np.inf
     for end in range(2):
@@ -211,13 +211,25 @@ def direction_range(a: FloatArray, b: FloatArray, contact: float, error: float, 
                 t = b[6] if k == 0 else -b[6]
             angle, far = angle_at(a, b, s, t)
             slack = 0.0
-            if not exact:
-                if far <= error:
+            if exact:
+                if far < SMALLEST_LENGTH:
                     continue
+            elif far <= error:
+                continue
+            else:
                 slack = np.arcsin(error / far) + cone
             low = min(low, angle + slack)
             high = max(high, angle - slack)
+    if exact and high < low:
+        return 0.0, np.pi
     return low, high
+
+
+@njit
+def _cross(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two segments (9,) that touch do so between the ends of both: every direction then occurs about there."""
+    s, t, _ = closest_points(a, b)
+    return bool(abs(s) < a[6] - SMALLEST_LENGTH and abs(t) < b[6] - SMALLEST_LENGTH)
 
 
 @njit
@@ -271,6 +283,8 @@ def pair_ranges(
             return
         out[10] = 1.0
         if nearest < SMALLEST_LENGTH:
+            # Two lines that meet lie in a plane, and so does every q - p.
+            out[8] = out[9] = RIGHT_ANGLE
             return
         first = angle_to(a, b, s, t, nx / sine, ny / sine, nz / sine)
         last = angle_to(a, b, far_s, far_t, nx / sine, ny / sine, nz / sine)
@@ -352,10 +366,11 @@ def entry(data: FloatArray, model: FloatArray, one_edge: bool, length: float, sl
                     code &= ~(A_PLUS if k == 0 else B_PLUS)
                 if not _inside(pi - high, pi - low, model[4 + 2 * k], model[5 + 2 * k]):
                     code &= ~(A_MINUS if k == 0 else B_MINUS)
-        if use[4] and data[10] > 0.0 and model[10] > 0.0:
-            if not _inside(data[8], data[9], model[8], model[9]):
+        if use[4] and data[10] > 0.0:
+            # Lines whose common normal is certain are not parallel.
+            if model[10] == 0.0 or not _inside(data[8], data[9], model[8], model[9]):
                 code &= ~SAME
-            if not _inside(pi - data[9], pi - data[8], model[8], model[9]):
+            if model[10] == 0.0 or not _inside(pi - data[9], pi - data[8], model[8], model[9]):
                 code &= ~DIFFERENT
     if not (code & (SAME | DIFFERENT)) or not (code & (A_PLUS | A_MINUS)) or not (code & (B_PLUS | B_MINUS)):
         return 0
