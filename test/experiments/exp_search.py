@@ -25,6 +25,7 @@ IDEAL = {
     'max_cone_deg': 1.0,
     'max_bin': 0,
     'search': 'tree',
+    'eliminate': False,
 }
 LIMIT = 256
 FRACDEV = 0.1
@@ -52,7 +53,7 @@ def search(name: str, seconds: float, stated: float = 1e-3, **changes) -> dict:
     params = MatchParams(**{**IDEAL, **changes})
     tables, table_s = timed(lambda: build_tables(index, data, params))
     order, sort_s = timed(lambda: order_pairs(tables.pairs, tables.sums, params.ordering))
-    result, tree_s = timed(lambda: tree_search(tables, params, LIMIT, seconds, eliminate=False))
+    result, tree_s = timed(lambda: tree_search(tables, params, LIMIT, seconds))
     return {
         **result.stats,
         'complete': result.complete,
@@ -524,7 +525,7 @@ def combinatorics(setting: Setting) -> Outcome:
             params = MatchParams(search='tree')
             tables = build_tables(index, data, params)
             for key, eliminate in (('plain', False), ('aided', True)):
-                result = tree_search(tables, params, 1, 2.0, eliminate=eliminate)
+                result = tree_search(tables, params.replace(eliminate=eliminate), 1, 2.0)
                 rows[key].append((result.stats['levels'], result.complete or len(result.assignments) > 0))
             rows['pairs'].append(match(index, data).stats['hypotheses'])
             serial = match(index, data, MatchParams(search='serial', time_limit_s=2.0))

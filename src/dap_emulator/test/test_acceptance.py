@@ -120,20 +120,3 @@ def test_11_first_minimum_and_first_of_none():
     assert f.eln(f.minp(dap.vector(values))) == int(np.argmin(values)) + 1
     assert f.eln(dap.vector(np.zeros(40, bool))) == 0
     assert f.eln(dap.matrix(np.zeros((33, 5), bool))) == 0
-
-
-def test_12_a_model_of_54_edges_by_blocks_or_by_subgraphs():
-    """Soft: the machine's side of it. One 54 x 54 table is four blocks, so an operation on it costs what four separate
-    32 x 32 operations cost; what a subgraph program pays on top is a start of its own for every quadrant and level,
-    which is the thesis' factor of 0.40 to 0.48. The whole comparison is printed by the benchmark."""
-    dap = Dap.model('510')
-    whole = dap.matrix(np.zeros((54, 54), bool))
-    quadrant = dap.matrix(np.zeros((32, 32), bool))
-    dap.reset()
-    _ = whole & whole
-    together = dap.cycles
-    dap.reset()
-    for _ in range(4):
-        _ = quadrant & quadrant
-        f.eln(quadrant)
-    assert 0.3 < together / dap.cycles < 0.55

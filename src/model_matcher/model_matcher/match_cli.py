@@ -20,7 +20,7 @@ from msgs_py.numeric.typed import ByteArray
 from .drawing import draw_overlay, draw_views
 from .geometry.settings import ROUNDING
 from .model.library import load_library
-from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
+from .params import CONSTRAINTS, ENGINES, ORDERINGS, RANGES, REAL_BYTES, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey
 
 COLUMNS = ('model', 'matched', 'residual mm', 'x y z mm', 'turned deg about', 'signs', 'same', 'state')
@@ -73,6 +73,11 @@ def match_parser() -> argparse.ArgumentParser:
         )
     add('--seed', type=int, default=default.seed, help='deprecated: has no effect')
     add('--no-signs', action='store_true', help='leave direction signs out of the tree search')
+    add('--no-eliminate', action='store_true', help='search the tree as the thesis does: leave nothing out beforehand')
+    add(
+        '--ranges', choices=RANGES, default=default.ranges, help=f"of the tree's constraints; default: {default.ranges}"
+    )
+    add('--real-bytes', type=int, choices=REAL_BYTES, default=default.real_bytes, help='word length, for --engine dap')
     add('--prove', action='store_true', help='certify that no larger interpretation exists')
     seconds = default.time_limit_s
     add('--time-limit', type=float, default=seconds, metavar='S', help=f'of one search (default: {seconds:g})')
@@ -136,6 +141,9 @@ def params_of(options: argparse.Namespace) -> MatchParams:
         scale=options.scale,
         constraints=tuple(options.constraints),
         signs=not options.no_signs,
+        eliminate=not options.no_eliminate,
+        ranges=options.ranges,
+        real_bytes=options.real_bytes,
         prove=options.prove,
         time_limit_s=options.time_limit,
         seed=options.seed,

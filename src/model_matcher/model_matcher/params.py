@@ -13,9 +13,11 @@ from msgs_py.renaming import without_effect
 
 SEARCHES = ('hypotheses', 'tree', 'subgraph', 'serial')
 ENGINES = ('native', 'dap')
-ORDERINGS = ('combined', 'holder_buxton', 'consistency', 'consistency_grouped', 'worst')
+ORDERINGS = ('combined', 'holder_buxton', 'consistency', 'consistency_grouped', 'curves_first', 'worst')
 CONSTRAINTS = ('distance', 'angle', 'direction1', 'direction2', 'direction3')
 SCALES = ('known', 'free')
+RANGES = ('exact', 'corners')
+REAL_BYTES = (4, 8)
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class MatchParams:
         'hypotheses' (pair hypotheses and back-projection, the default), or a search of the thesis: 'tree' (look-up
         tables, sorted), 'subgraph' (the same by quadrants) or 'serial' (Grimson and Lozano-Perez).
     engine : str
-        'native', or 'dap': the tree on the emulated array machine.
+        'native', or 'dap': the tree, or its search by quadrants, on the emulated array machine.
     ordering : str
         Of the data pairs in a tree search (thesis 5.7.1).
     constraints : tuple of str
@@ -51,7 +53,8 @@ class MatchParams:
     max_bin : int, optional
         Largest number of data features that a tree search leaves unmatched (thesis 5.10); None: any number.
     quadrant : int
-        Side of the quadrants of search='subgraph', model features (thesis 5.8).
+        Side of the quadrants of search='subgraph', model features (thesis 5.8). With engine='dap' the whole machine is
+        best: 32.
     max_interpretations : int
         Most interpretations that are returned.
     min_matched : int
@@ -68,6 +71,14 @@ class MatchParams:
         Seconds; then the best so far is returned, unproven.
     seed : int
         Deprecated: accepted, and without effect. Nothing in a match is random.
+    eliminate : bool
+        Whether a tree search leaves out beforehand what cannot be part of an interpretation of the size looked for (the
+        future work of thesis 7.4); without it the search is the thesis' own.
+    ranges : str
+        Of a tree search's constraints: 'exact', which prunes no true pairing, or 'corners', the thesis' own, from end
+        points alone (thesis 5.5).
+    real_bytes : int
+        Word length of REAL on the array machine, 4 or 8; for engine='dap'.
 
     Raises
     ------
@@ -104,20 +115,31 @@ class MatchParams:
     prove: bool = False
     time_limit_s: float = 10.0
     seed: int = 0
+    eliminate: bool = True
+    ranges: str = 'exact'
+    real_bytes: int = 8
 
     def __post_init__(self) -> None:
         if self.seed:
             warnings.warn(without_effect('MatchParams: argument', 'seed'), FutureWarning, stacklevel=3)
-        for name, choices in (('search', SEARCHES), ('engine', ENGINES), ('ordering', ORDERINGS), ('scale', SCALES)):
+        choices: tuple[Any, ...]
+        for name, choices in (
+            ('search', SEARCHES),
+            ('engine', ENGINES),
+            ('ordering', ORDERINGS),
+            ('scale', SCALES),
+            ('ranges', RANGES),
+            ('real_bytes', REAL_BYTES),
+        ):
             if getattr(self, name) not in choices:
-                raise ValueError(f'{name}: expected one of {", ".join(choices)}; got {getattr(self, name)!r}')
+                raise ValueError(f'{name}: expected one of {", ".join(map(str, choices))}; got {getattr(self, name)!r}')
         constraints = (self.constraints,) if isinstance(self.constraints, str) else tuple(self.constraints)
         for constraint in constraints:
             if constraint not in CONSTRAINTS:
                 raise ValueError(f'constraints: expected any of {", ".join(CONSTRAINTS)}; got {constraint!r}')
         object.__setattr__(self, 'constraints', constraints)
-        if self.engine == 'dap' and self.search not in ('tree',):
-            raise ValueError(f"engine: 'dap' runs search='tree' only, got search={self.search!r}")
+        if self.engine == 'dap' and self.search not in ('tree', 'subgraph'):
+            raise ValueError(f"engine: 'dap' runs search='tree' and 'subgraph' only, got search={self.search!r}")
         for name, low, high in (
             ('max_cone_deg', 0.0, 90.0),
             ('curve_cone_deg', 0.0, 90.0),

@@ -6,10 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dap_emulator import Dap
-from model_matcher import MatchParams, match
-from model_matcher.interpretation_tree.engine_dap import DapTables, sort_pairs, tree_search
+from model_matcher import MatchParams, index_model, match
+from model_matcher.closed_form.synthetic import MODELS
+from model_matcher.interpretation_tree.array_elimination import alive_for
+from model_matcher.interpretation_tree.array_sorts import sort_pairs
+from model_matcher.interpretation_tree.array_tables import ArrayTables
+from model_matcher.interpretation_tree.array_traversal import ArrayTraversal
+from model_matcher.interpretation_tree.cores import core_numbers, largest_core
+from model_matcher.interpretation_tree.engine_dap import tree_search
 from model_matcher.interpretation_tree.ordering import order_pairs
 from model_matcher.interpretation_tree.tables import all_pairs, build_tables
+from model_matcher.interpretation_tree.tree import UNASSIGNED, Limits
 from model_matcher.interpretation_tree.tree import tree_search as native_search
 from model_matcher.model.index import indexed
 from model_matcher.params import ORDERINGS
@@ -47,21 +54,49 @@ def seen(indices, noise=0.0, seed=0, flip=True, clutter=0):
 
 
 @pytest.mark.parametrize(
-    'constraints',
+    'changes',
     [
-        ('distance', 'angle', 'direction1', 'direction2', 'direction3'),
-        ('angle',),
-        ('distance', 'direction3'),
-        ('direction1', 'direction2'),
+        {},
+        {'constraints': ('angle',)},
+        {'constraints': ('distance', 'direction3')},
+        {'constraints': ('direction1', 'direction2')},
+        {'search': 'subgraph', 'quadrant': 5},
     ],
+    ids=str,
 )
 @pytest.mark.parametrize('signs', [True, False])
-def test_tables_are_the_native_ones(constraints, signs):
-    params = MatchParams(search='tree', constraints=constraints, signs=signs)
+@pytest.mark.parametrize('ranges', ['exact', 'corners'])
+def test_tables_are_the_native_ones(changes, signs, ranges):
+    """The machine makes all ranges itself."""
+    params = MatchParams(**{'search': 'tree', **changes}, signs=signs, ranges=ranges)
     index, data = indexed(MODEL, 'bar'), seen([0, 3, 5, 7, 11, 13], noise=1e-4)
     native = build_tables(index, data, params)
-    ours = DapTables(Dap.model('510'), index, data, params)
-    assert np.array_equal(ours.tables.code, native.code) and np.array_equal(ours.sums, native.sums)
+    ours = ArrayTables(Dap.model('510'), index, data, params)
+    assert np.array_equal(ours.on_host().code, native.code) and np.array_equal(ours.sums, native.sums)
+    assert np.array_equal(ours.unary, native.unary)
+
+
+@pytest.mark.parametrize('ranges', ['exact', 'corners'])
+def test_tables_of_curves_and_axes_are_the_native_ones(ranges):
+    model = MODELS['cylinder_box']()
+    index = index_model(model)
+    data = model.transformed(POSE).select(np.arange(0, len(model), 2))
+    params = MatchParams(search='tree', ranges=ranges)
+    ours, native = ArrayTables(Dap.model('510'), index, data, params), build_tables(index, data, params)
+    assert np.array_equal(ours.on_host().code, native.code)
+
+
+def test_in_short_words_the_tables_lose_no_pair_and_cost_less():
+    """REAL*4 rounds more, so that its bounds are wider."""
+    index, data = indexed(MODEL, 'bar'), seen([0, 3, 5, 7, 11, 13], noise=1e-4)
+    params = MatchParams(search='tree')
+    machines = [Dap.model('510') for _ in range(2)]
+    long, short = (
+        ArrayTables(machine, index, data, params.replace(real_bytes=length)).on_host().match
+        for machine, length in zip(machines, (8, 4))
+    )
+    assert (short | ~long).all() and (short & ~long).sum() < 0.02 * long.sum()
+    assert machines[1].cycles < 0.6 * machines[0].cycles
 
 
 @given(st.integers(2, 12), st.sampled_from(ORDERINGS), st.integers(0, 2**32 - 1), st.integers(1, 20))
@@ -87,6 +122,70 @@ def test_interpretations_are_the_native_ones(changes, clutter):
     assert np.array_equal(ours.signs, native.signs)
     for counter in ('levels', 'sign_cutoffs', 'unassigned_pairs'):
         assert ours.stats[counter] == native.stats[counter], counter
+
+
+@pytest.mark.parametrize('clutter', [0, 2])
+@pytest.mark.parametrize('quadrant', [5, 32])
+@pytest.mark.parametrize('eliminate', [True, False])
+def test_subgraph_matching_runs_on_the_machine(clutter, quadrant, eliminate):
+    """Thesis 5.8: by quadrants of the tables, in the native order, with the native interpretations."""
+    params = MatchParams(search='subgraph', quadrant=quadrant, eliminate=eliminate)
+    index, data = indexed(MODEL, 'bar'), seen([1, 4, 8, 10, 12, 14, 16], noise=5e-5, seed=3, clutter=clutter)
+    native, ours = native_search(build_tables(index, data, params), params), tree_search(index, data, params)
+    assert len(native.assignments) and np.array_equal(ours.assignments, native.assignments)
+    assert np.array_equal(ours.signs, native.signs)
+    for counter in ('levels', 'sign_cutoffs', 'unassigned_pairs'):
+        assert ours.stats[counter] == native.stats[counter], counter
+
+
+def test_a_quadrant_is_entered_only_when_the_four_tests_pass():
+    """Thesis 5.8: a quadrant without matches, or beside an assigned model edge, is passed over by one array test."""
+    params = MatchParams(search='subgraph', quadrant=5, max_bin=0)
+    index, data = indexed(MODEL, 'bar'), seen([1, 4, 8, 10, 12, 14, 16], noise=5e-5, seed=3)
+    tables = ArrayTables(Dap.model('510'), index, data, params)
+    rows = np.arange(len(tables.pairs))
+    limits = Limits(0, 1, 1000, True, False)
+    search = ArrayTraversal(tables, tables.unary, tables.pairs, rows, limits, np.inf)
+    counts = np.array([0 if plane is None else plane.values.sum() for plane in tables.match[0]])
+    columns, sides = (np.array([getattr(part, side) for part in tables.parts]) for side in ('columns', 'rows'))
+    for fixed in ((UNASSIGNED, UNASSIGNED), (7, UNASSIGNED), (UNASSIGNED, 12), (3, 16)):
+        wanted = counts > 0
+        for label, places in zip(fixed, (columns, sides)):
+            if label != UNASSIGNED:
+                wanted &= (places[:, 0] <= label) & (label < places[:, 1])
+        assert np.array_equal(search._quadrants(0, fixed).values, wanted)
+
+
+def test_the_algorithm_as_printed_leaves_nothing_out_beforehand_and_every_phase_is_charged():
+    data = seen([1, 4, 8, 10, 12, 14, 16], noise=5e-5, seed=5)
+    index = indexed(MODEL, 'bar')
+    printed = tree_search(index, data, MatchParams(search='tree', eliminate=False, max_bin=0))
+    aided = tree_search(index, data, MatchParams(search='tree', max_bin=0))
+    phases = printed.stats['dap_phases']
+    assert set(phases) == {'set_up', 'model_ranges', 'data_ranges', 'tables', 'sort', 'traversal', 'signs'}
+    assert sum(phases.values()) == pytest.approx(printed.stats['dap_seconds'])
+    assert aided.stats['dap_phases']['elimination'] > 0.0
+    assert np.array_equal(printed.assignments, aided.assignments) and printed.stats['levels'] > aided.stats['levels']
+
+
+@pytest.mark.parametrize('clutter', [0, 1])
+def test_without_elimination_the_interpretations_are_the_native_ones(clutter):
+    params = MatchParams(search='tree', eliminate=False, max_bin=1)
+    index, data = indexed(MODEL, 'bar'), seen([1, 4, 8, 10, 12, 14, 16], noise=5e-5, seed=6, clutter=clutter)
+    native, ours = native_search(build_tables(index, data, params), params), tree_search(index, data, params)
+    assert len(native.assignments) and np.array_equal(ours.assignments, native.assignments)
+    assert ours.stats['levels'] == native.stats['levels']
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 9))
+@settings(max_examples=10, deadline=None)
+def test_what_the_machine_eliminates_is_what_core_numbers_say(seed, size):
+    index = indexed(MODEL, 'bar')
+    data = seen([1, 4, 8, 10, 12, 14], noise=5e-5, seed=seed, clutter=3)
+    params = MatchParams(search='tree')
+    core = core_numbers(build_tables(index, data, params))
+    expected = core >= size if size <= largest_core(core) else np.zeros_like(core, bool)
+    assert np.array_equal(alive_for(ArrayTables(Dap.model('510'), index, data, params), size), expected)
 
 
 def test_match_finds_the_pose_and_says_what_the_machine_would_take():

@@ -123,10 +123,48 @@ def test_the_bin_takes_spurious_edges_and_no_others(spurious):
     data = FeatureSet.concatenate([junk, seen])
     tables = build_tables(index_model(model), data, MatchParams(fracdev=1e-4))
     for eliminate in (True, False):
-        result = tree_search(tables, MatchParams(max_bin=4), seconds=20.0, eliminate=eliminate)
+        result = tree_search(tables, MatchParams(max_bin=4, eliminate=eliminate), seconds=20.0)
         assert (result.assignments[0] == [*[-1] * spurious, *range(15)]).all()
     assert largest_core(core_numbers(tables)) == 15
     assert not len(tree_search(tables, MatchParams(max_bin=spurious - 1)).assignments)
+
+
+def test_pairs_of_curves_lead_and_every_other_pair_has_an_assigned_feature():
+    """Thesis 6.10: curve tables first, as far as consistency allows."""
+    pairs = all_pairs(6)
+    curves = np.array([False, True, False, True, True, False])
+    sums = np.random.default_rng(3).integers(1, 50, len(pairs))
+    order = order_pairs(pairs, sums, 'curves_first', curves)
+    assert sorted(order) == list(range(len(pairs)))
+    both = curves[pairs[order]].sum(axis=1)
+    assert (both[:3] == 2).all() and (both[3:] < 2).all()
+    met = set(pairs[order[0]].tolist())
+    for a, b in pairs[order[1:]]:
+        assert a in met or b in met
+        met |= {int(a), int(b)}
+    assert np.array_equal(order_pairs(pairs, sums, 'curves_first'), order_pairs(pairs, sums, 'consistency_grouped'))
+
+
+def test_without_elimination_the_bin_search_is_the_thesis_own_and_finds_the_same():
+    """Neither pairings nor branches are left out for want of agreement: more levels, one answer."""
+    index, data = index_model(MODELS['l_shape'](), 'l_shape'), make_scene(MODELS['l_shape'](), 5, clutter=0.2).data
+    aided, printed = (match(index, data, MatchParams(search='tree', eliminate=e)) for e in (True, False))
+    assert np.array_equal(aided.best.assignment, printed.best.assignment)
+    assert printed.stats['levels'] > aided.stats['levels'] and printed.stats['eliminated'] == 0
+
+
+def test_ranges_of_corners_prune_more_and_may_prune_a_fragment_that_is_right():
+    """The thesis' ranges leave out what lies between end points: the middle of an edge is nearer than either end."""
+    model = FeatureSet.from_edges([[0, 0, 0], [0, 0.02, 0]], [[0.1, 0, 0], [0.1, 0.02, 0]])
+    crossing = FeatureSet.from_edges([[0, 0, 0], [0.05, -0.05, 0.01]], [[0.1, 0, 0], [0.05, 0.05, 0.01]])
+    index = index_model(crossing)
+    data = FeatureSet.from_edges([[0.04, 0, 0], [0.05, -0.01, 0.01]], [[0.06, 0, 0], [0.05, 0.01, 0.01]])
+    params = MatchParams(fracdev=1e-9, overhang=0.0, signs=False)
+    assert build_tables(index, data, params).match[0, 0, 1]
+    assert not build_tables(index, data, params.replace(ranges='corners')).match[0, 0, 1]
+    whole = index_model(model)
+    for ranges in ('exact', 'corners'):
+        assert build_tables(whole, model, params.replace(ranges=ranges)).match[0, 0, 1]
 
 
 @pytest.mark.parametrize('name', ['l_shape', 'wedge', 'cylinder_box', 'chair'])

@@ -1,4 +1,4 @@
-"""The five pairwise constraints of thesis 5.5, with exact ranges (metres, radians).
+"""The five pairwise constraints of thesis 5.5, with exact ranges and with the thesis' own (metres, radians).
 
 For two segments a and b, p runs along a and q along b; the ranges are those of
 
@@ -304,6 +304,67 @@ def pair_ranges(
         slack = np.arcsin(error / far) + np.arcsin(tilt)
         low, high = min(low, at + slack), max(high, at - slack)
     out[8], out[9] = low, high
+
+
+@njit
+def corner_ranges(
+    a: FloatArray, b: FloatArray, error_a: float, error_b: float, cone_a: float, cone_b: float, out: FloatArray
+) -> None:
+    """All ranges of a pair as the thesis takes them: from the four vectors between end points.
+
+    The extremes between the ends are left out, so that a range may be smaller than the exact one, and a fragment of an
+    edge may be pruned that lies on it. Data edges are shortened by the errors of their ends; angles are drawn inwards
+    by the cones. Where lines are parallel their common normal is the zero vector, which is at right angles to all.
+
+    Parameters
+    ----------
+    a, b : (9,) float64
+        Features, see features.py.
+    error_a, error_b : float
+        Metres, by which each end of a data feature is drawn in.
+    cone_a, cone_b : float
+        Radians, half cone angles of the directions.
+    out : (11,) float64
+        Filled as :func:`pair_ranges` does; direction3 is always defined.
+
+    References
+    ----------
+    Thesis 5.4, 5.5.
+    """
+    ha, hb = max(a[6] - error_a, 0.0), max(b[6] - error_b, 0.0)
+    nx = a[4] * b[5] - a[5] * b[4]
+    ny = a[5] * b[3] - a[3] * b[5]
+    nz = a[3] * b[4] - a[4] * b[3]
+    sine = np.sqrt(nx * nx + ny * ny + nz * nz)
+    cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    angle = np.arctan2(sine, cosine)
+    scale = 1.0 / sine if sine > NO_NORMAL_SINE else 0.0
+    nx, ny, nz = nx * scale, ny * scale, nz * scale
+    out[0::2] = np.inf
+    out[1::2] = -np.inf
+    for k in range(4):
+        s, t = (ha if k < 2 else -ha), (hb if k % 2 == 0 else -hb)
+        rx = b[0] + t * b[3] - a[0] - s * a[3]
+        ry = b[1] + t * b[4] - a[1] - s * a[4]
+        rz = b[2] + t * b[5] - a[2] - s * a[5]
+        far = np.sqrt(rx * rx + ry * ry + rz * rz)
+        over = 1.0 / far if far > SMALLEST_LENGTH else 0.0
+        values = (
+            far,
+            np.arccos(min(max(over * (rx * a[3] + ry * a[4] + rz * a[5]), -1.0), 1.0)),
+            np.arccos(min(max(over * (rx * b[3] + ry * b[4] + rz * b[5]), -1.0), 1.0)),
+            np.arccos(min(max(over * (rx * nx + ry * ny + rz * nz), -1.0), 1.0)),
+        )
+        for place in range(4):
+            at = 2 * place + (2 if place else 0)
+            out[at] = min(out[at], values[place])
+            out[at + 1] = max(out[at + 1], values[place])
+    cone = cone_a + cone_b
+    out[2], out[3] = angle + cone, angle - cone
+    for at, slack in ((4, cone_a), (6, cone_b), (8, cone)):
+        out[at] += slack
+        out[at + 1] -= slack
+    out[10] = 1.0
 
 
 @njit

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from msgs_py.numeric.typed import AnyArray, IntArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, IntArray
 
 from ..params import ORDERINGS
 
 
-def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> IntArray:
+def order_pairs(
+    pairs: AnyArray, sums: IntArray, ordering: str = 'combined', curves: BoolArray | None = None
+) -> IntArray:
     """Rows of the match list in the order of traversal; equal sums keep the order of the list.
 
     Parameters
@@ -25,6 +27,10 @@ def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> 
         - 'consistency_grouped': the same, and in each group (pairs with one second feature) the pair of fewest matches
           first
         - 'combined': the grouped order behind the pair of fewest matches of all
+        - 'curves_first': the grouped order with curves as the first features, so that pairs of two curves come first,
+          then those of an edge with a curve (thesis 6.10); each pair but the first still has an assigned feature
+    curves : (n,) bool, optional
+        Which features are curves, for 'curves_first'; none when not given.
 
     Returns
     -------
@@ -37,7 +43,7 @@ def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> 
 
     References
     ----------
-    Thesis 5.7.1 and appendix C.
+    Thesis 5.7.1, 6.10 and appendix C.
 
     Examples
     --------
@@ -56,6 +62,9 @@ def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> 
         return np.argsort(-sums, kind='stable')
     if ordering == 'holder_buxton':
         return np.argsort(sums, kind='stable')
+    if ordering == 'curves_first':
+        listed, places = curves_before_others(np.asarray(pairs), curves)
+        return listed[order_pairs(places, sums[listed], 'consistency_grouped')]
     first, second = np.asarray(pairs)[:, 0], np.asarray(pairs)[:, 1]
     if ordering == 'consistency':
         return np.lexsort((first, second))
@@ -72,3 +81,27 @@ def order_pairs(pairs: AnyArray, sums: IntArray, ordering: str = 'combined') -> 
     if ordering == 'combined':
         order = np.concatenate([[start], order[order != start]])
     return order.astype(np.int64)
+
+
+def curves_before_others(pairs: IntArray, curves: BoolArray | None) -> tuple[IntArray, IntArray]:
+    """The match list as it would be with all curves numbered before the other features.
+
+    Returns
+    -------
+    listed : (P,) int64
+        Where each pair of that list stands in ``pairs``.
+    places : (P, 2) int64
+        The new numbers of its features, the smaller first.
+
+    Examples
+    --------
+    >>> listed, places = curves_before_others(np.array([[0, 1], [0, 2], [1, 2]]), np.array([False, True, True]))
+    >>> listed.tolist(), places.tolist()
+    ([2, 0, 1], [[0, 1], [0, 2], [1, 2]])
+    """
+    n = int(pairs.max()) + 1
+    is_curve = np.zeros(n, bool) if curves is None else np.asarray(curves)
+    place = np.argsort(np.argsort(~is_curve, kind='stable'), kind='stable')
+    places = np.sort(place[pairs], axis=1)
+    listed = np.lexsort((places[:, 1], places[:, 0]))
+    return listed, places[listed]

@@ -70,7 +70,9 @@ def serial_search(
     impossible = int((~unary.any(axis=1)).sum())
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
     for in_bin in range(impossible, most + 1):
-        found, inner, inner_signs = _descend(tests, unary[order], Limits(in_bin, limit, budget, params.signs), counters)
+        found, inner, inner_signs = _descend(
+            tests, unary[order], Limits(in_bin, limit, budget, params.signs, False), counters
+        )
         if found or counters[TRUNCATED]:
             assignments = np.full((found, n), BIN, np.int32)
             signs = np.zeros((found, n), np.int8)

@@ -13,7 +13,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 
 from ..geometry import constraints as c
-from ..geometry.constraints import consistent_signs, entry, pair_ranges
+from ..geometry.constraints import consistent_signs, corner_ranges, entry, pair_ranges
 from ..geometry.settings import ROUNDING
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
@@ -33,11 +33,14 @@ class Tables:
         are set where a constraint says nothing of signs.
     unary : (n, e) bool
         Which model features a data feature may be on by itself: type and length.
+    curves : (n,) bool
+        Which data features are curves.
     """
 
     pairs: Int32Array
     code: ByteArray
     unary: BoolArray
+    curves: BoolArray
 
     @property
     def match(self) -> BoolArray:
@@ -76,9 +79,12 @@ def all_pairs(n: int) -> Int32Array:
     return np.stack([first, second], axis=1).astype(np.int32)
 
 
-def model_ranges(index: ModelIndex) -> FloatArray:
-    """(e, e, 11) float64: the exact ranges of all ordered pairs of model features (constraints.pair_ranges)."""
-    ranges: FloatArray = _model_ranges(index.rows)
+def model_ranges(index: ModelIndex, corners: bool = False) -> FloatArray:
+    """(e, e, 11) float64: the ranges of all ordered pairs of model features.
+
+    Exact (constraints.pair_ranges), or of their end points alone (constraints.corner_ranges).
+    """
+    ranges: FloatArray = _model_ranges(index.rows, corners)
     return ranges
 
 
@@ -88,9 +94,14 @@ def position_errors(tolerances: FloatArray) -> FloatArray:
     return errors
 
 
-def ranges_of_rows(rows: FloatArray, tolerances: FloatArray) -> FloatArray:
-    """(P, 11) float64: the ranges of all pairs of data rows (n, 9), drawn inwards by their tolerances (n, 3)."""
-    ranges: FloatArray = _data_ranges(rows, position_errors(tolerances), tolerances[:, 2], all_pairs(len(rows)))
+def ranges_of_rows(rows: FloatArray, tolerances: FloatArray, corners: bool = False) -> FloatArray:
+    """(P, 11) float64: the ranges of all pairs of data rows (n, 9), drawn inwards by their tolerances (n, 3).
+
+    corners : of their end points alone, drawn in by the error across (thesis 5.4)
+    """
+    error = np.ascontiguousarray(tolerances[:, 0]) if corners else position_errors(tolerances)
+    cone = np.ascontiguousarray(tolerances[:, 2])
+    ranges: FloatArray = _data_ranges(rows, error, cone, all_pairs(len(rows)), corners)
     return ranges
 
 
@@ -114,7 +125,8 @@ def data_ranges(data: FeatureSet, size: float, params: MatchParams, tolerances: 
         Distances in metres and angles in radians (geometry.constraints.pair_ranges).
     """
     rows = feature_rows(data)
-    return ranges_of_rows(rows, data_tolerances(data, rows, size, params) if tolerances is None else tolerances)
+    tolerances = data_tolerances(data, rows, size, params) if tolerances is None else tolerances
+    return ranges_of_rows(rows, tolerances, params.ranges == 'corners')
 
 
 class PairTests(NamedTuple):
@@ -142,9 +154,10 @@ class PairTests(NamedTuple):
 
 def pair_tests(index: ModelIndex, rows: FloatArray, tolerances: FloatArray, params: MatchParams) -> PairTests:
     """The tests of all pairs of data rows (n, 9) with tolerances (n, 3) against all pairs of model features."""
+    corners = params.ranges == 'corners'
     return PairTests(
-        ranges_of_rows(rows, tolerances),
-        model_ranges(index),
+        ranges_of_rows(rows, tolerances, corners),
+        model_ranges(index, corners),
         2.0 * index.rows[:, 6],
         position_errors(tolerances),
         constraints_used(params),
@@ -206,27 +219,34 @@ def build_tables(index: ModelIndex, data: FeatureSet, params: MatchParams) -> Ta
     tolerances = data_tolerances(data, rows, index.size, params)
     unary = unary_table(index, data, tolerances, params)
     code: ByteArray = _fill(pair_tests(index, rows, tolerances, params), pairs, unary, params.signs)
-    return Tables(pairs, code, unary)
+    return Tables(pairs, code, unary, data.kind == FeatureKind.CURVE)
 
 
 @njit
-def _model_ranges(rows: FloatArray) -> FloatArray:
+def _model_ranges(rows: FloatArray, corners: bool) -> FloatArray:
     """(e, e, 11) ranges of ordered pairs of model rows (e, 9); 0 for a feature with itself."""
     e = rows.shape[0]
     out = np.zeros((e, e, 11))
     for i in range(e):
         for j in range(e):
-            if i != j:
+            if i == j:
+                continue
+            if corners:
+                corner_ranges(rows[i], rows[j], 0.0, 0.0, 0.0, 0.0, out[i, j])
+            else:
                 pair_ranges(rows[i], rows[j], 0.0, 0.0, 0.0, 0.0, out[i, j])
     return out
 
 
 @njit
-def _data_ranges(rows: FloatArray, error: FloatArray, cone: FloatArray, pairs: Int32Array) -> FloatArray:
+def _data_ranges(rows: FloatArray, error: FloatArray, cone: FloatArray, pairs: Int32Array, corners: bool) -> FloatArray:
     """(P, 11) ranges of pairs (P, 2) of data rows (n, 9), with errors (n,) in metres and cones (n,) in radians."""
     out = np.zeros((pairs.shape[0], 11))
     for p in range(pairs.shape[0]):
         a, b = pairs[p, 0], pairs[p, 1]
+        if corners:
+            corner_ranges(rows[a], rows[b], error[a], error[b], cone[a], cone[b], out[p])
+            continue
         pair_ranges(rows[a], rows[b], error[a], error[b], cone[a], cone[b], out[p])
     return out
 

@@ -71,11 +71,7 @@ Traversal = Callable[[Tables, BoolArray, MatchParams, int, int, int], Traversed]
 
 
 def tree_search(
-    tables: Tables,
-    params: MatchParams,
-    limit: int = INTERPRETATIONS,
-    seconds: float | None = None,
-    eliminate: bool = True,
+    tables: Tables, params: MatchParams, limit: int = INTERPRETATIONS, seconds: float | None = None
 ) -> TreeResult:
     """Search the interpretation tree for feasible interpretations.
 
@@ -84,14 +80,12 @@ def tree_search(
     tables : Tables
         Look-up tables of the data and the model.
     params : MatchParams
-        ordering, signs, max_bin (None: all but min_matched features may go into the bin), time_limit_s; with
+        ordering, signs, max_bin (None: all but min_matched features may go into the bin), eliminate, time_limit_s; with
         search='subgraph' the tables are searched by quadrants of ``quadrant`` x ``quadrant`` model features.
     limit : int
         Most interpretations that are returned (the thesis' NOI).
     seconds : float, optional
         Time limit, params.time_limit_s when not given.
-    eliminate : bool
-        Leave out beforehand what cannot be part of an interpretation of the size looked for.
 
     Returns
     -------
@@ -102,26 +96,41 @@ def tree_search(
     ----------
     Thesis 5.7, 5.8, 5.10, 7.4 and appendix C.
     """
-    return search_with_bin(tables, params, limit, seconds, eliminate, traverse_left)
+    core = core_numbers(tables) if params.eliminate else None
+    return search_with_bin(tables, params, limit, seconds, lambda size: _alive(tables, core, size), traverse_left)
+
+
+def _alive(tables: Tables, core: Int32Array | None, size: int) -> BoolArray:
+    """(n, e) bool: the pairings that may be in an interpretation of this size; with core numbers, as far as they tell.
+
+    In a consistent set of K features, each has a consistent model feature in all K - 1 others. Nothing is left when
+    fewer than K features have such a pairing.
+    """
+    if core is None:
+        return tables.unary.copy()
+    return core >= size if size <= largest_core(core) else np.zeros_like(tables.unary)
 
 
 def subgraph_search(
-    tables: Tables,
-    params: MatchParams,
-    limit: int = INTERPRETATIONS,
-    seconds: float | None = None,
-    eliminate: bool = True,
+    tables: Tables, params: MatchParams, limit: int = INTERPRETATIONS, seconds: float | None = None
 ) -> TreeResult:
     """As :func:`tree_search`, by quadrants of params.quadrant x params.quadrant model features (thesis 5.8)."""
-    return tree_search(tables, params.replace(search='subgraph'), limit, seconds, eliminate)
+    return tree_search(tables, params.replace(search='subgraph'), limit, seconds)
 
 
 def search_with_bin(
-    tables: Tables, params: MatchParams, limit: int, seconds: float | None, eliminate: bool, traverse: Traversal
+    tables: Tables,
+    params: MatchParams,
+    limit: int,
+    seconds: float | None,
+    alive_for: Callable[[int], BoolArray],
+    traverse: Traversal,
 ) -> TreeResult:
     """Run a traversal with a rising number of features in the bin until it finds an interpretation.
 
-    Parameters as for :func:`tree_search`; traverse : :func:`traverse_left` or its counterpart on the array machine.
+    Parameters as for :func:`tree_search`; alive_for : the pairings (n, e) bool that may be in an interpretation of some
+    size, none when there can be no such interpretation; traverse : :func:`traverse_left` or its counterpart on the
+    array machine.
     """
     n = tables.unary.shape[0]
     limit_s = params.time_limit_s if seconds is None else seconds
@@ -129,12 +138,13 @@ def search_with_bin(
     started = time.perf_counter()
     stats: dict[str, Any] = dict.fromkeys(COUNTERS, 0)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
-    core = core_numbers(tables)
-    # In a consistent set of K features, each has a consistent model feature in all K - 1 others.
-    largest = largest_core(core) if eliminate else n
-    stats['eliminated'] = int((core.max(axis=1, initial=0) < max(largest, 1)).sum()) if eliminate else 0
-    for in_bin in range(max(n - largest, 0), most + 1):
-        alive = core >= n - in_bin if eliminate else tables.unary.copy()
+    stats['eliminated'] = 0
+    for in_bin in range(0, most + 1):
+        alive = alive_for(n - in_bin)
+        left = int(alive.any(axis=1).sum())
+        if left < n - in_bin:
+            continue
+        stats['eliminated'] = n - left
         found = traverse(tables, alive, params, in_bin, limit, budget - stats['levels'])
         for name, count in zip(COUNTERS, found.counters):
             stats[name] += int(count)
@@ -176,12 +186,12 @@ def traverse_left(
     left = np.flatnonzero(alive.any(axis=1))
     counters = np.zeros(len(COUNTERS), np.int64)
     pairs, rows = sub_pairs(left, n)
-    order = order_pairs(pairs, tables.sums[rows], params.ordering)
+    order = order_pairs(pairs, tables.sums[rows], params.ordering, tables.curves[left])
     in_bin -= n - len(left)
     tree = PairTree(
         left[pairs[order]].astype(np.int32), rows[order], quadrants(tables, rows[order], side, in_bin > 0), side
     )
-    limits = Limits(in_bin, limit, levels, params.signs)
+    limits = Limits(in_bin, limit, levels, params.signs, params.eliminate and in_bin > 0)
     count, assignments, signs = traverse_pairs(tree, tables.code, alive, limits, counters)
     assignments = np.where(assignments[:count] == UNASSIGNED, np.int32(BIN), assignments[:count])
     return Traversed(assignments, signs[:count], counters)
@@ -190,7 +200,8 @@ def traverse_left(
 def quadrants(tables: Tables, rows: IntArray, side: int, with_bin: bool) -> Int32Array:
     """(L, q) int32: the quadrants of each table that hold a match, fewest matches first; -1 fills the rest.
 
-    A table has a row and a column more than there are model features, for the bin, all true when there is a bin.
+    A table has a row and a column more than there are model features, for the bin: while one feature of the pair is in
+    it, the other may be whatever it may be by itself.
     """
     e = tables.unary.shape[1]
     across = (e + side) // side
@@ -199,7 +210,8 @@ def quadrants(tables: Tables, rows: IntArray, side: int, with_bin: bool) -> Int3
     padded = np.zeros((len(rows), across * side, across * side), bool)
     padded[:, :e, :e] = tables.code[rows] != 0
     if with_bin:
-        padded[:, e, : e + 1] = padded[:, : e + 1, e] = True
+        first, second = tables.pairs[rows].T
+        padded[:, :e, e], padded[:, e, :e], padded[:, e, e] = tables.unary[first], tables.unary[second], True
     counts = padded.reshape(len(rows), across, side, across, side).sum(axis=(2, 4)).reshape(len(rows), -1)
     order = np.argsort(counts, axis=1, kind='stable').astype(np.int32)
     order = np.where(np.take_along_axis(counts, order, axis=1) == 0, np.int32(-1), order)
@@ -245,12 +257,15 @@ class Limits(NamedTuple):
         Most of them; of the serial search tests instead of levels.
     use_signs
         Whether direction signs are kept consistent.
+    look_ahead
+        Whether a branch ends when more features than the bin may take have nothing left that agrees with it.
     """
 
     in_bin: int
     interpretations: int
     levels: int
     use_signs: bool
+    look_ahead: bool
 
 
 class _State(NamedTuple):
@@ -303,15 +318,15 @@ def traverse_pairs(
     code : (P, e, e) uint8, the look-up tables, row and column e of which stand for the bin; alive : (n, e) bool, the
     model features each data feature may take. Returns how many interpretations were found, their assignments (m, n)
     int32 and signs (m, n) int8; counters is filled.
-    Backtracks when a pair has no consistent entry; with a bin, also when more features than it may still take have no
-    model feature left that agrees with everything assigned so far.
+    Backtracks when a pair has no consistent entry; when limits.look_ahead is set, also when more features than the bin
+    may still take have no model feature left that agrees with everything assigned so far.
     """
     n, e = alive.shape
     depth = tree.pairs.shape[0]
     out = np.full((limits.interpretations, n), UNASSIGNED, np.int32)
     out_sign = np.zeros((limits.interpretations, n), np.int8)
     state = _State(np.full(n, UNASSIGNED, np.int32), unknown_signs(n), np.zeros(1, np.int64), alive.copy())
-    saved = _saved_states(depth, n, e, limits.in_bin > 0)
+    saved = _saved_states(depth, n, e, limits.look_ahead)
     cursor = np.zeros((depth, 2), np.int64)  # quadrant and entry in it
     found = 0
     level = 0
@@ -397,7 +412,7 @@ def _assign_next(
         state.assignment[a] = i if i < e else BIN
         state.assignment[b] = j if j < e else BIN
         state.in_bin[0] += extra
-        if limits.in_bin == 0 or UNASSIGNED not in (fixed_a, fixed_b):
+        if not limits.look_ahead or UNASSIGNED not in (fixed_a, fixed_b):
             return True
         if fixed_a == UNASSIGNED and i < e:
             _close_inconsistent(a, i, code, state.assignment, state.open_to)
