@@ -7,11 +7,14 @@ from hypothesis import strategies as st
 
 from dap_emulator import Dap
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import MODELS
+from model_matcher.closed_form.synthetic import MODELS, random_pose
+from model_matcher.interpretation_tree.absolute_pose import validate
 from model_matcher.interpretation_tree.array_elimination import alive_for
 from model_matcher.interpretation_tree.array_sorts import sort_pairs
-from model_matcher.interpretation_tree.array_tables import ArrayTables
+from model_matcher.interpretation_tree.array_tables import ArrayTables, Phase
 from model_matcher.interpretation_tree.array_traversal import ArrayTraversal
+from model_matcher.interpretation_tree.array_validation import Limits as ValidationLimits
+from model_matcher.interpretation_tree.array_validation import validate_on_array
 from model_matcher.interpretation_tree.cores import core_numbers, largest_core
 from model_matcher.interpretation_tree.engine_dap import tree_search
 from model_matcher.interpretation_tree.ordering import order_pairs
@@ -194,7 +197,59 @@ def test_match_finds_the_pose_and_says_what_the_machine_would_take():
     ours = match(MODEL, data, MatchParams(search='tree', engine='dap'))
     assert np.array_equal(ours.best.assignment, native.best.assignment)
     assert np.allclose(ours.best.pose.matrix, native.best.pose.matrix)
-    assert 0.01 < ours.stats['dap_seconds'] < 1.0
+    phases = ours.stats['dap_phases']
+    assert sum(phases.values()) == pytest.approx(ours.stats['dap_seconds'])
+    assert {'tables', 'elimination', 'traversal', 'rotation', 'jacobi', 'test'} <= set(phases)
+
+
+def interpretations_of(name, count, seed=0):
+    """Ideal data of a model, its true interpretation, and interpretations that are wrong in one pairing."""
+    rng = np.random.default_rng(seed)
+    model = MODELS[name]()
+    index = index_model(model)
+    pose = random_pose(rng)
+    data = model.transformed(pose)
+    assignments = np.tile(np.arange(len(model)), (count, 1))
+    for k in range(1, count):
+        assignments[k, rng.integers(len(model))] = rng.integers(len(model))
+    return index, data, assignments, np.ones(assignments.shape, np.int8), pose
+
+
+@pytest.mark.parametrize('name', ['chair', 'cylinder_box'])
+@pytest.mark.parametrize('scale_free', [False, True])
+def test_validation_of_many_interpretations_at_once_is_the_native_one(name, scale_free):
+    """Poses, deviations and verdicts: bins, unknown signs and more than 64 interpretations included."""
+    index, data, assignments, signs, pose = interpretations_of(name, 70)
+    assignments[:, 2] = -1
+    signs[:, 4] = 0
+    native = validate(index.features, data, assignments, signs, 0.01, 0.1, index.size, scale_free)
+    limits = ValidationLimits(0.01 * index.size, 0.1 * index.max_radius, scale_free)
+    ours = validate_on_array(Dap.model('510'), index, data, assignments, signs, limits, 8)
+    assert ours.determined.all() and np.array_equal(ours.signs, native.signs)
+    error = ours.poses[0].error_to(pose)
+    assert error.rotation_deg < 1e-6 and error.translation < 1e-9 and abs(ours.poses[0].scale - 1.0) < 1e-9
+    assert ours.passed[0].all() and np.array_equal(ours.passed.all(axis=1), native.valid)
+    assert np.isnan(ours.deviations[:, 2]).all() and ours.deviations[0, 3] < 1e-9
+
+
+def test_many_interpretations_cost_little_more_than_one_and_parallel_edges_are_singular():
+    """Thesis 5.9: 64 transformations at once; 5.11.4.2: a singular elimination."""
+    index, data, assignments, signs, _ = interpretations_of('l_shape', 8)
+    limits = ValidationLimits(0.01 * index.size, 0.0)
+    seconds = []
+    for count in (1, 8):
+        dap = Dap.model('510')
+        validate_on_array(dap, index, data, np.repeat(assignments[1:2], count, 0), signs[:count], limits, 4)
+        lines = dap.stats().lines
+        seconds.append(sum(spent for line, (_, spent) in lines.items() if line != Phase.VALIDATION_SET_UP))
+    assert seconds[1] == seconds[0]  # 32 rows and 18 columns of PEs are one block, as 4 and 18 are
+    along = np.abs(index.rows[:, 3:6] @ index.rows[0, 3:6]) > 0.999
+    assignments[0, ~along] = -1
+    found = validate_on_array(Dap.model('510'), index, data, assignments[:2], signs[:2], limits, 8)
+    assert not found.determined[0] and found.determined[1]
+    parallel = data.select(along)
+    native, ours = (match(index, parallel, MatchParams(search='tree', engine=engine)) for engine in ('native', 'dap'))
+    assert ours.stats['free_shift'] == pytest.approx(native.stats['free_shift'])
 
 
 def test_a_model_too_large_for_the_store_is_refused_with_the_number_of_planes():

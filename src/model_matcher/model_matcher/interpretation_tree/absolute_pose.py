@@ -7,8 +7,8 @@ then the shift along them stays free and is reported.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,8 @@ class Validation:
         Unit direction of a translation that the data leaves open, camera frame; NaN when there is none.
     free_turn : (m, 3) float64
         Unit axis of a rotation that the data leaves open, camera frame; NaN when there is none.
+    stats : dict
+        What the array machine spent on it, by the names of the search's statistics; empty when it had no part in it.
     """
 
     poses: list[Pose]
@@ -48,6 +50,7 @@ class Validation:
     signs: Int8Array
     free_shift: FloatArray
     free_turn: FloatArray
+    stats: dict[str, Any] = field(default_factory=dict)
 
     @property
     def valid(self) -> BoolArray:
@@ -306,7 +309,7 @@ def validate(
             limit = curvedev * np.nanmax(model.radii) if np.isfinite(model.radii).any() else 0.0
             difference = np.abs(data.radii[None] / scale[:, None, None] - chosen[..., 7:9]).max(axis=2)
             passed &= ~curve | (difference <= limit)
-    poses = [Pose(_proper(rotation[k]), translation[k], float(scale[k])) for k in range(m)]
+    poses = [Pose(proper(rotation[k]), translation[k], float(scale[k])) for k in range(m)]
     return Validation(poses, deviations, passed, signs, free_shift, free_turn)
 
 
@@ -359,8 +362,8 @@ def _turn_about(axis: FloatArray, points: FloatArray, targets: FloatArray, size:
     return turn
 
 
-def _proper(rotation: FloatArray) -> FloatArray:
-    """(3, 3): the nearest rotation, against rounding."""
+def proper(rotation: FloatArray) -> FloatArray:
+    """(3, 3): the nearest rotation to a matrix that rounding has left no rotation."""
     u, _, v = np.linalg.svd(rotation)
     nearest: FloatArray = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
     return nearest

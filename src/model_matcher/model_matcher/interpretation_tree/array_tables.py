@@ -42,7 +42,11 @@ class Phase(IntEnum):
     SORT = 6
     TRAVERSAL = 7
     SIGNS = 8
-    VALIDATION = 9
+    VALIDATION_SET_UP = 9
+    ROTATION = 10
+    JACOBI = 11
+    TRANSLATION_AND_SCALE = 12
+    TEST = 13
 
 
 class Part(NamedTuple):

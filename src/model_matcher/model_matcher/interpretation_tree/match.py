@@ -15,7 +15,7 @@ from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import accept
 from ..verification.refinement import refine_all
 from ..verification.settings import CANDIDATES
-from .absolute_pose import validate
+from .absolute_pose import Validation, validate
 from .serial import serial_search
 from .settings import FIRST_FRACDEV, INTERPRETATIONS, PARALLEL_COSINE
 from .tables import build_tables
@@ -60,16 +60,9 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
             else f'no feasible interpretation within {params.time_limit_s:g} s'
         )
         return no_match(problem.data, why, **stats)
-    index = problem.index
-    checked = validate(
-        index.features,
-        problem.data,
-        result.assignments.astype(np.int64),
-        result.signs,
-        FIRST_FRACDEV * params.fracdev,
-        params.curvedev,
-        index.size,
-    )
+    checked = _validated(problem, result, params)
+    for name, spent in checked.stats.items():
+        stats[name] = {**stats[name], **spent} if isinstance(spent, dict) else stats[name] + spent
     matched = (result.assignments >= 0).sum(axis=1)
     stats['valid'] = int(checked.valid.sum())
     deviation = np.sqrt(np.nanmean(np.where(result.assignments >= 0, checked.deviations, np.nan) ** 2, axis=1))
@@ -99,6 +92,18 @@ def _with_free_shift(one: Interpretation, data: FeatureSet, keep: IntArray, free
     paired = one.assignment[keep] != BIN
     lines = data.directions[paired]
     return replace(one, free_shift=free) if (np.abs(lines @ free) > PARALLEL_COSINE).all() else one
+
+
+def _validated(problem: Problem, result: TreeResult, params: MatchParams) -> Validation:
+    """Poses of all feasible interpretations, and what agrees with them; on the machine that searched."""
+    index = problem.index
+    limits = FIRST_FRACDEV * params.fracdev, params.curvedev, index.size
+    arguments = result.assignments.astype(np.int64), result.signs
+    if params.engine == 'native':
+        return validate(index.features, problem.data, *arguments, *limits)
+    from .array_validation import validated_by_machine
+
+    return validated_by_machine(index, problem.data, *arguments, *limits, params.real_bytes)
 
 
 def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResult:
