@@ -66,7 +66,7 @@ def test_every_folder_of_data_is_installed(package):
         for key in setup['options.data_files']
         if key.startswith(f'share/{package}/')
     }
-    kept = ('.py', '.pyi', '.lark', '.typed', '.pyc')
+    kept = ('.py', '.pyi', '.lark', '.html', '.css', '.js', '.typed', '.pyc')
     found = {
         str(path.parent.relative_to(folder))
         for path in folder.rglob('*')

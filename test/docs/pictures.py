@@ -6,6 +6,9 @@ python test/docs/pictures.py [--out FOLDER]      # default: where the pages look
 from __future__ import annotations
 
 import argparse
+import shutil
+import subprocess
+import tempfile
 from pathlib import Path
 
 import cv2
@@ -18,11 +21,16 @@ import numpy as np
 import csg_renderer
 import model_matcher
 import stereo_recovery
+from dap_emulator import dap_cli
 from model_matcher.drawing import canvas, draw_features
 
 SOURCE = Path(__file__).resolve().parents[2] / 'src'
 EXAMPLE = SOURCE / 'model_matcher' / 'docs'
 CONVENTIONS = SOURCE / 'msgs_py' / 'docs'
+ARRAY_MACHINE = SOURCE / 'dap_emulator' / 'docs'
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')
+# The step of the Game of Life that is shown: the masked assignment of its first generation.
+MASKED_STEP = 4
 CUT = slice(90, 410)  # the part of the picture that shows something
 INK, X, Y, Z = '#333333', '#c0392b', '#27ae60', '#2471a3'
 
@@ -130,14 +138,37 @@ def draw_example(folder: Path) -> None:
     save(folder / 'own_part_4_found.png', draw_features(canvas(picture), model.transformed(best.pose), rig.left))
 
 
+def draw_watched_program(path: Path) -> None:
+    """The page of the Game of Life, as a browser shows it; left as it is where no browser is installed."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        print(f'{path.name}: no browser ({", ".join(BROWSERS)}), left as it is')
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / 'life.html'
+        dap_cli.main(['run', 'life', '--example', '--html', str(page)])
+        options = [
+            '--headless',
+            '--no-sandbox',
+            '--disable-gpu',
+            '--window-size=1400,860',
+            '--virtual-time-budget=4000',
+        ]
+        address = f'{page.as_uri()}#{MASKED_STEP}'
+        subprocess.run(
+            [browser, *options, f'--screenshot={path}', address], check=True, timeout=60, stderr=subprocess.DEVNULL
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--out', type=Path, help='one folder for all pictures')
     out = parser.parse_args().out
-    for folder in (CONVENTIONS, EXAMPLE) if out is None else (out,):
+    for folder in (CONVENTIONS, EXAMPLE, ARRAY_MACHINE) if out is None else (out,):
         folder.mkdir(parents=True, exist_ok=True)
     draw_conventions((out or CONVENTIONS) / 'conventions.png')
     draw_example(out or EXAMPLE)
+    draw_watched_program((out or ARRAY_MACHINE) / 'watch.png')
 
 
 if __name__ == '__main__':

@@ -1,6 +1,7 @@
 """``dap``: run a Fortran-Plus program, see where its cycles go, and draw its planes.
 
-dap --list                                     the library
+dap list                                       the library
+dap run life --example --html life.html        a page that shows every statement at work
 dap life -a cells=random:40x40:logical -a generations=12 --show life.gif
 dap sobel -a image=picture.png --show edges.png --plane RESULT --listing
 dap my.fpp -a a=a.npy -a n=3 --model 610C --save out.npz
@@ -9,7 +10,9 @@ dap my.fpp -a a=a.npy -a n=3 --model 610C --save out.npz
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,10 +23,14 @@ import numpy as np
 from msgs_py.numeric.typed import AnyArray
 
 from .fortran_plus import FortranError, Limits, Result, Stopped
+from .fortran_plus.examples import Example, example
 from .fortran_plus.functions import FUNCTIONS
 from .fortran_plus.library import load_program, program_names, summary
+from .fortran_plus.running import late_text
 from .machine.dap import Dap
 from .machine.machine import MODELS, OutOfStore
+from .service.settings import LATE_S, LATE_SHARE
+from .watch import Recorder, write_page
 
 IMAGE_SUFFIXES = ('.png', '.jpg', '.jpeg', '.bmp', '.pgm', '.tif', '.tiff')
 
@@ -88,7 +95,13 @@ def parser() -> argparse.ArgumentParser:
         epilog='\n'.join(__doc__.split('\n')[2:]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.add_argument('program', nargs='?', help='a program file, or the name of a library program')
+    result.add_argument(
+        'program',
+        nargs='?',
+        help='a program file, or the name of a library program; the word run may stand before it, and the words list, '
+        'functions and costs stand for the options of these names',
+    )
+    result.add_argument('-x', '--example', action='store_true', help="give a library program its example's arguments")
     result.add_argument(
         '-a',
         '--argument',
@@ -107,6 +120,12 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--listing', action='store_true', help='print the source with the cycles of every line')
     result.add_argument('--trace', type=int, default=0, metavar='N', help='print the last N operations')
     result.add_argument('--show', metavar='FILE', help='draw planes to a PNG, or an animated GIF of every display')
+    result.add_argument(
+        '--html',
+        metavar='FILE.html',
+        help='write a page that shows the source with its cycles, and after every statement the planes, the active PEs '
+        'and the counters',
+    )
     result.add_argument('--plane', help='which argument to draw, instead of what the program displays')
     result.add_argument('--save', metavar='FILE.npz', help="save the entry's arguments after the run")
     result.add_argument('--list', action='store_true', help='list the library programs')
@@ -123,7 +142,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0: it ran; 1: the program failed; 2: an option makes no sense.
     """
-    options = parser().parse_args(argv)
+    options = parser().parse_args(_words(sys.argv[1:] if argv is None else argv))
     if options.list or options.functions:
         print(_library() if options.list else _functions())
         return 0
@@ -133,18 +152,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(dap.costs.table())
             return 0
         if not options.program:
-            print('dap: name a program, or ask for --list, --functions, --costs or --help', file=sys.stderr)
+            print('dap: name a program, or ask for list, functions, costs or --help', file=sys.stderr)
             return 2
-        program = load_program(options.program)
-        result = program.run(
-            dap, options.entry, limits=Limits(seconds=options.seconds), **_pairs(options.argument, value_of)
-        )
+        recorder = Recorder(dap) if options.html else None
+        result = _run(options, dap, recorder)
         _report(options, dap, result)
         if options.show:
             _show(options, dap, result)
         if options.save:
             arrays: dict[str, Any] = {name: np.asarray(value) for name, value in result.items()}
             np.savez(options.save, **arrays)
+        if recorder is not None:
+            write_page(options.html, recorder, result, Path(options.program).name)
+            print(f'wrote {options.html}')
     except (FortranError, Stopped, OutOfStore) as error:
         print(f'{options.program}: {error}', file=sys.stderr)
         return 1
@@ -152,6 +172,44 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'dap: {error}', file=sys.stderr)
         return 2
     return 0
+
+
+def _words(arguments: Sequence[str]) -> list[str]:
+    """``dap run NAME`` and ``dap list`` as the options they stand for; a file of such a name is meant by ./list."""
+    found = list(arguments)
+    if found[:1] == ['run']:
+        return found[1:]
+    if found and found[0] in ('list', 'functions', 'costs'):
+        found[0] = f'--{found[0]}'
+    return found
+
+
+def _run(options: argparse.Namespace, dap: Dap, recorder: Recorder | None) -> Result:
+    """Run the program that is named. Raises what compiling and running it raise."""
+    program = load_program(options.program)
+    given = Example(None, {})
+    if options.example:
+        given = example(options.program)
+    arguments = given.arguments | _pairs(options.argument, value_of)
+    limits = Limits(seconds=options.seconds)
+    watchdog = None
+    if options.seconds:
+        # The run itself ends between two operations; this is for one that takes longer.
+        late = options.seconds + max(LATE_S, LATE_SHARE * options.seconds)
+        watchdog = threading.Timer(late, _give_up, (options.program, options.seconds))
+        watchdog.daemon = True
+        watchdog.start()
+    try:
+        return program.run(dap, options.entry or given.entry, limits=limits, observer=recorder, **arguments)
+    finally:
+        if watchdog is not None:
+            watchdog.cancel()
+
+
+def _give_up(name: str, seconds: float) -> None:
+    """End the command inside an operation."""
+    print(f'{name}: {late_text(seconds)}', file=sys.stderr, flush=True)
+    os._exit(1)
 
 
 def _library() -> str:

@@ -18,7 +18,7 @@ from .declarations import CheckedUnit, Symbol
 from .errors import FortranError, FortranStoreError
 from .expressions import Expressions, position_in, select_part
 from .parser import located
-from .running import Evaluate, Execute, Frame, Run, StopProgram, Store
+from .running import Evaluate, Execute, Frame, Observer, Run, StopProgram, Store
 from .settings import MAX_DEPTH, MAX_DISPLAY_BYTES, MAX_DISPLAYS, STEPS_PER_CHECK
 from .storage import ArrayVariable
 from .syntax import Constant, Node, Reference, Whole
@@ -59,7 +59,10 @@ class CompiledUnit:
         try:
             for prepare in self.prepare:
                 prepare(frame)
-            self._execute(run, frame)
+            if run.observer is None:
+                self._execute(run, frame)
+            else:
+                self._execute_observed(run, frame, run.observer)
         except StopProgram:
             if run.depth > 1:
                 raise
@@ -80,6 +83,32 @@ class CompiledUnit:
                 dap.line = lines[position]
                 target = code[position](frame)
                 position = position + 1 if target is None else target
+        except (ValueError, IndexError, ArithmeticError, OutOfStore) as error:
+            if isinstance(error, FortranError):
+                raise
+            raise self.failure(self.steps[position].node, error) from error
+
+    def _execute_observed(self, run: Run, frame: Frame, observer: Observer) -> None:
+        """As ``_execute``, step by step; the observer is told before and after each."""
+        observer.entered(self.item, frame)
+        position = 0
+        try:
+            while position < len(self.code):
+                source = self.steps[position].node.source
+                observer.began(
+                    self.lines[position], position == 0 or source is not self.steps[position - 1].node.source
+                )
+                target = self._observed_step(run, frame, position)
+                observer.finished()
+                position = position + 1 if target is None else target
+        finally:
+            observer.left()
+
+    def _observed_step(self, run: Run, frame: Frame, position: int) -> int | None:
+        run.check()
+        run.dap.line = self.lines[position]
+        try:
+            return self.code[position](frame)
         except (ValueError, IndexError, ArithmeticError, OutOfStore) as error:
             if isinstance(error, FortranError):
                 raise
@@ -398,7 +427,9 @@ class _Compiler(Expressions):
         if all(isinstance(item, Whole) for item in items):
             return lambda frame, value: load(frame).write(place(frame, load(frame)), value)
         masked = any(getattr(item, 'type', None) is not None and item.type.rank for item in items)
-        return self._store_masked(load, place, items) if masked else self._store_part(load, place, items, rank)
+        if masked:
+            return self._store_masked(symbol.name, load, place, items)
+        return self._store_part(symbol.name, load, place, items)
 
     def _store_all(self, load: Evaluate, symbol: Symbol) -> Store:
         """X = ..., over the serial dimensions too."""
@@ -415,7 +446,7 @@ class _Compiler(Expressions):
 
         return every
 
-    def _store_masked(self, load: Evaluate, place: Any, items: list[Any]) -> Store:
+    def _store_masked(self, name: str, load: Evaluate, place: Any, items: list[Any]) -> Store:
         """X(mask) = ..., X(rows,) = ... and X(,columns) = ..."""
         parts = [None if isinstance(item, Whole) else self.expression(item) for item in items]
 
@@ -446,11 +477,14 @@ class _Compiler(Expressions):
                 and not (value.rank == 1 and mask.ndim == 2 and value.shape[0] == variable.parallel[mask.shape[0] != 1])
             ):
                 raise ValueError(f'cannot assign shape {value.shape} to shape {variable.parallel}')
+            observer = frame[0].observer
+            if observer is not None:
+                observer.assigned(name, np.broadcast_to(mask, variable.parallel))
             variable.write_where(place(frame, variable), value, mask)
 
         return store
 
-    def _store_part(self, load: Evaluate, place: Any, items: list[Any], rank: int) -> Store:
+    def _store_part(self, name: str, load: Evaluate, place: Any, items: list[Any]) -> Store:
         """X(i,j) = ..., X(i,) = ..., X(,j) = ..., X(k) = ..."""
         parts = [None if isinstance(item, Whole) else self.expression(item) for item in items]
 
@@ -461,6 +495,11 @@ class _Compiler(Expressions):
                 extent for extent, index in zip(variable.parallel, where) if isinstance(index, slice)
             ):
                 raise ValueError(f'cannot assign shape {value.shape} to a part of shape {variable.parallel}')
+            observer = frame[0].observer
+            if observer is not None:
+                active = np.zeros(variable.parallel, dtype=bool)
+                active[where] = True
+                observer.assigned(name, active)
             variable.write_part(place(frame, variable), where, value)
 
         return store

@@ -15,7 +15,7 @@ from .declarations import CheckedUnit, Symbol
 from .errors import FortranError
 from .interpreter import compile_units
 from .parser import parse
-from .running import Display, Limits, Run, deep_recursion
+from .running import Display, Limits, Observer, Run, deep_recursion
 from .storage import ArrayVariable
 from .syntax import Constant
 
@@ -36,7 +36,7 @@ class Result(Mapping[str, Any]):
     """
 
     def __init__(self, values: dict[str, Any], stats: Stats, displays: list[Display], source: str) -> None:
-        self._values, self.stats, self.displays, self._source = values, stats, displays, source
+        self._values, self.stats, self.displays, self.source = values, stats, displays, source
 
     @property
     def cycles(self) -> int:
@@ -61,10 +61,10 @@ class Result(Mapping[str, Any]):
         return len(self._values)
 
     def listing(self) -> str:
-        """Return the source text, every line with the times it was run, its cycles and their share."""
+        """Return the source text, every line with the number of its operations, their cycles and share."""
         total = max(1, self.cycles)
-        rows = [f'{"times":>9} {"cycles":>12} {"share":>6}  line']
-        for number, text in enumerate(self._source.splitlines(), 1):
+        rows = [f'{"charges":>9} {"cycles":>12} {"share":>6}  line']
+        for number, text in enumerate(self.source.splitlines(), 1):
             count, cycles = self.stats.lines.get(number, (0, 0))
             figures = f'{count:>9} {cycles:>12} {100 * cycles / total:5.1f}%' if count else ' ' * 29
             rows.append(f'{figures} {number:>5}  {text}')
@@ -116,7 +116,15 @@ class Program:
         """Find the entry of this name, or the only one. Raises ValueError."""
         return self.units[chosen_entry(name, self.entries)]
 
-    def run(self, dap: Machine, entry: str | None = None, *, limits: Limits | None = None, **arguments: Any) -> Result:
+    def run(
+        self,
+        dap: Machine,
+        entry: str | None = None,
+        *,
+        limits: Limits | None = None,
+        observer: Observer | None = None,
+        **arguments: Any,
+    ) -> Result:
         """Run an entry.
 
         Parameters
@@ -125,6 +133,8 @@ class Program:
         entry : str, optional
             Name of the ENTRY SUBROUTINE; may be left out when there is one only.
         limits : Limits, optional
+        observer : Observer, optional
+            Told of every statement: ``watch.Recorder`` keeps what it sees.
         **arguments
             By name, in any case: numbers, texts, and arrays in the language's order of dimensions. A DapArray is passed
             by reference and holds afterwards what the program left in it; numpy arrays are copied. An argument that is
@@ -150,7 +160,7 @@ class Program:
         for name in given:
             if name not in known:
                 raise ValueError(f'{name}: no such argument of {unit.unit.name}, expected {", ".join(known) or "none"}')
-        run = Run(dap, self._compiled, limits or Limits())
+        run = Run(dap, self._compiled, limits or Limits(), observer)
         watch = dap.watch
         try:
             with dap.measured() as stats_so_far:

@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias
 
-from msgs_py.numeric.typed import AnyArray
+from msgs_py.numeric.typed import AnyArray, BoolArray
 
 from ..machine.machine import Machine
+from .declarations import CheckedUnit
 from .errors import Stopped
 from .settings import FRAMES_PER_CALL, MAX_DEPTH, SPARE_FRAMES
 
@@ -80,6 +81,25 @@ def cancelled_text() -> str:
     return 'cancelled'
 
 
+class Observer(Protocol):
+    """Told of every statement while a program runs, and of the PEs that an assignment leaves alone."""
+
+    def entered(self, unit: CheckedUnit, frame: Frame) -> None:
+        """A unit was called; its variables are made."""
+
+    def began(self, line: int, whole: bool) -> None:
+        """A statement of the unit entered last begins; not ``whole`` is what follows the condition of its IF."""
+
+    def assigned(self, name: str, active: BoolArray) -> None:
+        """The statement stores into a variable where this is true, of the shape of its parallel extents."""
+
+    def finished(self) -> None:
+        """The statement that began last, of those that have not finished, has."""
+
+    def left(self) -> None:
+        """The unit entered last returns."""
+
+
 class CallableUnit(Protocol):
     """A subroutine or function that can be called while a program runs."""
 
@@ -99,6 +119,7 @@ class Run:
     limits : Limits
     commons : dict
         Values of COMMON variables, by block and position.
+    observer : Observer, optional
     displays : list of (name, values, title)
         What CALL DISPLAY has shown.
     display_bytes : int
@@ -114,6 +135,7 @@ class Run:
     dap: Machine
     units: Mapping[str, CallableUnit]
     limits: Limits
+    observer: Observer | None = None
     commons: dict[tuple[str, int], Any] = field(default_factory=dict)
     displays: list[Display] = field(default_factory=list)
     display_bytes: int = 0

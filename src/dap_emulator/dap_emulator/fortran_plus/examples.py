@@ -1,0 +1,149 @@
+"""An example for every library program: an entry, and arguments that show what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
+
+from .library import program_names
+
+
+class Example(NamedTuple):
+    """Arguments of an entry, by name; the entry is None where the program has one only."""
+
+    entry: str | None
+    arguments: dict[str, Any]
+
+
+def example(name: str) -> Example:
+    """The example of a library program.
+
+    Parameters
+    ----------
+    name : str
+
+    Raises
+    ------
+    ValueError
+        When the library has no such program.
+
+    Examples
+    --------
+    >>> sorted(example('life').arguments)
+    ['cells', 'generations']
+    """
+    if name not in _EXAMPLES:
+        raise ValueError(f'example: {name!r} is not in the library ({", ".join(program_names())})')
+    return _EXAMPLES[name]()
+
+
+def picture(rows: int = 64, columns: int = 64) -> AnyArray:
+    """(rows, columns) int16 grey values: a disc and a square, with a little noise that is always the same."""
+    y, x = np.mgrid[:rows, :columns]
+    grey = np.full((rows, columns), 40.0)
+    grey[np.hypot(y - 0.42 * rows, x - 0.4 * columns) < 0.27 * rows] = 200.0
+    grey[int(0.55 * rows) : int(0.85 * rows), int(0.5 * columns) : int(0.85 * columns)] = 120.0
+    return (grey + np.random.default_rng(1).normal(0.0, 2.0, grey.shape)).round().astype(np.int16)
+
+
+def l_shape_edges() -> tuple[FloatArray, FloatArray]:
+    """Ends of the 18 edges of an L-shaped block, millimetres.
+
+    Returns
+    -------
+    start, end : (18, 3) float64
+    """
+    outline = np.array([(0, 0), (60, 0), (60, 15), (20, 15), (20, 50), (0, 50)], dtype=np.float64)
+    front = np.column_stack([outline, np.zeros(6)])
+    back = front + (0.0, 0.0, 30.0)
+    start = np.concatenate([front, back, front])
+    end = np.concatenate([np.roll(front, -1, axis=0), np.roll(back, -1, axis=0), back])
+    return start, end
+
+
+def all_pairs(items: int) -> IntArray:
+    """(P, 2) int64: the pairs of this many items, first below second, counted from 1."""
+    return np.array([(a, b) for a in range(1, items + 1) for b in range(a + 1, items + 1)])
+
+
+def _rim_and_angle_tables(seen: IntArray) -> BoolArray:
+    """(18, 18, P) bool: pairs of edges of the L-shape as long as, and at the angle of, those of each seen pair."""
+    start, end = l_shape_edges()
+    length = np.linalg.norm(end - start, axis=1)
+    unit = (end - start) / length[:, None]
+    same_length = np.abs(length[:, None] - length[None, :]) < 1.0
+    cosine = np.abs(unit @ unit.T)
+    tables = [
+        same_length[:, [a]] & same_length[:, [b]].T & (np.abs(cosine - cosine[a, b]) < 0.1) & ~np.eye(18, dtype=bool)
+        for a, b in (seen[pair - 1] for pair in all_pairs(len(seen)))
+    ]
+    return np.stack(tables, axis=-1)
+
+
+def _life() -> Example:
+    return Example(None, {'cells': np.random.default_rng(3).random((64, 64)) < 0.3, 'generations': 12})
+
+
+def _image() -> Example:
+    return Example(None, {'image': picture()})
+
+
+def _antialias() -> Example:
+    rng = np.random.default_rng(2)
+    samples = np.repeat(picture(32, 32)[:, :, None], 9, axis=2) + rng.normal(0.0, 30.0, (32, 32, 9))
+    arguments = {'color': samples.astype('f4'), 'dist': np.ones((32, 32, 9), 'f4'), 'background': 0.0, 'smoothed': True}
+    return Example(None, arguments)
+
+
+def _csg_combine() -> Example:
+    """A slab along the ray with a ball cut out of its front, seen from afar: distances in and out of both."""
+    y, x = np.mgrid[:32, :32] / 15.5 - 1.0
+    depth = np.sqrt(np.clip(0.5 - x * x - y * y, 0.0, None))
+    enter = np.stack([np.full((32, 32), 4.0), 4.0 - depth], axis=-1)
+    leave = np.stack([np.full((32, 32), 5.0), 4.0 + depth], axis=-1)
+    times = {'in': enter.astype('f4'), 'out': leave.astype('f4')}
+    return Example(None, {'operators': '00D', 'objects': [1, 2, 0], 'n': 3, 'leaves': 2, **times})
+
+
+def _sorts() -> Example:
+    pairs = all_pairs(8)
+    sums = np.random.default_rng(5).integers(1, 60, len(pairs))
+    arguments = {'matchsum': sums, 'datum2': pairs[:, 1], 'items': 8, 'n': len(pairs)}
+    return Example('COMBINED', arguments)
+
+
+def _tree() -> Example:
+    """Five edges of an L-shape that one view shows."""
+    pairs = all_pairs(5)
+    arguments = {
+        'match': _rim_and_angle_tables(np.array([0, 2, 3, 12, 4])),
+        'datum1': pairs[:, 0],
+        'datum2': pairs[:, 1],
+        'order': np.arange(1, len(pairs) + 1),
+        'pairs': len(pairs),
+        'items': 5,
+        'noi': 10,
+    }
+    return Example(None, arguments)
+
+
+def _mandelbrot() -> Example:
+    return Example(None, {'left': -2.2, 'top': -1.3, 'step': 0.041, 'limit': 16, 'count': np.zeros((64, 64), np.int16)})
+
+
+_EXAMPLES: dict[str, Callable[[], Example]] = {
+    'antialias': _antialias,
+    'canny': _image,
+    'csg_combine': _csg_combine,
+    'laplacian_of_gaussian': _image,
+    'life': _life,
+    'mandelbrot': _mandelbrot,
+    'roberts': _image,
+    'sobel': _image,
+    'sorts': _sorts,
+    'tree': _tree,
+}
