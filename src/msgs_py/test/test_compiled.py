@@ -249,6 +249,29 @@ def test_functions_that_call_themselves_and_each_other(tmp_path, cache, availabl
     assert answer(start(tmp_path, cache, code=code)) == '240 24\nnegative'
 
 
+def test_every_library_is_linked_before_those_that_it_needs():
+    """Of two users of one function the first may be left out, because its code never runs; the other comes first, too.
+
+    Colouring a picture with terrains and shadows jumped to nowhere: linking takes only what is asked for by then.
+    """
+    one_unit = pytest.importorskip('msgs_py.numeric.one_unit')
+
+    class Library:
+        _finalized = False
+
+        def __init__(self, *needs):
+            self._linking_libraries = list(needs)
+
+    shared = Library()
+    first, second = Library(shared), Library(shared)
+    second._linking_libraries.append(Library(first))
+    whole = Library(first, second, shared)
+    order = one_unit._reached(whole)
+    assert len(order) == 4 == len(set(order))
+    for user in order:
+        assert all(order.index(user) < order.index(other) for other in user._linking_libraries)
+
+
 LENT = """\
     import sys
     from typing import NamedTuple

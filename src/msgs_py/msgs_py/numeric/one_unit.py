@@ -161,7 +161,7 @@ def _finalised(self: Any) -> None:
     """Link what is reached, then optimise once."""
     self._codegen._check_llvm_bugs()
     self._raise_if_finalized()
-    for library in _reached(self, {}):
+    for library in _reached(self):
         if hasattr(library, '_reload_init'):  # older versions of numba keep no list of what to run after loading
             self._reload_init.update(library._reload_init)
         whole = library._get_module_for_linking() if library._finalized else _intermediate(library)
@@ -171,14 +171,25 @@ def _finalised(self: Any) -> None:
     self._finalize_final_module()
 
 
-def _reached(library: Any, seen: dict[Any, None]) -> dict[Any, None]:
-    """Libraries that one needs; what is machine code already has its own within."""
-    for other in library._linking_libraries:
-        if other not in seen:
-            seen[other] = None
-            if not other._finalized:
-                _reached(other, seen)
-    return seen
+def _reached(library: Any) -> list[Any]:
+    """Libraries that one needs, each before those that it needs; what is machine code already has its own within.
+
+    Linking takes of a library only what is asked for by then. What a library is asked for by several may be asked for
+    by the last of them alone, when the code of the others was found never to run.
+    """
+    order: list[Any] = []
+    seen: set[Any] = set()
+
+    def visit(user: Any) -> None:
+        for other in user._linking_libraries:
+            if other not in seen:
+                seen.add(other)
+                if not other._finalized:
+                    visit(other)
+                order.append(other)
+
+    visit(library)
+    return order[::-1]
 
 
 def _intermediate(library: Any) -> Any:
