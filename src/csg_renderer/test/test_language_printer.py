@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from csg_renderer import Light, Placement, Scene, Solid, Surface, load_scene, parse_scene, scene_names
 from csg_renderer.language import format_scene
-from csg_renderer.scene.solid import FACES, Operation, Primitive
+from csg_renderer.scene.solid import FACES, PRIMITIVES, Operation, Primitive
 from msgs_py import PinholeCamera, Pose
 
 
@@ -70,7 +70,7 @@ def matrices(draw) -> np.ndarray:
 
 @st.composite
 def leaves(draw) -> Solid:
-    kind = draw(st.sampled_from(sorted(FACES)))
+    kind = draw(st.sampled_from(sorted(PRIMITIVES)))
     surface = Surface(
         draw(colours), draw(unit), draw(unit), draw(unit), draw(st.floats(0.0, 99.0)), draw(unit), draw(unit)
     )

@@ -327,4 +327,5 @@ def test_every_kind_has_its_faces():
         'CONE': 2,
         'SPHERE': 1,
         'PLANE': 1,
+        'TERRAIN': 1,
     }

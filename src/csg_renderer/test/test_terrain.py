@@ -8,7 +8,7 @@ from csg_renderer import Light, Scene, Solid, Surface, Terrain, render
 from msgs_py import PinholeCamera, Pose
 
 CAMERA = PinholeCamera.centred(60, 48, 70.0)
-ENGINES = ['native', 'reference']
+ENGINES = ['native', 'reference', 'dap']
 # The terrain's z (up) is the camera's -z: seen from straight above, its origin 1 m away and 0.5 m to the upper left.
 ABOVE = np.array([[1, 0, 0, -0.5], [0, 1, 0, -0.5], [0, 0, -1, 1.0], [0, 0, 0, 1.0]])
 
@@ -76,13 +76,51 @@ def test_engines_agree_on_ground_with_solids(interpolation, options):
     ground = ground.transformed(ABOVE).transformed(Pose(tilt.rotation, [0, 0.5, 0.4]))
     bitten = ball - ball.transformed(Pose(np.eye(3), [0.1, 0, 0]))
     scene = Scene([ground, bitten], [Light((0.6, -0.8, 0))])
-    native, reference = (render(scene, CAMERA, engine=engine, **options) for engine in ENGINES)
+    native, *others = (render(scene, CAMERA, engine=engine, **options) for engine in ENGINES)
     assert {0, 1} <= set(np.unique(native.primitive_id))
-    for name in ('primitive_id', 'face_id', 'object_id'):
-        assert np.array_equal(getattr(native, name), getattr(reference, name))
-    assert np.allclose(native.depth, reference.depth, atol=1e-6, equal_nan=True)
-    assert np.allclose(native.normal, reference.normal, atol=1e-5, equal_nan=True)
-    assert np.abs(native.image.astype(int) - reference.image).max() <= 1
+    for other in others:
+        for name in ('primitive_id', 'face_id', 'object_id'):
+            assert np.array_equal(getattr(native, name), getattr(other, name))
+        assert np.allclose(native.depth, other.depth, atol=1e-6, equal_nan=True)
+        assert np.allclose(native.normal, other.normal, atol=1e-5, equal_nan=True)
+        assert np.abs(native.image.astype(int) - other.image).max() <= 1
+
+
+@pytest.mark.parametrize('engine', ENGINES)
+@pytest.mark.parametrize('interpolation', ['triangles', 'bilinear'])
+def test_cells_without_a_height_are_open(engine, interpolation):
+    heights = np.zeros((5, 5))
+    heights[2, 3] = np.nan  # the corner of four cells
+    terrain = Terrain(heights, (0.25, 0.25), interpolation).transformed(ABOVE)
+    frame = render(Scene(terrain), CAMERA, engine=engine)
+    x, y = np.moveaxis(CAMERA.rays(CAMERA.pixel_grid())[..., :2] + 0.5, -1, 0)  # at depth 1, from the corner
+    there = (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1) & ~((x > 0.5) & (x < 1.0) & (y > 0.25) & (y < 0.75))
+    assert 500 < there.sum() < x.size and np.array_equal(frame.mask, there)
+
+
+@pytest.mark.parametrize('engine', ENGINES)
+@pytest.mark.parametrize('options', [{}, {'shadows': True}], ids=str)
+def test_colours_by_height(engine, options):
+    tints = [[0.1, 1.0, 0.0, 0.0], [0.3, 0.0, 1.0, 0.0], [0.7, 0.0, 1.0, 1.0]]
+    surface = Surface(ambient=1.0, diffuse=0.0)
+    slope = Terrain(np.tile(np.linspace(0.0, 0.8, 9), (2, 1)), (0.125, 1.0), surface=surface, tints=tints)
+    frame = render(Scene(slope.transformed(ABOVE), ambient_light=(1, 1, 1)), CAMERA, engine=engine, **options)
+    height = 1.0 - frame.depth[frame.mask]
+    red, green, blue = (np.interp(height, [0.1, 0.3, 0.7], channel) for channel in ((1, 0, 0), (0, 1, 1), (0, 0, 1)))
+    assert np.abs(frame.image[frame.mask] - 255.0 * np.stack([red, green, blue], axis=1)).max() <= 0.51
+    plain = render(Scene(slope.painted(surface).transformed(ABOVE)), CAMERA, engine=engine)
+    assert len(np.unique(plain.image[plain.mask], axis=0)) == 1
+
+
+@pytest.mark.parametrize('engine', ENGINES)
+def test_a_sheet_united_with_a_solid_keeps_its_place_among_the_primitives(engine):
+    ball = Solid.sphere(0.2).transformed(Pose(np.eye(3), [0.0, 0.0, 0.8]))
+    sheet = Terrain(np.zeros((3, 3)), (0.5, 0.5)).transformed(ABOVE)
+    scene = Scene([ball, ball.transformed(Pose(np.eye(3), [0.4, 0, 0])) | sheet | Solid.block(0.1, 0.1, 0.7)])
+    assert [leaf.kind for leaf in scene.primitives] == ['SPHERE', 'SPHERE', 'TERRAIN', 'BLOCK']
+    frame = render(scene, CAMERA, engine=engine)
+    assert set(np.unique(frame.primitive_id)) == {0, 1, 2, 3}
+    assert (frame.object_id[frame.primitive_id >= 1] == 1).all()
 
 
 @pytest.mark.parametrize('engine', ENGINES)
@@ -105,7 +143,8 @@ def test_heights_from_files(tmp_path):
     assert np.array_equal(Terrain.load(tmp_path / 'ground.npy', (1.0, 1.0)).heights, heights)
     cv2.imwrite(str(tmp_path / 'ground.png'), np.rint(heights / 2.0 * 65535).astype(np.uint16))
     loaded = Terrain.load(tmp_path / 'ground.png', (1.0, 1.0), low=0.0, high=2.0, interpolation='bilinear')
-    assert np.abs(loaded.heights - heights).max() < 2.0 / 65535 and loaded.bilinear
+    # Looked at from above it is the right way round: the picture's last row lies at y = 0.
+    assert np.abs(loaded.heights - heights[::-1]).max() < 2.0 / 65535 and loaded.bilinear
 
 
 def test_misuse_names_the_argument(tmp_path):

@@ -15,7 +15,7 @@ from dap_emulator.machine.arrays import DapArray, Operand
 from dap_emulator.machine.dap import Dap
 from dap_emulator.machine.kinds import LOGICAL, Kind, integer
 
-from .settings import FAR, SHORT_WORD_TINY, TINY
+from .settings import FAR, NEVER, SHORT_WORD_ROUNDINGS, SHORT_WORD_TINY, TINY
 
 CODES = integer(4)
 INFINITE = float('inf')
@@ -70,6 +70,8 @@ class Caster:
         self.dap, self.kind, self.tolerance = dap, kind, tolerance
         # The smallest direction component; its reciprocal must still be a number.
         self.tiny = TINY if kind.bits == 64 else SHORT_WORD_TINY
+        # What rounding does to places, as a fraction of them; of the longest words the room's tolerances are larger.
+        self.rounding = 0.0 if kind.bits == 64 else SHORT_WORD_ROUNDINGS * 2.0**-kind.mantissa
 
     def filled(self, value: float, shape: tuple[int, ...]) -> DapArray:
         """A REAL plane of one value."""
@@ -107,6 +109,8 @@ class Caster:
             found = self._between(*self._quadratic(rays, (1, 1, 1), 1.0), 0)
         elif kind == 'CONE':
             found = self._cone(rays)
+        elif kind != 'PLANE':
+            raise ValueError(f"engine: 'dap' has no array program for a {kind}")
         else:
             t = -rays.origin[2] / rays.direction[2]
             falling = rays.direction[2] < 0.0
@@ -296,7 +300,7 @@ class Caster:
         hit = f.filled(self.dap, -1, shape, CODES)
         entering = f.filled(self.dap, True, shape, LOGICAL)
         for column in reversed(range(0, len(spans.t), 2 if entries_only else 1)):
-            usable = (spans.t[column] > nearest) & (spans.t[column] < INFINITE)
+            usable = (spans.t[column] > nearest) & (spans.t[column] < NEVER)
             t.assign(spans.t[column], usable)
             hit.assign(spans.hit[column], usable)
             entering.assign(column % 2 == 0, usable)

@@ -8,7 +8,7 @@ cycles, computed and not simulated. REAL*8 gives the other engines' image; short
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -20,11 +20,25 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..scene.scene import Scene
 from ..scene.solid import FACES
+from ..scene.terrain import Terrain
 from .array_caster import CODES, INFINITE, Caster, Rays, Spans
+from .array_terrain import ArrayTerrain
 from .engines import ViewPose
 from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
 from .frame_buffers import ImageHits
-from .program import CYLINDER, DIFFERENCE, HALFSPACES, INTERSECT, KIND_CODES, SPHERE, UNION, View, program_of, view_of
+from .program import (
+    CYLINDER,
+    DIFFERENCE,
+    HALFSPACES,
+    INTERSECT,
+    KIND_CODES,
+    SPHERE,
+    TERRAIN,
+    UNION,
+    View,
+    program_of,
+    view_of,
+)
 from .pruning import Tile, boundary, tiles, untiled
 from .settings import (
     CROW_OFFSETS,
@@ -67,17 +81,18 @@ def render(
     tracer = _Tracer(dap, view, camera, options, length)
     found = ImageHits(camera, view.program.background)
     areas = list(tiles(view, camera, options.tile_size) if options.tiling else untiled(view, camera, dap.es))
-    for area, children in areas:
-        if not children:
+    for tile in areas:
+        area = tile.area
+        if not tile.children and not tile.terrains:
             continue
         tracer.stats.tiles += 1
         colour, found.codes[area], found.depth[area], found.normal[area] = tracer.trace(
-            area, children, 0.0, 0.0, options.box == 0
+            tile, 0.0, 0.0, options.box == 0
         )
         if options.box:
             n = options.box
             offsets = [((i + 0.5) / n - 0.5, (j + 0.5) / n - 0.5) for j in range(n) for i in range(n)]
-            samples = (np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0) for du, dv in offsets)
+            samples = (np.clip(tracer.trace(tile, du, dv)[0], 0.0, 1.0) for du, dv in offsets)
             colour = np.asarray(sum(samples) / n**2)
         found.colours[area] = colour
     if not options.tiling:
@@ -90,13 +105,14 @@ def render(
 
 def _smooth(tracer: _Tracer, areas: list[Tile], colours: FloatArray, edge: BoolArray) -> None:
     """Nine weighted samples (thesis 4.6) wherever faces meet; a tile is sampled again as a whole."""
-    for area, children in areas:
+    for tile in areas:
+        area = tile.area
         if not edge[area].any():
             continue
         total = np.zeros((*edge[area].shape, 3))
         for row, dv in zip(CROW_WEIGHTS, CROW_OFFSETS):
             for weight, du in zip(row, CROW_OFFSETS):
-                total += weight * np.clip(tracer.trace(area, children, du, dv)[0], 0.0, 1.0)
+                total += weight * np.clip(tracer.trace(tile, du, dv)[0], 0.0, 1.0)
         colours[area] = np.where(edge[area][..., None], total, colours[area])
 
 
@@ -113,25 +129,28 @@ class _Tracer:
         self.departure = max(view.departure, DEPARTURE_TOLERANCES * self.tolerance)
         self.parallel = max(PARALLEL, SHORT_WORD_PARALLEL_ROUNDINGS * epsilon) if short else PARALLEL
         self.caster = Caster(dap, self.kind, self.tolerance)
+        leaves = view.program.leaves
+        self.terrains = {leaf: ArrayTerrain(self.caster, cast(Terrain, leaves[leaf])) for leaf in view.program.terrains}
         self.stats = RenderStats()
 
     def trace(
-        self, area: tuple[slice, slice], children: Sequence[np.ndarray], du: float, dv: float, shaded: bool = True
+        self, tile: Tile, du: float, dv: float, shaded: bool = True
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Colour (h, w, 3), code, depth (NaN on a miss) and outward normal of a tile's pixels."""
-        rows, columns = area
+        rows, columns = tile.area
         u, v = np.arange(columns.start, columns.stop) + du, np.arange(rows.start, rows.stop) + dv
         height, width = len(v), len(u)
         dap, camera = self.dap, self.camera
         x = f.matr(dap.vector((u - camera.cx) / camera.fx, self.kind), height)
         y = f.matc(dap.vector((v - camera.cy) / camera.fy, self.kind), width)
         rays = Rays((0.0, 0.0, 0.0), (x, y, self.caster.filled(1.0, x.shape)))
-        t, hit, entering = self._cast(children, rays, self.view.local, 0.0, False)
+        first = self._cast(tile.children, tile.terrains, rays, self.view.local, self.tolerance, False)
+        t, hit, entering = first
         place = self.view.scene_T_camera
         scene = [place[i, 0] * x + (place[i, 1] * y + float(place[i, 2])) for i in range(3)]
         onward = Rays(tuple(float(place[i, 3]) for i in range(3)), tuple(scene))
-        leaves = sorted({int(op) for code in children for op in code if op >= 0})
-        colour, facing = self._shade(onward, (t, hit, entering), leaves, shaded)
+        leaves = sorted({int(op) for code in tile.children for op in code if op >= 0} | set(tile.terrains))
+        colour, facing = self._shade(onward, first, leaves, shaded)
         codes = hit.numpy().astype(np.int64)
         seen = codes != MISS
         normal = np.stack([component.numpy() for component in facing], axis=-1).astype(float)
@@ -141,12 +160,26 @@ class _Tracer:
     # Finding the surface.
 
     def _cast(
-        self, children: Sequence[np.ndarray], rays: Rays, transforms: np.ndarray, nearest: float, entries_only: bool
+        self,
+        children: Sequence[np.ndarray],
+        terrains: Sequence[int],
+        rays: Rays,
+        transforms: np.ndarray,
+        nearest: float,
+        entries_only: bool,
+        active: DapArray | None = None,
     ) -> Hit:
-        """t, code and "enters there" of the nearest boundary of some children."""
+        """t, code and "enters there" of the nearest boundary of some children and terrains on the active rays."""
         best: Hit | None = None
         for code in children:
             other = self.caster.first_hit(self._spans(code, rays, transforms), nearest, entries_only)
+            best = other if best is None else self._nearer(best, other)
+        for leaf in terrains:
+            # What is behind the nearest so far need not be looked for.
+            farthest = None if best is None else best[0] + self.tolerance
+            other = self._sheet(
+                leaf, self.terrains[leaf].first_crossing(rays, transforms[leaf], nearest, farthest, active)
+            )
             best = other if best is None else self._nearer(best, other)
         if best is not None:
             return best
@@ -156,6 +189,12 @@ class _Tracer:
             f.filled(dap, MISS, shape, CODES),
             f.filled(dap, True, shape, LOGICAL),
         )
+
+    def _sheet(self, leaf: int, t: DapArray) -> Hit:
+        """Hits of a terrain at t, infinite where there is none: a ray always enters."""
+        hit = f.filled(self.dap, MISS, t.shape, CODES)
+        hit.assign(leaf * FACE_SLOTS, t < INFINITE)
+        return t, hit, f.filled(self.dap, True, t.shape, LOGICAL)
 
     def _spans(self, code: np.ndarray, rays: Rays, transforms: np.ndarray) -> Spans:
         """Walk a postfix tree with a stack of lists (appendix B)."""
@@ -196,7 +235,10 @@ class _Tracer:
         while pending:
             rays, weight, level, hits, leaves = pending.pop()
             if hits is None:
-                hits = self._cast(program.children, rays, program.inverse[:, :3], self.departure, True)
+                onwards = None if weight is None else weight > 0.0
+                hits = self._cast(
+                    program.children, program.terrains, rays, program.inverse[:, :3], self.departure, True, onwards
+                )
             t, hit, entering = hits
             missed = hit.compare('eq', MISS)
             for channel, background in zip(colour, program.background):
@@ -255,12 +297,16 @@ class _Tracer:
                 here = hit.compare('eq', leaf * FACE_SLOTS + face)
                 if not f.any_(here):
                     continue
-                for plane, value in zip(colours, program.colours[leaf, face]):
-                    plane.assign(float(value), here)
+                for plane, value in zip(colours, self._face_colour(leaf, face, points)):
+                    plane.assign(value, here)
                 for index, name in enumerate(names):
                     if isinstance(materials[name], DapArray):
                         materials[name].assign(float(program.material[leaf, index]), here)
-                for plane, component in zip(normal, self._normal(leaf, kind, face, points, direction)):
+                if kind == TERRAIN:
+                    components = self._terrain_normal(leaf, points, here)
+                else:
+                    components = self._normal(leaf, kind, face, points, direction)
+                for plane, component in zip(normal, components):
                     plane.assign(component, here)
         n, d = normal, direction
         along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2]
@@ -271,6 +317,28 @@ class _Tracer:
             **materials,
         }
 
+    def _face_colour(self, leaf: int, face: int, points: Components) -> Components:
+        """Red, green, blue of a face: three numbers, or planes where a terrain is coloured by height."""
+        program = self.view.program
+        terrain = self.terrains.get(leaf)
+        if terrain is None or terrain.terrain.tints is None:
+            return [float(value) for value in program.colours[leaf, face]]
+        return terrain.tinted(self._local(leaf, 2, points))
+
+    def _local(self, leaf: int, axis: int, points: Components) -> Any:
+        """One coordinate of points in a leaf's unit frame."""
+        m = self.view.program.inverse[leaf, axis]
+        return m[0] * points[0] + m[1] * points[1] + m[2] * points[2] + float(m[3])
+
+    def _terrain_normal(self, leaf: int, points: Components, here: DapArray) -> Components:
+        """Unit normal of a terrain, its sign not yet settled."""
+        m = self.view.program.inverse[leaf]
+        x, y = (self._local(leaf, axis, points) for axis in (0, 1))
+        slope_x, slope_y = self.terrains[leaf].slopes(x, y, here)
+        normal = [float(m[2, k]) - float(m[0, k]) * slope_x - float(m[1, k]) * slope_y for k in range(3)]
+        length = f.sqrt(self._dot(normal, normal))
+        return [component / length for component in normal]
+
     def _normal(self, leaf: int, kind: int, face: int, points: Components, direction: Sequence[DapArray]) -> Components:
         """Unit normal of a face, its sign not yet settled: three numbers, or planes for a curved face."""
         inverse = self.view.program.inverse[leaf]
@@ -279,13 +347,7 @@ class _Tracer:
             return [float(value) for value in row / np.linalg.norm(row)]
         signs = (1.0, 1.0, 0.0 if kind == CYLINDER else 1.0 if kind == SPHERE else -1.0)
         gradient = [
-            (inverse[i, 0] * points[0] + inverse[i, 1] * points[1] + inverse[i, 2] * points[2] + float(inverse[i, 3]))
-            * sign
-            if sign != 1.0
-            else inverse[i, 0] * points[0]
-            + inverse[i, 1] * points[1]
-            + inverse[i, 2] * points[2]
-            + float(inverse[i, 3])
+            self._local(leaf, i, points) * sign if sign != 1.0 else self._local(leaf, i, points)
             for i, sign in enumerate(signs)
             if sign
         ]
@@ -331,7 +393,7 @@ class _Tracer:
             arriving = f.merge(facing, 0.0, facing > 0.0)
             lit = facing > 0.0
             if self.options.shadows and f.any_(lit):
-                through = self._transmission(points, to_light, distance)
+                through = self._transmission(points, to_light, distance, lit)
                 arriving = arriving * through
             shade = surfaces['diffuse'] * arriving
             highlight = None
@@ -360,7 +422,7 @@ class _Tracer:
             result.assign(raised, exponent.compare('eq', value))
         return result
 
-    def _transmission(self, points: Components, direction: Vector, distance: DapArray) -> DapArray:
+    def _transmission(self, points: Components, direction: Vector, distance: DapArray, active: DapArray) -> DapArray:
         """How much light comes along rays of some length: the product of transparencies in the way."""
         program = self.view.program
         light = self.caster.filled(1.0, distance.shape)
@@ -376,4 +438,8 @@ class _Tracer:
                     first = leaf * FACE_SLOTS
                     here = blocked & (spans.hit[column] >= first) & (spans.hit[column] < first + FACE_SLOTS)
                     light.assign(light * float(program.material[leaf, 5]), here)
+        for leaf, terrain in self.terrains.items():
+            inverse = program.inverse[leaf, :3]
+            t = terrain.first_crossing(rays, inverse, self.departure, distance - self.departure, active)
+            light.assign(light * float(program.material[leaf, 5]), t < INFINITE)
         return light

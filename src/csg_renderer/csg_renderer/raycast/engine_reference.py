@@ -17,7 +17,7 @@ from .engines import ViewPose
 from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
 from .frame_buffers import ImageHits
 from .program import View, program_of, view_of
-from .pruning import boundary, tiles
+from .pruning import Tile, boundary, tiles, untiled
 from .reference import Hits, cast, normals, transmission
 from .settings import CROW_OFFSETS, CROW_WEIGHTS
 from .shading import illuminate, reflect, unit
@@ -34,25 +34,26 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
     view = view_of(program, camera_T_scene)
     tracer = _Tracer(view, camera, options)
     found = ImageHits(camera, program.background)
-    everywhere = (slice(0, camera.height), slice(0, camera.width))
-    areas = tiles(view, camera, options.tile_size) if options.tiling else [(everywhere, list(program.children))]
-    for (rows, columns), children in areas:
-        if not children and not program.terrains:
+    size = options.tile_size if options.tiling else max(camera.height, camera.width)
+    for tile in tiles(view, camera, size) if options.tiling else untiled(view, camera, size):
+        if not tile.children and not tile.terrains:
             continue
+        rows, columns = tile.area
         tracer.stats.tiles += 1
         v, u = (grid.ravel() for grid in np.mgrid[rows, columns])
-        hits, colour, facing = tracer.trace(u, v, children)
+        hits, colour, facing = tracer.trace(u, v, tile)
         seen = hits.hit != MISS
         found.codes[v, u] = hits.hit
         found.depth[v[seen], u[seen]] = hits.t[seen]
         found.normal[v[seen], u[seen]] = facing[seen]
-        found.colours[v, u] = tracer.box_mean(u, v, children) if options.box else colour
+        found.colours[v, u] = tracer.box_mean(u, v, tile) if options.box else colour
     if options.adaptive:
         v, u = np.nonzero(boundary(found.codes))
         smooth = np.zeros((len(u), 3))
+        (whole,) = untiled(view, camera, max(camera.height, camera.width))
         for row, dv in zip(CROW_WEIGHTS, CROW_OFFSETS):
             for weight, du in zip(row, CROW_OFFSETS):
-                smooth += weight * np.clip(tracer.trace(u + du, v + dv, program.children)[1], 0.0, 1.0)
+                smooth += weight * np.clip(tracer.trace(u + du, v + dv, whole)[1], 0.0, 1.0)
         found.colours[v, u] = smooth
     return found.frame(program, camera, camera_T_scene, tracer.stats)
 
@@ -64,11 +65,13 @@ class _Tracer:
         self.view, self.camera, self.options = view, camera, options
         self.stats = RenderStats()
 
-    def trace(self, u: AnyArray, v: AnyArray, children: Sequence[IntArray]) -> tuple[Hits, FloatArray, FloatArray]:
-        """Pixels (n,) to the first hit, the colour (n, 3) and the normal (n, 3) there."""
+    def trace(self, u: AnyArray, v: AnyArray, tile: Tile) -> tuple[Hits, FloatArray, FloatArray]:
+        """Pixels (n,) of a tile to the first hit, the colour (n, 3) and the normal (n, 3) there."""
         view = self.view
         rays = self.camera.rays(np.stack([u, v], axis=1))
-        first = cast(view, children, np.zeros((1, 3)), rays, view.local, view.tolerance, False, self.stats)
+        first = cast(
+            view, tile.children, tile.terrains, np.zeros((1, 3)), rays, view.local, view.tolerance, False, self.stats
+        )
         rotation, centre = view.scene_T_camera[:3, :3], view.scene_T_camera[:3, 3]
         directions = rays @ rotation.T
         origins = np.broadcast_to(centre, directions.shape)
@@ -83,6 +86,7 @@ class _Tracer:
                 hits = cast(
                     view,
                     view.program.children,
+                    view.program.terrains,
                     origins,
                     directions,
                     view.program.inverse[:, :3],
@@ -116,11 +120,11 @@ class _Tracer:
                     pending.append((rays_of[some], points[some], onward[some], share[some], level + 1, None))
         return first, colour, facing
 
-    def box_mean(self, u: IntArray, v: IntArray, children: Sequence[IntArray]) -> FloatArray:
+    def box_mean(self, u: IntArray, v: IntArray, tile: Tile) -> FloatArray:
         """(n, 3): the mean of the colours of n x n samples in each pixel (options.box)."""
         n = self.options.box
         total = sum(
-            np.clip(self.trace(u + (i + 0.5) / n - 0.5, v + (j + 0.5) / n - 0.5, children)[1], 0.0, 1.0)
+            np.clip(self.trace(u + (i + 0.5) / n - 0.5, v + (j + 0.5) / n - 0.5, tile)[1], 0.0, 1.0)
             for j in range(n)
             for i in range(n)
         )

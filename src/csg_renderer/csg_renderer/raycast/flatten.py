@@ -148,15 +148,19 @@ def _terrain_grids(program: Program) -> TerrainGrids | None:
         return None
     grids = [cast(Terrain, program.leaves[leaf]) for leaf in program.terrains]
     sizes = [grid.heights.size for grid in grids]
+    tints = [np.zeros((0, 4)) if grid.tints is None else grid.tints for grid in grids]
     return TerrainGrids(
         np.array(program.terrains),
-        np.concatenate([grid.heights.ravel() for grid in grids]),
+        np.concatenate([grid.relief.ravel() for grid in grids]),
+        np.concatenate([np.pad(grid.cells, ((0, 1), (0, 1))).ravel() for grid in grids]),
         np.cumsum([0, *sizes[:-1]]),
         np.array([grid.heights.shape[0] for grid in grids]),
         np.array([grid.heights.shape[1] for grid in grids]),
         np.array([grid.bilinear for grid in grids]),
-        np.array([grid.heights.min() for grid in grids]),
-        np.array([grid.heights.max() for grid in grids]),
+        np.array([grid.range[0] for grid in grids]),
+        np.array([grid.range[1] for grid in grids]),
+        np.concatenate(tints),
+        whole_numbers(np.cumsum([0, *(len(table) for table in tints)]).tolist()),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +13,23 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from .program import DIFFERENCE, INTERSECT, View
 from .settings import RECTANGLE_MARGIN
 
-# Rows and columns of a tile, and the postfix programs of the children that can be seen there.
-Tile = tuple[tuple[slice, slice], list[IntArray]]
+
+class Tile(NamedTuple):
+    """A part of an image and what can be seen there.
+
+    Attributes
+    ----------
+    area
+        Its rows and columns.
+    children
+        Postfix programs.
+    terrains
+        Leaves that are height grids.
+    """
+
+    area: tuple[slice, slice]
+    children: list[IntArray]
+    terrains: list[int]
 
 
 def tiles(view: View, camera: PinholeCamera, size: int) -> Iterator[Tile]:
@@ -32,7 +48,11 @@ def tiles(view: View, camera: PinholeCamera, size: int) -> Iterator[Tile]:
                 & (boxes[:, 3] >= top - 0.5)
             )
             pruned = (prune(code, present) for code in view.program.children)
-            yield (slice(top, bottom), slice(left, right)), [code for code in pruned if len(code)]
+            yield Tile(
+                (slice(top, bottom), slice(left, right)),
+                [code for code in pruned if len(code)],
+                [leaf for leaf in view.program.terrains if present[leaf]],
+            )
 
 
 def untiled(view: View, camera: PinholeCamera, size: int) -> Iterator[Tile]:
@@ -40,7 +60,8 @@ def untiled(view: View, camera: PinholeCamera, size: int) -> Iterator[Tile]:
     for top in range(0, camera.height, size):
         for left in range(0, camera.width, size):
             right, bottom = min(left + size, camera.width), min(top + size, camera.height)
-            yield (slice(top, bottom), slice(left, right)), list(view.program.children)
+            area = slice(top, bottom), slice(left, right)
+            yield Tile(area, list(view.program.children), list(view.program.terrains))
 
 
 def leaf_rectangles(view: View, camera: PinholeCamera) -> FloatArray:

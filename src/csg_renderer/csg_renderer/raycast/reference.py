@@ -385,6 +385,7 @@ def nearest_of(best: Hits, other: Hits, tolerance: float) -> Hits:
 def cast(
     view: View,
     children: Iterable[IntArray],
+    terrains: Iterable[int],
     origin: np.ndarray,
     direction: np.ndarray,
     transforms: np.ndarray,
@@ -392,13 +393,15 @@ def cast(
     entries_only: bool,
     stats: RenderStats,
 ) -> Hits:
-    """The nearest boundary of some children along rays.
+    """The nearest boundary of some children and terrains along rays.
 
     Parameters
     ----------
     view : View
     children : iterable of (m,) array of int64
         Their postfix programs.
+    terrains : iterable of int
+        Their leaves.
     origin, direction : (n, 3) array of float64
     transforms : (leaves, 3, 4) array of float64
         Unit frames from the rays' frame.
@@ -418,7 +421,7 @@ def cast(
     for code in children:
         spans = child_spans(view.program, code, origin, direction, transforms, view.tolerance, stats)
         best = nearest_of(best, first_hits(spans, nearest, entries_only), view.tolerance)
-    for leaf in view.program.terrains:
+    for leaf in terrains:
         t = _meet_terrain(view, leaf, origin, direction, transforms[leaf], nearest, np.inf)
         hit = np.where(np.isfinite(t), leaf * FACE_SLOTS, MISS)
         best = nearest_of(best, Hits(t, hit, np.ones(n, bool)), view.tolerance)

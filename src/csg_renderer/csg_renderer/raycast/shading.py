@@ -6,10 +6,13 @@ diffuse (N . L) colour light + specular (R . L)^shininess light; plus ambient co
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
+from ..scene.terrain import Terrain, tint
 from .frame import FACE_SLOTS
 from .program import Program
 
@@ -44,7 +47,7 @@ def illuminate(
         Linear RGB, not clipped.
     """
     leaf = hit // FACE_SLOTS
-    colour = program.colours[leaf, hit % FACE_SLOTS]
+    colour = face_colours(program, hit, points)
     ambient, diffuse, specular, shininess = program.material[leaf, :4].T
     result: FloatArray = ambient[:, None] * colour * program.ambient_light
     mirrored = reflect(direction, normal)
@@ -57,6 +60,32 @@ def illuminate(
         result += (arriving * diffuse * facing)[:, None] * colour * light
         result += (arriving * specular * highlight)[:, None] * light
     return result
+
+
+def face_colours(program: Program, hit: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Colours of points on faces: those of the faces, or of a terrain's height there.
+
+    Parameters
+    ----------
+    program : Program
+    hit : (n,) array of int64
+        leaf * FACE_SLOTS + face.
+    points : (n, 3) array of float64
+        Metres, scene frame.
+
+    Returns
+    -------
+    (n, 3) float64
+        Linear RGB.
+    """
+    colours: FloatArray = program.colours[hit // FACE_SLOTS, hit % FACE_SLOTS]
+    for leaf in program.terrains:
+        tints = cast(Terrain, program.leaves[leaf]).tints
+        mine = hit // FACE_SLOTS == leaf
+        if tints is not None and mine.any():
+            up = program.inverse[leaf, 2]
+            colours[mine] = tint(tints, points[mine] @ up[:3] + up[3])
+    return colours
 
 
 def reflect(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:

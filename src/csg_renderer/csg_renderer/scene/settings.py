@@ -13,6 +13,12 @@ AFFINE = 1e-9
 CELL_SLACK = 1e-12
 # The largest value of a 16-bit PNG, which stands for the highest height.
 PNG_FULL_SCALE = 65535.0
+# Heights of the largest grid that is read from a file (160 MB as numbers): a grid from anybody should not fill the
+# memory. An SRTM tile of one second of arc has 13 million.
+MAX_HEIGHTS = 20_000_000
+# Bytes of an ASCII grid for each height at most, and lines of its header.
+MAX_ASC_BYTES_PER_HEIGHT = 32
+ASC_HEADER_LINES = 6
 # A PLANE is endless; its mesh is a cube this many times as large as everything bounded.
 ENDLESS = 10.0
 # Facets around a circle of a mesh: the edge of a facet deviates from a unit circle by 1.2e-3.

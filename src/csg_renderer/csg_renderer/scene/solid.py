@@ -21,14 +21,16 @@ from .settings import AFFINE, SINGULAR
 # Faces in the order of thesis Table 4.1, which is also the order of face_id in a rendered frame. Unit frames: the block
 # is the unit cube of the positive octant; cylinder and cone have unit radius and length along +z, the cylinder with one
 # end and the cone with its apex at the origin; the sphere has unit radius about it. PLANE (ours) is the half-space
-# z <= 0, with outward normal +z.
+# z <= 0, with outward normal +z. TERRAIN (terrain.py) is a sheet and no Primitive.
 FACES: dict[str, tuple[str, ...]] = {
     'BLOCK': ('x = 0', 'x = 1', 'y = 0', 'y = 1', 'z = 0', 'z = 1'),
     'CYLINDER': ('z = 0', 'z = 1', 'curved'),
     'CONE': ('z = 1', 'curved'),
     'SPHERE': ('curved',),
     'PLANE': ('z = 0',),
+    'TERRAIN': ('sheet',),
 }
+PRIMITIVES = ('BLOCK', 'CYLINDER', 'CONE', 'SPHERE', 'PLANE')
 OPERATORS = ('UNION', 'INTERSECT', 'DIFFERENCE')
 
 
@@ -189,7 +191,7 @@ class Solid:
 
     @property
     def halfspaces(self) -> int:
-        """Number of bounding surfaces: block 6, cylinder 3, cone 2, sphere 1 (thesis 4.13)."""
+        """Number of bounding surfaces: block 6, cylinder 3, cone 2, sphere 1 (thesis 4.13); a terrain's sheet is 1."""
         return sum(len(FACES[leaf.kind]) for leaf in self._leaves())
 
     def _leaves(self) -> Iterator[Primitive]:
@@ -207,7 +209,7 @@ class Solid:
         Parameters
         ----------
         kind : str
-            A key of FACES: BLOCK, CYLINDER, CONE, SPHERE or PLANE.
+            BLOCK, CYLINDER, CONE, SPHERE or PLANE.
         matrix : (4, 4) array_like of float64, optional
             Any affine map, column form, metres; the unit frame is kept by default.
 
@@ -327,7 +329,7 @@ class Primitive(Solid):
     Parameters
     ----------
     kind : str
-        A key of FACES.
+        One of PRIMITIVES.
     matrix : (4, 4) array_like of float64
         Column form, scene from unit frame, metres.
     surface : Surface
@@ -347,8 +349,8 @@ class Primitive(Solid):
     face_colours: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in FACES:
-            raise ValueError(f'kind: expected one of {", ".join(FACES)}, got {self.kind!r}')
+        if self.kind not in PRIMITIVES:
+            raise ValueError(f'kind: expected one of {", ".join(PRIMITIVES)}, got {self.kind!r}')
         matrix = np.array(self.matrix, dtype=np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
             raise ValueError('matrix: expected (4, 4) finite numbers')
@@ -439,8 +441,8 @@ class Operation(Solid):
             node = pending.pop()
             if isinstance(node, Operation):
                 pending += [node.right, node.left]
-            elif isinstance(node, Primitive):
-                yield node
+            else:
+                yield from node._leaves()
 
     def __repr__(self) -> str:
         return f'<{self.operator} of {sum(1 for _ in self._leaves())} primitives>'

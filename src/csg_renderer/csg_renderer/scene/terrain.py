@@ -2,27 +2,44 @@
 
 A terrain is a sheet, seen from both sides, over a grid of square or oblong cells. It casts and receives shadows,
 mirrors and transmits like any surface, and belongs to a leaf of its own. It bounds no volume, so it takes no part in
-set operators; draw it as an object, or unite it at the top of a tree.
+set operators; draw it as an object, or unite it at the top of a tree. A cell with a corner without a height is open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from msgs_py import Pose
-from msgs_py.numeric.typed import FloatArray, IntArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from .settings import CELL_SLACK, PNG_FULL_SCALE
+from .height_files import check_heights, read_heights
+from .settings import CELL_SLACK
 from .solid import Solid, Surface, as_matrix
 
 INTERPOLATIONS = ('triangles', 'bilinear')
+
+
+@dataclass(frozen=True)
+class TerrainFile:
+    """The file that a terrain is made of, as the modelling language names it.
+
+    Attributes
+    ----------
+    path : str
+        As it is written in a scene file.
+    size : tuple of three floats, or None
+        Extent along x and y, and what a height of 1 stands for, metres; None where the file itself says.
+    """
+
+    path: str
+    size: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +49,7 @@ class Terrain(Solid):
     Parameters
     ----------
     heights : (rows, columns) array_like of float64
-        Metres, at least 2 x 2; height is the z of the terrain's own frame.
+        Metres, at least 2 x 2; height is the z of the terrain's own frame. NaN where there is none.
     spacing : tuple of two floats
         Metres between columns (x) and between rows (y).
     interpolation : str
@@ -41,6 +58,11 @@ class Terrain(Solid):
         Column form, scene from the terrain's own frame, any affine map.
     surface : Surface
         Of the whole sheet.
+    tints : (k, 4) array_like of float64, optional
+        Colours by height instead of the surface's: rising heights (metres, own frame), each with red, green, blue in
+        0..1. Between two of them colours are interpolated, beyond the ends they stay.
+    file : TerrainFile, optional
+        Where it comes from, for scenes that are written as text.
 
     Raises
     ------
@@ -59,13 +81,18 @@ class Terrain(Solid):
     interpolation: str = 'triangles'
     placement: np.ndarray = field(default_factory=lambda: np.eye(4))
     surface: Surface = field(default_factory=Surface)
+    tints: np.ndarray | None = None
+    file: TerrainFile | None = None
     kind: str = field(default='TERRAIN', init=False)
     face_colours: None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        heights = np.array(self.heights, dtype=np.float64)
-        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
-            raise ValueError(f'heights: expected a grid of at least 2 x 2 finite numbers, got shape {heights.shape}')
+        heights = self.heights
+        # A grid that is placed or painted anew was copied and checked when it was first used.
+        if not isinstance(heights, np.ndarray) or heights.flags.writeable or heights.dtype != np.float64:
+            heights = np.array(heights, dtype=np.float64)
+            heights.flags.writeable = False
+        check_heights(heights)
         spacing = np.asarray(self.spacing, dtype=np.float64)
         if spacing.shape != (2,) or not (np.isfinite(spacing) & (spacing > 0)).all():
             raise ValueError(f'spacing: expected two distances > 0, got {self.spacing}')
@@ -74,23 +101,30 @@ class Terrain(Solid):
         placement = np.array(as_matrix(self.placement))
         if abs(np.linalg.det(placement[:3, :3])) == 0.0:
             raise ValueError('placement: flattens the terrain to nothing')
-        heights.flags.writeable = False
         object.__setattr__(self, 'heights', heights)
         object.__setattr__(self, 'spacing', (float(spacing[0]), float(spacing[1])))
         object.__setattr__(self, 'placement', placement)
+        if self.tints is not None:
+            object.__setattr__(self, 'tints', checked_tints(self.tints))
 
     @classmethod
     def load(
-        cls, path: str | Path, spacing: tuple[float, float], low: float = 0.0, high: float = 1.0, **options: Any
+        cls,
+        path: str | Path,
+        spacing: tuple[float, float] | None = None,
+        low: float = 0.0,
+        high: float = 1.0,
+        **options: Any,
     ) -> Terrain:
         """A terrain from a file.
 
         Parameters
         ----------
         path : str or Path
-            A .npy file of heights in metres, or a grey 16-bit PNG.
-        spacing : tuple of two floats
-            As in the constructor, metres.
+            A .npy file of heights in metres, a grey 16-bit PNG, or an ESRI ASCII grid (.asc) in metres. A picture and
+            an ASCII grid are the right way round when looked at from above: their last row lies at y = 0.
+        spacing : tuple of two floats, optional
+            As in the constructor, metres. An ASCII grid's own by default, else 1.
         low, high : float
             Heights that 0 and 65535 of a PNG stand for, metres.
         **options
@@ -108,20 +142,13 @@ class Terrain(Solid):
             It holds no height grid; the message begins with its name.
         """
         path = Path(path)
-        if not path.is_file():
-            raise FileNotFoundError(f'no height grid {str(path)!r}')
-        if path.suffix.lower() == '.npy':
-            try:
-                heights = np.load(path, allow_pickle=False)
-            except (ValueError, EOFError, OSError) as error:
-                raise ValueError(f'{path}: not a .npy file: {error}') from None
-        else:
-            heights = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            if heights is None or heights.ndim != 2 or heights.dtype != np.uint16:
-                raise ValueError(f'{path}: expected a .npy file or a 16-bit grey PNG')
-            heights = low + (high - low) * (heights / PNG_FULL_SCALE)
+        grid = read_heights(path)
+        heights = grid.heights
+        if path.suffix.lower() == '.png':
+            heights = low + (high - low) * heights
+        cell = grid.cell or 1.0
         try:
-            return cls(heights, spacing, **options)
+            return cls(heights, (cell, cell) if spacing is None else spacing, **options)
         except (TypeError, ValueError) as error:
             raise ValueError(f'{path}: {error}') from None
 
@@ -134,14 +161,12 @@ class Terrain(Solid):
     def outline(self) -> np.ndarray:
         """Corners (8, 3) of the box about the terrain, grid frame."""
         rows, columns = self.heights.shape
-        return np.array(
-            [
-                [x, y, z]
-                for x in (0.0, columns - 1.0)
-                for y in (0.0, rows - 1.0)
-                for z in (self.heights.min(), self.heights.max())
-            ]
-        )
+        return np.array([[x, y, z] for x in (0.0, columns - 1.0) for y in (0.0, rows - 1.0) for z in self.range])
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and greatest height, metres, own frame."""
+        return float(np.nanmin(self.heights)), float(np.nanmax(self.heights))
 
     @property
     def bilinear(self) -> bool:
@@ -153,8 +178,49 @@ class Terrain(Solid):
         return replace(self, placement=as_matrix(placement) @ self.placement)
 
     def painted(self, surface: Surface) -> Terrain:
-        """See :meth:`Solid.painted`."""
-        return replace(self, surface=surface)
+        """See :meth:`Solid.painted`; colours by height go."""
+        return replace(self, surface=surface, tints=None)
+
+    @cached_property
+    def cells(self) -> BoolArray:
+        """Which cells are there, (rows - 1, columns - 1) bool: all four corners have a height."""
+        there: BoolArray = ~np.isnan(self.heights)
+        return there[:-1, :-1] & there[:-1, 1:] & there[1:, :-1] & there[1:, 1:]
+
+    @cached_property
+    def relief(self) -> FloatArray:
+        """The heights, and beside them those of their neighbours where there is none, (rows, columns), metres.
+
+        A point on the rim of an open cell may be rounded into it; its normal is a number all the same.
+        """
+        missing = np.isnan(self.heights)
+        if not missing.any():
+            return self.heights
+        rows, columns = missing.shape
+        known, value = np.pad(~missing, 1), np.pad(np.where(missing, 0.0, self.heights), 1)
+        around = [(dv, du) for dv in range(3) for du in range(3)]
+        count = sum(known[dv : dv + rows, du : du + columns].astype(np.float64) for dv, du in around)
+        total = sum(value[dv : dv + rows, du : du + columns] for dv, du in around)
+        return np.where(missing, total / np.maximum(count, 1.0), self.heights)
+
+    def mesh(self) -> tuple[np.ndarray, np.ndarray]:
+        """The sheet as triangles, two to a cell; of a bilinear terrain they are an approximation.
+
+        Returns
+        -------
+        vertices : (n, 3) float64
+            Every corner of the grid, row by row, metres, scene frame.
+        triangles : (m, 3) int64
+            Anticlockwise when looked at from above.
+        """
+        rows, columns = self.heights.shape
+        y, x = np.mgrid[0.0:rows, 0.0:columns]
+        grid = np.stack([x.ravel(), y.ravel(), self.relief.ravel()], axis=1)
+        j, i = np.nonzero(self.cells)
+        a = j * columns + i
+        b, c, d = a + 1, a + columns, a + columns + 1
+        triangles = np.stack([a, b, c, b, d, c], axis=1).reshape(-1, 3)
+        return grid @ self.matrix[:3, :3].T + self.matrix[:3, 3], triangles
 
     def _leaves(self) -> Iterator[Any]:
         yield self
@@ -162,6 +228,57 @@ class Terrain(Solid):
     def __repr__(self) -> str:
         rows, columns = self.heights.shape
         return f'Terrain({rows} x {columns} heights, {self.interpolation})'
+
+
+def checked_tints(tints: ArrayLike) -> np.ndarray:
+    """Colours by height.
+
+    Parameters
+    ----------
+    tints : (k, 4) array_like of float64
+        Rising heights, metres, each with red, green, blue in 0..1.
+
+    Returns
+    -------
+    (k, 4) float64
+
+    Raises
+    ------
+    ValueError
+        They are none; the message begins with "tints".
+    """
+    table: FloatArray = np.array(tints, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != 4 or not len(table) or not np.isfinite(table).all():
+        raise ValueError(f'tints: expected rows of height, red, green, blue, got shape {table.shape}')
+    if (np.diff(table[:, 0]) <= 0.0).any():
+        raise ValueError('tints: expected rising heights')
+    if not ((table[:, 1:] >= 0.0) & (table[:, 1:] <= 1.0)).all():
+        raise ValueError('tints: expected red, green, blue in 0..1')
+    table.flags.writeable = False
+    return table
+
+
+def tint(table: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Colours at some heights.
+
+    Parameters
+    ----------
+    table : (k, 4) array of float64
+        See Terrain.tints.
+    heights : (n,) array of float64
+        Metres, the terrain's own frame.
+
+    Returns
+    -------
+    (n, 3) float64
+        Linear RGB.
+
+    Examples
+    --------
+    >>> tint(np.array([[0.0, 0.0, 0.0, 1.0], [2.0, 1.0, 0.0, 0.0]]), np.array([-1.0, 0.5, 3.0])).tolist()
+    [[0.0, 0.0, 1.0], [0.25, 0.0, 0.75], [1.0, 0.0, 0.0]]
+    """
+    return np.stack([np.interp(heights, table[:, 0], table[:, channel]) for channel in (1, 2, 3)], axis=1)
 
 
 def gradient(terrain: Terrain, points: np.ndarray) -> np.ndarray:
@@ -221,9 +338,9 @@ def corners(terrain: Terrain, i: IntArray, j: IntArray) -> tuple[FloatArray, Flo
     Returns
     -------
     four (n,) float64
-        At (i, j), (i + 1, j), (i, j + 1) and (i + 1, j + 1), metres.
+        At (i, j), (i + 1, j), (i, j + 1) and (i + 1, j + 1), metres; those of Terrain.relief.
     """
-    h = terrain.heights
+    h = terrain.relief
     return h[j, i], h[j, i + 1], h[j + 1, i], h[j + 1, i + 1]
 
 
@@ -253,13 +370,13 @@ def first_crossing(
     rows, columns = terrain.heights.shape
     near, far = np.broadcast_to(nearest, best.shape), np.broadcast_to(farthest, best.shape)
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-        for j in range(rows - 1):
-            for i in range(columns - 1):
-                for t in _roots_in_cell(terrain, i, j, origin, direction):
-                    x, y = origin[:, 0] + t * direction[:, 0] - i, origin[:, 1] + t * direction[:, 1] - j
-                    edge = CELL_SLACK * (1.0 + max(rows, columns))
-                    here = (x >= -edge) & (x <= 1 + edge) & (y >= -edge) & (y <= 1 + edge) & (t > near) & (t < far)
-                    best = np.where(here & (t < best), t, best)
+        # Python's numbers; those of numpy take longer to handle.
+        for j, i in zip(*(places.tolist() for places in np.nonzero(terrain.cells))):
+            for t in _roots_in_cell(terrain, i, j, origin, direction):
+                x, y = origin[:, 0] + t * direction[:, 0] - i, origin[:, 1] + t * direction[:, 1] - j
+                edge = CELL_SLACK * (1.0 + max(rows, columns))
+                here = (x >= -edge) & (x <= 1 + edge) & (y >= -edge) & (y <= 1 + edge) & (t > near) & (t < far)
+                best = np.where(here & (t < best), t, best)
     return best
 
 

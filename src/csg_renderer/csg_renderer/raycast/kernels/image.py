@@ -15,7 +15,7 @@ from .records import PixelRun
 from .rows import BLUE, DEPTH, GREEN, HIT, NX, NY, NZ, RED, STRIDE, X, kernel
 from .secondary_rays import secondary_row
 from .shade import light_run, normals_run, points_row
-from .terrain import terrain_normals, terrain_row
+from .terrain import light_terrain, terrain_normals, terrain_row
 from .tree import LEAF_STEP, NOTHING, list_row, product_row, settle_row
 
 INF = math.inf
@@ -127,11 +127,19 @@ def colour_row(work, m, y, csg, materials, plan, secondary, terrains, coloured):
         leaf = int(hit / LEAF_STEP)
         face = int(hit - leaf * LEAF_STEP) // 2
         normals_run(s, j0, j1, leaf, face, csg.kind[leaf], csg.inverse, materials.flat_normals)
+        lit = False
         if terrains is not None:  # noqa: SIM102
             if csg.kind[leaf] == TERRAIN:
                 terrain_normals(s, j0, j1, leaf, terrains, csg.inverse)
+                if coloured and secondary is None:
+                    light_terrain(s, j0, j1, leaf, materials, terrains, csg.inverse)
+                    lit = True
+        if lit:
+            continue
         if coloured and secondary is None:
-            light_run(s, j0, j1, leaf, face, materials)
+            colours = materials.colours
+            colour = (colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2])
+            light_run(s, j0, j1, leaf, colour, materials)
         else:
             for k in range(j0, j1):
                 s[RED + k], s[GREEN + k], s[BLUE + k] = 0.0, 0.0, 0.0

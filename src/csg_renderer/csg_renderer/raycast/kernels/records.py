@@ -87,23 +87,32 @@ class TerrainGrids(NamedTuple):
     ----------
     leaf : (g,)
     heights : (sum of points,)
-        Metres, row by row.
+        Metres, row by row (Terrain.relief).
+    there : (sum of points,)
+        Whether the cell is there whose corner of least row and column a height is.
     start : (g,)
-        Into heights.
+        Into heights and there.
     rows, columns : (g,)
     bilinear : (g,)
     low, high : (g,)
         Least and greatest height, metres.
+    tints : (t, 4)
+        Height (metres) and colour, of all terrains that are coloured by height.
+    tint_start : (g + 1,)
+        Into tints; where two are equal, the terrain between them has its surface's colour.
     """
 
     leaf: IntArray
     heights: FloatArray
+    there: BoolArray
     start: IntArray
     rows: IntArray
     columns: IntArray
     bilinear: BoolArray
     low: FloatArray
     high: FloatArray
+    tints: FloatArray
+    tint_start: IntArray
 
 
 class CameraData(NamedTuple):

@@ -34,7 +34,7 @@ from .rows import (
     sphere_span,
 )
 from .shade import normals_run, power
-from .terrain import terrain_normals, terrain_ray
+from .terrain import face_colour, terrain_normals, terrain_ray
 from .tree import FACE_STEP, LEAF_STEP, NOTHING, child_list
 
 INF = math.inf
@@ -44,11 +44,12 @@ ONE = np.uint64(STRIDE)  # from x to y to z of a vector
 # The batch uses the row's offsets for what a row has too: LEAF_IN..FACE_OUT, HIT, VX.. (ray), PX.. (place), NX..
 # (normal), so that normals_run serves both. Its own: ray that is being cast, one over it, how far it reaches;
 # what the ray met; weight, level and pixel; how much light arrives; whether the box of the child at hand
-# is met; cosine to the light; and the normals again, because leaf_rays uses PX.. and NX.. for rays in a unit frame.
+# is met; cosine to the light; and the normals again, because leaf_rays uses PX.. and NX.. for rays in a unit frame;
+# the colour of the face.
 OX, DX, IX = (np.uint64(STRIDE * k) for k in (25, 28, 31))
 REACH, BEST, MET, WEIGHT, LEVEL, PIXEL, LIGHT, INSIDE, FACING = (np.uint64(STRIDE * k) for k in range(34, 43))
-NORMAL = np.uint64(STRIDE * 43)
-BATCH_PARTS = 46
+NORMAL, TINT = np.uint64(STRIDE * 43), np.uint64(STRIDE * 46)
+BATCH_PARTS = 49
 # A pending ray: origin, direction, weight, level, pixel.
 RAY_PARTS = 9
 
@@ -254,11 +255,17 @@ def light_batch(s, n, row, csg, materials, work, secondary, terrains):
     for j in range(ZERO, n):
         leaf = int(s[HIT + j] / LEAF_STEP)
         face = int(s[HIT + j] - leaf * LEAF_STEP) // 2
+        colours = materials.colours
+        red, green, blue = colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2]
+        if terrains is not None:
+            x, y, z = s[OX + j], s[OX + ONE + j], s[OX + ONE + ONE + j]
+            red, green, blue = face_colour(terrains, materials, csg.inverse, leaf, face, x, y, z)
+        s[TINT + j], s[TINT + ONE + j], s[TINT + ONE + ONE + j] = red, green, blue
         k = np.uint64(s[PIXEL + j])
         share = s[WEIGHT + j] * materials.coefficients[leaf, 0]
-        row[RED + k] += share * materials.colours[leaf, face, 0] * materials.ambient_light[0]
-        row[GREEN + k] += share * materials.colours[leaf, face, 1] * materials.ambient_light[1]
-        row[BLUE + k] += share * materials.colours[leaf, face, 2] * materials.ambient_light[2]
+        row[RED + k] += share * red * materials.ambient_light[0]
+        row[GREEN + k] += share * green * materials.ambient_light[1]
+        row[BLUE + k] += share * blue * materials.ambient_light[2]
     for light in range(materials.lights.shape[0]):
         lx, ly, lz = materials.lights[light, 0], materials.lights[light, 1], materials.lights[light, 2]
         for j in range(ZERO, n):
@@ -285,7 +292,6 @@ def light_batch(s, n, row, csg, materials, work, secondary, terrains):
             if arriving == 0.0:
                 continue
             leaf = int(s[HIT + j] / LEAF_STEP)
-            face = int(s[HIT + j] - leaf * LEAF_STEP) // 2
             shade, highlight = arriving * materials.coefficients[leaf, 1] * s[FACING + j], 0.0
             specular = materials.coefficients[leaf, 2]
             if specular > 0.0:
@@ -300,9 +306,9 @@ def light_batch(s, n, row, csg, materials, work, secondary, terrains):
                 if towards > 0.0:
                     highlight = arriving * specular * power(towards, materials.coefficients[leaf, 3])
             k = np.uint64(s[PIXEL + j])
-            row[RED + k] += (shade * materials.colours[leaf, face, 0] + highlight) * lr
-            row[GREEN + k] += (shade * materials.colours[leaf, face, 1] + highlight) * lg
-            row[BLUE + k] += (shade * materials.colours[leaf, face, 2] + highlight) * lb
+            row[RED + k] += (shade * s[TINT + j] + highlight) * lr
+            row[GREEN + k] += (shade * s[TINT + ONE + j] + highlight) * lg
+            row[BLUE + k] += (shade * s[TINT + ONE + ONE + j] + highlight) * lb
 
 
 @kernel

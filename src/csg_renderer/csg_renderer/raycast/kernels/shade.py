@@ -78,11 +78,11 @@ def normals_run(s, j0, j1, leaf, face, kind, inverse, flat):
 
 
 @kernel
-def light_run(s, j0, j1, leaf, face, materials):
-    """Colours, not clipped, of a run of pixels that show one face, into RED, GREEN, BLUE: no shadows, no mirrors."""
-    colours, coefficients = materials.colours, materials.coefficients
+def light_run(s, j0, j1, leaf, colour, materials):
+    """Colours, not clipped, of pixels of one leaf and colour, into RED, GREEN, BLUE: no shadows, no mirrors."""
+    coefficients = materials.coefficients
     lights, light_colours, ambient_light = materials.lights, materials.light_colours, materials.ambient_light
-    red, green, blue = colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2]
+    red, green, blue = colour
     ambient, diffuse = coefficients[leaf, 0], coefficients[leaf, 1]
     specular, shininess = coefficients[leaf, 2], coefficients[leaf, 3]
     ar, ag, ab = ambient * red * ambient_light[0], ambient * green * ambient_light[1], ambient * blue * ambient_light[2]

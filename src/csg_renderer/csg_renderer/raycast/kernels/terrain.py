@@ -10,6 +10,7 @@ from ...scene.settings import CELL_SLACK
 from ..settings import HEIGHT_SLACK
 from .records import Ray
 from .rows import DEPTH, HIT, NX, PX, STRIDE, VX, X, kernel
+from .shade import light_run
 from .tree import LEAF_STEP, NOTHING
 
 INF = math.inf
@@ -98,16 +99,17 @@ def walk(terrains, g, ray, nearest, farthest):
         stop = min(to_x, to_y, leave)
         if stop >= t:
             k = base + j * columns + i
-            corners = (
-                terrains.heights[k],
-                terrains.heights[k + 1],
-                terrains.heights[k + columns],
-                terrains.heights[k + columns + 1],
-            )
-            within = Ray(ox + t * u - i, oy + t * v - j, oz + t * w, u, v, w)
-            found = crossing_in_cell(corners, terrains.bilinear[g], within, stop - t)
-            if found < INF:
-                return t + found
+            if terrains.there[k]:
+                corners = (
+                    terrains.heights[k],
+                    terrains.heights[k + 1],
+                    terrains.heights[k + columns],
+                    terrains.heights[k + columns + 1],
+                )
+                within = Ray(ox + t * u - i, oy + t * v - j, oz + t * w, u, v, w)
+                found = crossing_in_cell(corners, terrains.bilinear[g], within, stop - t)
+                if found < INF:
+                    return t + found
             t = stop
         if stop >= leave:
             return INF
@@ -152,12 +154,60 @@ def terrain_row(s, end, y, terrains, local, tolerance):
 
 
 @kernel
-def terrain_normals(s, j0, j1, leaf, terrains, inverse):
-    """As normals_run, for a run of pixels that show a terrain."""
-    m = inverse[leaf]
+def grid_of(terrains, leaf):
+    """Which of the terrains a leaf is."""
     g = 0
     while terrains.leaf[g] != leaf:
         g += 1
+    return g
+
+
+@kernel
+def tint_at(terrains, g, height):
+    """Red, green, blue of a terrain that is coloured by height, at a height of its own frame (scene.terrain.tint)."""
+    tints = terrains.tints
+    first, last = terrains.tint_start[g], terrains.tint_start[g + 1]
+    k = first
+    while k < last and tints[k, 0] <= height:
+        k += 1
+    if k == first:
+        return tints[first, 1], tints[first, 2], tints[first, 3]
+    if k == last:
+        return tints[last - 1, 1], tints[last - 1, 2], tints[last - 1, 3]
+    above, run = height - tints[k - 1, 0], tints[k, 0] - tints[k - 1, 0]
+    return (
+        (tints[k, 1] - tints[k - 1, 1]) / run * above + tints[k - 1, 1],
+        (tints[k, 2] - tints[k - 1, 2]) / run * above + tints[k - 1, 2],
+        (tints[k, 3] - tints[k - 1, 3]) / run * above + tints[k - 1, 3],
+    )
+
+
+@kernel
+def face_colour(terrains, materials, inverse, leaf, face, x, y, z):
+    """Red, green, blue of a place (scene frame) on a face; terrains may be coloured by height."""
+    g = 0
+    while g < terrains.leaf.shape[0] and terrains.leaf[g] != leaf:
+        g += 1
+    if g < terrains.leaf.shape[0] and terrains.tint_start[g] < terrains.tint_start[g + 1]:
+        m = inverse[leaf]
+        return tint_at(terrains, g, m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3])
+    colours = materials.colours
+    return colours[leaf, face, 0], colours[leaf, face, 1], colours[leaf, face, 2]
+
+
+@kernel
+def light_terrain(s, j0, j1, leaf, materials, terrains, inverse):
+    """As light_run, for a run of pixels that show a terrain."""
+    for k in range(j0, j1):
+        colour = face_colour(terrains, materials, inverse, leaf, 0, s[PX + k], s[PX + ONE + k], s[PX + ONE + ONE + k])
+        light_run(s, k, k + np.uint64(1), leaf, colour, materials)
+
+
+@kernel
+def terrain_normals(s, j0, j1, leaf, terrains, inverse):
+    """As normals_run, for a run of pixels that show a terrain."""
+    m = inverse[leaf]
+    g = grid_of(terrains, leaf)
     columns, rows = terrains.columns[g], terrains.rows[g]
     for k in range(j0, j1):
         px, py, pz = s[PX + k], s[PX + ONE + k], s[PX + ONE + ONE + k]
