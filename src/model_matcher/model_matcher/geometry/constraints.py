@@ -313,19 +313,20 @@ def corner_ranges(
     """All ranges of a pair as the thesis takes them: from the four vectors between end points.
 
     The extremes between the ends are left out, so that a range may be smaller than the exact one, and a fragment of an
-    edge may be pruned that lies on it. Data edges are shortened by the errors of their ends; angles are drawn inwards
-    by the cones. Where lines are parallel their common normal is the zero vector, which is at right angles to all.
+    edge may be pruned that lies on it. Data edges are shortened by the errors of their ends; distances are drawn
+    inwards by the errors, angles by the cones. Lines that are parallel as far as their cones tell have no common
+    normal; direction3 lets them be such lines only.
 
     Parameters
     ----------
     a, b : (9,) float64
         Features, see features.py.
     error_a, error_b : float
-        Metres, by which each end of a data feature is drawn in.
+        Metres, of the end points.
     cone_a, cone_b : float
         Radians, half cone angles of the directions.
     out : (11,) float64
-        Filled as :func:`pair_ranges` does; direction3 is always defined.
+        Filled as :func:`pair_ranges` does; 10: 1 when there is a common normal, -1 when there is none.
 
     References
     ----------
@@ -338,7 +339,9 @@ def corner_ranges(
     sine = np.sqrt(nx * nx + ny * ny + nz * nz)
     cosine = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
     angle = np.arctan2(sine, cosine)
-    scale = 1.0 / sine if sine > NO_NORMAL_SINE else 0.0
+    cone = cone_a + cone_b
+    skew = sine > max(NO_NORMAL_SINE, np.sin(min(cone, RIGHT_ANGLE)))
+    scale = 1.0 / sine if skew else 0.0
     nx, ny, nz = nx * scale, ny * scale, nz * scale
     out[0::2] = np.inf
     out[1::2] = -np.inf
@@ -359,18 +362,36 @@ def corner_ranges(
             at = 2 * place + (2 if place else 0)
             out[at] = min(out[at], values[place])
             out[at + 1] = max(out[at + 1], values[place])
-    cone = cone_a + cone_b
+    out[0] += error_a + error_b
+    out[1] -= error_a + error_b
     out[2], out[3] = angle + cone, angle - cone
     for at, slack in ((4, cone_a), (6, cone_b), (8, cone)):
         out[at] += slack
         out[at + 1] -= slack
-    out[10] = 1.0
+    out[10] = 1.0 if skew else -1.0
 
 
 @njit
 def _inside(low: float, high: float, model_low: float, model_high: float) -> bool:
     """Whether a range lies in another, up to rounding."""
     return low >= model_low - ROUNDING and high <= model_high + ROUNDING
+
+
+@njit
+def _direction3(data: FloatArray, model: FloatArray) -> int:
+    """The sign bits that direction3 leaves."""
+    code = ANY_SIGN
+    if data[10] < 0.0 or model[10] < 0.0:  # corner_ranges: without a normal only with such a pair
+        return code if data[10] == model[10] else 0
+    if data[10] > 0.0:
+        # Lines whose common normal is certain are not parallel.
+        if model[10] == 0.0:
+            return 0
+        if not _inside(data[8], data[9], model[8], model[9]):
+            code &= ~SAME
+        if not _inside(np.pi - data[9], np.pi - data[8], model[8], model[9]):
+            code &= ~DIFFERENT
+    return code
 
 
 @njit
@@ -427,12 +448,8 @@ def entry(data: FloatArray, model: FloatArray, one_edge: bool, length: float, sl
                     code &= ~(A_PLUS if k == 0 else B_PLUS)
                 if not _inside(pi - high, pi - low, model[4 + 2 * k], model[5 + 2 * k]):
                     code &= ~(A_MINUS if k == 0 else B_MINUS)
-        if use[4] and data[10] > 0.0:
-            # Lines whose common normal is certain are not parallel.
-            if model[10] == 0.0 or not _inside(data[8], data[9], model[8], model[9]):
-                code &= ~SAME
-            if model[10] == 0.0 or not _inside(pi - data[9], pi - data[8], model[8], model[9]):
-                code &= ~DIFFERENT
+        if use[4]:
+            code &= _direction3(data, model)
     if not (code & (SAME | DIFFERENT)) or not (code & (A_PLUS | A_MINUS)) or not (code & (B_PLUS | B_MINUS)):
         return 0
     return code

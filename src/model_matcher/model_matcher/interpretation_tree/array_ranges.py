@@ -15,7 +15,7 @@ import numpy as np
 
 from dap_emulator import Dap, DapArray
 from dap_emulator.machine import intrinsics as f
-from dap_emulator.machine.kinds import LOGICAL, Kind, real
+from dap_emulator.machine.kinds import Kind, real
 from msgs_py.numeric.typed import FloatArray
 
 from ..geometry.settings import NO_NORMAL_SINE, NOT_ZERO, ROUNDING, SMALLEST_LENGTH
@@ -117,9 +117,18 @@ class _Pairs:
         self.normal = cross(a.direction, b.direction)
         self.sine = f.sqrt(dot(self.normal, self.normal))
         self.skew = self.sine > word.sine
-        scale = f.merge(1.0 / f.maximum(self.sine, word.sine), 0.0, self.skew)
-        self.normal = [component * scale for component in self.normal]
+        self._scale_normal(self.skew)
         self.angle = f.atan2(self.sine, self.cosine)
+
+    def _scale_normal(self, skew: DapArray) -> None:
+        """The common normal: a unit vector where the lines are skew, zero elsewhere."""
+        scale = f.merge(1.0 / f.maximum(self.sine, self.word.sine), 0.0, skew)
+        self.normal = [component * scale for component in self.normal]
+
+    def without_uncertain_normals(self, cone: DapArray) -> None:
+        """Lines that may be parallel within their cones (radians, together) have no normal."""
+        self.skew = self.skew & (self.sine > f.sin(f.minimum(cone, 0.5 * np.pi)))
+        self.normal = [f.merge(n, 0.0, self.skew) for n in self.normal]
 
     def filled(self, value: float) -> DapArray:
         return f.filled(self.dap, value, self.shape, self.word.kind)
@@ -154,6 +163,8 @@ def corner_ranges(dap: Dap, word: Word, a: Segments, b: Segments, errors: Errors
     Thesis 5.4, 5.5.
     """
     pairs = _Pairs(dap, word, a, b, errors)
+    if errors is not None:
+        pairs.without_uncertain_normals(errors.cone_a + errors.cone_b)
     lows: list[DapArray] = [pairs.filled(NO_ANGLE) for _ in range(4)]
     highs: list[DapArray] = [pairs.filled(-NO_ANGLE) for _ in range(4)]
     for s, t in pairs.corners(a, b):
@@ -170,12 +181,13 @@ def corner_ranges(dap: Dap, word: Word, a: Segments, b: Segments, errors: Errors
     if errors is not None:
         both = errors.cone_a + errors.cone_b
         angle = [pairs.angle + both, pairs.angle - both]
+        lows[0], highs[0] = lows[0] + errors.points, highs[0] - errors.points
         for k, cone in ((1, errors.cone_a), (2, errors.cone_b), (3, both)):
             lows[k], highs[k] = lows[k] + cone, highs[k] - cone
     bounds = [lows[0], highs[0], *angle]
     for k in (1, 2, 3):
         bounds += [lows[k], highs[k]]
-    return Ranges(bounds, f.filled(dap, True, pairs.shape, LOGICAL))
+    return Ranges(bounds, pairs.skew)
 
 
 def exact_ranges(dap: Dap, word: Word, a: Segments, b: Segments, errors: Errors | None = None) -> Ranges:

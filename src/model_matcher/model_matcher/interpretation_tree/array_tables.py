@@ -189,11 +189,14 @@ class ArrayTables:
         across, along, cone = (
             [self.dap.vector(tolerances[side, k], kind) for side in (first, second)] for k in range(3)
         )
-        points = [f.sqrt(x * x + y * y) for x, y in zip(across, along)]
-        errors = Errors(points[0] + points[1], cone[0], cone[1])
+        exact = [f.sqrt(x * x + y * y) for x, y in zip(across, along)]
+        points = exact[0] + exact[1]
         if self.params.ranges == 'corners':
             a, b = (side._replace(half=f.maximum(side.half - error, 0.0)) for side, error in zip((a, b), across))
-        return self._ranges(a, b, errors), errors.points
+            errors = Errors(across[0] + across[1], cone[0], cone[1])
+            return self._ranges(a, b, errors), points
+        errors = Errors(points, cone[0], cone[1])
+        return self._ranges(a, b, errors), points
 
     # The constraints.
 
@@ -251,6 +254,9 @@ class ArrayTables:
         if self.use[c.DIRECTION3] and defined:
             same = same & ((inside(data[8], data[9], 8) & model.defined) | one_edge)
             different = different & ((inside(pi - data[9], pi - data[8], 8) & model.defined) | one_edge)
+        elif self.use[c.DIRECTION3] and self.params.ranges == 'corners':
+            # The thesis lets a pair without a common normal be such a pair only.
+            match = match & (~model.defined | one_edge)
         (a_plus, a_minus), (b_plus, b_minus) = ends
         match = match & (same | different) & (a_plus | a_minus) & (b_plus | b_minus)
         if self.params.signs:
