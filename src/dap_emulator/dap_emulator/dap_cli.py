@@ -246,6 +246,8 @@ def _report(options: argparse.Namespace, dap: Dap, result: Result) -> None:
             print(f'  {name:16} {extents:16} {facts}')
         else:
             print(f'  {name:16} {value}')
+    for line in result.printed if not options.listing else ():
+        print(line)
     print(result.stats)
     if options.listing:
         print(result.listing())

@@ -507,3 +507,225 @@ def test_any_text_compiles_or_gives_a_fortran_error(text):
         compile(text)
     except FortranError as error:
         assert error.reason
+
+
+# Statements of older programs.
+
+
+def test_an_arithmetic_if_goes_three_ways():
+    body = 'IF (X - 2.0) 10, 20, 30\n10 I = -1\nGOTO 40\n20 I = 5\nGOTO 40\n30 I = 1\n40 CONTINUE'
+    assert [scalars(body, x=x)['I'] for x in (1.0, 2.0, 3.5)] == [-1, 5, 1]
+    assert scalars('IF (J .EQ. 3) IF (K) 10, 10, 20\n10 I = 7\n20 CONTINUE', j=3, k=-2)['I'] == 7
+    with pytest.raises(FortranError, match='line 5, column 1: label 99: there is no such label'):
+        scalars('IF (X) 10, 99, 10\n10 CONTINUE')
+    with pytest.raises(FortranError, match='an arithmetic IF takes a number, got LOGICAL scalar'):
+        scalars('IF (X .GT. 0.0) 10, 10, 10\n10 CONTINUE')
+
+
+@pytest.mark.parametrize('form', ['GOTO (10, 20, 30), J', 'GO TO (10,20,30) J', 'GOTO(10,20,30),J + 0'])
+def test_a_computed_goto_chooses_by_number_and_otherwise_goes_on(form):
+    body = f'{form}\nI = 9\nRETURN\n10 I = 1\nRETURN\n20 I = 2\nRETURN\n30 I = 3'
+    assert [scalars(body, j=j)['I'] for j in (1, 2, 3, 0, 4, -1)] == [1, 2, 3, 9, 9, 9]
+    with pytest.raises(FortranError, match='the choice of a GOTO is an INTEGER scalar'):
+        scalars('GOTO (10), X\n10 CONTINUE')
+
+
+def test_names_that_share_storage():
+    declarations = 'INTEGER A(6), B(2, 3), C, D\nEQUIVALENCE (A(1), B(1, 1)), (A(4), C), (D, C)'
+    result = scalars('A = 7\nB(2, 3) = 5\nC = C + 1\nI = A(6)\nJ = A(4)\nK = B(2, 2) + D', declarations)
+    assert (result['I'], result['J'], result['K']) == (5, 8, 16)
+    # The first index runs fastest, as in all of Fortran.
+    order = 'DO N = 1, 6\nA(N) = N\nEND DO\nI = B(2, 1)\nJ = B(1, 2)\nK = B(2, 3)'
+    result = scalars(order, declarations + '\nINTEGER N')
+    assert (result['I'], result['J'], result['K']) == (2, 3, 6)
+
+
+def test_matrices_share_planes():
+    source = (
+        'ENTRY SUBROUTINE F(R)\nREAL R(,)\nREAL STACK(,,3), TOP(,)\nLOGICAL M(,,2), L(,)\n'
+        'EQUIVALENCE (STACK(,,2), TOP), (M(,,2), L)\n'
+        'STACK = 1.0\nTOP = 5.0\nM = .FALSE.\nL = .TRUE.\nR = STACK(,,1) + 10.0*STACK(,,2) + 100.0*STACK(,,3)\n'
+        'R(M(,,2)) = R + 1000.0\nR(M(,,1)) = 0.0\nEND'
+    )
+    dap = Dap.model('510')
+    assert set(run(source, dap=dap)['R'].ravel()) == {1151.0}
+    assert dap.store.peak < 32 * 8, 'what is shared is stored once'
+
+
+@pytest.mark.parametrize(
+    ('declaration', 'reason'),
+    [
+        ('REAL A\nEQUIVALENCE (A, L)\nINTEGER L', 'A is REAL\\*4 scalar, L is INTEGER\\*4'),
+        ('EQUIVALENCE (I, N)', 'I is an argument'),
+        ('COMMON /C/ N\nEQUIVALENCE (M, N)', 'N is in COMMON'),
+        ('INTEGER A(3), B(3)\nEQUIVALENCE (A(1), B(1)), (A(2), B(3))', 'would begin at two places'),
+        ('INTEGER A(3), B(3)\nEQUIVALENCE (A(4), B(1))', 'index 4 is outside 1 to 3'),
+    ],
+)
+def test_what_cannot_share_is_refused(declaration, reason):
+    with pytest.raises(FortranError, match=reason):
+        scalars('CONTINUE', declaration)
+
+
+def test_data_for_several_names_elements_and_implied_loops():
+    declarations = (
+        'INTEGER A(5), B, C, D(2, 2), N\nLOGICAL L(3)\nPARAMETER (N = 5)\n'
+        'DATA B, C /3, -4/, A(2), A(3) /20, 30/\nDATA (A(M), M = N, 4, -1) /50, 40/, D /1, 2, 3, 4/\n'
+        'DATA (L(M), M = 1, 3) /2*.TRUE., .FALSE./'
+    )
+    result = scalars('I = B + C\nJ = A(1) + A(2) + A(3) + A(4) + A(5)\nK = 10*D(2, 1) + D(1, 2)', declarations)
+    assert (result['I'], result['J'], result['K']) == (-1, 140, 23)
+    result = scalars('IF (L(2) .AND. .NOT. L(3)) I = 1\nJ = A(5) - A(4)', declarations)
+    assert (result['I'], result['J']) == (1, 10)
+    for wrong, reason in (
+        ('DATA I1, I2 /1/', r'2 element\(s\), 1 value'),
+        ('INTEGER A(2)\nDATA (A(M), M = 1, 3) /3*0/', 'index 3 is outside 1 to 2'),
+        ('INTEGER A(2)\nDATA (A(M), M = 1, 2, 0) /3*0/', 'step of the implied DO is zero'),
+    ):
+        with pytest.raises(FortranError, match=reason):
+            scalars('CONTINUE', wrong)
+
+
+PROCEDURES = """
+ENTRY SUBROUTINE AREAS(X, R, S)
+  REAL X(,), R(,), S
+  EXTERNAL REAL MATRIX FUNCTION SQUARE, CUBE
+  EXTERNAL STEP, TWICE
+  CALL APPLY(SQUARE, X, R)
+  CALL APPLY(CUBE, R, R)
+  CALL INTEGRATE(STEP, 4, S)
+  CALL HAND_ON(TWICE, S)
+END
+SUBROUTINE APPLY(F, X, R)
+  EXTERNAL REAL MATRIX FUNCTION F
+  REAL X(,), R(,)
+  R = F(X)
+END
+REAL MATRIX FUNCTION SQUARE(X)
+  REAL X(,)
+  SQUARE = X*X
+END
+REAL MATRIX FUNCTION CUBE(X)
+  REAL X(,)
+  CUBE = X*X*X
+END
+SUBROUTINE INTEGRATE(F, N, S)
+  REAL F
+  EXTERNAL F
+  S = 0.0
+  DO I = 1, N
+    S = S + F(FLOAT(I))
+  END DO
+END
+REAL FUNCTION STEP(X)
+  STEP = X + HALF
+END
+REAL FUNCTION HALF()
+  HALF = 0.5
+END
+SUBROUTINE HAND_ON(P, S)
+  EXTERNAL P
+  CALL P(S)
+END
+SUBROUTINE TWICE(S)
+  S = 2.0*S
+END
+"""
+
+
+def test_functions_and_subroutines_are_handed_over_and_called():
+    source = PROCEDURES.replace('STEP = X + HALF', 'EXTERNAL HALF\n  STEP = X + HALF()')
+    x = np.full((32, 32), 2.0, dtype='f4')
+    result = run(source, 'AREAS', x=x)
+    assert (result['R'] == 64.0).all() and result['S'] == 24.0
+    # A function without arguments may be called by its name alone, as in appendix A.
+    assert run(PROCEDURES, 'AREAS', x=x)['S'] == 24.0
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'reason'),
+    [
+        ('EXTERNAL STEP, TWICE', 'EXTERNAL STEP, THRICE', 'there is no subroutine or function THRICE'),
+        ('EXTERNAL REAL MATRIX FUNCTION SQUARE', 'EXTERNAL REAL VECTOR FUNCTION SQUARE', 'SQUARE is REAL\\*4 matrix'),
+        ('CALL INTEGRATE(STEP,', 'CALL INTEGRATE(SQUARE,', 'F is a function of REAL\\*4 scalar, SQUARE is one of'),
+        ('CALL INTEGRATE(STEP,', 'CALL INTEGRATE(1.0,', 'F is a subroutine or function'),
+        ('F(FLOAT(I))', 'F(FLOAT(I), 2)', 'F: no function of REAL\\*4 scalar of the program takes these arguments'),
+        (
+            'ENTRY SUBROUTINE AREAS(X, R, S)',
+            'ENTRY SUBROUTINE AREAS(X, R, S, Q)\nEXTERNAL Q',
+            'cannot hand a procedure',
+        ),
+    ],
+)
+def test_procedures_that_do_not_fit_are_refused(old, new, reason):
+    assert old in PROCEDURES
+    with pytest.raises(FortranError, match=reason):
+        compile(PROCEDURES.replace(old, new, 1))
+
+
+def test_a_procedure_that_does_not_fit_its_call_is_named_when_it_is_called():
+    source = (
+        'ENTRY SUBROUTINE F(I)\nCALL G(H)\nEND\nSUBROUTINE G(P)\nEXTERNAL P\nCALL P(1)\nEND\n'
+        'SUBROUTINE H(A, B)\nA = B\nEND\nSUBROUTINE K(I)\nI = 1\nEND'
+    )
+    with pytest.raises(FortranError, match='line 6, column 6: P stands for H, which takes other arguments'):
+        run(source)
+
+
+def test_print_goes_to_the_listing():
+    body = "PRINT *, 'I =', I, ' X =', X\nPRINT *\nWRITE (*,*) L, V\nPRINT *, W"
+    declarations = 'LOGICAL L\nINTEGER V(*3), W(2)\nDATA L /.TRUE./, W /5, 6/'
+    result = scalars('V = 4\n' + body, declarations, i=3, x=0.25)
+    assert result.printed == ['I = 3  X = 0.25', '', 'T ', '[4 4 4]', '', '[5 6]']
+    assert 'I = 3  X = 0.25' in result.listing()
+    long = scalars('DO I = 1, 5000\nPRINT *, I\nEND DO').printed
+    assert len(long) == 1001 and long[-1] == '(more was printed, and is left out)'
+
+
+def test_the_constructs_of_the_thesis_appendices():
+    """Shared labels of nested loops, lower case, a continuation by +, COMMON in a recursion, texts as arguments."""
+    source = """
+C *** loops that end on one label, and a way out
+      entry subroutine demo(total, deepest)
+      integer total, deepest
+      logical anti_alias
+      common /tree/ depth_limit, deepest_seen
+      integer depth_limit, deepest_seen
+      integer tile_x, tile_y
+      total = 0
+      anti_alias = .true.
+      do 1 tile_y = 1, 4, 1
+        do 1 tile_x = 1, 4, 1
+          if (.NOT.anti_alias) goto 111
+          total = total +
+     +      tile_x*10
+1     continue
+111   continue
+      depth_limit = 5
+      call TraverseTree(1)
+      deepest = deepest_seen
+      if (total.NE.400) goto 10
+      call combine(total, 'U')
+10    continue
+      end
+
+      subroutine TraverseTree(level)
+      integer level
+      common /tree/ depth_limit, deepest_seen
+      integer depth_limit, deepest_seen
+      deepest_seen = level
+      IF (level.LT.depth_limit) GOTO 40
+      goto 50
+40    CALL TraverseTree (level + 1)
+50    continue
+      return
+      end
+
+      subroutine combine(total, operator)
+      integer total
+      character operator
+      if (operator.EQ.'U') total = total + 1
+      end
+"""
+    result = compile(source, 'fixed').run(Dap.model('510'))
+    assert (result['TOTAL'], result['DEEPEST']) == (401, 5)

@@ -26,6 +26,7 @@ def test_store_run_fetch(spaces):
     result = one.run(DOUBLE, a=np.arange(6).reshape(2, 3), n=4)
     assert result['A'].tolist() == [[0, 2, 4], [6, 8, 10]] and result['n'] == 5 and result.cycles > 0
     assert one.fetch('data.a', 'shape.a', 'data.n', 'program')[0].tolist() == list(range(6))
+    assert one.fetch('result.1.printed') == [[]]
     assert 'A*2.0' in one.fetch('result.1.listing')[0] and 'multiply' in one.fetch('result.1.statistics')[0]
     assert 'line 4: multiply REAL*4 (2, 3), 1 block(s), 1280 cycles' in one.fetch('result.1.trace')[0]
 
@@ -127,3 +128,9 @@ def test_four_threads_of_clients_never_mix(spaces):
     for thread in threads:
         thread.join(timeout=50)
     assert not wrong and spaces.runs == 240
+
+
+def test_what_a_program_prints_can_be_fetched(spaces):
+    one = client(spaces)
+    one.run("PRINT *, 'three:', 1 + 2")
+    assert one.fetch('result.1.printed') == [['three: 3']] and 'three: 3' in one.fetch('result.1.listing')[0]

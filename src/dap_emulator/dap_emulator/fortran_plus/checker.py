@@ -44,6 +44,13 @@ def check(units: list[Unit]) -> dict[str, CheckedUnit]:
     return checked
 
 
+def _labels(node: Node) -> list[int]:
+    """Labels that a statement may jump to."""
+    if node.what == 'goto':
+        return [node.target]
+    return list(node.targets) if node.what in ('computed_goto', 'arithmetic_if') else []
+
+
 class _Body:
     """Types and meanings in the executable statements of a unit."""
 
@@ -60,6 +67,7 @@ class _Body:
             for dimension in symbol.dimensions:
                 if dimension.extent is not None:
                     self._scalar_integer(dimension.extent, f'an extent of {symbol.name}')
+        self._externals()
         labels = [node.label for node in self.item.body if node.label is not None]
         known = set(labels)
         seen: set[int] = set()
@@ -74,11 +82,25 @@ class _Body:
             if symbol.initial is not None and (symbol.type.rank or symbol.argument is not None or symbol.common):
                 raise self.fail(0, f'DATA: {symbol.name} must be a local scalar or serial array')
 
+    def _externals(self) -> None:
+        """What EXTERNAL names must be there, and of the type that is said."""
+        for name, (node, result) in self.item.externals.items():
+            if name in self.item.unit.arguments:
+                continue
+            self.node = node
+            called = self.units.get(name)
+            if called is None:
+                raise self.fail(node.at, f'EXTERNAL: there is no subroutine or function {name}')
+            if result is not None and called.result != result:
+                found = 'a subroutine' if called.result is None else called.result
+                raise self.fail(node.at, f'EXTERNAL: {name} is {found}, not {result}')
+
     def _statement(self, node: Node, labels: set[int]) -> None:
         """Check one statement by the method of its name."""
         handler = getattr(self, '_' + node.what, None)
-        if node.what == 'goto' and node.target not in labels:
-            raise self.fail(node.at, f'GOTO {node.target}: there is no such label in {self.item.unit.name}')
+        for label in _labels(node):
+            if label not in labels:
+                raise self.fail(node.at, f'label {label}: there is no such label in {self.item.unit.name}')
         if handler is not None:
             handler(node)
         if node.what == 'if':
@@ -121,10 +143,30 @@ class _Body:
             for argument in node.arguments:
                 self.type_of(argument)
             return
+        symbol = self.item.symbols.get(node.name)
+        if symbol is not None and symbol.procedure:
+            node.parts['candidates'] = self._candidates(node.name, node.arguments, node.at, None)
+            return
         called = self.units.get(node.name)
         if called is None or called.unit.is_function:
             raise self.fail(node.at, f'there is no subroutine {node.name}')
         self._arguments(called, node.arguments, node.at)
+
+    def _candidates(self, name: str, actuals: list[Any], at: int, result: Type | None) -> list[str]:
+        """Units that a procedure with these arguments may stand for: functions of this result, or subroutines."""
+        found = []
+        for other, called in self.units.items():
+            if called.result != result or called.unit.entry:
+                continue
+            try:
+                self._arguments(called, actuals, at)
+            except FortranError:
+                continue
+            found.append(other)
+        if not found:
+            what = 'subroutine' if result is None else f'function of {result}'
+            raise self.fail(at, f'{name}: no {what} of the program takes these arguments')
+        return found
 
     def _arguments(self, called: CheckedUnit, actuals: list[Any], at: int) -> None:
         dummies = called.arguments
@@ -133,6 +175,9 @@ class _Body:
         for dummy, actual in zip(dummies, actuals):
             if isinstance(actual, (Whole, Step)):
                 raise self.fail(at, f'{called.unit.name}: an argument is missing')
+            if dummy.procedure:
+                self._procedure(actual, dummy, called.unit.name)
+                continue
             given = self.type_of(actual)
             wanted = dummy.type
             where = f'{called.unit.name}: argument {dummy.name}'
@@ -144,6 +189,33 @@ class _Body:
                 raise self.fail(actual.at, f'{where} is {wanted}, got {given}')
             if isinstance(actual, Reference) and actual.meaning == 'variable':
                 self.item.changed.add(actual.name)
+
+    def _procedure(self, actual: Any, dummy: Symbol, called: str) -> None:
+        """An argument that must be a subroutine or function: the name of one, or a dummy that stands for one."""
+        where = f'{called}: argument {dummy.name}'
+        name = actual.name if isinstance(actual, Reference) and actual.items is None else None
+        symbol = self.item.symbols.get(name or '')
+        if symbol is not None and symbol.procedure:
+            result: Type | None = symbol.type
+        elif name in self.units and symbol is None:
+            result = self.units[name].result
+        else:
+            raise self.fail(getattr(actual, 'at', 0), f'{where} is a subroutine or function')
+        if result is not None and result != dummy.type:
+            raise self.fail(actual.at, f'{where} is a function of {dummy.type}, {name} is one of {result}')
+        actual.meaning, actual.type = 'procedure', dummy.type
+
+    def _arithmetic_if(self, node: Node) -> None:
+        found = self.type_of(node.value)
+        if not found.kind.is_numeric or found.rank or found.serial:
+            raise self.fail(node.value.at, f'an arithmetic IF takes a number, got {found}')
+
+    def _computed_goto(self, node: Node) -> None:
+        self._scalar_integer(node.choice, 'the choice of a GOTO')
+
+    def _print(self, node: Node) -> None:
+        for value in node.values:
+            self.type_of(value)
 
     def _condition(self, node: Node) -> None:
         found = self.type_of(node.condition)
@@ -237,8 +309,12 @@ class _Body:
             is_own_result and node.items is not None and not self.item.symbols[name].dimensions
         ):
             symbol = self.item.symbols[name]
+            if symbol.procedure:
+                return self._procedure_value(node, symbol)
             node.meaning = 'variable'
             return self._indexed(node, symbol, target=False)
+        if node.items is None and self._is_function_without_arguments(name):
+            node.items = []
         if node.items is not None and name in self.units:
             called = self.units[name]
             if called.result is None:
@@ -253,6 +329,20 @@ class _Body:
             raise self.fail(node.at, f'{name} is neither an array nor a function')
         node.meaning = 'variable'
         return self._variable(node).type
+
+    def _is_function_without_arguments(self, name: str) -> bool:
+        called = self.units.get(name)
+        return called is not None and called.result is not None and not called.arguments
+
+    def _procedure_value(self, node: Reference, symbol: Symbol) -> Type:
+        """The type of a call of a function that was handed over."""
+        if node.items is None:
+            raise self.fail(node.at, f'{node.name} is EXTERNAL: call it, or hand it on')
+        node.meaning = 'procedure'
+        if len(node.items) == 1 and isinstance(node.items[0], Whole):
+            node.items = []
+        node.candidates = self._candidates(node.name, node.items, node.at, symbol.type)
+        return symbol.type
 
     def _intrinsic(self, node: Reference) -> Type:
         """The type of a call of an intrinsic function."""

@@ -15,7 +15,7 @@ class Step:
 
     Parameters
     ----------
-    what : {'plain', 'jump', 'jump_unless', 'do_start', 'do_next'}
+    what : {'plain', 'jump', 'jump_unless', 'choose', 'do_start', 'do_next'}
     node : Node
         The statement.
     target : int
@@ -24,6 +24,8 @@ class Step:
         Of a jump_unless: the jump is taken when it is false.
     loop : int
         Number of the DO loop, of a do_start or do_next.
+    targets : list of int
+        Positions of the steps that a choose may jump to.
     """
 
     what: str
@@ -31,6 +33,7 @@ class Step:
     target: int = 0
     condition: Any = None
     loop: int = 0
+    targets: list[int] = field(default_factory=list)
 
 
 @dataclass
@@ -74,6 +77,7 @@ class _Flattener:
         self.stack: list[_Open] = []
         self.labels: dict[int, int] = {}
         self.gotos: list[tuple[Step, int]] = []
+        self.choices: list[tuple[Step, list[int]]] = []
         self.loops = 0
 
     def run(self) -> tuple[list[Step], int]:
@@ -91,6 +95,8 @@ class _Flattener:
             raise located(node.source, node.at, f'this {what} is never closed ({missing} is missing)')
         for step, label in self.gotos:
             step.target = self.labels[label]
+        for step, labels in self.choices:
+            step.targets = [self.labels[label] for label in labels]
         return self.steps, self.loops
 
     def _ends_here(self, node: Node) -> bool:
@@ -109,6 +115,11 @@ class _Flattener:
 
     def _goto(self, node: Node) -> None:
         self.gotos.append((self._add(Step('jump', node)), node.target))
+
+    def _arithmetic_if(self, node: Node) -> None:
+        self.choices.append((self._add(Step('choose', node)), node.targets))
+
+    _computed_goto = _arithmetic_if
 
     def _if(self, node: Node) -> None:
         skip = self._add(Step('jump_unless', node, condition=node.condition))

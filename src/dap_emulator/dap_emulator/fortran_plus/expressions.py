@@ -71,6 +71,9 @@ class Expressions:
         slot, common = symbol.slot, symbol.common
         if common is not None and not symbol.dimensions:
             return lambda frame: frame[0].commons[common]
+        if symbol.alias is not None and not symbol.dimensions:
+            storage, place = self.item.symbols[symbol.alias[0]].slot, symbol.alias[1]
+            return lambda frame: frame[storage].data[place : place + 1].tolist()[0]
         return lambda frame: frame[slot]
 
     def _place(self, load: Evaluate, items: list[Any]) -> Callable[[Frame, ArrayVariable], tuple[int, ...]]:
@@ -98,6 +101,8 @@ class Expressions:
             return self._binary(node)
         if node.meaning == 'intrinsic':
             return self._intrinsic(node)
+        if node.meaning == 'procedure':
+            return self._procedure(node)
         return self._function(node) if node.meaning == 'function' else self._variable(node)
 
     def _unary(self, node: Unary) -> Evaluate:
@@ -183,6 +188,15 @@ class Expressions:
 
         return parallel
 
+    def _procedure(self, node: Reference) -> Evaluate:
+        """A call of the function that a dummy argument stands for."""
+        calls = {
+            name: self._function(Reference(name, node.items, node.at, node.type, 'function'))
+            for name in node.candidates
+        }
+        slot, dummy = self.item.symbols[node.name].slot, node.name
+        return lambda frame: chosen_procedure(calls, frame[slot], dummy)(frame)
+
     def _variable(self, node: Reference) -> Evaluate:
         symbol = self.item.symbols[node.name]
         load = self.load(symbol)
@@ -250,6 +264,13 @@ class Expressions:
             return DapArray(array.dap, array.kind, np.ascontiguousarray(array.values[where]))
 
         return select
+
+
+def chosen_procedure(calls: dict[str, Evaluate], name: str, dummy: str) -> Evaluate:
+    """The call of the unit that a dummy argument stands for. Raises ValueError when its arguments are others."""
+    if name not in calls:
+        raise ValueError(f'{dummy} stands for {name}, which takes other arguments')
+    return calls[name]
 
 
 def position_in(index: int, extent: int) -> int:

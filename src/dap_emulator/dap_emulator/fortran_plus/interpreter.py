@@ -6,6 +6,7 @@ to the control unit each time the statement runs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,10 +17,10 @@ from ..machine.machine import OutOfStore
 from .control import Step, flatten
 from .declarations import CheckedUnit, Symbol
 from .errors import FortranError, FortranStoreError
-from .expressions import Expressions, position_in, select_part
+from .expressions import Expressions, chosen_procedure, position_in, select_part
 from .parser import located
 from .running import Evaluate, Execute, Frame, Observer, Run, StopProgram, Store
-from .settings import MAX_DEPTH, MAX_DISPLAY_BYTES, MAX_DISPLAYS, STEPS_PER_CHECK
+from .settings import MAX_DEPTH, MAX_DISPLAY_BYTES, MAX_DISPLAYS, PRINTED_ELEMENTS, STEPS_PER_CHECK
 from .storage import ArrayVariable
 from .syntax import Constant, Node, Reference, Whole
 
@@ -42,7 +43,9 @@ class CompiledUnit:
         self.lines = [step.node.source.line for step in self.steps]
         self.symbols = [symbol for symbol in item.symbols.values() if symbol.slot]
         compiler = _Compiler(self, units)
-        self.prepare = [compiler.preparation(symbol) for symbol in self.symbols if symbol.argument is None]
+        # What others share is made before them.
+        own = sorted((s for s in self.symbols if s.argument is None), key=lambda symbol: symbol.alias is not None)
+        self.prepare = [compiler.preparation(symbol) for symbol in own]
         self.code = [compiler.step(step) for step in self.steps]
 
     def call(self, run: Run, arguments: list[Any]) -> Frame:
@@ -132,12 +135,14 @@ class _Compiler(Expressions):
 
     def preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
         """Make a local or COMMON variable when its unit is called."""
+        if symbol.alias is not None:
+            return self._shared_preparation(symbol, *symbol.alias)
         return self._array_preparation(symbol) if symbol.dimensions else self._scalar_preparation(symbol)
 
     def _scalar_preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
         slot, kind, initial, common = symbol.slot, symbol.type.kind, symbol.initial, symbol.common
         start: Any = {'LOGICAL': False, 'INTEGER': 0, 'REAL': 0.0, 'CHARACTER': ' '}[kind.name]
-        if initial is not None:
+        if initial:
             start = initial[0] if kind.name == 'CHARACTER' else kind.scalar(initial[0])
 
         def prepare(frame: Frame) -> None:
@@ -148,6 +153,30 @@ class _Compiler(Expressions):
 
         return prepare
 
+    def _shared_preparation(self, symbol: Symbol, storage: str, place: int) -> Callable[[Frame], None]:
+        """A variable whose values lie in a storage that it shares (EQUIVALENCE)."""
+        shared, slot, kind = self.item.symbols[storage].slot, symbol.slot, symbol.type.kind
+        shape, initial = self.extents(symbol), symbol.initial
+
+        def prepare(frame: Frame) -> None:
+            whole = frame[shared]
+            parallel, serial = shape(frame)
+            if parallel != whole.parallel:
+                raise self.unit.failure(
+                    self.item.unit.header,
+                    ValueError(f'EQUIVALENCE: {symbol.name} has extents {parallel}, others {whole.parallel}'),
+                )
+            data = whole.data[place : place + math.prod(serial)]
+            # The first serial index runs fastest, as in all of Fortran; numpy's last does.
+            backwards = data.reshape(serial[::-1] + data.shape[1:])
+            axes = (*reversed(range(len(serial))), *range(len(serial), backwards.ndim))
+            variable = ArrayVariable(frame[0].dap, kind, parallel, serial, backwards.transpose(axes))
+            _set_initial(variable, initial, symbol.name)
+            if symbol.dimensions:
+                frame[slot] = variable
+
+        return prepare
+
     def _array_preparation(self, symbol: Symbol) -> Callable[[Frame], None]:
         slot, kind, initial = symbol.slot, symbol.type.kind, symbol.initial
         shape = self.extents(symbol)
@@ -155,10 +184,7 @@ class _Compiler(Expressions):
         def new_array(frame: Frame) -> ArrayVariable:
             parallel, serial = shape(frame)
             variable = ArrayVariable(frame[0].dap, kind, parallel, serial, name=symbol.name)
-            if initial is not None:
-                if len(initial) != variable.data.size:
-                    raise ValueError(f'DATA: {symbol.name} has {variable.data.size} elements, {len(initial)} given')
-                variable.data[...] = np.asarray(initial, dtype=variable.data.dtype).reshape(serial, order='F')
+            _set_initial(variable, initial, symbol.name)
             return variable
 
         def common_array(frame: Frame) -> ArrayVariable:
@@ -205,6 +231,14 @@ class _Compiler(Expressions):
         """Assign to a scalar variable."""
         slot, common, kind = symbol.slot, symbol.common, symbol.type.kind
         convert: Callable[[Any], Any] = (lambda value: value) if kind.name in ('CHARACTER', 'LOGICAL') else kind.scalar
+
+        if symbol.alias is not None:
+            storage, place = self.item.symbols[symbol.alias[0]].slot, symbol.alias[1]
+
+            def store_shared(frame: Frame, value: Any) -> None:
+                frame[storage].data[place] = convert(value)
+
+            return store_shared
 
         def store(frame: Frame, value: Any) -> None:
             if common is None:
@@ -279,6 +313,35 @@ class _Compiler(Expressions):
 
         return run
 
+    def _step_choose(self, step: Step) -> Execute:
+        """An arithmetic IF or a computed GOTO."""
+        targets = step.targets
+        if step.node.what == 'arithmetic_if':
+            self._count(step.node.value.type.kind)
+            number = self.expression(step.node.value)
+
+            def by_sign(frame: Frame) -> int:
+                value = number(frame)
+                # What is not a number is neither below nor above zero.
+                return targets[0] if value < 0 else targets[2] if value > 0 else targets[1]
+
+            return by_sign
+        choice = self.expression(step.node.choice)
+
+        def by_number(frame: Frame) -> int | None:
+            chosen = choice(frame)
+            return targets[chosen - 1] if 1 <= chosen <= len(targets) else None
+
+        return by_number
+
+    def _print(self, node: Node) -> Execute:
+        values = [self.expression(value) for value in node.values]
+
+        def run(frame: Frame) -> None:
+            frame[0].print(' '.join(_printed(value(frame)) for value in values))
+
+        return run
+
     def _return(self, node: Node) -> Execute:
         end = len(self.unit.steps)
         return lambda frame: end
@@ -292,10 +355,22 @@ class _Compiler(Expressions):
     def _call(self, node: Node) -> Execute:
         if node.name == 'DISPLAY' and node.name not in self.units:
             return self._display(node)
+        if 'candidates' in node.parts:
+            return self._call_procedure(node)
         bind = self.arguments(node.name, node.arguments)
 
         def run(frame: Frame) -> None:
             bind(frame)
+
+        return run
+
+    def _call_procedure(self, node: Node) -> Execute:
+        """A call of the subroutine that a dummy argument stands for."""
+        calls: dict[str, Evaluate] = {name: self.arguments(name, node.arguments) for name in node.candidates}
+        slot, dummy = self.item.symbols[node.name].slot, node.name
+
+        def run(frame: Frame) -> None:
+            chosen_procedure(calls, frame[slot], dummy)(frame)
 
         return run
 
@@ -343,6 +418,9 @@ class _Compiler(Expressions):
 
     def _actual(self, actual: Any, dummy: Symbol) -> Evaluate:
         """An argument as its unit receives it: arrays by reference, expressions as temporary variables."""
+        if dummy.procedure:
+            name = actual.name
+            return self.load(self.item.symbols[name]) if name in self.item.symbols else lambda frame: name
         if not dummy.dimensions:
             value, kind = self.expression(actual), dummy.type.kind
             return value if kind.name in ('CHARACTER', 'LOGICAL') else lambda frame: kind.scalar(value(frame))
@@ -503,6 +581,32 @@ class _Compiler(Expressions):
             variable.write_part(place(frame, variable), where, value)
 
         return store
+
+
+def _set_initial(variable: ArrayVariable, initial: list[Any] | dict[int, Any] | None, name: str) -> None:
+    """Give a serial array, or a scalar in a shared storage, the values of its DATA statement. Raises ValueError."""
+    if initial is None:
+        return
+    if isinstance(initial, dict):
+        for place, value in initial.items():
+            variable.data[np.unravel_index(place, variable.data.shape, order='F')] = value
+        return
+    if len(initial) != variable.data.size:
+        raise ValueError(f'DATA: {name} has {variable.data.size} elements, {len(initial)} given')
+    variable.data[...] = np.asarray(initial, dtype=variable.data.dtype).reshape(variable.data.shape, order='F')
+
+
+def _printed(value: Any) -> str:
+    """A value in a line of PRINT: numbers as they are, truths T and F, arrays row by row."""
+    if isinstance(value, (DapArray, ArrayVariable)):
+        values = value.values if isinstance(value, DapArray) else value.to_numpy()
+        if isinstance(values, str):
+            return values
+        shown = np.where(values, 'T', 'F') if values.dtype == bool else values
+        return '\n' + np.array2string(shown, threshold=PRINTED_ELEMENTS, formatter={'str_kind': str})
+    if isinstance(value, bool):
+        return 'T' if value else 'F'
+    return f'{value:.9g}' if isinstance(value, float) else str(value)
 
 
 def compile_units(items: dict[str, CheckedUnit]) -> dict[str, CompiledUnit]:

@@ -13,7 +13,7 @@ from ..machine.kinds import CHARACTER, LOGICAL, integer, real
 from .errors import FortranError
 from .settings import MAX_EXPECTED
 from .source import Statement, statements
-from .syntax import Binary, Constant, Dimension, Entity, Node, Reference, Step, Unary, Unit, Whole
+from .syntax import Binary, Constant, DataTarget, Dimension, Entity, Node, Reference, Step, Unary, Unit, Whole
 
 # Names of the grammar's terminals in error messages.
 _READABLE = {
@@ -62,6 +62,19 @@ class _Builder(Transformer):  # type: ignore[type-arg]  # one argument in lark 0
 
     def goto(self, word: Token, label: Token) -> Node:
         return Node('goto', {'target': int(label)}, _at(word))
+
+    def computed_goto(self, word: Token, labels: list[int], choice: Any) -> Node:
+        return Node('computed_goto', {'targets': labels, 'choice': choice}, _at(word))
+
+    def arithmetic_if(self, word: Token, value: Any, *labels: Token) -> Node:
+        return Node('arithmetic_if', {'value': value, 'targets': [int(label) for label in labels]}, _at(word))
+
+    def labels(self, *labels: Token) -> list[int]:
+        return [int(label) for label in labels]
+
+    def print_(self, word: Token, *items: Any) -> Node:
+        values = [item for item in items if item is not None and not isinstance(item, Token)]
+        return Node('print', {'values': values}, _at(word))
 
     def continue_(self, word: Token) -> Node:
         return Node('continue', {}, _at(word))
@@ -168,8 +181,20 @@ class _Builder(Transformer):  # type: ignore[type-arg]  # one argument in lark 0
     def data(self, word: Token, *sets: Any) -> Node:
         return Node('data', {'sets': list(sets)}, _at(word))
 
-    def data_set(self, name: Token, _: Token, *values: Any) -> tuple[str, int, list[Any]]:
-        return name.upper(), _at(name), [value for part in values[:-1] for value in part]
+    def data_set(self, targets: list[DataTarget], _: Token, *values: Any) -> tuple[list[DataTarget], list[Any]]:
+        return targets, [value for part in values[:-1] for value in part]
+
+    def data_targets(self, *targets: DataTarget) -> list[DataTarget]:
+        return list(targets)
+
+    def data_name(self, name: Token) -> DataTarget:
+        return DataTarget(name.upper(), _at(name))
+
+    def data_element(self, name: Token, items: list[Any]) -> DataTarget:
+        return DataTarget(name.upper(), _at(name), items)
+
+    def data_loop(self, name: Token, items: list[Any], variable: Token, first: Any, last: Any, step: Any) -> DataTarget:
+        return DataTarget(name.upper(), _at(name), items, (variable.upper(), first, last, step))
 
     def repeat(self, number: Token, _: Token) -> int:
         return int(number)
@@ -183,6 +208,24 @@ class _Builder(Transformer):  # type: ignore[type-arg]  # one argument in lark 0
 
     def implicit(self, word: Token) -> Node:
         return Node('implicit', {}, _at(word))
+
+    def equivalence(self, word: Token, *shares: list[Reference]) -> Node:
+        return Node('equivalence', {'shares': list(shares)}, _at(word))
+
+    def share(self, *members: Reference) -> list[Reference]:
+        return list(members)
+
+    def external(self, word: Token, type_: Token | None, function: Token | None, *names: Token) -> Node:
+        rank = None if function is None else {'M': 2, 'V': 1}.get(function[0].upper(), 0)
+        return Node(
+            'external',
+            {
+                'type': None if type_ is None else _squeezed(type_),
+                'rank': rank,
+                'names': [(name.upper(), _at(name)) for name in names],
+            },
+            _at(word),
+        )
 
     def binary(self, left: Any, operator: Token, right: Any) -> Binary:
         return Binary(_OPERATORS.get(operator.upper(), operator.upper()), left, right, _at(operator))

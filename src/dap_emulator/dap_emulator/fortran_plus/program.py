@@ -33,10 +33,15 @@ class Result(Mapping[str, Any]):
         What CALL DISPLAY has shown.
     source : str
         The program's text.
+    printed : sequence of str
+        Lines of PRINT.
     """
 
-    def __init__(self, values: dict[str, Any], stats: Stats, displays: list[Display], source: str) -> None:
+    def __init__(
+        self, values: dict[str, Any], stats: Stats, displays: list[Display], source: str, printed: Sequence[str] = ()
+    ) -> None:
         self._values, self.stats, self.displays, self.source = values, stats, displays, source
+        self.printed = list(printed)
 
     @property
     def cycles(self) -> int:
@@ -61,13 +66,17 @@ class Result(Mapping[str, Any]):
         return len(self._values)
 
     def listing(self) -> str:
-        """Return the source text, every line with the number of its operations, their cycles and share."""
+        """Return the source text, every line with the number of its operations, their cycles and share.
+
+        What the program has printed follows.
+        """
         total = max(1, self.cycles)
         rows = [f'{"charges":>9} {"cycles":>12} {"share":>6}  line']
         for number, text in enumerate(self.source.splitlines(), 1):
             count, cycles = self.stats.lines.get(number, (0, 0))
             figures = f'{count:>9} {cycles:>12} {100 * cycles / total:5.1f}%' if count else ' ' * 29
             rows.append(f'{figures} {number:>5}  {text}')
+        rows += ['', *self.printed, ''] if self.printed else []
         rows.append(f'{self.cycles} cycles, {self.seconds:.6g} s (computed, not simulated)')
         return '\n'.join(rows)
 
@@ -177,7 +186,7 @@ class Program:
                 stats = stats_so_far()
         finally:
             dap.line, dap.watch = 0, watch
-        return Result(results, stats, run.displays, self.source)
+        return Result(results, stats, run.displays, self.source, run.printed)
 
     def __repr__(self) -> str:
         signatures = [

@@ -15,7 +15,7 @@ from msgs_py.numeric.typed import AnyArray, BoolArray
 from ..machine.machine import Machine
 from .declarations import CheckedUnit
 from .errors import Stopped
-from .settings import FRAMES_PER_CALL, MAX_DEPTH, SPARE_FRAMES
+from .settings import FRAMES_PER_CALL, MAX_DEPTH, MAX_PRINTED, MAX_PRINTED_CHARACTERS, SPARE_FRAMES
 
 # What CALL DISPLAY shows: a name, the values, a title.
 Display: TypeAlias = tuple[str, AnyArray, str]
@@ -124,6 +124,8 @@ class Run:
         What CALL DISPLAY has shown.
     display_bytes : int
         Their size.
+    printed : list of str
+        Lines of PRINT.
     depth, ticks : int
         Calls that are open, and steps done.
     started : float
@@ -139,10 +141,21 @@ class Run:
     commons: dict[tuple[str, int], Any] = field(default_factory=dict)
     displays: list[Display] = field(default_factory=list)
     display_bytes: int = 0
+    printed: list[str] = field(default_factory=list)
+    printed_characters: int = 0
     depth: int = 0
     ticks: int = 0
     started: float = 0.0
     first_cycle: int = 0
+
+    def print(self, text: str) -> None:
+        """Keep what PRINT shows, while there is room."""
+        if len(self.printed) > MAX_PRINTED or self.printed_characters > MAX_PRINTED_CHARACTERS:
+            return
+        self.printed += text[:MAX_PRINTED_CHARACTERS].split('\n')
+        self.printed_characters += len(text)
+        if len(self.printed) > MAX_PRINTED or self.printed_characters > MAX_PRINTED_CHARACTERS:
+            self.printed[MAX_PRINTED:] = ['(more was printed, and is left out)']
 
     def check(self) -> None:
         """Raise Stopped when a limit is reached."""

@@ -16,6 +16,12 @@ STEPS_PER_CHECK = 8
 MAX_DISPLAYS = 500
 MAX_DISPLAY_BYTES = 256_000_000
 
+# Lines that PRINT keeps, and their characters in all; later ones are left out, and the last line says so.
+MAX_PRINTED = 1000
+MAX_PRINTED_CHARACTERS = 200_000
+# Elements of an array that PRINT shows whole; of a larger one its corners.
+PRINTED_ELEMENTS = 1024
+
 # Compiled programs kept for reuse, by their text.
 PROGRAMS_CACHED = 64
 # Longest list of what was expected, in an error message; a longer one says nothing to a reader.

@@ -43,7 +43,9 @@ class Reference:
     items: list[Any] | None
     at: int
     type: Any = None
-    meaning: str = ''  # 'variable', 'intrinsic' or 'function', from the checker
+    # From the checker: 'variable', 'intrinsic', 'function' or 'procedure', and the functions a procedure may stand for.
+    meaning: str = ''
+    candidates: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -98,6 +100,19 @@ class Entity:
     length: int | None
     dimensions: list[Dimension] | None
     at: int
+
+
+@dataclass
+class DataTarget:
+    """What a DATA statement gives values to: a name, one element of it, or the elements of an implied DO.
+
+    ``loop`` has the variable, its first and last value, and its step or None.
+    """
+
+    name: str
+    at: int
+    items: list[Any] | None = None
+    loop: tuple[str, Any, Any, Any] | None = None
 
 
 @dataclass

@@ -91,16 +91,19 @@ class RunAnswer:
     stats : Stats
     trace : list of str
         The last operations.
+    printed : list of str
+        Lines of PRINT.
     """
 
     values: dict[str, Any]
     stats: Stats
     trace: list[str] = field(default_factory=list)
+    printed: list[str] = field(default_factory=list)
 
     def result(self, source: str) -> Result:
         """As a result of ``Program.run``, but for what CALL DISPLAY has shown."""
         shown: list[Display] = []
-        return Result(self.values, self.stats, shown, source)
+        return Result(self.values, self.stats, shown, source, self.printed)
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,7 @@ def _run(job: RunJob, cancelled: threading.Event) -> RunAnswer:
     size = sum(size_of(value) for value in values.values())
     if size > job.most_bytes:
         raise ValueError(f'the result has {size} bytes, at most {job.most_bytes} are kept')
-    return RunAnswer(values, result.stats, [str(entry) for entry in list(dap.trace)[-TRACE_KEPT:]])
+    return RunAnswer(values, result.stats, [str(entry) for entry in list(dap.trace)[-TRACE_KEPT:]], result.printed)
 
 
 def bound_memory(most: int = PROCESS_BYTES) -> None:

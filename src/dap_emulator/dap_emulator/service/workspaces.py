@@ -21,6 +21,7 @@ out:
     <client>.result.<id>.state          waiting, running, done, failed, stopped
     <client>.result.<id>.message        why it failed or stopped
     <client>.result.<id>.cycles, .seconds, .statistics, .listing, .trace (the last operations)
+    <client>.result.<id>.printed        lines of PRINT
     <client>.result.<id>.names          the arguments that can be read
     <client>.result.<id>.data.<NAME>, .shape.<NAME>
 """
@@ -485,7 +486,9 @@ class Workspaces:
             request.data, request.shapes = {}, {}
             request.result = result
             if result is not None:
-                request.result_bytes = sum(size_of(value) for value in [*result.values(), *request.trace])
+                request.result_bytes = sum(
+                    size_of(value) for value in [*result.values(), *request.trace, *result.printed]
+                )
             try:
                 self._make_room_for_result(request)
             except Refused as error:
@@ -615,8 +618,8 @@ def _result_value(request: Request, what: str) -> Any:
         return getattr(result, what)
     if what == 'listing':
         return result.listing()
-    if what in ('names', 'trace'):
-        return list(result) if what == 'names' else request.trace
+    if what in ('names', 'trace', 'printed'):
+        return {'names': list(result), 'trace': request.trace, 'printed': result.printed}[what]
     group, _, variable = what.partition('.')
     if variable.upper() not in result or group not in ('data', 'shape'):
         return None

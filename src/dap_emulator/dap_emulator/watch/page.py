@@ -82,7 +82,7 @@ def _data(recorder: Recorder, result: Result, title: str) -> dict[str, Any]:
         'times': recorder.times,
         'operations': [[name, *entry] for name, entry in stats.operations.items()],
         'profile': [[list(path), cycles] for path, cycles in recorder.profile.items()],
-        'printed': [],
+        'printed': result.printed,
         'calls': [{'unit': call.unit, 'arrays': call.arrays, 'scalars': call.scalars} for call in recorder.calls],
         'arrays': [_array(array) for array in recorder.arrays],
         'steps': [_step(step) for step in recorder.steps],

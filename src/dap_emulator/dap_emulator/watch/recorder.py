@@ -161,7 +161,8 @@ class Recorder:
         live = _Live(len(self.calls), unit, frame, [])
         for symbol in unit.symbols.values():
             variable = frame[symbol.slot] if symbol.dimensions and symbol.slot else None
-            if not isinstance(variable, ArrayVariable) or variable.data.size > MAX_ELEMENTS:
+            # Storages that EQUIVALENCE makes are seen through the names that share them.
+            if not isinstance(variable, ArrayVariable) or variable.data.size > MAX_ELEMENTS or symbol.name[0] == '(':
                 continue
             number = self._numbers.get(id(variable))
             if number is None:
@@ -238,10 +239,9 @@ class Recorder:
     def _record_scalars(self, step: int, live: _Live) -> None:
         """The scalars that have changed, and the texts of CHARACTER arrays."""
         for symbol in live.unit.symbols.values():
-            if symbol.slot == 0 or (symbol.dimensions and symbol.type.kind.name != 'CHARACTER'):
+            if symbol.slot == 0 or symbol.procedure or (symbol.dimensions and symbol.type.kind.name != 'CHARACTER'):
                 continue
-            common = symbol.common is not None and not symbol.dimensions
-            value = live.frame[0].commons.get(symbol.common) if common else live.frame[symbol.slot]
+            value = _scalar(symbol, live)
             text = _text(value)
             if value is not None and live.texts.get(symbol.name) != text:
                 live.texts[symbol.name] = text
@@ -305,6 +305,18 @@ def _widen(watched: Watched, values: AnyArray) -> None:
     if finite.size:
         watched.low = min(watched.low, float(finite.min()))
         watched.high = max(watched.high, float(finite.max()))
+
+
+def _scalar(symbol: Symbol, live: _Live) -> Any:
+    """Value of a scalar, or a CHARACTER array; None when there is none yet."""
+    if symbol.dimensions:
+        return live.frame[symbol.slot]
+    if symbol.common is not None:
+        return live.frame[0].commons.get(symbol.common)
+    if symbol.alias is not None:
+        storage = live.frame[live.unit.symbols[symbol.alias[0]].slot]
+        return storage.data[symbol.alias[1] : symbol.alias[1] + 1].tolist()[0]
+    return live.frame[symbol.slot]
 
 
 def _text(value: Any) -> str:
