@@ -25,11 +25,16 @@ def test_the_table_is_up_to_date(gallery):
 
 
 def test_every_scene_of_the_package_is_on_the_page(gallery):
-    assert set(scene_names()) == {*gallery.MODELS, *gallery.VIEWS, *gallery.SCENES}
+    assert set(scene_names()) == {*gallery.MODELS, *gallery.VIEWS, *gallery.SCENES, *gallery.TERRAINS}
 
 
 def test_pictures_are_written(gallery, tmp_path, monkeypatch):
     monkeypatch.setattr(gallery, 'VIEWS', {'l_shape_v1': (15, 0, 0)})
     monkeypatch.setattr(gallery, 'SCENES', {name: gallery.SCENES[name] for name in ('coverplate',)})
     assert gallery.main([str(tmp_path), '--size', '64']) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {'scenes.md', 'test_models.png', 'large_scenes.png'}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        'scenes.md',
+        'test_models.png',
+        'large_scenes.png',
+        'terrain.png',
+    }

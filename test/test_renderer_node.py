@@ -151,3 +151,23 @@ def test_the_turntable_turns_scene_and_truth_together(graph, scene_file):
     first, second = (pose_from_message(message.pose) for message in poses[:2])
     assert np.degrees(first.error_to(second).rotation) == pytest.approx(30.0, abs=1e-6)
     assert np.allclose(first.translation, second.translation)
+
+
+def test_a_terrain_is_rendered_and_the_truth_is_of_what_stands_on_it(graph, tmp_path):
+    np.save(tmp_path / 'ground.npy', np.random.default_rng(0).random((5, 5)))
+    path = tmp_path / 'scene.csg'
+    path.write_text(
+        'DRAW TERRAIN ("ground.npy", 400, 400, 30, BILINEAR) XROT (90) AT (-200, 60, 200) AS ground;'
+        'DRAW BLOCK (40, 40, 40) AT (-10, 10, 350) AS box; LIGHT (0, -300, 0);'
+    )
+    node = renderer(graph, path, rate=5.0, engine='dap', shadows=True, encoding='rgb8')
+    listener = Listener(graph, ['left/image_rect', 'ground_truth/pose', 'ground_truth/features'])
+    graph.spin_until(listener.complete)
+    scene = node._file.scene
+    left, _ = render_stereo(scene, scene_rig(scene, width=64), shadows=True)
+    assert (left.primitive_id == 0).sum() > 300
+    difference = np.abs(image_to_array(listener.messages['left/image_rect'][0])[0].astype(int) - left.image)
+    assert (difference > 1).sum() == 0
+    pose = pose_from_message(listener.messages['ground_truth/pose'][0].pose)
+    assert np.allclose(pose.translation, [-0.01, 0.01, 0.35], atol=1e-9)
+    assert len(cloud_to_features(listener.messages['ground_truth/features'][0])) >= 4

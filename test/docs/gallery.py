@@ -40,6 +40,8 @@ TITLES = {
     'geneva_wheel': 'Geneva Wheel',
     'table': 'Table',
 }
+# Scenes with a terrain, of which the thesis has none.
+TERRAINS = ('hills',)
 VIEWS = {**thesis_counts.VIEWS, **thesis_counts.REAL_VIEWS}
 # Wide enough to count what is seen whatever the framing of a scene.
 WIDE = PinholeCamera.centred(8000, 8000, 703.0)
@@ -58,19 +60,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     models = [tile(name, options.size, name.replace('_', ' '), flipped=True) for name in tqdm(VIEWS, desc='models')]
     save_image(options.folder / 'test_models.png', sheet(models, 5))
-    large = [tile(name, options.size, TITLES[name]) for name in tqdm(SCENES, desc='large scenes')]
+    large = [
+        tile(name, options.size, TITLES[name], levels=4 if name == 'table' else 1)
+        for name in tqdm(SCENES, desc='large scenes')
+    ]
     save_image(options.folder / 'large_scenes.png', sheet(large, 3))
+    grounds = [tile(name, 2 * options.size, name, levels=4) for name in tqdm(TERRAINS, desc='terrains')]
+    save_image(options.folder / 'terrain.png', sheet(grounds, 1))
     (options.folder / 'scenes.md').write_text(page(), encoding='utf-8')
     return 0
 
 
-def tile(name: str, size: int, title: str, flipped: bool = False) -> np.ndarray:
-    """(size, size, 3) uint8: a scene with its title. A test model fills the picture, whatever its camera says."""
+def tile(name: str, size: int, title: str, flipped: bool = False, levels: int = 1) -> np.ndarray:
+    """(size, size, 3) uint8: a scene with its title. A test model fills the picture, whatever its camera says.
+
+    levels : surfaces a ray may meet; with more than one there are shadows, too
+    """
     scene = load_scene(name)
     rig = scene_rig(scene, size, size, baseline=1.0)
     camera = framed(scene, size) if flipped else rig.left
-    table = name == 'table'
-    image = render(scene, camera, antialias=3, shadows=table, levels=4 if table else 1).image
+    image = render(scene, camera, antialias=3, shadows=levels > 1, levels=levels).image
     if flipped:
         image = image[::-1]
     out: np.ndarray = np.ascontiguousarray(image)
@@ -133,9 +142,13 @@ def page() -> str:
         ours = (len(scene.primitives), sum(solid.halfspaces for solid in scene.solids))
         thesis = counts.primitives, counts.halfspaces
         lines.append(f'| {TITLES[name]} (`{name}`) | ' + ' | '.join(beside(a, b) for a, b in zip(ours, thesis)) + ' |')
+    lines += ['', '![Hills](terrain.png)', '', TERRAIN_NOTES]
     return '\n'.join(lines) + '\n'
 
 
+TERRAIN_NOTES = """`hills`: a digital terrain map (`TERRAIN`, thesis 4.11) of 97 x 97 heights, coloured by height, with
+shadows, water that mirrors and lets through, and solids on it: `render hills --shadows --levels 4 --antialias 3`.
+`python test/docs/hills.py` makes the heights."""
 NOTES = """A feature counts once, however many pieces of it are seen. The thesis' counts of Plug, Chipped Block, Chair,
 Computer, L-shape and Wedge are of ideal data. Those of CylinderBox, Lamp, Tubes and Widget are of recovered data, where
 a broken edge counts twice and a weak one not at all: view 2 of the CylinderBox shows 9 edges of a box at most, of which

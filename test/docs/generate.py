@@ -37,7 +37,7 @@ MEANING = {
     'left/camera_info': 'its calibration',
     'right/camera_info': 'its calibration; `P[0,3]` is -fx · baseline',
     'left/depth': 'camera z in metres, NaN where there is nothing; on demand',
-    'ground_truth/pose': "true pose of the scene's first object in the left camera; on demand",
+    'ground_truth/pose': "true pose of the scene's first object but terrains, in the left camera; on demand",
     'ground_truth/features': 'what is truly visible of it; on demand',
     'features': 'recovered edges, curves and axes, one point each',
     'features/markers': 'the same for RViz; on demand',

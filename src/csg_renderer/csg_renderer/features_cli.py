@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .features.mesh_features import MESH_SUFFIXES, mesh_features, read_mesh
 from .features.settings import CREASE_ANGLE
 from .language import load_models, load_scene
 from .scene.solid import Solid
+from .scene.terrain import Terrain
 
 DRAWINGS = ('.png', '.svg', '.pdf')
 OUTPUTS = (*DRAWINGS, '.dxf', '.json', '.npz')
@@ -32,6 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         for output in options.output:
             if Path(output).suffix.lower() not in OUTPUTS:
                 raise ValueError(f'--output: {output}: expected one of {", ".join(OUTPUTS)}')
+        if not 0.0 < options.crease_angle < 180.0:
+            raise ValueError(f'--crease-angle: expected degrees between 0 and 180, got {options.crease_angle:g}')
         if Path(options.model).suffix.lower() in MESH_SUFFIXES:
             _mesh(options)
         else:
@@ -77,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=np.degrees(CREASE_ANGLE),
         metavar='DEG',
-        help='meshes: triangles that turn by more meet in a crease (default: %(default).0f)',
+        help='meshes and terrains: triangles that turn by more meet in a crease (default: %(default).0f)',
     )
     parser.add_argument('--scale', type=float, default=1.0, metavar='M', help='meshes: metres per unit of the file')
     parser.add_argument('-q', '--quiet', action='store_true', help='print counts, not the table')
@@ -87,7 +90,8 @@ def _parser() -> argparse.ArgumentParser:
 def _scene(options: argparse.Namespace) -> None:
     """The features of every model of a scene file, printed and written."""
     models = load_models(options.model)
-    if not models:
+    grounds = [placement for placement in load_scene(options.model).placements if isinstance(placement.model, Terrain)]
+    if not models and not grounds:
         print(f'{options.model}: draws no models')
     poses: dict[str, Pose] = {}
     camera = None
@@ -103,11 +107,17 @@ def _scene(options: argparse.Namespace) -> None:
         found = boundary(solid)
         print(describe(name, found.features, solid, not options.quiet))
         exported[name] = as_json(found.features, found)
-        for output in _paths(options.output, name, len(models)):
+        for output in _paths(options.output, name, len(models) + len(grounds)):
             if output.suffix.lower() in DRAWINGS:
                 save_drawing(_draw(solid, poses.get(name), camera, options.look), output, name)
             else:
                 _save(found.features, output)
+    for ground in grounds:
+        if cast(Terrain, ground.model).bilinear:
+            print(f'{ground.name}: a terrain of bilinear cells, which has no straight edges that are features')
+        else:
+            vertices, triangles = cast(Terrain, ground.model).mesh()
+            exported[ground.name] = _facets(ground.name, vertices, triangles, options, len(models) + len(grounds))
     _save_json(options, exported)
 
 
@@ -121,22 +131,27 @@ def _draw(solid: Solid, pose: Pose | None, camera: PinholeCamera | None, look: S
 
 def _mesh(options: argparse.Namespace) -> None:
     """The features of a mesh, printed and written."""
-    if not 0.0 < options.crease_angle < 180.0:
-        raise ValueError(f'--crease-angle: expected degrees between 0 and 180, got {options.crease_angle:g}')
     if not 0.0 < options.scale < np.inf:
         raise ValueError(f'--scale: expected metres per unit > 0, got {options.scale:g}')
     vertices, triangles = read_mesh(options.model)
     vertices = vertices * options.scale
-    features = mesh_features(vertices, triangles, np.radians(options.crease_angle))
     name = Path(options.model).stem
+    _save_json(options, {name: _facets(name, vertices, triangles, options, 1)})
+
+
+def _facets(
+    name: str, vertices: np.ndarray, triangles: np.ndarray, options: argparse.Namespace, count: int
+) -> dict[str, Any]:
+    """The features of triangles, printed and written as those of one of ``count`` models; returns them for JSON."""
+    features = mesh_features(vertices, triangles, np.radians(options.crease_angle))
     print(describe(name, features, None, not options.quiet))
-    for output in _paths(options.output, name, 1):
+    for output in _paths(options.output, name, count):
         if output.suffix.lower() in DRAWINGS:
             pose, camera = view_from(options.look, vertices.min(axis=0), vertices.max(axis=0))
             save_drawing(draw_mesh(features, vertices, triangles, pose, camera), output, name)
         else:
             _save(features, output)
-    _save_json(options, {name: as_json(features)})
+    return as_json(features)
 
 
 def _paths(outputs: Sequence[str], name: str, count: int) -> list[Path]:

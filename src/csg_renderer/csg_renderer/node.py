@@ -29,6 +29,7 @@ from .raycast.frame import Frame
 from .raycast.render import render_stereo, scene_rig, viewing_hints
 from .raycast.sensor import SensorModel, grey
 from .scene.scene import Scene
+from .scene.terrain import Terrain
 from .visibility.hidden_lines import visible_features
 
 # Pixels of the largest image: about a gigabyte for each frame. Anybody on the network can set the size.
@@ -234,10 +235,11 @@ class RendererNode(GraphNode[RendererConfig]):
         )
 
     def _publish_truth(self, scene: Scene, camera_T_scene: Pose, camera: PinholeCamera, header: Header) -> None:
-        """Pose and visible features of the scene's first object, if anybody wants them and it has them."""
-        if not (self.wanted(self._pose) or self.wanted(self._features)) or not scene.placements:
+        """Pose and visible features of the scene's first object but terrains, if anybody wants them and it has them."""
+        models = [placement for placement in scene.placements if not isinstance(placement.model, Terrain)]
+        if not (self.wanted(self._pose) or self.wanted(self._features)) or not models:
             return
-        placement = scene.placements[0]
+        placement = models[0]
         try:
             camera_T_model = camera_T_scene.compose(placement.pose)
         except ValueError as error:
@@ -246,7 +248,11 @@ class RendererNode(GraphNode[RendererConfig]):
         if self.wanted(self._pose):
             self._pose.publish(pose_to_stamped(camera_T_model, header))
         if self.wanted(self._features):
-            features = visible_features(placement.model, camera_T_model, camera)
+            try:
+                features = visible_features(placement.model, camera_T_model, camera)
+            except ValueError as error:
+                self.problem(f'ground_truth/features: object {placement.name} has none: {error}')
+                return
             self._features.publish(features_to_cloud(features, header))
 
 

@@ -30,6 +30,8 @@ from .raycast.render import render, scene_rig, viewing_hints
 from .raycast.sensor import SensorModel
 from .scene.mesh_export import ExportError, export_mesh
 from .scene.scene import Scene
+from .scene.solid import Primitive
+from .scene.terrain import Terrain
 
 # Time between two checks of the files by --watch, seconds: short enough to seem immediate.
 WATCH_PERIOD = 0.25
@@ -148,9 +150,9 @@ def turned(scene: Scene, angle: float) -> Pose:
     """
     corners = np.array(
         [
-            leaf.matrix[:3, 3] + 0.5 * leaf.matrix[:3, :3] @ _MIDDLE[leaf.kind]
+            leaf.matrix[:3, 3] + leaf.matrix[:3, :3] @ _middle(leaf)
             for leaf in scene.primitives
-            if leaf.kind in _MIDDLE
+            if leaf.kind in _MIDDLE or isinstance(leaf, Terrain)
         ]
     ).reshape(-1, 3)
     if not len(corners):
@@ -162,13 +164,19 @@ def turned(scene: Scene, angle: float) -> Pose:
     return scene.camera_T_scene.compose(Pose(turn.rotation, centre - turn.rotation @ centre))
 
 
-# Twice the middle of each bounded primitive in its unit frame.
+# The middle of each bounded primitive in its unit frame.
 _MIDDLE = {
-    'BLOCK': np.ones(3),
-    'CYLINDER': np.array([0.0, 0.0, 1.0]),
-    'CONE': np.array([0.0, 0.0, 1.0]),
+    'BLOCK': np.full(3, 0.5),
+    'CYLINDER': np.array([0.0, 0.0, 0.5]),
+    'CONE': np.array([0.0, 0.0, 0.5]),
     'SPHERE': np.zeros(3),
 }
+
+
+def _middle(leaf: Primitive | Terrain) -> np.ndarray:
+    """The middle of a bounded leaf in its own frame."""
+    middle: np.ndarray = leaf.outline.mean(axis=0) if isinstance(leaf, Terrain) else _MIDDLE[leaf.kind]
+    return middle
 
 
 def watch(options: argparse.Namespace, wait: Callable[[float], None] = time.sleep, rounds: int | None = None) -> int:

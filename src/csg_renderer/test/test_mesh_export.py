@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from csg_renderer import Solid, Surface, parse_scene
+from csg_renderer import Solid, Surface, Terrain, parse_scene
 from csg_renderer.scene import mesh_export
 
 trimesh = pytest.importorskip('trimesh')
@@ -130,3 +130,20 @@ def test_a_scene_of_nothing_is_not_written(stand_in, tmp_path):
     with pytest.raises(mesh_export.ExportError, match='nothing to write'):
         mesh_export.export_mesh(parse_scene('DRAW NULL;'), tmp_path / 'none.stl')
     assert not list(tmp_path.iterdir())
+
+
+def test_a_terrain_is_exported_as_a_sheet_of_triangles_beside_solids():
+    heights = np.array([[0.0, 0.0, 1.0], [0.0, 2.0, np.nan]])
+    sheet = Terrain(heights, (0.5, 1.0), tints=[[0.0, 0.0, 0.0, 0.0], [2.0, 1.0, 1.0, 1.0]])
+    vertices, faces, colours = mesh_export.mesh_of(
+        Solid.block(1.0, 1.0, 1.0) | sheet, 8, SimpleNamespace(Manifold=Manifold)
+    )
+    box, ground = faces[:12], faces[12:]
+    assert len(vertices) == 8 + 6 and vertices[box].max() == 1.0
+    # One of the two cells is there: two triangles, upward, of heights 0, 0, 0 and 0, 2, 0.
+    corners = vertices[ground]
+    assert corners[:, :, 2].tolist() == [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]
+    assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0).all()
+    assert colours[12:].tolist() == [[0, 0, 0, 255], [85, 85, 85, 255]]
+    with pytest.raises(ValueError, match='INTERSECT or DIFFERENCE'):
+        mesh_export.mesh_of(Solid.block(1.0, 1.0, 1.0) - sheet, 8, SimpleNamespace(Manifold=Manifold))

@@ -28,7 +28,7 @@ def boundary(solid: Solid) -> Boundary:
     Raises
     ------
     ValueError
-        ``solid`` is no Solid.
+        ``solid`` is no Solid, or a terrain is part of it.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def model_features(solid: Solid) -> FeatureSet:
     Raises
     ------
     ValueError
-        ``solid`` is no Solid.
+        ``solid`` is no Solid, or a terrain is part of it.
 
     References
     ----------

@@ -17,6 +17,7 @@ from msgs_py.numeric.spatial import nearest_neighbours
 from msgs_py.numeric.typed import FloatArray
 
 from ..scene.solid import Operation, Primitive, Solid
+from ..scene.terrain import sheets
 from .settings import APEX_SLOPE, GENERIC_DIRECTION, LEAST_QUADRIC_SLOPE, SAME_SURFACE
 
 SLOTS = 6  # the block has the most faces; the others are padded
@@ -169,6 +170,11 @@ class SurfaceTable:
 def compile_surfaces(solid: Solid) -> SurfaceTable:
     """Compile a solid: its surfaces, grouped where they coincide, and its tree, in its normalised frame.
 
+    Raises
+    ------
+    ValueError
+        A terrain is part of it.
+
     Examples
     --------
     >>> step = Solid.block(2.0, 2.0, 1.0) | Solid.block(1.0, 2.0, 2.0)
@@ -176,6 +182,8 @@ def compile_surfaces(solid: Solid) -> SurfaceTable:
     >>> len(table.planes), round(table.size, 6)  # two of the twelve faces' planes are shared, and two more
     (8, 3.464102)
     """
+    if sheets(solid):
+        raise ValueError('solid: a TERRAIN is a sheet, which bounds no volume; it has no edges, curves and axes')
     leaves = solid.primitives
     program = _program(solid)
     boxes = np.array([_leaf_box(leaf) for leaf in leaves]).reshape(-1, 2, 3)

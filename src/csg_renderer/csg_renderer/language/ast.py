@@ -28,8 +28,12 @@ KEYWORDS = frozenset(
         'SPHERE',
         'CONE',
         'PLANE',
+        'TERRAIN',
+        'BILINEAR',
+        'FACETED',
         'NULL',
         'FACES',
+        'HEIGHTS',
         'COLOR',
         'AS',
     )
@@ -66,6 +70,16 @@ class Call:
     place: Place
     word: str
     arguments: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A TERRAIN: the path of its file without quotes, its sizes, and whether its cells are bilinear."""
+
+    place: Place
+    path: str
+    arguments: tuple[Expression, ...]
+    bilinear: bool = False
 
 
 @dataclass(frozen=True)
@@ -115,7 +129,7 @@ class Combination:
     suffixes: tuple[Suffix, ...]
 
 
-Expression: TypeAlias = Number | Name | Null | Call | Arithmetic | Negated | Combination
+Expression: TypeAlias = Number | Name | Null | Call | Sheet | Arithmetic | Negated | Combination
 
 
 @dataclass(frozen=True)
@@ -249,9 +263,11 @@ class Build(Transformer):  # type: ignore[type-arg]
         return Step(c[0], tuple(c[1:-1]), str(c[-1]))
 
     def suffix(self, c: list[Any]) -> Suffix:
-        """A transform or a property; COLOR is COLOUR."""
-        word, bare = c[0], len(c) == 1
-        return Suffix(_at(word), 'COLOUR' if word == 'COLOR' else str(word), () if bare else c[1][1], bare)
+        """A transform or a property; COLOR is COLOUR. PAINT has a second word."""
+        words = [part for part in c if isinstance(part, Token)]
+        arguments = c[len(words) :]
+        name = {'COLOR': 'COLOUR'}.get(str(words[0]), ' '.join(words))
+        return Suffix(_at(words[0]), name, arguments[0][1] if arguments else (), not arguments)
 
     def arithmetic(self, c: list[Any]) -> Arithmetic:
         """Two operands and the sign between them."""
@@ -278,6 +294,12 @@ class Build(Transformer):  # type: ignore[type-arg]
     def call(self, c: list[Any]) -> Call:
         """A primitive or a function, with its arguments."""
         return Call(_at(c[0]), str(c[0]), c[1][1])
+
+    def terrain(self, c: list[Any]) -> Sheet:
+        """A terrain, from its file, sizes and, perhaps, the shape of its cells."""
+        shape = str(c[-1]) if isinstance(c[-1], Token) else ''
+        sizes = [part for part in c[2:] if not isinstance(part, Token)]
+        return Sheet(_at(c[0]), str(c[1])[1:-1], tuple(sizes), shape == 'BILINEAR')
 
     def group(self, c: list[Any]) -> Expression:
         """What stands in parentheses."""

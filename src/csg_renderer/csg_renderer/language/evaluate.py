@@ -48,9 +48,7 @@ class Evaluator(Expressions):
         errors: list[SceneError] | None = None,
         work: list[int] | None = None,
     ) -> None:
-        super().__init__(source, work if work is not None else [0])
-        self.path = path
-        self.includes = includes
+        super().__init__(source, work if work is not None else [0], includes, path)
         self.errors = errors if errors is not None else []
         self.warnings: list[str] = []
         self.drawing = Drawing()

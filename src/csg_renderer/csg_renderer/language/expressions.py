@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..scene.solid import Solid
 from . import ast
 from .errors import Place, SceneError, did_you_mean
+from .includes import Includes
 from .paint import paint_work
 from .parser import Source, Statement
 from .settings import FLATTENED, LARGEST_ELEMENT, MAX_PRIMITIVES, MAX_WORK
-from .values import CONSTANTS, FUNCTIONS, PRIMITIVES, UNITS, Shape, paint, primitive, transform
+from .values import CONSTANTS, FUNCTIONS, PRIMITIVES, UNITS, Shape, paint, primitive, terrain, transform
 
 Value = float | Shape
 
@@ -48,11 +50,14 @@ class Expressions:
     """What an expression means, given the names, unit and place of the statement it stands in.
 
     work : a list of one number, shared by all files of a scene: primitives moved and painted so far
+    includes, path : the files of the scene, and which of them this is
     """
 
-    def __init__(self, source: Source, work: list[int]) -> None:
+    def __init__(self, source: Source, work: list[int], includes: Includes, path: Path | None) -> None:
         self.source = source
         self.work = work
+        self.includes = includes
+        self.path = path
         self.names: dict[str, Entry] = {}
         self.later: set[str] = set()
         self.per_metre = UNITS['MM']
@@ -75,6 +80,8 @@ class Expressions:
             return Shape(Solid.empty(), 0)
         if isinstance(node, ast.Call):
             return self._call(node)
+        if isinstance(node, ast.Sheet):
+            return self._terrain(node)
         if isinstance(node, ast.Negated):
             return -self._number(node.operand, 'a sign')
         if isinstance(node, ast.Arithmetic):
@@ -137,6 +144,15 @@ class Expressions:
                 message = f'{node.word} is not defined for {", ".join(f"{n:g}" for n in numbers)}'
             raise self._fail(node.place, message) from None
 
+    def _terrain(self, node: ast.Sheet) -> Shape:
+        numbers = [self._number(argument) for argument in node.arguments]
+        self.lengths_used = self.lengths_used or bool(numbers)
+        try:
+            grid, path = self.includes.heights(node.path, self.path)
+            return Shape(terrain(grid, path, numbers, node.bilinear, self.per_metre), 1, sheet=True)
+        except ValueError as error:
+            raise self._fail(node.place, str(error)) from None
+
     def _arithmetic(self, node: ast.Arithmetic) -> float:
         # Long sums lean to the left: unrolled, so that their length costs no stack.
         chain: list[ast.Arithmetic] = []
@@ -183,6 +199,13 @@ class Expressions:
         return self._suffixed(result, node.suffixes)[1]
 
     def _combined(self, operator: str, left: Shape, right: Shape, node: ast.Combination) -> Shape:
+        sheet = left.sheet or right.sheet
+        if sheet and operator != 'UNION':
+            raise self._fail(
+                node.place,
+                f'a TERRAIN is a sheet without volume and takes no part in {operator}',
+                'UNION it with what is finished, or DRAW it as an object of its own',
+            )
         if left.leaves + right.leaves > MAX_PRIMITIVES:
             raise self._fail(node.place, f'this solid has more than {MAX_PRIMITIVES} primitives')
         solid = {'UNION': left.solid.__or__, 'INTERSECT': left.solid.__and__, 'DIFFERENCE': left.solid.__sub__}[
@@ -190,7 +213,7 @@ class Expressions:
         ](right.solid)
         empty = operator == 'INTERSECT' and not (left.leaves and right.leaves)
         kept_left_only = operator == 'DIFFERENCE' and not left.leaves
-        return Shape(solid, 0 if empty or kept_left_only else left.leaves + right.leaves)
+        return Shape(solid, 0 if empty or kept_left_only else left.leaves + right.leaves, sheet)
 
     def _suffixed(
         self, shape: Shape, suffixes: Sequence[ast.Suffix], separate: bool = False
@@ -211,11 +234,15 @@ class Expressions:
                     moved = True
                     self._check_matrix(matrix)
                 else:
-                    if suffix.word == 'PAINT' and not suffix.bare and not numbers:
-                        raise ValueError('PAINT FACES takes no parentheses, or a colour for each face in them')
-                    faces = suffix.word == 'PAINT' and suffix.bare
+                    if suffix.word.startswith('PAINT') and not suffix.bare and not numbers:
+                        what = (
+                            'a colour for each face' if suffix.word == 'PAINT FACES' else 'heights with their colours'
+                        )
+                        raise ValueError(f'{suffix.word} takes no parentheses, or {what} in them')
+                    self.lengths_used |= suffix.word == 'PAINT HEIGHTS' and not suffix.bare
+                    faces = suffix.word == 'PAINT FACES' and suffix.bare
                     self._spend(paint_work(shape.leaves) if faces else shape.leaves, suffix)
-                    solid = paint(solid, suffix.word, numbers)
+                    solid = paint(solid, suffix.word, numbers, self.per_metre)
             except SceneError:
                 raise
             except ValueError as error:
@@ -226,7 +253,7 @@ class Expressions:
                 solid = solid.transformed(matrix)
             except ValueError as error:
                 raise self._fail(suffixes[0].place, str(error)) from None
-        return matrix, Shape(solid, shape.leaves)
+        return matrix, Shape(solid, shape.leaves, shape.sheet)
 
     @staticmethod
     def _check_matrix(matrix: np.ndarray) -> None:

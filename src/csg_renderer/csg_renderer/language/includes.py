@@ -1,4 +1,4 @@
-"""INCLUDE: which file a path means, which files may be read, and no file inside itself."""
+"""INCLUDE and TERRAIN: which file a path means, which files may be read, and no file inside itself."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from ..scene.height_files import HeightGrid, read_heights
 from .parser import Source
-from .settings import MAX_CHARACTERS, MAX_DEPTH, MAX_FILES
+from .settings import MAX_CHARACTERS, MAX_DEPTH, MAX_FILES, MAX_SCENE_HEIGHTS
 
 
 def models_folder() -> Path:
@@ -38,6 +39,8 @@ class Includes:
         self.read: list[Path] = [first.resolve()] if first is not None else []
         self.open_files: list[Path] = list(self.read)
         self.done: dict[Path, Any] = {}
+        self.grids: dict[Path, HeightGrid] = {}
+        self.height_count = 0
 
     def open(self, written: str, includer: Path | None) -> tuple[Source, Path]:
         """The source of an included file. Raises ValueError with a message for the user."""
@@ -57,14 +60,36 @@ class Includes:
         self.open_files.remove(path)
         self.done[path] = names
 
+    def heights(self, written: str, includer: Path | None) -> tuple[HeightGrid, str]:
+        """The heights of a file, and its path from the root. Raises ValueError with a message for the user."""
+        path = self._find(written, includer, 'TERRAIN')
+        if path not in self.grids:
+            if len(self.read) > MAX_FILES:
+                raise ValueError(f'more than {MAX_FILES} files')
+            # What is wrong with the file is told under the name that was written.
+            try:
+                self.grids[path] = read_heights(path)
+            except ValueError as error:
+                raise ValueError(f'{written}: {str(error).removeprefix(f"{path}: ")}') from None
+            self.read.append(path)
+        grid = self.grids[path]
+        self.height_count += grid.heights.size
+        if self.height_count > MAX_SCENE_HEIGHTS:
+            raise ValueError(f'the terrains of this scene have more than {MAX_SCENE_HEIGHTS} heights')
+        folder = next(folder for folder in self._roots() if path.is_relative_to(folder))
+        return grid, path.relative_to(folder).as_posix()
+
     def known(self, written: str, includer: Path | None) -> Any | None:
         """The names of a file that was included before, or None."""
         return self.done.get(self._find(written, includer))
 
-    def _find(self, written: str, includer: Path | None) -> Path:
+    def _roots(self) -> list[Path]:
+        return [folder.resolve() for folder in (self.root, models_folder()) if folder is not None]
+
+    def _find(self, written: str, includer: Path | None, word: str = 'INCLUDE') -> Path:
         if not written.strip() or '\0' in written:
-            raise ValueError('INCLUDE needs a file name')
-        roots = [folder.resolve() for folder in (self.root, models_folder()) if folder is not None]
+            raise ValueError(f'{word} needs a file name')
+        roots = self._roots()
         beside = includer.parent if includer is not None else self.root
         outside = False
         for folder in (beside, models_folder()):

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..scene.scene import Scene
 from ..scene.solid import Operation, Primitive, Solid
+from ..scene.terrain import Terrain
 from .errors import SceneError, SceneWarning
 from .evaluate import Evaluator
 from .expressions import Skip
@@ -31,7 +32,7 @@ class SceneFile:
     warnings : tuple of str
         One line each.
     files : tuple of Path
-        All files that were read, in order.
+        All files that were read, in order; those of terrains, too.
     """
 
     scene: Scene
@@ -180,7 +181,8 @@ def parse_scene(text: str, file: str = '', folder: str | os.PathLike[str] | None
 def load_models(path: str | os.PathLike[str]) -> dict[str, Solid]:
     """The models that a scene file holds for recognition, one for each DRAW.
 
-    The transforms of the DRAW statement itself are the pose and are left out; a model that is drawn twice comes once.
+    The transforms of the DRAW statement itself are the pose and are left out; a model that is drawn twice comes once. A
+    terrain is ground, and no model.
 
     Parameters
     ----------
@@ -206,6 +208,8 @@ def load_models(path: str | os.PathLike[str]) -> dict[str, Solid]:
     """
     models: dict[str, Solid] = {}
     for placement in load_scene(path).placements:
+        if isinstance(placement.model, Terrain):
+            continue
         if not any(same_geometry(placement.model, model) for model in models.values()):
             models[placement.name] = placement.model
     return models
@@ -293,6 +297,10 @@ def same_geometry(a: Solid, b: Solid) -> bool:
             pending += [(x.left, y.left), (x.right, y.right)]
         elif isinstance(x, Primitive) and isinstance(y, Primitive):
             if x.kind != y.kind or not np.array_equal(x.matrix, y.matrix):
+                return False
+        elif isinstance(x, Terrain) and isinstance(y, Terrain):
+            same = np.array_equal(x.heights, y.heights, equal_nan=True) and x.bilinear == y.bilinear
+            if not same or not np.array_equal(x.matrix, y.matrix):
                 return False
         elif type(x) is not type(y) or isinstance(x, Operation):
             return False

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..scene.scene import Placement, Scene
 from ..scene.solid import Empty, Operation, Primitive, Solid, Surface
+from ..scene.terrain import Terrain
 from .ast import KEYWORDS
 from .settings import DEEPEST, LONGEST, WIDTH
 from .values import CONSTANTS, FUNCTIONS
@@ -50,7 +51,7 @@ def format_scene(scene: Scene) -> str:
     Raises
     ------
     ValueError
-        The language cannot say it: a camera pose with a scale, or without a camera.
+        The language cannot say it: a camera pose with a scale, or without a camera, or a terrain without a file.
     """
     try:
         return _Printer('MM', 1000.0).scene(scene)
@@ -159,7 +160,7 @@ class _Printer:
             elif isinstance(node, Operation):
                 right, left = done.pop(), done.pop()
                 done.append(self._combined(node, left, right))
-            elif isinstance(node, Primitive):
+            elif isinstance(node, Primitive | Terrain):
                 done.append(_Text(self._leaf(node)))
             elif isinstance(node, Empty):
                 done.append(_Text('NULL'))
@@ -182,7 +183,20 @@ class _Printer:
         self._remember(solid, name)
         return _Text(name)
 
-    def _leaf(self, leaf: Primitive) -> str:
+    def _sheet(self, leaf: Terrain) -> str:
+        if leaf.file is None:
+            raise ValueError('scene: it has a terrain that comes from no file, which TERRAIN cannot say')
+        sizes = ''.join(f', {self.length(x)}' for x in leaf.file.size or ())
+        call = f'TERRAIN ("{leaf.file.path}"{sizes}{", BILINEAR" if leaf.bilinear else ""})'
+        text = f'{call} {self._moves(leaf.placement)}'.rstrip() + self._surface(leaf)
+        if leaf.tints is not None:
+            rows = [f'{self.length(row[0])}, {numbers(row[1:])}' for row in leaf.tints]
+            text += f' PAINT HEIGHTS ({",  ".join(rows)})'
+        return text
+
+    def _leaf(self, leaf: Primitive | Terrain) -> str:
+        if isinstance(leaf, Terrain):
+            return self._sheet(leaf)
         call = self._sized(leaf)
         if call is None:
             word, pattern = _UNIT_CALLS[leaf.kind]
@@ -220,7 +234,7 @@ class _Printer:
     def _matrix(self, matrix: np.ndarray) -> str:
         return f'MATRIX ({numbers(matrix[:3, :3].T.ravel())}, {", ".join(self.length(x) for x in matrix[:3, 3])})'
 
-    def _surface(self, leaf: Primitive) -> str:
+    def _surface(self, leaf: Primitive | Terrain) -> str:
         plain, surface, text = Surface(), leaf.surface, ''
         if surface.colour != plain.colour:
             text += f' COLOUR ({numbers(surface.colour)})'

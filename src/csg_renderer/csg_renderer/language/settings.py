@@ -30,6 +30,9 @@ MAX_DEPTH = 20
 # to double a solid again and again, and a typing error should not fill the memory.
 MAX_PRIMITIVES = 10_000
 MAX_WORK = 40_000
+# Heights of all terrains of a scene, each as often as it is written, and colours by height of a terrain.
+MAX_SCENE_HEIGHTS = 20_000_000
+MAX_TINTS = 64
 # Sizes beyond these, metres, are typing errors, and would only overflow later.
 SMALLEST, LARGEST = 1e-9, 1e9
 # Largest element of transforms combined, metres or 1: sizes of LARGEST scaled a thousandfold.

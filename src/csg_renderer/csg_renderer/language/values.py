@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ..scene.height_files import HeightGrid
 from ..scene.solid import FACES, Primitive, Solid, Surface, colour
+from ..scene.terrain import Terrain, TerrainFile, checked_tints
 from .paint import paint_faces
-from .settings import LARGEST, SMALLEST
+from .settings import DARKEST, LARGEST, LIGHTEST, MAX_TINTS, SMALLEST
 
 UNITS = {'MM': 1000.0, 'CM': 100.0, 'M': 1.0}
 
@@ -43,10 +45,11 @@ PRIMITIVES = {
 
 @dataclass(frozen=True)
 class Shape:
-    """A solid and its number of leaves."""
+    """A solid, its number of leaves, and whether a TERRAIN is among them."""
 
     solid: Solid
     leaves: int
+    sheet: bool = False
 
 
 def length(value: float, per_metre: float, what: str) -> float:
@@ -99,6 +102,29 @@ def primitive(word: str, numbers: list[float], per_metre: float) -> Primitive:
     return Solid.cylinder(r, axis) if word == 'CYLINDER' else Solid.cone(r, axis)
 
 
+def terrain(grid: HeightGrid, path: str, numbers: list[float], bilinear: bool, per_metre: float) -> Terrain:
+    """The sheet over a file's heights. path : as it will be printed. Raises ValueError with a message for the user."""
+    meaning = 'sizes dx, dy and what a height of 1 stands for'
+    if grid.cell is not None and not numbers:
+        sizes, spacing, scale = None, (grid.cell, grid.cell), 1.0
+    elif len(numbers) == 3:
+        rows, columns = grid.heights.shape
+        dx, dy = (size(n, per_metre, name) for n, name in zip(numbers, ('dx', 'dy')))
+        if dx < 0.0 or dy < 0.0:
+            raise ValueError('dx and dy of a TERRAIN are numbers > 0')
+        scale = length(numbers[2], per_metre, 'height')
+        sizes, spacing = (dx, dy, scale), (dx / (columns - 1), dy / (rows - 1))
+    elif grid.cell is not None:
+        raise ValueError(f'TERRAIN takes 3 numbers ({meaning}) after an .asc file, or none, got {len(numbers)}')
+    else:
+        raise ValueError(f'TERRAIN takes 3 numbers ({meaning}) after this file, got {len(numbers)}')
+    heights = grid.heights * scale
+    greatest = float(np.nanmax(np.abs(heights)))
+    if not greatest <= LARGEST:
+        raise ValueError(f'the greatest height is {greatest:g} m, at most {LARGEST:g} m make sense')
+    return Terrain(heights, spacing, 'bilinear' if bilinear else 'triangles', file=TerrainFile(path, sizes))
+
+
 def transform(word: str, numbers: list[float], per_metre: float) -> np.ndarray:
     """(4, 4) column form of one transform. Raises ValueError with a message for the user."""
     if word in ('XROT', 'YROT', 'ZROT'):
@@ -137,15 +163,15 @@ def rotation(axis: str, degrees: float) -> np.ndarray:
     return matrix
 
 
-def paint(solid: Solid, word: str, numbers: list[float]) -> Solid:
+def paint(solid: Solid, word: str, numbers: list[float], per_metre: float) -> Solid:
     """The solid with one surface property changed on every leaf. Raises ValueError with a message for the user."""
-    if word == 'PAINT':
+    if word == 'PAINT FACES':
         return _paint_faces(solid, numbers)
+    if word == 'PAINT HEIGHTS':
+        return _paint_heights(solid, numbers, per_metre)
     if word == 'COLOUR':
         rgb = colour_of(word, numbers)
-        return solid.map_leaves(
-            lambda leaf: replace(leaf, surface=replace(leaf.surface, colour=rgb), face_colours=None)
-        )
+        return solid.map_leaves(lambda leaf: leaf.painted(replace(leaf.surface, colour=rgb)))
     (value,) = _count(word, numbers, (1,), 'one number')
     name = {'REFLECT': 'reflection', 'TRANSPARENT': 'transparency'}.get(word, word.lower())
     change_to: dict[str, Any] = {name: value}
@@ -163,7 +189,37 @@ def colour_of(word: str, numbers: list[float]) -> tuple[float, float, float]:
     return colour(numbers * 3 if len(numbers) == 1 else numbers, word)
 
 
+# Of the lowest and of the highest point.
+SHADES = (DARKEST, LIGHTEST)
+
+
+def _paint_heights(solid: Solid, numbers: list[float], per_metre: float) -> Solid:
+    """Colours by height on every TERRAIN: those given, or shades of its own from the lowest point to the highest."""
+    if not any(isinstance(leaf, Terrain) for leaf in solid.primitives):
+        raise ValueError('PAINT HEIGHTS paints a TERRAIN, there is none here')
+    if numbers and (len(numbers) % 4 or len(numbers) > 4 * MAX_TINTS):
+        raise ValueError(f'PAINT HEIGHTS takes a height, red, green, blue up to {MAX_TINTS} times, got {len(numbers)}')
+    rows = [[length(row[0], per_metre, 'height'), *row[1:]] for row in np.reshape(numbers, (-1, 4)).tolist()]
+    try:
+        given = checked_tints(rows) if rows else None
+    except ValueError as error:
+        raise ValueError(str(error).replace('tints', 'PAINT HEIGHTS')) from None
+
+    def change(leaf: Solid) -> Solid:
+        if not isinstance(leaf, Terrain):
+            return leaf
+        if given is not None:
+            return replace(leaf, tints=given)
+        # Of one height, if the whole sheet has only one.
+        shades = {height: shade * np.asarray(leaf.surface.colour) for height, shade in zip(leaf.range, SHADES)}
+        return replace(leaf, tints=np.array([[height, *shade] for height, shade in shades.items()]))
+
+    return solid.map_leaves(change)
+
+
 def _paint_faces(solid: Solid, numbers: list[float]) -> Solid:
+    if any(isinstance(leaf, Terrain) for leaf in solid.primitives):
+        raise ValueError('PAINT FACES does not paint a TERRAIN, PAINT HEIGHTS does')
     if not numbers:
         return paint_faces(solid)
     if not isinstance(solid, Primitive):

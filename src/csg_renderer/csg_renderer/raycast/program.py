@@ -243,7 +243,7 @@ def postfix(solid: Solid, first_leaf: int) -> np.ndarray:
         elif isinstance(node, Operation):
             pending += [OPERATOR_CODES[node.operator], node.right, node.left]
         elif isinstance(node, Terrain):
-            raise ValueError('terrain: a sheet takes no part in set operators; draw it as an object of its own')
+            raise ValueError('terrain: a sheet takes no part in INTERSECT or DIFFERENCE; draw it as an object')
         else:
             code.append(leaf)
             leaf += 1

@@ -14,6 +14,7 @@ import numpy as np
 from .scene import Scene
 from .settings import ENDLESS, SEGMENTS
 from .solid import Empty, Operation, Primitive, Solid
+from .terrain import Terrain, sheets, tint
 
 FORMATS = ('.stl', '.glb', '.gltf', '.obj', '.ply')
 
@@ -88,7 +89,7 @@ def mesh_of(solid: Solid, segments: int = SEGMENTS, manifold: Any = None) -> tup
         Of each triangle.
     """
     manifold = manifold or _library('manifold3d')
-    leaves = solid.primitives
+    leaves = tuple(leaf for leaf in solid.primitives if not isinstance(leaf, Terrain))
     size = _size(leaves)
     colours: dict[int, np.ndarray] = {}
     made: list[Any] = []
@@ -107,7 +108,7 @@ def mesh_of(solid: Solid, segments: int = SEGMENTS, manifold: Any = None) -> tup
             rgba = np.append(node.surface.colour, 1.0 - node.surface.transparency)
             colours[piece.original_id()] = np.rint(255.0 * rgba).astype(np.uint8)
             made.append(piece)
-        elif isinstance(node, Empty):
+        elif isinstance(node, Empty | Terrain):
             made.append(manifold.Manifold())
     mesh = made[0].to_mesh64()
     faces = np.asarray(mesh.tri_verts, dtype=np.int64)
@@ -115,7 +116,25 @@ def mesh_of(solid: Solid, segments: int = SEGMENTS, manifold: Any = None) -> tup
     starts = np.asarray(mesh.run_index) // 3
     for first, last, original in zip(starts[:-1], starts[1:], mesh.run_original_id):
         paint[first:last] = colours.get(int(original), paint[0] if len(paint) else 0)
-    return np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3], faces, paint
+    parts = [(np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3], faces, paint)]
+    parts += [_sheet(terrain) for terrain in sheets(solid)]
+    counts = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts)])
+    return (
+        np.concatenate([vertices for vertices, _, _ in parts]),
+        np.concatenate([faces + first for (_, faces, _), first in zip(parts, counts)]),
+        np.concatenate([paint for _, _, paint in parts]),
+    )
+
+
+def _sheet(terrain: Terrain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles of a terrain, an open sheet, and their colours."""
+    vertices, faces = terrain.mesh()
+    colour = np.tile(terrain.surface.colour, (len(faces), 1))
+    if terrain.tints is not None:
+        inverse = np.linalg.inv(terrain.matrix)
+        colour = tint(terrain.tints, vertices[faces].mean(axis=1) @ inverse[2, :3] + inverse[2, 3])
+    opacity = np.full((len(faces), 1), 1.0 - terrain.surface.transparency)
+    return vertices, faces, np.rint(255.0 * np.hstack([colour, opacity])).astype(np.uint8)
 
 
 def _primitive(leaf: Primitive, segments: int, size: float, manifold: Any) -> Any:

@@ -21,7 +21,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from .height_files import check_heights, read_heights
 from .settings import CELL_SLACK
-from .solid import Solid, Surface, as_matrix
+from .solid import Operation, Solid, Surface, as_matrix
 
 INTERPOLATIONS = ('triangles', 'bilinear')
 
@@ -228,6 +228,37 @@ class Terrain(Solid):
     def __repr__(self) -> str:
         rows, columns = self.heights.shape
         return f'Terrain({rows} x {columns} heights, {self.interpolation})'
+
+
+def sheets(solid: Solid) -> list[Terrain]:
+    """The terrains of a solid.
+
+    Parameters
+    ----------
+    solid : Solid
+
+    Returns
+    -------
+    list of Terrain
+        Left to right.
+
+    Raises
+    ------
+    ValueError
+        One is part of an intersection or a difference; the message begins with "terrain".
+    """
+    found: list[Terrain] = []
+    pending = [(solid, True)]
+    while pending:
+        node, united = pending.pop()
+        if isinstance(node, Operation):
+            united = united and node.operator == 'UNION'
+            pending += [(node.right, united), (node.left, united)]
+        elif isinstance(node, Terrain):
+            if not united:
+                raise ValueError('terrain: a sheet takes no part in INTERSECT or DIFFERENCE; draw it as an object')
+            found.append(node)
+    return found
 
 
 def checked_tints(tints: ArrayLike) -> np.ndarray:
