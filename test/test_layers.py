@@ -36,7 +36,7 @@ ROOMS = {
         'codecs',
         'node_runtime',
     ),
-    'dap_emulator': ('machine', 'fortran_plus', 'service', 'watch'),
+    'dap_emulator': ('bit_planes', 'machine', 'fortran_plus', 'service', 'watch'),
     'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
     'stereo_recovery': ('params', 'cameras', 'detection', 'matching', 'curves', 'edges'),
     'model_matcher': (

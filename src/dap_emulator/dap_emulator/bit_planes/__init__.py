@@ -1,0 +1,1 @@
+"""Arithmetic of one-bit processing elements: microprograms on bit-planes, which count the instructions they take."""
