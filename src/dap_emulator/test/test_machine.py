@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from dap_emulator import CONSTANTS, Dap, Layout, OutOfStore
 from dap_emulator.machine import planes
-from dap_emulator.machine.kinds import bits, integer, kind_of, parse_kind, real
+from dap_emulator.machine.kinds import integer, kind_of, parse_kind, real
 
 SIZES = st.sampled_from([1, 31, 32, 33, 65])
 FEW = settings(max_examples=30, deadline=None)
@@ -88,40 +88,6 @@ def test_planes_pack_and_unpack(flags):
     words = planes.pack(flags)
     assert np.array_equal(planes.unpack(words, len(flags)), flags)
     assert planes.count_true(words) == flags.sum() and (words & ~planes.ones(len(flags))).sum() == 0
-
-
-@given(st.integers(1, 16), st.booleans(), st.integers(0, 2**32 - 1), SIZES)
-@FEW
-def test_plane_by_plane_arithmetic_is_arithmetic(count, signed, seed, size):
-    kind = bits(count, signed)
-    low, high = kind.range
-    a, b = np.random.default_rng(seed).integers(low, high + 1, (2, size))
-    p, q = planes.to_planes(a, kind), planes.to_planes(b, kind)
-    full = planes.ones(size)
-
-    def back(result):
-        return planes.from_planes(result, kind, (size,)).tolist()
-
-    assert back(p) == a.tolist()
-    assert back(planes.add(p, q, np.zeros_like(full))) == [kind.scalar(int(x + y)) for x, y in zip(a, b)]
-    assert back(planes.subtract(p, q, full)) == [kind.scalar(int(x - y)) for x, y in zip(a, b)]
-    assert back(planes.multiply(p, q)) == [kind.scalar(int(x) * int(y)) for x, y in zip(a, b)]
-    assert planes.unpack(planes.less(p, q, signed), size).tolist() == (a < b).tolist()
-    assert planes.unpack(planes.equal(p, q, full), size).tolist() == (a == b).tolist()
-
-
-@pytest.mark.parametrize('dtype', ['i1', 'i2'])
-def test_the_bit_serial_machine_gives_the_same_answers_and_cycles(dtype):
-    rng = np.random.default_rng(2)
-    info = np.iinfo(dtype)
-    a, b = rng.integers(info.min, info.max, (2, 33, 5)).astype(dtype)
-    results = []
-    for serial in (False, True):
-        dap = Dap.model('510', bit_serial=serial)
-        x, y = dap.matrix(a), dap.matrix(b)
-        answers = [x + y, x - y, x * y, x < y, x > y, x <= y, x == y, x.compare('ne', y), x >= 3]
-        results.append(([r.values.tolist() for r in answers], dap.cycles))
-    assert results[0] == results[1]
 
 
 def test_the_table_agrees_with_the_micro_operations():

@@ -184,7 +184,7 @@ class Expressions:
 
         def parallel(frame: Frame) -> DapArray:
             value: DapArray = call(frame)[slot].read(())
-            return value.like(value.kind, value.values)
+            return value.like_cells(value.cells)
 
         return parallel
 
@@ -258,10 +258,12 @@ class Expressions:
             chosen = [_first_true(item) if isinstance(item, DapArray) else item for item in chosen]
             where = select_part(variable.parallel, chosen)
             element = all(isinstance(index, int) for index in where)
-            array.charge('fetch' if element else 'broadcast', array.kind)
+            move = 'fetch' if element else 'broadcast'
+            array.charge(move, array.kind)
+            array.counted(move)
             if element:
                 return array.values[where].item()
-            return DapArray(array.dap, array.kind, np.ascontiguousarray(array.values[where]))
+            return DapArray(array.dap, array.kind, None, cells=np.ascontiguousarray(array.cells[where]))
 
         return select
 

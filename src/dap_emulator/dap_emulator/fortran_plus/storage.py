@@ -8,8 +8,9 @@ import numpy as np
 
 from msgs_py.numeric.typed import AnyArray, BoolArray
 
-from ..machine import planes
+from ..machine import moves, planes
 from ..machine.arrays import DapArray
+from ..machine.fields import cell_type, form_of, real_cells, real_values
 from ..machine.kinds import LOGICAL, Kind
 from ..machine.machine import Machine
 from ..machine.operands import checked_scalar
@@ -36,9 +37,12 @@ class ArrayVariable:
     Attributes
     ----------
     data : array
-        Packed words (serial..., words) uint64 of a parallel LOGICAL, otherwise values (serial..., parallel...).
+        Packed words (serial..., words) uint64 of a parallel LOGICAL, otherwise cells (serial..., parallel...): values,
+        but of a parallel REAL on bit-planes the machine's patterns.
     packed : bool
         Whether data are packed words.
+    patterns : bool
+        Whether data are patterns.
 
     Raises
     ------
@@ -46,7 +50,7 @@ class ArrayVariable:
         When too few bit-planes are free.
     """
 
-    __slots__ = ('dap', 'kind', 'parallel', 'serial', 'data', 'packed', '_taken')
+    __slots__ = ('dap', 'kind', 'parallel', 'serial', 'data', 'packed', 'patterns', '_taken')
 
     def __init__(
         self,
@@ -59,6 +63,7 @@ class ArrayVariable:
     ) -> None:
         self.dap, self.kind, self.parallel, self.serial = dap, kind, tuple(parallel), tuple(serial)
         self.packed = kind == LOGICAL and bool(parallel)
+        self.patterns = dap.in_bits and kind.name == 'REAL' and bool(parallel)
         self._taken = 0
         if data is None:
             many = int(np.prod(self.serial, dtype=np.int64)) if self.serial else 1
@@ -73,7 +78,7 @@ class ArrayVariable:
             elif kind.name == 'CHARACTER':
                 data = np.full(self.serial, ' ', dtype=object)
             else:
-                data = np.zeros(self.serial + self.parallel, dtype=kind.dtype)
+                data = np.zeros(self.serial + self.parallel, dtype=cell_type(kind, self.patterns))
         self.data = data
 
     def __del__(self) -> None:
@@ -91,7 +96,7 @@ class ArrayVariable:
         """Read the parallel array at a serial place, as a view."""
         if self.packed:
             return DapArray(self.dap, LOGICAL, None, shape=self.parallel, words=self.data[place], owned=False)
-        return DapArray(self.dap, self.kind, self.data[place] if place else self.data, owned=False)
+        return DapArray(self.dap, self.kind, None, cells=self.data[place] if place else self.data, owned=False)
 
     def part(self, place: Place) -> ArrayVariable:
         """Make the parallel array at a serial place a variable of its own, which shares the store."""
@@ -101,14 +106,22 @@ class ArrayVariable:
         """Convert a scalar that will be stored to this kind."""
         if self.kind.name == 'LOGICAL' or isinstance(value, bool):
             return checked_scalar(self.kind, value, 'assignment')
+        if self.patterns:
+            return real_cells(float(value), form_of(self.kind, self.dap.nearest))
         return self.kind.scalar(value)
+
+    def _charge(self, operation: str) -> None:
+        """Charge a move within the store, and count it on bit-planes."""
+        self.dap.charge(operation, self.kind, self.parallel)
+        if self.dap.in_bits:
+            self.dap.count(moves.cycles(operation, self.kind.bits, self.dap.layout(self.parallel)))
 
     def write(self, place: Place, value: Any) -> None:
         """Write a parallel array or a scalar over the whole parallel array at a serial place."""
         target = self.data[place] if place else self.data
         if not isinstance(value, DapArray):
             scalar = self.scalar(value)
-            self.dap.charge('copy', self.kind, self.parallel)
+            self._charge('copy')
             if self.packed:
                 target[...] = planes.ones(int(np.prod(self.parallel))) if scalar else 0
             else:
@@ -120,8 +133,8 @@ class ArrayVariable:
             target[...] = value.converted(self.kind)
             return
         if not value.fresh:
-            self.dap.charge('copy', self.kind, self.parallel)
-        target[...] = value.words if self.packed else value.values
+            self._charge('copy')
+        target[...] = value.words if self.packed else value.cells
 
     def write_where(self, place: Place, value: Any, mask: BoolArray) -> None:
         """Write a parallel array or a scalar where a mask is true.
@@ -135,10 +148,10 @@ class ArrayVariable:
             Of the parallel shape, or broadcast to it.
         """
         target = self.data[place] if place else self.data
-        self.dap.charge('masked_copy', self.kind, self.parallel)
+        self._charge('masked_copy')
         source: Any
         if isinstance(value, DapArray):
-            source = value.values if value.kind == self.kind else value.converted(self.kind)
+            source = value.cells if value.kind == self.kind else value.converted(self.kind)
             if source.ndim == 1 and len(self.parallel) == 2:
                 source = source[None, :] if mask.shape[1] == 1 or mask.shape[0] > 1 else source[:, None]
         else:
@@ -162,10 +175,10 @@ class ArrayVariable:
         value : DapArray or scalar
         """
         element = all(isinstance(index, int) for index in where)
-        self.dap.charge('store_element' if element else 'broadcast', self.kind, self.parallel)
+        self._charge('store_element' if element else 'broadcast')
         source = value
         if isinstance(value, DapArray):
-            source = value.values if value.kind == self.kind else value.converted(self.kind)
+            source = value.cells if value.kind == self.kind else value.converted(self.kind)
         else:
             source = self.scalar(value)
         target = self.data[place] if place else self.data
@@ -188,6 +201,8 @@ class ArrayVariable:
         values = self.data
         if self.packed:
             values = planes.unpack(values, int(np.prod(self.parallel))).reshape(self.serial + self.parallel)
+        elif self.patterns:
+            values = real_values(values, self.kind)
         axes = tuple(range(len(self.serial), values.ndim)) + tuple(range(len(self.serial)))
         return np.ascontiguousarray(values.transpose(axes))
 
@@ -212,7 +227,10 @@ class ArrayVariable:
         logical = array.dtype == bool
         if logical != (self.kind.name == 'LOGICAL') or array.dtype.kind not in 'biuf':
             raise ValueError(f'{name}: expected {self.kind}, got {array.dtype}')
-        converted = self.kind.convert(array)
+        if self.patterns:
+            converted: AnyArray = real_cells(array, form_of(self.kind, self.dap.nearest))
+        else:
+            converted = self.kind.convert(array)
         count = len(self.parallel)
         converted = np.ascontiguousarray(converted.transpose(tuple(range(count, array.ndim)) + tuple(range(count))))
         if self.packed:

@@ -13,9 +13,9 @@ import numpy as np
 from msgs_py.numeric.typed import AnyArray, BoolArray
 
 from .arrays import DapArray, Operand, Scalar
+from .fields import form_of, real_cells
 from .kinds import LOGICAL, Kind, integer, real
 from .machine import Machine
-from .operands import moved
 
 _RANKS = ('vector', 'matrix')
 _WAYS = {'N': 'up', 'S': 'down', 'W': 'to the left', 'E': 'to the right', 'L': 'to the left', 'R': 'to the right'}
@@ -57,18 +57,18 @@ def matr(v: Any, rows: int | None = None) -> DapArray:
     """MATR(v) or MATR(v, rows): the matrix whose every row is v; by default as many rows as v has elements."""
     source = checked_array(v, 'MATR', rank=1)
     shape = _checked(source.dap, source.kind, (_extent('MATR', rows or source.shape[0]), source.shape[0]))
-    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(source.values, shape)))
+    out = source.like_cells(np.ascontiguousarray(np.broadcast_to(source.cells, shape)))
     out.charge('broadcast', source.kind)
-    return out
+    return out.counted('broadcast')
 
 
 def matc(v: Any, columns: int | None = None) -> DapArray:
     """MATC(v) or MATC(v, columns): the matrix whose every column is v."""
     source = checked_array(v, 'MATC', rank=1)
     shape = _checked(source.dap, source.kind, (source.shape[0], _extent('MATC', columns or source.shape[0])))
-    out = source.like(source.kind, np.ascontiguousarray(np.broadcast_to(source.values[:, None], shape)))
+    out = source.like_cells(np.ascontiguousarray(np.broadcast_to(source.cells[:, None], shape)))
     out.charge('broadcast', source.kind)
-    return out
+    return out.counted('broadcast')
 
 
 def _extent(name: str, value: int) -> int:
@@ -95,15 +95,15 @@ def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None =
     if isinstance(x, DapArray):
         source = checked_array(x, 'MAT', rank=1)
         _checked(dap, source.kind, shape)
-        full = np.zeros(shape[0] * shape[1], dtype=source.kind.dtype)
+        full = np.zeros(shape[0] * shape[1], dtype=source.cells.dtype)
         if source.size > full.size:
             raise ValueError(f'MAT: {source.size} elements do not fit a matrix of {shape[0]} x {shape[1]}')
-        full[: source.size] = source.values
-        out = source.like(source.kind, np.ascontiguousarray(full.reshape(shape[::-1]).T))
+        full[: source.size] = source.cells
+        out = source.like_cells(np.ascontiguousarray(full.reshape(shape[::-1]).T))
     else:
         out = filled(dap, x, _checked(dap, _kind_of_scalar(x), shape))
     out.charge('copy', out.kind)
-    return out
+    return out.counted('copy')
 
 
 def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
@@ -111,10 +111,11 @@ def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
     if isinstance(x, DapArray):
         source = checked_array(x, 'VEC', rank=2)
         source.charge('copy', source.kind)
-        return DapArray(source.dap, source.kind, column_order(source.values).copy())
+        source.counted('copy')
+        return source.like_cells(column_order(source.cells).copy(), source.dap.mapping)
     out = filled(dap, x, _checked(dap, _kind_of_scalar(x), (_extent('VEC', n or dap.es),)))
     out.charge('copy', out.kind)
-    return out
+    return out.counted('copy')
 
 
 def filled(dap: Machine, value: Scalar, shape: tuple[int, ...], kind: Kind | None = None) -> DapArray:
@@ -130,6 +131,9 @@ def filled(dap: Machine, value: Scalar, shape: tuple[int, ...], kind: Kind | Non
     """
     if kind is None:
         kind = _kind_of_scalar(value)
+    if dap.in_bits and kind.name == 'REAL':
+        cell = real_cells(float(value), form_of(kind, dap.nearest))
+        return DapArray(dap, kind, None, cells=np.full(shape, cell))
     return DapArray(dap, kind, np.full(shape, kind.scalar(value), dtype=kind.dtype))
 
 
@@ -147,7 +151,8 @@ def _reversed(name: str, x: Any, rank: int, axis: int) -> DapArray:
     """The elements in reverse order along an axis."""
     source = checked_array(x, name, rank=rank)
     source.charge('transpose', source.kind)
-    return source.like(source.kind, np.ascontiguousarray(np.flip(source.values, axis)))
+    source.counted('transpose')
+    return source.like_cells(np.ascontiguousarray(np.flip(source.cells, axis)))
 
 
 def rev(x: Any) -> DapArray:
@@ -172,7 +177,7 @@ def _pattern(dap: Machine, values: BoolArray) -> DapArray:
     """A LOGICAL array that the control unit writes from its registers."""
     out = DapArray(dap, LOGICAL, values)
     out.charge('pattern', LOGICAL)
-    return out
+    return out.counted('pattern')
 
 
 def _shape(dap: Machine, rows: int | None, columns: int | None) -> tuple[int, int]:
@@ -267,7 +272,7 @@ def index_vector(dap: Machine, n: int | None = None) -> DapArray:
     """INDEX(n): the INTEGER*4 vector 1, 2, ..., n (our addition: the language builds it from patterns)."""
     out = DapArray(dap, integer(4), np.arange(1, _elements(dap, 'INDEX', n, integer(4)) + 1, dtype=np.int32))
     out.charge('broadcast', integer(4))
-    return out
+    return out.counted('broadcast')
 
 
 # Shifts are named SH, the direction in which the data moves (north is to lower rows, west and left to lower columns),
@@ -281,8 +286,7 @@ def _shift(name: str, rank: int, axis: int, step: int, cyclic: bool) -> Callable
         source = checked_array(x, name, rank=rank)
         if distance < 0:
             raise ValueError(f'{name}: expected a distance >= 0, got {distance}')
-        source.charge('neighbour', source.kind, detail=max(1, distance), axis=axis)
-        return source.like(source.kind, moved(source.values, step * distance, axis, cyclic))
+        return source.neighbour(step * distance, axis, cyclic)
 
     apply.__name__ = name.lower()
     apply.__doc__ = (

@@ -1,7 +1,9 @@
 """Parallel arrays: the vectors and matrices of Fortran-Plus as Python values.
 
 Every operation is computed with numpy (or, for LOGICAL, on packed bit-planes), cut to the word length, and charged to
-the machine's cost model. Indices in Python start at 0, those of the language at 1.
+the machine's cost model. On a machine that computes on bit-planes the numbers are fields of planes (serial.py), values
+are made of them when they are asked for, and the cycles of every operation are counted as well. Indices in Python start
+at 0, those of the language at 1.
 """
 
 from __future__ import annotations
@@ -12,11 +14,11 @@ import numpy as np
 
 from msgs_py.numeric.typed import AnyArray, WordArray
 
-from . import planes
+from ..bit_planes.processors import Field
+from . import moves, planes, serial
 from .kinds import LOGICAL, Kind, common_kind, parse_kind, real
-from .machine import Machine
 from .operands import checked_scalar, moved, scalar_kind
-from .settings import BIT_SERIAL_WORD
+from .stored_array import StoredArray
 
 Scalar = Union[bool, int, float]  # noqa: UP007  (evaluated at run time)
 Operand = Union['DapArray', Scalar]
@@ -33,7 +35,7 @@ _ARITHMETIC = {'add': np.add, 'subtract': np.subtract, 'multiply': np.multiply}
 _LOGIC = {'and': np.bitwise_and, 'or': np.bitwise_or, 'neqv': np.bitwise_xor}
 
 
-class DapArray:
+class DapArray(StoredArray):
     """A parallel vector or matrix on one machine; ``Dap.vector`` and ``Dap.matrix`` make them.
 
     Operators + - * / % ** & | ^ ~ and comparisons work element by element. A scalar takes the word length of the array
@@ -48,6 +50,10 @@ class DapArray:
         Extents of an array that is given as words.
     words : (words,) uint64 array, optional
         The packed bit-plane of a LOGICAL, instead of values.
+    cells : array, optional
+        Words of the elements as ``fields.cell_type`` has them, instead of values.
+    field : list of int, optional
+        Bit-planes of a number, instead of values.
     mapping : str, optional
         How it lies on the PEs; the machine's mapping when not given.
     owned : bool
@@ -74,114 +80,31 @@ class DapArray:
     [1, 0, 0]
     """
 
-    __slots__ = ('dap', 'kind', 'shape', 'mapping', '_values', '_words', '_planes', 'fresh', '__weakref__')
+    __slots__ = ()
     __array_priority__ = 100
 
-    def __init__(
-        self,
-        dap: Machine,
-        kind: Kind,
-        values: AnyArray | None,
-        *,
-        shape: tuple[int, ...] | None = None,
-        words: WordArray | None = None,
-        mapping: str | None = None,
-        owned: bool = True,
-    ) -> None:
-        self._planes = 0
-        self.dap, self.kind = dap, kind
-        self._values, self._words = values, words
-        self.shape: tuple[int, ...] = values.shape if values is not None else tuple(shape or ())
-        self.mapping = mapping or dap.mapping
-        self.fresh = owned
-        if owned:
-            wanted = kind.bits * dap.layout(self.shape, self.mapping).blocks
-            dap.store.take(wanted, f'a {kind} array of shape {self.shape}')
-            self._planes = wanted
-
-    def __del__(self) -> None:
-        if self._planes:
-            self.dap.store.give_back(self._planes)
-
-    # What is in it.
-
-    @property
-    def values(self) -> AnyArray:
-        """Values as a numpy array of ``kind.dtype``, for reading: ``a[mask] = ...`` and ``assign`` change an array."""
-        if self._values is None:
-            assert self._words is not None
-            self._values = planes.unpack(self._words, self.size).reshape(self.shape)
-        return self._values
-
-    @property
-    def words(self) -> WordArray:
-        """(words,) uint64: the packed bit-plane of a LOGICAL, elements in row order."""
-        if self._words is None:
-            assert self._values is not None
-            self._words = planes.pack(self._values.reshape(-1))
-        return self._words
-
-    def count_true(self) -> int:
-        """Number of trues of a LOGICAL. Charges nothing."""
-        if self._words is None:
-            return int(np.count_nonzero(self.values))
-        return planes.count_true(self._words)
-
-    def any_true(self) -> bool:
-        """Whether a LOGICAL has a true. Charges nothing."""
-        return bool(self.values.any() if self._words is None else self._words.any())
-
-    @property
-    def size(self) -> int:
-        """Number of elements."""
-        return int(np.prod(self.shape))
-
-    @property
-    def rank(self) -> int:
-        """1 for a vector, 2 for a matrix."""
-        return len(self.shape)
-
-    @property
-    def blocks(self) -> int:
-        """Blocks of ES x ES elements that it covers."""
-        return self.dap.layout(self.shape, self.mapping).blocks
-
-    def numpy(self) -> AnyArray:
-        """Copy the values to the host, at the cost of a transfer."""
-        self.charge('host', self.kind)
-        return self.values.copy()
-
-    def __array__(self, dtype: Any = None, copy: Any = None) -> AnyArray:
-        return self.values.astype(dtype) if dtype is not None else self.values.copy()
-
-    def planes(self) -> WordArray:
-        """(bits, words) uint64: the packed bit-planes of a LOGICAL or INTEGER, plane 0 the least significant."""
-        if self.kind.name == 'LOGICAL':
-            return self.words[None]
-        if self.kind.name != 'INTEGER':
-            raise ValueError(f'planes: of a LOGICAL or INTEGER array, not {self.kind}')
-        return planes.to_planes(self.values, self.kind)
-
-    # Charging and making results.
-
-    def charge(self, operation: str, kind: Kind, detail: int = 1, axis: int = 0, times: int = 1) -> None:
-        """Charge an operation on this array to the machine's counters; arguments as for ``Machine.charge``."""
-        self.dap.charge(operation, kind, self.shape, self.mapping, detail, axis, times)
-
-    def like(self, kind: Kind, values: AnyArray) -> DapArray:
-        """Make an array of these values on the same machine and mapping; it costs nothing.
+    def common_fields(self, other: Operand, what: str) -> tuple[Field, Field, Kind]:
+        """Bit-planes of two numeric operands in their common kind.
 
         Parameters
         ----------
-        kind : Kind
-        values : array of this array's shape
-            In the kind's type.
-        """
-        return DapArray(self.dap, kind, values, mapping=self.mapping)
+        other : DapArray, int or float
+        what : str
+            The operation, named in errors.
 
-    def _logical(self, words: WordArray) -> DapArray:
-        """A LOGICAL of this array's shape from packed words."""
-        return DapArray(self.dap, LOGICAL, None, shape=self.shape, words=words, mapping=self.mapping)
+        Returns
+        -------
+        mine, theirs : lists of int
+        kind : Kind
+
+        Raises
+        ------
+        ValueError
+            When they do not go together.
+        """
+        kind = self._number_kind(other, what)
+        x = self.field_as(kind)
+        return x, other.field_as(kind) if isinstance(other, DapArray) else self.constant(kind, other), kind
 
     def _other(self, other: Operand, what: str) -> tuple[Any, Kind]:
         """The other operand's values, checked, and the kind both become."""
@@ -214,6 +137,14 @@ class DapArray:
         ValueError
             When they do not go together.
         """
+        kind = self._number_kind(other, what)
+        mine = self._widened(kind)
+        if isinstance(other, DapArray):
+            return mine, other._widened(kind), kind
+        return mine, kind.dtype.type(kind.scalar(other)), kind
+
+    def _number_kind(self, other: Operand, what: str) -> Kind:
+        """The common kind of two operands, which must be numbers."""
         _, kind = self._other(other, what)
         if (
             not kind.is_numeric
@@ -224,10 +155,7 @@ class DapArray:
                 f'{what}: expected numbers, got {self.kind} and '
                 f'{other.kind if isinstance(other, DapArray) else type(other).__name__}'
             )
-        mine = self._widened(kind)
-        if isinstance(other, DapArray):
-            return mine, other._widened(kind), kind
-        return mine, kind.dtype.type(kind.scalar(other)), kind
+        return kind
 
     def _widened(self, kind: Kind) -> AnyArray:
         """The values in a longer word or as REAL; only the latter costs cycles."""
@@ -251,21 +179,16 @@ class DapArray:
         kind : Kind, optional
             Of the result; the operands' common kind when not given.
         """
+        charged = 'divide' if operation == 'remainder' else operation
+        if self.dap.in_bits:
+            return self._binary_on_planes(operation, charged, other, swapped, kind)
         a, b, common = self.common_values(other, operation)
         target = kind or common
         if target != common:
             a, b = target.convert(a), target.convert(np.asarray(b))
         if swapped:
             a, b = b, a
-        charged = 'divide' if operation == 'remainder' else operation
         self.charge(charged, target)
-        if (
-            self.dap.bit_serial
-            and target.name == 'INTEGER'
-            and target.bits <= BIT_SERIAL_WORD
-            and operation in _ARITHMETIC
-        ):
-            return self.like(target, self._serial(operation, a, b, target))
         with np.errstate(all='ignore'):
             if operation in _ARITHMETIC:
                 result = _ARITHMETIC[operation](a, b)
@@ -275,15 +198,19 @@ class DapArray:
                 result = self._integer_divide(operation, a, b)
         return self.like(target, target.fit(result))
 
-    def _serial(self, operation: str, a: AnyArray, b: AnyArray, kind: Kind) -> AnyArray:
-        """Add, subtract or multiply plane by plane, on packed planes."""
-        p, q = (planes.to_planes(np.broadcast_to(side, self.shape), kind) for side in (a, b))
-        full = planes.ones(self.size)
-        if operation == 'add':
-            result = planes.add(p, q, np.zeros_like(full))
-        else:
-            result = planes.subtract(p, q, full) if operation == 'subtract' else planes.multiply(p, q)
-        return planes.from_planes(result, kind, self.shape)
+    def _binary_on_planes(
+        self, operation: str, charged: str, other: Operand, swapped: bool, kind: Kind | None
+    ) -> DapArray:
+        """``binary`` on bit-planes."""
+        x, y, common = self.common_fields(other, operation)
+        target = kind or common
+        self.charge(charged, target)
+        with self.arithmetic(target) as work:
+            if target != common:
+                x, y = (serial.convert(work.pe, common, target, self.dap.nearest, side) for side in (x, y))
+            if swapped:
+                x, y = y, x
+            return self.like_field(target, work.binary(operation, x, y))
 
     def _integer_divide(self, operation: str, a: AnyArray, b: AnyArray) -> AnyArray:
         """Quotient toward zero, or remainder, as in Fortran. Division by zero gives 0 and is counted as a fault."""
@@ -308,13 +235,18 @@ class DapArray:
         Of two INTEGER arrays the result is REAL.
         """
         if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool) and exponent >= 0:
-            self.charge('power', self.kind, detail=max(1, int(exponent)))
+            self.charge('power', self._number(), detail=max(1, int(exponent)))
+            if self.dap.in_bits:
+                with self.arithmetic(self.kind) as work:
+                    return self.like_field(self.kind, work.power(self.field, int(exponent)))
             with np.errstate(all='ignore'):
                 # Not np.power: the operator knows squares and cubes.
                 result = self.values ** (
                     self.values.dtype.type(exponent) if self.kind.name == 'INTEGER' else int(exponent)
                 )
             return self.like(self.kind, self.kind.fit(result.astype(self.kind.dtype, copy=False)))
+        if self.dap.in_bits:
+            return self._power_on_planes(exponent)
         a, b, kind = self.common_values(exponent, 'power')
         if kind.name == 'INTEGER':
             kind = real(4) if kind.bits <= 32 else real(8)
@@ -323,6 +255,18 @@ class DapArray:
         self.charge('multiply', kind)
         with np.errstate(all='ignore'):
             return self.like(kind, kind.fit(np.power(a, b).astype(kind.dtype, copy=False)))
+
+    def _power_on_planes(self, exponent: Operand) -> DapArray:
+        """A power that is no whole number, on bit-planes, by EXP and LOG."""
+        kind = self._number_kind(exponent, 'power')
+        if kind.name == 'INTEGER':
+            kind = real(4) if kind.bits <= 32 else real(8)
+        x = self.field_as(kind)
+        y = exponent.field_as(kind) if isinstance(exponent, DapArray) else self.constant(kind, exponent)
+        self.charge('multiply', kind)
+        self.charge('function', kind, times=2)
+        with self.arithmetic(kind) as work:
+            return self.like_field(kind, work.function('POWER', x, y))
 
     def plus(self, other: Operand, kind: Kind) -> DapArray:
         """The sum in a word of another kind: in assembly it may grow by one plane at a time.
@@ -371,6 +315,9 @@ class DapArray:
 
     def __neg__(self) -> DapArray:
         self.charge('negate', self._number())
+        if self.dap.in_bits:
+            with self.arithmetic(self.kind) as work:
+                return self.like_field(self.kind, work.negate(self.field))
         return self.like(self.kind, self.kind.fit(np.negative(self.values)))
 
     def __pos__(self) -> DapArray:
@@ -378,6 +325,9 @@ class DapArray:
 
     def __abs__(self) -> DapArray:
         self.charge('absolute' if self._number().name == 'INTEGER' else 'negate', self.kind)
+        if self.dap.in_bits:
+            with self.arithmetic(self.kind) as work:
+                return self.like_field(self.kind, work.absolute(self.field))
         return self.like(self.kind, self.kind.fit(np.abs(self.values)))
 
     def _number(self) -> Kind:
@@ -403,23 +353,14 @@ class DapArray:
         """
         if isinstance(other, DapArray) and other.kind.name == self.kind.name == 'LOGICAL' and relation in ('eq', 'ne'):
             return self.logic('eqv' if relation == 'eq' else 'neqv', other)
+        if self.dap.in_bits:
+            x, y, kind = self.common_fields(other, 'comparison')
+            self.charge('compare', kind)
+            with self.arithmetic(kind) as work:
+                return self.like_field(LOGICAL, [work.compare(relation, x, y)])
         a, b, kind = self.common_values(other, 'comparison')
         self.charge('compare', kind)
-        if self.dap.bit_serial and kind.name == 'INTEGER' and kind.bits <= BIT_SERIAL_WORD:
-            return self._logical(self._serial_compare(relation, a, b, kind))
         return self.like(LOGICAL, _COMPARE[relation](a, b))
-
-    def _serial_compare(self, relation: str, a: AnyArray, b: AnyArray, kind: Kind) -> WordArray:
-        """A comparison plane by plane, as packed words."""
-        p, q = (planes.to_planes(np.broadcast_to(side, self.shape), kind) for side in (a, b))
-        full = planes.ones(self.size)
-        if relation in ('eq', 'ne'):
-            same = planes.equal(p, q, full)
-            return same if relation == 'eq' else ~same & full
-        if relation in ('gt', 'le'):
-            p, q = q, p
-        smaller = planes.less(p, q, kind.signed)
-        return smaller if relation in ('lt', 'gt') else ~smaller & full
 
     def logic(self, operation: str, other: Operand) -> DapArray:
         """Combine LOGICALs.
@@ -436,6 +377,7 @@ class DapArray:
         """
         self._other(other, operation)
         self.charge('logic', LOGICAL)
+        self._count('logic')
         mine = self._truth()
         if isinstance(other, DapArray):
             theirs = other._truth()
@@ -464,6 +406,7 @@ class DapArray:
 
     def __invert__(self) -> DapArray:
         self.charge('not', LOGICAL)
+        self._count('not')
         return self._logical(planes.invert(self._truth(), self.size))
 
     def __lt__(self, other: Operand) -> DapArray:
@@ -505,18 +448,24 @@ class DapArray:
                 return self
             raise ValueError(f'{self.kind} cannot become {target}: use MERGE or a comparison')
         self.charge('convert' if target.name != self.kind.name or target.name == 'REAL' else 'copy', target)
+        if self.dap.in_bits:
+            with self.processors() as pe:
+                pe.cycles += 2 * target.bits if target.name == self.kind.name == 'INTEGER' else 0
+                return self.like_field(target, serial.convert(pe, self.kind, target, self.dap.nearest, self.field))
         return self.like(target, target.convert(self.values))
 
     def copy(self) -> DapArray:
         """Copy the array within the store."""
         self.charge('copy', self.kind)
-        return self.like(self.kind, self.values.copy())
+        self._count('copy')
+        return self.like_cells(self.cells.copy())
 
     def remapped(self, mapping: str) -> DapArray:
         """Copy the array to another mapping onto the PEs: 'sheet', 'crinkled' or 'combined'."""
-        result = DapArray(self.dap, self.kind, self.values.copy(), mapping=mapping)
+        result = self.like_cells(self.cells.copy(), mapping)
         if mapping != self.mapping:
             self.charge('remap', self.kind)
+            self._count('remap')
         return result
 
     def assign(self, value: Operand, mask: DapArray | None = None) -> None:
@@ -533,14 +482,15 @@ class DapArray:
         ValueError
             When they do not go together.
         """
+        if self.dap.in_bits:
+            self._assign_planes(value, mask)
+            return
         if isinstance(value, DapArray):
             self._other(value, 'assignment')
             source: Any = value.values if value.kind == self.kind else value.converted(self.kind)
             self.charge('copy' if mask is None else 'masked_copy', self.kind)
         else:
-            if (self.kind.name == 'LOGICAL') != isinstance(value, (bool, np.bool_)):
-                raise ValueError(f'assignment: cannot put {value!r} into {self.kind}')
-            source = self.kind.dtype.type(self.kind.scalar(checked_scalar(self.kind, value, 'assignment')))
+            source = self.kind.dtype.type(self.kind.scalar(self._assignable(value)))
             self.charge('copy' if mask is None else 'masked_copy', self.kind)
         target = self.values
         if not target.flags.writeable:
@@ -553,13 +503,40 @@ class DapArray:
             np.copyto(target, source, where=mask.values)
         self._values, self._words = target, None
 
+    def _assignable(self, value: Scalar) -> Scalar:
+        """A scalar that can be assigned, checked."""
+        if (self.kind.name == 'LOGICAL') != isinstance(value, (bool, np.bool_)):
+            raise ValueError(f'assignment: cannot put {value!r} into {self.kind}')
+        return checked_scalar(self.kind, value, 'assignment')
+
+    def _assign_planes(self, value: Operand, mask: DapArray | None) -> None:
+        """``assign`` on bit-planes."""
+        if isinstance(value, DapArray):
+            self._other(value, 'assignment')
+            source = (value if value.kind == self.kind else value.astype(self.kind)).field
+        else:
+            source = self.constant(self.kind, self._assignable(value))
+        self.charge('copy' if mask is None else 'masked_copy', self.kind)
+        with self.processors() as pe:
+            if mask is None:
+                stored = pe.copy(source)
+            else:
+                self._other(mask, 'mask')
+                mask._truth()
+                stored = pe.store_where(mask.field[0], source, self.field)
+        self._change(self.like_field(self.kind, stored))
+
+    def _change(self, other: DapArray) -> None:
+        """Take what is in another array of the same kind and shape."""
+        self._values, self._words, self._cells, self._field = other._values, other._words, other._cells, other._field
+
     def replace(self, values: AnyArray) -> None:
         """Replace the values by others of this shape, converted to this kind. Charges nothing."""
-        self._values, self._words = self.kind.convert(values), None
+        self._change(self.like(self.kind, self.kind.convert(values)))
 
     def converted(self, kind: Kind) -> AnyArray:
-        """Values as another kind, at the cost of the conversion."""
-        return self.astype(kind).values
+        """Cells of another kind, at the cost of the conversion."""
+        return self.astype(kind).cells
 
     def __setitem__(self, where: Any, value: Operand) -> None:
         if isinstance(where, DapArray):
@@ -569,14 +546,16 @@ class DapArray:
         else:
             index = self._index(where)
             self.charge('store_element', self.kind)
-            target = self.values if self.values.flags.writeable else self.values.copy()
-            target[index] = self.kind.scalar(checked_scalar(self.kind, value, 'element'))
-            self._values, self._words = target, None
+            self._count('store_element')
+            cells = self.cells if self.cells.flags.writeable else self.cells.copy()
+            cells[index] = self.cell(checked_scalar(self.kind, value, 'element'))
+            self._change(self.like_cells(cells))
 
     def __getitem__(self, where: Any) -> Scalar:
         """Fetch one element into the control unit."""
         index = self._index(where)
         self.charge('fetch', self.kind)
+        self._count('fetch')
         element: Scalar = self.values[index].item()
         return element
 
@@ -608,7 +587,10 @@ class DapArray:
         if not 0 <= axis < self.rank:
             raise ValueError(f'axis: expected 0 to {self.rank - 1}, got {axis}')
         self.charge('neighbour', self.kind, detail=max(1, abs(distance)), axis=axis)
-        return self.like(self.kind, moved(self.values, distance, axis, cyclic))
+        if self.dap.in_bits:
+            where = self.dap.layout(self.shape, self.mapping)
+            self.dap.count(moves.neighbour(self.kind.bits, where, distance, axis, cyclic))
+        return self.like_cells(moved(self.cells, distance, axis, cyclic))
 
     @property
     def T(self) -> DapArray:
@@ -616,7 +598,8 @@ class DapArray:
         if self.rank != 2:
             raise ValueError('transpose: expected a matrix')
         self.charge('transpose', self.kind)
-        return DapArray(self.dap, self.kind, np.ascontiguousarray(self.values.T), mapping=self.mapping)
+        self._count('transpose')
+        return self.like_cells(np.ascontiguousarray(self.cells.T))
 
     @property
     def title(self) -> str:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from msgs_py.numeric.typed import AnyArray
+from msgs_py.renaming import notice
+
 from .arrays import DapArray
+from .fields import form_of, real_cells
 from .kinds import Kind, kind_of, parse_kind
 from .machine import MODELS, Machine
 
@@ -54,6 +59,9 @@ class Dap(Machine):
         key = str(name).upper()
         if key not in MODELS:
             raise ValueError(f'model: expected one of {", ".join(MODELS)}, got {name!r}')
+        if options.pop('bit_serial', False):
+            warnings.warn(notice('argument', 'bit_serial=True', "arithmetic='bits'"), FutureWarning, stacklevel=2)
+            options['arithmetic'] = 'bits'
         return cls(MODELS[key], memory_bits_per_pe, **options)
 
     def matrix(self, values: ArrayLike, kind: Kind | str | None = None, mapping: str | None = None) -> DapArray:
@@ -94,9 +102,12 @@ class Dap(Machine):
             )
         plain = not isinstance(values, np.ndarray)
         target = kind_of(array, plain) if kind is None else parse_kind(kind)
-        converted = target.convert(array)
+        if self.in_bits and target.name == 'REAL' and array.dtype.kind in 'iuf':
+            cells: AnyArray = real_cells(array, form_of(target, self.nearest))
+        else:
+            cells = target.convert(array)
         loaded = DapArray(
-            self, target, np.array(converted) if converted is array else converted, mapping=mapping or self.mapping
+            self, target, None, cells=np.array(cells) if cells is array else cells, mapping=mapping or self.mapping
         )
         self.charge('host', target, loaded.shape, loaded.mapping)
         return loaded

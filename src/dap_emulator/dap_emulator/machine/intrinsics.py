@@ -15,6 +15,8 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray
 
+from ..bit_planes.processors import Field
+from . import reductions, serial
 from .arrangement import (
     SHIFTS,
     alt,
@@ -64,6 +66,9 @@ def _elementwise(
         if source.kind.name == 'INTEGER':
             source = source.astype(real(4))
         source.charge(cost, source.kind)
+        if source.dap.in_bits:
+            with source.arithmetic(source.kind) as work:
+                return source.like_field(source.kind, work.function(name, source.field))
         with np.errstate(all='ignore'):
             return source.like(source.kind, source.kind.fit(function(source.values)))
 
@@ -113,12 +118,36 @@ def atan2(y: Operand, x: Operand) -> Any:
         return math.atan2(y, x)
     first = y if isinstance(y, DapArray) else x
     assert isinstance(first, DapArray)
-    first.charge('function', real(4) if first.kind.name == 'INTEGER' else first.kind)
-    first.charge('divide', real(4) if first.kind.name == 'INTEGER' else first.kind)
+    if first.dap.in_bits:
+        return _atan2_on_planes(first, y, x)
     a, b, kind = _pair('ATAN2', y, x)
     if kind.name == 'INTEGER':
         kind = real(4)
+    first.charge('divide', kind)
+    first.charge('function', kind)
     return first.like(kind, kind.fit(np.arctan2(kind.convert(np.asarray(a)), kind.convert(np.asarray(b)))))
+
+
+def _atan2_on_planes(first: DapArray, y: Operand, x: Operand) -> DapArray:
+    """ATAN2 on bit-planes; ``first`` is one of the two that is an array."""
+    above, right, kind = _fields('ATAN2', y, x)
+    with first.processors() as pe:
+        if kind.name == 'INTEGER':
+            above, right = (serial.convert(pe, kind, real(4), first.dap.nearest, side) for side in (above, right))
+            kind = real(4)
+    first.charge('divide', kind)
+    first.charge('function', kind)
+    with first.arithmetic(kind) as work:
+        return first.like_field(kind, work.function('ATAN2', above, right))
+
+
+def _fields(name: str, a: Operand, b: Operand) -> tuple[Field, Field, Kind]:
+    """Bit-planes of two operands in their common kind, at least one of them an array."""
+    if isinstance(a, DapArray):
+        return a.common_fields(b, name)
+    assert isinstance(b, DapArray)
+    right, left, kind = b.common_fields(a, name)
+    return left, right, kind
 
 
 def _pair(name: str, a: Operand, b: Operand) -> tuple[Any, Any, Kind]:
@@ -136,10 +165,14 @@ def _extreme_of_two(name: str, function: Callable[..., Any], scalar: Callable[[A
     def apply(a: Operand, *rest: Operand) -> Any:
         result: Any = a
         for b in rest:
-            if isinstance(result, DapArray) or isinstance(b, DapArray):
+            array = result if isinstance(result, DapArray) else b
+            if isinstance(array, DapArray) and array.dap.in_bits:
+                p, q, kind = _fields(name, result, b)
+                array.charge('minmax', kind)
+                with array.arithmetic(kind) as work:
+                    result = array.like_field(kind, work.extreme(p, q, name == 'MAX'))
+            elif isinstance(array, DapArray):
                 x, y, kind = _pair(name, result, b)
-                array = result if isinstance(result, DapArray) else b
-                assert isinstance(array, DapArray)
                 array.charge('minmax', kind)
                 result = array.like(kind, function(x, y))
             else:
@@ -157,6 +190,9 @@ def _extreme_value(name: str, x: Any, mask: Any = None) -> Any:
     """The largest or smallest element where the mask is true; for an empty mask the worst value of the kind."""
     source = checked_array(x, name, logical=False)
     source.charge('extreme_value', source.kind)
+    if source.dap.in_bits:
+        # The control unit has learnt the bits of the value while the candidates were narrowed.
+        reductions.extreme_places(source, None if mask is None else _mask_array(source, mask), name.startswith('MAX'))
     values = source.values if mask is None else source.values[_masked(source, mask)]
     highest = name.startswith('MAX')
     if not values.size:
@@ -167,10 +203,15 @@ def _extreme_value(name: str, x: Any, mask: Any = None) -> Any:
 
 def _masked(source: DapArray, mask: Any) -> BoolArray:
     """Values of a mask, which must have the array's shape."""
+    return _mask_array(source, mask).values
+
+
+def _mask_array(source: DapArray, mask: Any) -> DapArray:
+    """A mask, which must have the array's shape."""
     flags = checked_array(mask, 'mask', logical=True)
     if flags.shape != source.shape:
         raise ValueError(f'mask: shape {flags.shape} differs from {source.shape}')
-    return flags.values
+    return flags
 
 
 maximum = _extreme_of_two('MAX', np.maximum, max)
@@ -194,12 +235,18 @@ def sign(a: Operand, b: Operand) -> Any:
     """SIGN(a, b): the magnitude of a with the sign of b."""
     if not isinstance(a, DapArray) and not isinstance(b, DapArray):
         return abs(a) if b >= 0 else -abs(a)
-    x, y, kind = _pair('SIGN', a, b)
     array = a if isinstance(a, DapArray) else b
     assert isinstance(array, DapArray)
+    if array.dap.in_bits:
+        p, q, kind = _fields('SIGN', a, b)
+        array.charge('merge', kind)
+        with array.arithmetic(kind) as work:
+            return array.like_field(kind, work.with_sign(p, q))
+    x, y, kind = _pair('SIGN', a, b)
     array.charge('merge', kind)
     size = np.broadcast_to(np.abs(x), array.shape)
-    return array.like(kind, np.where(np.broadcast_to(y, array.shape) >= 0, size, -size).astype(kind.dtype))
+    signed = np.where(np.broadcast_to(y, array.shape) >= 0, size, -size)
+    return array.like(kind, kind.fit(signed.astype(kind.dtype)))
 
 
 def merge(a: Operand, b: Operand, mask: Any) -> Any:
@@ -214,6 +261,8 @@ def merge(a: Operand, b: Operand, mask: Any) -> Any:
         if x.shape != flags.shape:
             raise ValueError(f'MERGE: shapes {x.shape} and {flags.shape} differ')
     kind = _merged_kind(a, b)
+    if flags.dap.in_bits:
+        return _merge_on_planes(flags, a, b, kind)
     for x in arrays:
         if x.kind.name == 'INTEGER' and kind.name == 'REAL':
             x.charge('convert', kind)
@@ -225,6 +274,17 @@ def merge(a: Operand, b: Operand, mask: Any) -> Any:
     ]
     flags.charge('merge', kind)
     return flags.like(kind, np.where(flags.values, sides[0], sides[1]))
+
+
+def _merge_on_planes(flags: DapArray, a: Operand, b: Operand, kind: Kind) -> DapArray:
+    """MERGE on bit-planes."""
+    sides = [
+        x.field_as(kind) if isinstance(x, DapArray) else flags.constant(kind, checked_scalar(kind, x, 'MERGE'))
+        for x in (a, b)
+    ]
+    flags.charge('merge', kind)
+    with flags.processors() as pe:
+        return flags.like_field(kind, pe.select(flags.field[0], *sides))
 
 
 def _merged_kind(a: Operand, b: Operand) -> Kind:
@@ -249,6 +309,7 @@ def all_(mask: Any) -> bool:
     """ALL(l): whether every element is true."""
     flags = checked_array(mask, 'ALL', logical=True)
     flags.charge('any_all', LOGICAL)
+    flags.counted('any_all')
     return flags.count_true() == flags.size
 
 
@@ -256,6 +317,7 @@ def any_(mask: Any) -> bool:
     """ANY(l): whether some element is true."""
     flags = checked_array(mask, 'ANY', logical=True)
     flags.charge('any_all', LOGICAL)
+    flags.counted('any_all')
     return flags.any_true()
 
 
@@ -275,6 +337,8 @@ def _positions(name: str, x: Any, mask: Any) -> DapArray:
     """Every place of the largest or smallest element where the mask is true."""
     source = checked_array(x, name, logical=False)
     source.charge('extreme', source.kind)
+    if source.dap.in_bits:
+        return reductions.extreme_places(source, None if mask is None else _mask_array(source, mask), name == 'MAXP')
     values = source.values
     if mask is None:
         return source.like(LOGICAL, values == (values.max() if name == 'MAXP' else values.min()))
@@ -299,6 +363,8 @@ def sum_(x: Any, mask: Any = None) -> Scalar:
     """SUM(x): the number of trues of a LOGICAL; the sum of numbers, INTEGER in a word of at least 4 bytes."""
     source = checked_array(x, 'SUM')
     source.charge('sum', source.kind)
+    if source.dap.in_bits:
+        return reductions.total(source, None if mask is None else _mask_array(source, mask), _sum_kind(source.kind))
     if source.kind.name == 'LOGICAL':
         return source.count_true()
     values = source.values if mask is None else source.values[_masked(source, mask)]
@@ -310,13 +376,14 @@ def _sum_kind(kind: Kind) -> Kind:
     """The kind of a sum of numbers: an INTEGER has at least 4 bytes."""
     if kind.name == 'REAL':
         return kind
-    return integer(max(4, kind.length))
+    return integer(4) if kind.name == 'LOGICAL' else integer(max(4, kind.length))
 
 
 def eln(mask: Any) -> int:
     """ELN(l): position of the first true element, from 1, down the columns of a matrix; 0 when there is none."""
     flags = checked_array(mask, 'ELN', logical=True)
     flags.charge('first_true', LOGICAL)
+    flags.counted('first_true')
     order = column_order(flags.values)
     first = int(order.argmax())
     return first + 1 if order[first] else 0
@@ -340,6 +407,7 @@ def frst(mask: Any) -> DapArray:
     """FRST(l): only the first true element stays true (in the order of ELN)."""
     flags = checked_array(mask, 'FRST', logical=True)
     flags.charge('first_true', LOGICAL)
+    flags.counted('first_true')
     order = column_order(flags.values)
     out = np.zeros(flags.shape, dtype=bool)
     if order.any():
@@ -355,7 +423,9 @@ def _sum_axis(name: str, x: Any, axis: int) -> DapArray:
     """Sums of a matrix along one axis; of a LOGICAL, counts of its trues."""
     source = checked_array(x, name, rank=2)
     source.charge('sum_axis', source.kind, axis=axis)
-    kind = integer(4) if source.kind.name == 'LOGICAL' else _sum_kind(source.kind)
+    kind = _sum_kind(source.kind)
+    if source.dap.in_bits:
+        return reductions.totals_along(source, axis, kind)
     return source.like(kind, kind.fit(source.values.sum(axis=axis, dtype=kind.dtype)))
 
 

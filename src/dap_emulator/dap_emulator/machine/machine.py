@@ -1,7 +1,8 @@
 """The machine without its arrays: models, store, cost model, counters and trace.
 
 The machine has ES x ES one-bit processing elements (PEs) with 32 Kbit to 1 Mbit of store each, a control unit (MCU) for
-scalar work, and row and column highways (thesis 3.2). Cycles are computed from costs.py, not simulated.
+scalar work, and row and column highways (thesis 3.2). Cycles are computed from costs.py, not simulated; a machine that
+computes on bit-planes counts them beside.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from .costs import CostTable
 from .kinds import Kind, parse_kind
 from .mapping import MAPPINGS, Layout, layout
 from .settings import TRACE_LENGTH
+
+ARITHMETICS = ('words', 'bits')
+ROUNDINGS = ('nearest', 'chop')
 
 
 class OutOfStore(MemoryError):
@@ -139,6 +143,20 @@ class TraceEntry(NamedTuple):
         )
 
 
+def _check_arithmetic(model: Model, arithmetic: str, rounding: str) -> None:
+    """Raise ValueError, naming the argument, for arithmetic that there is not."""
+    if arithmetic not in ARITHMETICS:
+        raise ValueError(f'arithmetic: expected one of {", ".join(ARITHMETICS)}, got {arithmetic!r}')
+    if rounding not in ROUNDINGS:
+        raise ValueError(f'rounding: expected one of {", ".join(ROUNDINGS)}, got {rounding!r}')
+    if arithmetic == 'words' and rounding != 'nearest':
+        raise ValueError(f"rounding: {rounding!r} is of arithmetic='bits'; words of this computer round to nearest")
+    if arithmetic == 'bits' and model.coprocessor:
+        raise ValueError(
+            f"arithmetic: 'bits' is the work of one-bit PEs; model {model.name} computes on 8-bit co-processors"
+        )
+
+
 _Key = TypeVar('_Key')
 
 
@@ -156,6 +174,8 @@ class Stats:
     cycles : int
     seconds : float
         Predicted by the cost model, not simulated.
+    counted : dict of str to int
+        On a machine that computes on bit-planes: cycles of the same operations, counted instruction by instruction.
     peak_planes, planes : int
         Most bit-planes in use at one time, and bit-planes that exist.
     operations : dict of str to (int, int)
@@ -164,8 +184,16 @@ class Stats:
         The same for the lines of the source program.
     """
 
-    def __init__(self, counts: Mapping[tuple[int, str], list[int]], cycles: int, seconds: float, store: Store) -> None:
+    def __init__(
+        self,
+        counts: Mapping[tuple[int, str], list[int]],
+        cycles: int,
+        seconds: float,
+        store: Store,
+        counted: Mapping[str, int] | None = None,
+    ) -> None:
         self.cycles, self.seconds = cycles, seconds
+        self.counted = dict(counted or {})
         self.peak_planes, self.planes = store.peak, store.planes
         self.operations: dict[str, tuple[int, int]] = {}
         self.lines: dict[int, tuple[int, int]] = {}
@@ -183,8 +211,11 @@ class Stats:
         ]
         rows += [
             f'  {name:28} {count:>9} times {spent:>12} cycles {100 * spent / max(1, self.cycles):5.1f} %'
+            + (f' {self.counted.get(name, 0):>12} counted' if self.counted else '')
             for name, (count, spent) in self.operations.items()
         ]
+        if self.counted:
+            rows[0] += f'; {sum(self.counted.values())} cycles counted on the planes'
         return '\n'.join(rows)
 
     __repr__ = __str__
@@ -218,15 +249,22 @@ class Machine:
         Length of a cycle, seconds. The model's when not given.
     tracing : bool
         Keep the last operations in ``trace``.
-    bit_serial : bool
-        Compute INTEGER*1 and INTEGER*2 plane by plane, as the PEs do: slow, with the same answers.
+    arithmetic : {'words', 'bits'}
+        Compute on words of this computer, or on bit-planes as the PEs do: slower; INTEGERs have the same values, REALs
+        those of the machine's own form (``bit_planes.reals``), and every operation's instructions are counted.
+    rounding : {'nearest', 'chop'}
+        Of REALs on bit-planes: to the nearest number, or cut off toward zero.
 
     Attributes
     ----------
     cycles : int
         Everything charged so far.
     faults : int
-        Divisions of integers by zero so far.
+        Divisions of integers by zero so far; on bit-planes also results that no REAL holds.
+    in_bits : bool
+        Whether arithmetic is that of bit-planes.
+    counted : dict of str to int
+        On bit-planes: cycles counted so far, by operation and kind.
     line : int
         Line of the source program that work is charged to, 0 outside one.
     trace : deque of TraceEntry
@@ -251,10 +289,12 @@ class Machine:
         costs: Mapping[str, float] | None = None,
         clock_s: float | None = None,
         tracing: bool = True,
-        bit_serial: bool = False,
+        arithmetic: str = 'words',
+        rounding: str = 'nearest',
     ) -> None:
         if mapping not in MAPPINGS:
             raise ValueError(f'mapping: expected one of {", ".join(MAPPINGS)}, got {mapping!r}')
+        _check_arithmetic(model, arithmetic, rounding)
         memory = model.memory_bits_per_pe if memory_bits_per_pe is None else int(memory_bits_per_pe)
         if memory < 1:
             raise ValueError(f'memory_bits_per_pe: expected at least 1, got {memory}')
@@ -263,7 +303,9 @@ class Machine:
         self.es = model.es
         self.costs = CostTable(model.coprocessor, level, costs)
         self.store = Store(memory)
-        self.bit_serial = bit_serial
+        self.in_bits, self.nearest = arithmetic == 'bits', rounding == 'nearest'
+        self.counted: dict[str, int] = {}
+        self._charged = ''
         self.line = 0
         self.cycles = 0
         self.faults = 0
@@ -364,8 +406,18 @@ class Machine:
         if self.tracing:
             self.trace.append(TraceEntry(operation, 'MCU', (), 0, cycles, self.line))
 
+    def count(self, cycles: int) -> None:
+        """Add cycles counted on bit-planes to the operation that was charged last."""
+        self.counted[self._charged] = self.counted.get(self._charged, 0) + cycles
+
+    @property
+    def counted_cycles(self) -> int:
+        """Everything counted on bit-planes so far, without the overhead of starting operations."""
+        return sum(self.counted.values())
+
     def _add(self, operation: str, cycles: int, times: int = 1) -> None:
         self.cycles += cycles
+        self._charged = operation
         entry = self._counts.get((self.line, operation))
         if entry is None:
             self._counts[self.line, operation] = [times, cycles]
@@ -377,12 +429,13 @@ class Machine:
 
     def stats(self) -> Stats:
         """Counts, cycles and seconds of everything charged so far."""
-        return Stats(self._counts, self.cycles, self.seconds, self.store)
+        return Stats(self._counts, self.cycles, self.seconds, self.store, self.counted)
 
     def reset(self) -> None:
         """Set counters to zero, empty the trace, and forget the store's peak; arrays stay."""
         self.cycles = self.faults = 0
         self._counts.clear()
+        self.counted.clear()
         self.trace.clear()
         self.store.peak = self.store.used
 
@@ -395,12 +448,12 @@ class Machine:
         callable
             Returns the Stats of what has happened inside so far.
         """
-        cycles, counts, peak = self.cycles, self._counts, self.store.peak
-        self._counts, self.store.peak = {}, self.store.used
+        cycles, counts, counted, peak = self.cycles, self._counts, self.counted, self.store.peak
+        self._counts, self.counted, self.store.peak = {}, {}, self.store.used
 
         def so_far() -> Stats:
             spent = self.cycles - cycles
-            return Stats(self._counts, spent, spent * self.clock_s, self.store)
+            return Stats(self._counts, spent, spent * self.clock_s, self.store, self.counted)
 
         try:
             yield so_far
@@ -410,6 +463,9 @@ class Machine:
                 entry = counts.setdefault((line, operation), [0, 0])
                 entry[0] += count
                 entry[1] += spent
+            added, self.counted = self.counted, counted
+            for operation, spent in added.items():
+                counted[operation] = counted.get(operation, 0) + spent
             self.store.peak = max(self.store.peak, peak)
 
     @contextmanager

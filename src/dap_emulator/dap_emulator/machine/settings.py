@@ -8,10 +8,6 @@ TRACE_LENGTH = 10_000
 # Layouts kept for reuse: one for each shape, size of machine and mapping that a program works with.
 LAYOUTS_CACHED = 4096
 
-# Longest INTEGER, bits, that a bit-serial machine computes plane by plane (``Dap(bit_serial=True)``); longer words are
-# computed by numpy, with the same answers.
-BIT_SERIAL_WORD = 16
-
 # Pictures of planes: lines between single PEs are drawn up to this many elements a side; beyond it they would cover the
 # picture.
 FINE_GRID = 80

@@ -14,6 +14,7 @@ from ..fortran_plus.declarations import CheckedUnit, Symbol
 from ..fortran_plus.running import Frame
 from ..fortran_plus.storage import ArrayVariable
 from ..machine import planes
+from ..machine.fields import real_values
 from ..machine.machine import Machine
 from .settings import MAX_BYTES, MAX_ELEMENTS, MAX_PLACES, MAX_PROFILE_DEPTH, MAX_STEPS
 
@@ -287,6 +288,8 @@ def _places(variable: ArrayVariable) -> AnyArray:
 
 def _decoded(variable: ArrayVariable, values: AnyArray) -> AnyArray:
     """Values of one plane, elements in row order."""
+    if variable.patterns:
+        return real_values(values, variable.kind)
     if not variable.packed:
         return values
     return planes.unpack(values, int(np.prod(variable.parallel)))
