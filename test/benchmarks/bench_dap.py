@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from measure import Measurement, milliseconds
@@ -24,10 +25,11 @@ from csg_renderer.raycast.frame import RenderOptions
 from csg_renderer.raycast.render import default_rig
 from dap_emulator import Dap
 from dap_emulator.fortran_plus import compile
+from dap_emulator.fortran_plus.library import load_program
 from dap_emulator.machine.apal import sobel
 from model_matcher import MatchParams, match
 from model_matcher.params import CONSTRAINTS
-from msgs_py import FeatureSet
+from msgs_py import FeatureSet, PinholeCamera
 
 # Thesis Table 5.2: seconds for a stereo pair on a DAP 510.
 STEREO_S = {
@@ -223,6 +225,29 @@ def overheads(budget: float) -> Iterator[tuple[str, float, float]]:
     )
 
 
+def on_planes(budget: float) -> Iterator[tuple[str, float, float]]:
+    """(what, ms on bit-planes, ms in words): the library's Sobel, and one tile of rays, both 32 x 32."""
+    image = np.random.default_rng(1).integers(0, 256, (32, 32)).astype(np.int16)
+    program = load_program('sobel')
+    scene = load_scene(scene_path('l_shape_v1'))
+    full = default_rig(scene).left
+    scale = 32 / full.width
+    camera = PinholeCamera(32, 32, full.fx * scale, full.fy * scale, 15.5, 15.5)
+
+    def tile(dap: Dap) -> None:
+        engine_dap.render(scene, camera, scene.camera_T_scene, RenderOptions(), dap=dap, length=4)
+
+    for text, act in (
+        ('Sobel, INTEGER*2 to REAL*4, 32 x 32', lambda dap: program.run(dap, image=image)),
+        ('L-shape v1, one tile of 32 x 32 rays, REAL*4', tile),
+    ):
+        planes, words = (
+            milliseconds(partial(act, Dap.model('510', arithmetic=arithmetic)), budget)
+            for arithmetic in ('bits', 'words')
+        )
+        yield text, planes, words
+
+
 def thousand_lines() -> str:
     lines = [f'A(B .GT. C(+,)) = (A + B*{k}.5)/C(1,J) - SQRT(B**2 + 1)' for k in range(1000)]
     return '\n'.join(['ENTRY SUBROUTINE T(A, B, C)', 'REAL A(,), B(,), C(,)', 'INTEGER J', 'J = 1', *lines, 'END'])
@@ -296,6 +321,9 @@ def measurements(quick: bool) -> Iterator[Measurement]:
     for text, ours, bare in overheads(budget):
         yield Measurement(f'512 x 512: {text}', ours, note='at most 3 times numpy is asked for')
         yield Measurement(f'512 x 512: {text}', bare, by='numpy')
+    for text, planes, words in on_planes(budget):
+        yield Measurement(f'on bit-planes: {text}', planes, note='60 s is asked for, 10 s aimed at')
+        yield Measurement(f'on bit-planes: {text}', words, by='in words')
     source = thousand_lines()
     yield Measurement('compile 1 000 lines', milliseconds(lambda: compile(source), budget), note='1 s is asked for')
     scene = load_scene(scene_path('l_shape_v1'))
@@ -321,6 +349,9 @@ def main(arguments: list[str] | None = None) -> int:
     print('\nEmulation, 512 x 512 REAL*4: ms, bare numpy ms, ratio')
     for text, ours, bare in overheads(0.3 if options.quick else 1.0):
         print(f'{text:68} {ours:8.3f} {bare:8.3f} {ours / bare:6.2f}')
+    print('\nOn bit-planes: ms, ms in words, ratio')
+    for text, planes, words in on_planes(0.3 if options.quick else 1.0):
+        print(f'{text:68} {planes:8.3f} {words:8.3f} {planes / words:6.2f}')
     source = thousand_lines()
     print(f'compile 1 000 lines: {milliseconds(lambda: compile(source), 0.5):.0f} ms')
     scene = load_scene(scene_path('l_shape_v1'))

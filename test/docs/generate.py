@@ -3,6 +3,7 @@
     python test/docs/generate.py            # write
     python test/docs/generate.py --check    # exit code 1, naming the files, when they are not what the code says
 
+In src/dap_emulator/docs/dap.md the table of cycles counted on bit-planes is written.
 In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written, and in
 ARCHITECTURE.md the table of rooms; the rest is left alone. config/<node>.yaml is written whole.
 """
@@ -20,6 +21,7 @@ import yaml
 from rclpy.context import Context
 
 from csg_renderer.node import RendererNode
+from dap_emulator.machine import counted
 from dap_emulator.node import EmulatorNode
 from model_matcher.node import MatcherNode
 from msgs_py.node_runtime.config import ParameterSpec
@@ -28,6 +30,7 @@ from stereo_recovery.node import RecoveryNode
 
 ROOT = Path(__file__).resolve().parents[2]
 BEGIN, END = '<!-- node:begin (written by test/docs/generate.py) -->', '<!-- node:end -->'
+COUNTED_BEGIN, COUNTED_END = '<!-- counted:begin (written by test/docs/generate.py) -->', '<!-- counted:end -->'
 ROOMS_BEGIN, ROOMS_END = '<!-- rooms:begin (written by test/docs/generate.py) -->', '<!-- rooms:end -->'
 
 # What the code cannot say: the meaning of a topic or service. A missing or an idle entry is an error.
@@ -241,6 +244,12 @@ def expected_files() -> dict[Path, str]:
         files[documented.yaml] = config_file(found)
     page = (ROOT / 'ARCHITECTURE.md').read_text(encoding='utf-8')
     files[ROOT / 'ARCHITECTURE.md'] = page.split(ROOMS_BEGIN)[0] + rooms() + page.split(ROOMS_END)[1]
+    machine_page = ROOT / 'src' / 'dap_emulator' / 'docs' / 'dap.md'
+    page = machine_page.read_text(encoding='utf-8')
+    files[machine_page] = (
+        f'{page.split(COUNTED_BEGIN)[0]}{COUNTED_BEGIN}\n\n{counted.table()}\n\n{COUNTED_END}'
+        f'{page.split(COUNTED_END)[1]}'
+    )
     idle = set(MEANING) - used
     if idle:
         raise ValueError(f'meanings of topics that no node has: {", ".join(sorted(idle))}')

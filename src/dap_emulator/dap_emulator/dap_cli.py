@@ -27,8 +27,9 @@ from .fortran_plus.examples import Example, example
 from .fortran_plus.functions import FUNCTIONS
 from .fortran_plus.library import load_program, program_names, summary
 from .fortran_plus.running import late_text
+from .machine.counted import table as counted_table
 from .machine.dap import Dap
-from .machine.machine import MODELS, OutOfStore
+from .machine.machine import ARITHMETICS, MODELS, ROUNDINGS, OutOfStore
 from .service.settings import LATE_S, LATE_SHARE
 from .watch import Recorder, write_page
 
@@ -99,7 +100,7 @@ def parser() -> argparse.ArgumentParser:
         'program',
         nargs='?',
         help='a program file, or the name of a library program; the word run may stand before it, and the words list, '
-        'functions and costs stand for the options of these names',
+        'functions, costs and counted stand for the options of these names',
     )
     result.add_argument('-x', '--example', action='store_true', help="give a library program its example's arguments")
     result.add_argument(
@@ -112,6 +113,15 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('-e', '--entry', help='which ENTRY SUBROUTINE, when there are several')
     result.add_argument('-m', '--model', default='510', type=str.upper, choices=list(MODELS))
+    result.add_argument(
+        '--arithmetic',
+        default='words',
+        choices=ARITHMETICS,
+        help='compute on words of this computer, or on bit-planes as the machine did, where cycles are counted as well',
+    )
+    result.add_argument(
+        '--rounding', default='nearest', choices=ROUNDINGS, help='of REALs on bit-planes: to nearest, or cut off'
+    )
     result.add_argument('--memory', type=int, metavar='BITS', help='store of one PE in bits')
     result.add_argument(
         '--set', action='append', default=[], metavar='CONSTANT=VALUE', help='override a constant of the cost model'
@@ -131,6 +141,9 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--list', action='store_true', help='list the library programs')
     result.add_argument('--functions', action='store_true', help='describe the functions of the language')
     result.add_argument('--costs', action='store_true', help='print the cost model with its sources')
+    result.add_argument(
+        '--counted', action='store_true', help='print the cost model beside the instructions counted on bit-planes'
+    )
     return result
 
 
@@ -143,11 +156,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         0: it ran; 1: the program failed; 2: an option makes no sense.
     """
     options = parser().parse_args(_words(sys.argv[1:] if argv is None else argv))
-    if options.list or options.functions:
-        print(_library() if options.list else _functions())
+    if options.list or options.functions or options.counted:
+        print(_library() if options.list else _functions() if options.functions else counted_table())
         return 0
     try:
-        dap = Dap.model(options.model, options.memory, costs=_pairs(options.set, float), tracing=options.trace > 0)
+        dap = _machine(options)
         if options.costs:
             print(dap.costs.table())
             return 0
@@ -174,12 +187,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _machine(options: argparse.Namespace) -> Dap:
+    """The machine that the options describe. Raises ValueError."""
+    return Dap.model(
+        options.model,
+        options.memory,
+        costs=_pairs(options.set, float),
+        tracing=options.trace > 0,
+        arithmetic=options.arithmetic,
+        rounding=options.rounding,
+    )
+
+
 def _words(arguments: Sequence[str]) -> list[str]:
     """``dap run NAME`` and ``dap list`` as the options they stand for; a file of such a name is meant by ./list."""
     found = list(arguments)
     if found[:1] == ['run']:
         return found[1:]
-    if found and found[0] in ('list', 'functions', 'costs'):
+    if found and found[0] in ('list', 'functions', 'costs', 'counted'):
         found[0] = f'--{found[0]}'
     return found
 
