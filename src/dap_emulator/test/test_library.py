@@ -192,21 +192,46 @@ def test_csg_combine(tree, seed):
 # Appendix C.
 
 
-@given(SEEDS, st.sampled_from([1, 2, 5, 31, 32, 33, 40]), st.integers(1, 12))
-@FEW
-def test_pairwise_tables(seed, edges, pairs):
-    rng = np.random.default_rng(seed)
-    nearest = rng.random((edges, edges)).astype('f4')
-    farthest, angle = nearest + rng.random((edges, edges)).astype('f4'), rng.random((edges, edges)).astype('f4')
-    low, alow = rng.random(pairs).astype('f4'), rng.random(pairs).astype('f4')
-    high, ahigh = low + np.float32(0.2), alow + np.float32(0.5)
-    result = run(
-        'pairwise', nearest=nearest, farthest=farthest, angle=angle, low=low, high=high, alow=alow, ahigh=ahigh, n=pairs
-    )
-    n, far, a = (x[:, :, None] for x in (nearest, farthest, angle))
-    expected = (n <= low) & (far >= high) & (a >= alow) & (a <= ahigh)
-    assert np.array_equal(result['MATCH'], expected)
-    assert np.array_equal(result['MATCHSUM'], expected.sum(axis=(0, 1)))
+def feature_row(start, end):
+    """Middle, unit direction, half length and two radii, which an edge has none of."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    length = np.linalg.norm(end - start)
+    return [*(start + end) / 2, *(end - start) / length, length / 2, np.nan, np.nan]
+
+
+def test_pairwise_tables_of_three_edges():
+    """Two parallel edges one apart, and one across them: what each constraint tells (test_array_programs.py: more)."""
+    edges = [((0, 0, 0), (1, 0, 0)), ((0, 1, 0), (1, 1, 0)), ((0, 0, 0.5), (0, 0, 3))]
+    rows = np.array([feature_row(*edge) for edge in edges])
+    pairs = all_pairs(3)
+
+    def tables(*names):
+        use = [name in names for name in ('distance', 'angle', 'direction1', 'direction2', 'direction3')]
+        kinds = np.zeros(3, np.int32)
+        result = run(
+            'pairwise',
+            model=rows,
+            mkind=kinds,
+            datum=rows,
+            dkind=kinds,
+            tolerance=np.full((3, 3), 1e-6),
+            use=use,
+            signed=False,
+            datum1=pairs[:, 0],
+            datum2=pairs[:, 1],
+            pairs=3,
+            items=3,
+            edges=3,
+        )
+        assert np.array_equal(result['MATCHSUM'], result['MATCH'].sum(axis=(0, 1)))
+        return [{(int(i), int(j)) for i, j in np.argwhere(result['MATCH'][:, :, p]) + 1} for p in range(3)]
+
+    parallel, across = {(1, 2), (2, 1)}, {(1, 3), (2, 3), (3, 1), (3, 2)}
+    same = {(1, 1), (2, 2), (3, 3)}
+    assert tables('angle') == [parallel | same, across, across]
+    # Edges 1 and 2 are 1 to sqrt(2) apart, 1 and 3 are 0.5 to sqrt(10), 2 and 3 sqrt(1.25) to sqrt(11); 3 is 2.5 long.
+    assert tables('distance') == [parallel | {(1, 3), (3, 1), (3, 3)}, {(1, 3)}, {(2, 3)}]
+    assert tables('distance', 'angle', 'direction1', 'direction2') == [parallel, {(1, 3)}, {(2, 3)}]
 
 
 def all_pairs(items):
@@ -265,8 +290,11 @@ def test_tree_traversal_finds_every_interpretation(seed, items, edges, density):
         datum1=pairs[:, 0],
         datum2=pairs[:, 1],
         order=order + 1,
+        bins=np.zeros(edges, bool),
         pairs=len(pairs),
         items=items,
+        signed=False,
+        most=0,
         noi=noi,
     )
     assert result['COUNT'] == len(expected)

@@ -70,16 +70,25 @@ def all_pairs(items: int) -> IntArray:
     return np.array([(a, b) for a in range(1, items + 1) for b in range(a + 1, items + 1)])
 
 
-def _rim_and_angle_tables(seen: IntArray) -> BoolArray:
+def feature_rows(start: FloatArray, end: FloatArray) -> FloatArray:
+    """(n, 9): middle, unit direction and half length of edges, and the radii that they do not have."""
+    half = 0.5 * np.linalg.norm(end - start, axis=1, keepdims=True)
+    return np.hstack([0.5 * (start + end), 0.5 * (end - start) / half, half, np.full((len(start), 2), np.nan)])
+
+
+# Edges of the L-shape that the examples of matching see, and how far they are off, millimetres.
+_SEEN = np.array([0, 2, 3, 12, 4])
+_OFF_MM = 0.3
+
+
+def _tables_of_angles() -> BoolArray:
     """(18, 18, P) bool: pairs of edges of the L-shape as long as, and at the angle of, those of each seen pair."""
-    start, end = l_shape_edges()
-    length = np.linalg.norm(end - start, axis=1)
-    unit = (end - start) / length[:, None]
-    same_length = np.abs(length[:, None] - length[None, :]) < 1.0
-    cosine = np.abs(unit @ unit.T)
+    rows = feature_rows(*l_shape_edges())
+    same_length = np.abs(rows[:, None, 6] - rows[None, :, 6]) < 1.0
+    cosine = np.abs(rows[:, 3:6] @ rows[:, 3:6].T)
     tables = [
         same_length[:, [a]] & same_length[:, [b]].T & (np.abs(cosine - cosine[a, b]) < 0.1) & ~np.eye(18, dtype=bool)
-        for a, b in (seen[pair - 1] for pair in all_pairs(len(seen)))
+        for a, b in (_SEEN[pair - 1] for pair in all_pairs(len(_SEEN)))
     ]
     return np.stack(tables, axis=-1)
 
@@ -118,15 +127,45 @@ def _sorts() -> Example:
 
 def _tree() -> Example:
     """Five edges of an L-shape that one view shows."""
-    pairs = all_pairs(5)
+    pairs = all_pairs(len(_SEEN))
     arguments = {
-        'match': _rim_and_angle_tables(np.array([0, 2, 3, 12, 4])),
+        'match': _tables_of_angles(),
         'datum1': pairs[:, 0],
         'datum2': pairs[:, 1],
         'order': np.arange(1, len(pairs) + 1),
+        'bins': np.zeros(18, bool),
         'pairs': len(pairs),
-        'items': 5,
+        'items': len(_SEEN),
+        'signed': False,
+        'most': 0,
         'noi': 10,
+    }
+    return Example(None, arguments)
+
+
+def _pairwise() -> Example:
+    """The same edges, turned a little and moved far, with all constraints."""
+    start, end = l_shape_edges()
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    rng = np.random.default_rng(4)
+    seen = [
+        ends[_SEEN] @ turn.T + (20.0, 10.0, 300.0) + rng.normal(0.0, _OFF_MM / 3.0, (len(_SEEN), 3))
+        for ends in (start, end)
+    ]
+    pairs = all_pairs(len(_SEEN))
+    arguments = {
+        'model': feature_rows(start, end),
+        'mkind': np.zeros(18, np.int32),
+        'datum': feature_rows(*seen),
+        'dkind': np.zeros(len(_SEEN), np.int32),
+        'tolerance': np.tile([_OFF_MM, _OFF_MM, np.radians(3.0)], (len(_SEEN), 1)),
+        'use': np.ones(5, bool),
+        'signed': True,
+        'datum1': pairs[:, 0],
+        'datum2': pairs[:, 1],
+        'pairs': len(pairs),
+        'items': len(_SEEN),
+        'edges': 18,
     }
     return Example(None, arguments)
 
@@ -142,6 +181,7 @@ _EXAMPLES: dict[str, Callable[[], Example]] = {
     'laplacian_of_gaussian': _image,
     'life': _life,
     'mandelbrot': _mandelbrot,
+    'pairwise': _pairwise,
     'roberts': _image,
     'sobel': _image,
     'sorts': _sorts,

@@ -1,0 +1,185 @@
+"""The array programs of the thesis' chapters, in Fortran-Plus, beside the native results of the packages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import csg_renderer
+from dap_emulator import Dap
+from dap_emulator.fortran_plus.library import load_program
+from model_matcher import MatchParams, index_model
+from model_matcher.closed_form.synthetic import random_pose
+from model_matcher.geometry.constraints import A_MINUS, A_PLUS, B_MINUS, B_PLUS, DIFFERENT, SAME
+from model_matcher.interpretation_tree.tables import all_pairs, build_tables, constraints_used
+from model_matcher.interpretation_tree.tree import tree_search
+from model_matcher.model.index import data_tolerances, feature_rows
+from model_matcher.params import CONSTRAINTS
+from msgs_py import FeatureSet
+
+BITS = (SAME, DIFFERENT, A_PLUS, A_MINUS, B_PLUS, B_MINUS)
+# The search as the thesis prints it: ranges of end points, no elimination.
+THESIS = MatchParams(ranges='corners', eliminate=False, search='tree', fracdev=1e-3, time_limit_s=60.0)
+BIN_KIND = -1
+
+
+def run(name, entry=None, **arguments):
+    return load_program(name).run(Dap.model('510', memory_bits_per_pe=10**6, tracing=False), entry, **arguments)
+
+
+def model_of(name):
+    scene = csg_renderer.load_scene(csg_renderer.scene_path(name))
+    return csg_renderer.model_features(scene.placements[0].model)
+
+
+def seen(model, chosen, seed, noise=5e-5, clutter=0):
+    """Some features of a model in the camera frame, some edges reversed, with noise and features of nothing."""
+    rng = np.random.default_rng(seed)
+    moved = model.transformed(random_pose(rng)).select(np.asarray(chosen))
+    start, end = moved.start.copy(), moved.end.copy()
+    turn = (moved.kind == 0) & (rng.random(len(start)) < 0.5)
+    start[turn], end[turn] = end[turn].copy(), start[turn].copy()
+    edges = moved.kind == 0
+    start[edges] += rng.normal(0.0, noise, (edges.sum(), 3))
+    end[edges] += rng.normal(0.0, noise, (edges.sum(), 3))
+    errors = np.full(len(start), 4.0 * noise)
+    data = FeatureSet(moved.kind, start, end, moved.radii, errors, errors)
+    if clutter:
+        extra = start.mean(axis=0) + rng.normal(0.0, 0.02, (clutter, 2, 3))
+        data = FeatureSet.concatenate(
+            [data, FeatureSet.from_edges(extra[:, 0], extra[:, 1], err_par=4 * noise, err_per=4 * noise)]
+        )
+    return data
+
+
+def pairwise(model, data, params, add_bin=False):
+    """The program's answer for a model and data, and the native tables."""
+    index = index_model(model)
+    rows = feature_rows(data)
+    pairs = all_pairs(len(data))
+    model_rows, model_kind = index.rows, index.kind.astype(np.int32)
+    if add_bin:
+        model_rows, model_kind = np.vstack([model_rows, model_rows[:1]]), np.append(model_kind, np.int32(BIN_KIND))
+    result = run(
+        'pairwise',
+        model=model_rows,
+        mkind=model_kind,
+        datum=rows,
+        dkind=data.kind.astype(np.int32),
+        tolerance=data_tolerances(data, rows, index.size, params),
+        use=constraints_used(params),
+        signed=params.signs,
+        datum1=pairs[:, 0] + 1,
+        datum2=pairs[:, 1] + 1,
+        pairs=len(pairs),
+        items=len(data),
+        edges=len(model_kind),
+    )
+    return result, build_tables(index, data, params)
+
+
+def code_of(result):
+    """The program's signs as the native tables hold them: (P, e, e) uint8."""
+    signs = np.moveaxis(result['SIGNS'], (2, 3), (1, 0))  # (P, 6, e, e)
+    return sum(signs[:, k].astype(np.uint8) * bit for k, bit in enumerate(BITS))
+
+
+@pytest.mark.parametrize('name', ['l_shape_v1', 'cylinder_box_v1', 'lamp_v1'])
+@pytest.mark.parametrize('signs', [True, False])
+def test_pairwise_makes_the_native_tables_of_edges_curves_and_axes(name, signs):
+    model = model_of(name)
+    rng = np.random.default_rng(3)
+    data = seen(model, rng.permutation(len(model))[:7], seed=4, clutter=2)
+    result, native = pairwise(model, data, THESIS.replace(signs=signs))
+    assert len(set(data.kind.tolist())) == (1 if name == 'l_shape_v1' else 3)
+    assert np.array_equal(code_of(result), native.code)
+    assert np.array_equal(np.moveaxis(result['MATCH'], 2, 0), native.match)
+    assert np.array_equal(result['MATCHSUM'], native.sums) and 0 < native.match.mean() < 0.5
+
+
+@pytest.mark.parametrize('constraint', CONSTRAINTS)
+def test_each_constraint_alone_is_the_native_one(constraint):
+    model = model_of('chipped_block_v1')
+    data = seen(model, [0, 3, 4, 8, 11], seed=1)
+    result, native = pairwise(model, data, THESIS.replace(constraints=(constraint,)))
+    assert np.array_equal(code_of(result), native.code)
+    assert 0 < native.match.mean() < 1
+
+
+def with_bin(native):
+    """Native tables as PAIRWISE makes them, with a model feature that stands for the bin."""
+    count, e, _ = native.code.shape
+    match, signs = np.zeros((count, e + 1, e + 1), bool), np.zeros((count, 6, e + 1, e + 1), bool)
+    first, second = native.pairs.T
+    match[:, :e, :e] = native.match
+    match[:, :e, e], match[:, e, :e], match[:, e, e] = native.unary[first], native.unary[second], True
+    for k, bit in enumerate(BITS):
+        signs[:, k, :e, :e] = native.code & bit != 0
+    return {'match': np.moveaxis(match, 0, 2), 'signs': np.moveaxis(signs, (0, 1), (3, 2)), 'sums': native.sums}
+
+
+def traverse(tables, data, bins, params, noi=200):
+    pairs = all_pairs(len(data))
+    items = {'items': len(data), 'n': len(pairs)}
+    order = run('sorts', 'COMBINED', matchsum=tables['sums'], datum2=pairs[:, 1] + 1, **items)
+    return run(
+        'tree',
+        match=tables['match'],
+        signs=tables['signs'],
+        datum1=pairs[:, 0] + 1,
+        datum2=pairs[:, 1] + 1,
+        order=order['ORDER'],
+        bins=bins,
+        pairs=len(pairs),
+        items=len(data),
+        signed=params.signs,
+        most=params.max_bin,
+        noi=noi,
+    )
+
+
+def interpretations(found):
+    """The program's interpretations as a set of (model features from 0, -1 the bin; signs)."""
+    columns = range(found['COUNT'])
+    return {(tuple(found['FOUND'][:, k] - 1), tuple(found['SIGN'][:, k])) for k in columns}
+
+
+@pytest.mark.parametrize('signs', [True, False])
+@pytest.mark.parametrize(('most', 'clutter'), [(0, 0), (1, 1), (3, 2)])
+def test_the_tree_finds_the_native_interpretations_with_signs_and_bin(signs, most, clutter):
+    model = model_of('l_shape_v1')
+    data = seen(model, [0, 3, 9, 12, 7][: 5 - clutter // 2], seed=6, clutter=clutter)
+    params = THESIS.replace(ranges='exact', signs=signs, max_bin=most, min_matched=1)
+    native = build_tables(index_model(model), data, params)
+    found = traverse(with_bin(native), data, np.arange(len(model) + 1) == len(model), params)
+    expected = tree_search(native, params, limit=200)
+    assert expected.complete and 0 < len(expected.assignments) < 200
+    wanted = {
+        (tuple(row), tuple(sign) if signs else (0,) * len(row))
+        for row, sign in zip(expected.assignments, expected.signs)
+    }
+    assert interpretations(found) == wanted
+    assert found['INBIN'] == clutter == int((expected.assignments[0] < 0).sum())
+
+
+def test_pairwise_marks_what_the_bin_agrees_with():
+    model = model_of('cylinder_box_v1')
+    data = seen(model, [0, 4, 9, 12, 14], seed=8)
+    result, native = pairwise(model, data, THESIS, add_bin=True)
+    wanted = with_bin(native)
+    assert np.array_equal(result['MATCH'], wanted['match']) and np.array_equal(result['SIGNS'], wanted['signs'])
+    assert np.array_equal(result['MATCHSUM'], wanted['sums'])
+
+
+def test_curves_and_axes_go_from_pairwise_through_the_tree():
+    model = model_of('cylinder_box_v1')
+    kinds = index_model(model).kind
+    chosen = np.concatenate([np.flatnonzero(kinds == kind)[:2] for kind in (0, 1, 2)])
+    data = seen(model, chosen, seed=2)
+    params = THESIS.replace(max_bin=0, min_matched=1)
+    tables, native = pairwise(model, data, params)
+    lower = {'match': tables['MATCH'], 'signs': tables['SIGNS'], 'sums': tables['MATCHSUM']}
+    found = traverse(lower, data, np.zeros(len(model), bool), params)
+    expected = tree_search(native, params, limit=200)
+    assert {row for row, _ in interpretations(found)} == {tuple(row) for row in expected.assignments}
+    assert tuple(chosen) in {row for row, _ in interpretations(found)}
