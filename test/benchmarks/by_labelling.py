@@ -2,24 +2,18 @@
 
 python test/benchmarks/bench_photoreal.py --recover by_labelling:recover
 python test/benchmarks/bench_lines.py --kinds any flat aliased --seeds 100..119 --labelling
-
-It bears more texture, so that more edgels are let through as well.
 """
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any
 from unittest import mock
 
 from stereo_recovery import Recovery, pipeline
 from stereo_recovery import recover as todays_recover
-from stereo_recovery.detection import view
 from stereo_recovery.matching import labelling
 from stereo_recovery.matching.matches import Matches
-
-# Edgels per px^2 above which only the strongest are kept; 0.03 today.
-EDGEL_DENSITY = 0.08
 
 
 def _matched(greys: Any, segments: Any, rig: Any, params: Any) -> Matches:
@@ -30,9 +24,7 @@ def _matched(greys: Any, segments: Any, rig: Any, params: Any) -> Matches:
 @contextmanager
 def in_place() -> Any:
     """Within it every recovery is by labelling."""
-    with ExitStack() as stack:
-        stack.enter_context(mock.patch.object(pipeline, '_matched', _matched))
-        stack.enter_context(mock.patch.object(view, 'MOST_EDGEL_DENSITY', EDGEL_DENSITY))
+    with mock.patch.object(pipeline, '_matched', _matched):
         yield
 
 

@@ -32,8 +32,8 @@ class RecoveryParams:
     sigma : float
         Pixels. Gaussian smoothing of the images.
     low, high : float
-        Grey levels per pixel. Thresholds of hysteresis on the gradient of the smoothed image. Where the image is noisy
-        they are raised to 5 and 7 times the noise of the gradient, which is measured.
+        Grey levels per pixel. Least gradient of the smoothed image at an edgel, and the mean that three edgels of an
+        edge exceed somewhere. The noise of the gradient is measured place by place, and asks for more where it is high.
     min_length : float
         Pixels. Shortest straight edge.
     min_disparity, max_disparity : float

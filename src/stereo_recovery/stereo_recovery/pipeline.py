@@ -21,7 +21,6 @@ from .curves.orientation import oriented_by_faces
 from .detection.double_edges import warm_up as warm_up_profiles
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.junctions import find_junctions
-from .detection.low_contrast import warm_up as warm_up_faint
 from .detection.segments import Segments
 from .detection.view import detect_view
 from .edges.families import aligned
@@ -255,7 +254,6 @@ def compile_steps() -> tuple[CompileStep, ...]:
         CompileStep('straight edges in space', lambda: recover(square, np.roll(square, -12, axis=1), rig)),
         CompileStep('curves in space', lambda: recover(disc, np.roll(disc, -12, axis=1), rig)),
         CompileStep('thin faces', warm_up_profiles),
-        CompileStep('edges of low contrast', warm_up_faint),
     )
 
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from msgs_py import PinholeCamera, StereoRig
-from stereo_recovery.detection.chains import link
-from stereo_recovery.detection.edgels import detect
+from stereo_recovery.detection.chains import chains_of
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.detection.splitting import split
 from stereo_recovery.edges.lines3d import Lines3D, to_space
@@ -30,7 +29,7 @@ def test_a_straight_edge_is_as_uncertain_as_it_says(contrast, noise):
     for angle in np.linspace(0.05, 3.0, 40):
         offset = rng.uniform(-3.0, 3.0)
         picture = step_image(angle, offset, contrast, noise, rng)
-        segments = split(link(detect(picture, 'canny', 0.8, 4.0, noise), picture.shape, 6.0), 0.2, 0.8)[1]
+        segments = split(chains_of(picture, 'canny', 0.8, (4.0, 6.0), noise), 0.2, 0.8)[1]
         k = int(np.argmax(segments.length))
         normal = np.array([np.cos(angle), np.sin(angle)])
         miss = (segments.centre[k] - 0.5 * (SIZE - 1)) @ normal - offset
@@ -46,7 +45,7 @@ def test_noise_alone_is_no_sagitta():
     sagittas = []
     for angle in np.linspace(0.05, 3.0, 40):
         picture = step_image(angle, 0.3, 80.0, 3.0, rng)
-        segments = split(link(detect(picture, 'canny', 0.8, 4.0, 3.0), picture.shape, 6.0), 0.2, 0.8)[1]
+        segments = split(chains_of(picture, 'canny', 0.8, (4.0, 6.0), 3.0), 0.2, 0.8)[1]
         sagittas.append(abs(segments.sagitta[np.argmax(segments.length)]))
     assert np.mean(np.array(sagittas) > 1e-6) < 0.4
 

@@ -20,6 +20,7 @@ from stereo_recovery.curves.observations import StereoEdgels
 from stereo_recovery.curves.occluding_contours import CurvedSurface, on_contours, tangents
 from stereo_recovery.curves.opposite_rims import distinct
 from stereo_recovery.curves.orientation import oriented_by_faces
+from stereo_recovery.detection.chains import chains_of
 from stereo_recovery.detection.conics import Ellipse, sampson
 from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
 from stereo_recovery.detection.junctions import find_junctions
@@ -312,9 +313,9 @@ def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
     slope = np.tile(5.0 * np.arange(80.0), (80, 1)) * 0.6
     grey = (slope + noise).astype(np.float32)
     stepped = grey + np.float32(30.0) * (np.arange(80)[None, :] >= 40)
-    found, at_step = (detect(image, sigma=0.8, threshold=4.0) for image in (grey, stepped))
-    assert len(found) < 0.03 * grey.size
-    assert np.sum(np.abs(at_step.position[:, 0] - 39.5) < 0.5) > 60
+    found, at_step = (chains_of(image, 'canny', 0.8, (1.0, 1.6)) for image in (grey, stepped))
+    assert len(found.edgels) < 20
+    assert np.sum(np.abs(at_step.edgels.position[:, 0] - 39.5) < 0.5) > 60
 
 
 def disc(middle, radius, blur):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_recovery.detection import double_edge_kernels, edgels
-from stereo_recovery.detection.chains import link
+from stereo_recovery.detection.chains import chains_of
 from stereo_recovery.detection.double_edges import fit_double_steps
 from stereo_recovery.detection.settings import PROFILE_HALF_LENGTH
 from stereo_recovery.detection.splitting import split
@@ -29,8 +29,7 @@ def picture(levels, edges, lean: float = 0.0):
 
 def segments_of(image, noise: float = 0.0):
     grey = (image + np.random.default_rng(3).normal(0.0, noise, image.shape) if noise else image).astype(np.float32)
-    found = edgels.detect(grey, 'canny', SIGMA, 1.0)
-    chains = link(found, grey.shape, 1.6)
+    chains = chains_of(grey, 'canny', SIGMA, (1.0, 1.6))
     ordered, segments, _ = split(chains, 0.2, SIGMA)
     return grey, ordered, segments
 

@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 
-from .settings import LEAST_ADVANCE, LINK_RADIUS, SIDESTEP, SIDESTEP_COST, SIDESTEP_SHARE, TURN_COSINE
+from .settings import (
+    CHAIN_EXCESS,
+    LEAST_ADVANCE,
+    LINK_RADIUS,
+    NOISE_MAXIMUM,
+    SIDESTEP,
+    SIDESTEP_COST,
+    SIDESTEP_SHARE,
+    TURN_COSINE,
+)
 
 
 @njit
@@ -32,7 +41,7 @@ def keep_cheapest(successor: Int32Array, cost: FloatArray) -> None:
 
 @njit
 def successors(
-    u: FloatArray, v: FloatArray, tu: FloatArray, tv: FloatArray, magnitude: FloatArray, height: int, width: int
+    position: FloatArray, gradient: FloatArray, magnitude: FloatArray, usable: BoolArray, height: int, width: int
 ) -> Int32Array:
     """For every edgel the one that follows it along its tangent; no two have the same successor.
 
@@ -40,11 +49,13 @@ def successors(
 
     Parameters
     ----------
-    u, v : (n,) float64, pixels
-        Position.
-    tu, tv : (n,) float64
-        Unit tangent.
+    position : (n, 2) float64, pixels
+    gradient : (n, 2) float64, grey levels per pixel
+        From dark to bright; the bright side is on the right hand of who walks along the chain (v down).
     magnitude : (n,) float64, grey levels per pixel
+        Of the gradient.
+    usable : (n,) bool
+        Edgels that may be linked.
     height, width : int
         Pixels. Of the image.
 
@@ -53,31 +64,37 @@ def successors(
     (n,) int32
         Or -1.
     """
-    n = len(u)
+    n = len(position)
     grid = np.full((height, width), -1, np.int32)
     chained = np.full(n, -1, np.int32)  # the next edgel in the same pixel
     for i in range(n):
-        x, y = int(u[i] + 0.5), int(v[i] + 0.5)
-        chained[i] = grid[y, x]
-        grid[y, x] = i
+        if usable[i]:
+            x, y = int(position[i, 0] + 0.5), int(position[i, 1] + 0.5)
+            chained[i] = grid[y, x]
+            grid[y, x] = i
     best = np.full(n, -1, np.int32)
     cost = np.full(n, np.inf)
     for i in range(n):
-        x, y = int(u[i] + 0.5), int(v[i] + 0.5)
-        for dy in range(-LINK_RADIUS, LINK_RADIUS + 1):
-            for dx in range(-LINK_RADIUS, LINK_RADIUS + 1):
-                yy, xx = y + dy, x + dx
-                if yy < 0 or xx < 0 or yy >= height or xx >= width:
+        if not usable[i]:
+            continue
+        u, v = position[i, 0], position[i, 1]
+        tu, tv = gradient[i, 1] / magnitude[i], -gradient[i, 0] / magnitude[i]
+        x, y = int(u + 0.5), int(v + 0.5)
+        # An edgel stands within half a pixel of its own pixel's centre, as this one does.
+        behind = LEAST_ADVANCE - abs(tu) - abs(tv)
+        for yy in range(max(y - LINK_RADIUS, 0), min(y + LINK_RADIUS + 1, height)):
+            for xx in range(max(x - LINK_RADIUS, 0), min(x + LINK_RADIUS + 1, width)):
+                if (xx - x) * tu + (yy - y) * tv < behind:
                     continue
                 j = grid[yy, xx]
                 while j >= 0:
-                    if j != i:
-                        du, dv = u[j] - u[i], v[j] - v[i]
-                        ahead = du * tu[i] + dv * tv[i]
-                        onward = du * tu[j] + dv * tv[j]
-                        turn = tu[i] * tu[j] + tv[i] * tv[j]
-                        if ahead > LEAST_ADVANCE and onward > 0.0 and turn > TURN_COSINE:
-                            side = abs(du * tv[i] - dv * tu[i]) + abs(du * tv[j] - dv * tu[j])
+                    du, dv = position[j, 0] - u, position[j, 1] - v
+                    ahead = du * tu + dv * tv
+                    if j != i and ahead > LEAST_ADVANCE:
+                        su, sv = gradient[j, 1] / magnitude[j], -gradient[j, 0] / magnitude[j]
+                        onward = du * su + dv * sv
+                        if onward > 0.0 and tu * su + tv * sv > TURN_COSINE:
+                            side = abs(du * tv - dv * tu) + abs(du * sv - dv * su)
                             c = np.sqrt(du * du + dv * dv) + SIDESTEP_COST * side
                             if side < SIDESTEP + SIDESTEP_SHARE * ahead and c < cost[i]:
                                 cost[i] = c
@@ -89,15 +106,17 @@ def successors(
 
 @njit
 def trace(
-    following: Int32Array, magnitude: FloatArray, high: float, minimum: int
+    following: Int32Array, magnitude: FloatArray, prominence: FloatArray, high: float, minimum: int
 ) -> tuple[Int32Array, IntArray, BoolArray]:
-    """Chains of edgels along their successors, open ones first.
+    """Chains of edgels along their successors, open ones first, that are strong somewhere.
 
     Parameters
     ----------
     following : (n,) int32
         Successor, or -1.
     magnitude : (n,) float64, grey levels per pixel
+    prominence : (n,) float64
+        By how much each magnitude exceeds that beside the edge, in sigma of its noise.
     high : float
         Grey levels per pixel. Least mean of three consecutive magnitudes somewhere in a chain.
     minimum : int
@@ -131,15 +150,65 @@ def trace(
                 order[used] = i
                 used += 1
                 i = following[i]
-            strong = False
-            for k in range(start + 1, used - 1):
-                if magnitude[order[k - 1]] + magnitude[order[k]] + magnitude[order[k + 1]] > 3.0 * high:
-                    strong = True
-                    break
-            if used - start < minimum or not strong:
+            if used - start < minimum or not _is_edge(order[start:used], magnitude, prominence, high):
                 used = start
                 continue
             closed[chains] = loops == 1
             chains += 1
             offsets[chains] = used
     return order[:used], offsets[: chains + 1], closed[:chains]
+
+
+@njit
+def _is_edge(members: AnyArray, magnitude: FloatArray, prominence: FloatArray, high: float) -> bool:
+    """Whether a run of edgels is strong somewhere, and stands out of the noise."""
+    strong = False
+    excess = most = 0.0
+    for k in range(len(members)):
+        if 1 <= k < len(members) - 1 and not strong:
+            strong = magnitude[members[k - 1]] + magnitude[members[k]] + magnitude[members[k + 1]] > 3.0 * high
+        excess = max(0.0, excess + prominence[members[k]] - NOISE_MAXIMUM)
+        most = max(most, excess)
+    return strong and most > CHAIN_EXCESS
+
+
+@njit
+def free_runs(
+    covered: BoolArray, offsets: IntArray, magnitude: FloatArray, prominence: FloatArray, high: float, minimum: int
+) -> tuple[IntArray, IntArray]:
+    """Runs of consecutive edgels of chains that are not covered, and are edges by themselves.
+
+    Parameters
+    ----------
+    covered : (n,) bool
+    offsets : (m + 1,) int64
+        Of the chains.
+    magnitude, prominence : (n,) float64
+    high : float
+    minimum : int
+        As in :func:`trace`.
+
+    Returns
+    -------
+    order : (k,) int64
+        The edgels of the runs, run after run.
+    starts : (r + 1,) int64
+        Run i is ``order[starts[i]:starts[i + 1]]``.
+    """
+    order = np.empty(len(covered), np.int64)
+    starts = np.zeros(len(covered) + 1, np.int64)
+    used, runs = 0, 0
+    for c in range(len(offsets) - 1):
+        start = used
+        for k in range(offsets[c], offsets[c + 1] + 1):
+            if k < offsets[c + 1] and not covered[k]:
+                order[used] = k
+                used += 1
+            elif used > start:
+                if used - start < minimum or not _is_edge(order[start:used], magnitude, prominence, high):
+                    used = start
+                else:
+                    runs += 1
+                    starts[runs] = used
+                    start = used
+    return order[:used], starts[: runs + 1]

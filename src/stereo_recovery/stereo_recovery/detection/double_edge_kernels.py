@@ -14,14 +14,14 @@ from .settings import (
     DAMPING,
     DAMPING_DOWN,
     DAMPING_UP,
+    LEAST_GAP,
+    MOST_GAP,
     MOST_ITERATIONS,
     MOST_SPREAD,
     NORMAL_RIDGE,
     PROFILE_HALF_LENGTH,
     PROFILE_STEP,
     SECTIONS,
-    START_GAPS,
-    START_RATIOS,
 )
 
 
@@ -175,20 +175,49 @@ def two_steps(profile: FloatArray, abscissa: FloatArray, width: float) -> tuple[
     m = profile.shape[1] // 2
     one[0] = profile[:, m].mean() * np.sqrt(2.0 * np.pi) * width
     single = _descend(profile, abscissa, width, one, np.array([0, 2, 3]))
-    best, cost = one.copy(), np.inf
-    for gap in START_GAPS:
-        for ratio in START_RATIOS:
-            p = one.copy()
-            p[1], p[4] = ratio * one[0], gap
-            # First with the gap as it is, then parallel, then all.
-            _descend(profile, abscissa, width, p, np.array([0, 1, 2, 3]))
-            _descend(profile, abscissa, width, p, np.array([0, 1, 2, 3, 4]))
-            value = _descend(profile, abscissa, width, p, np.array([0, 1, 2, 3, 4, 5]))
-            if value < cost and abs(p[5]) * half < MOST_SPREAD:
-                best, cost = p.copy(), value
+    best = _start(profile, width)
+    best[3] = one[3]
+    cost = _descend(profile, abscissa, width, best, np.array([0, 1, 2, 3, 4]))
+    parallel, parallel_cost = best.copy(), cost
+    cost = _descend(profile, abscissa, width, best, np.array([0, 1, 2, 3, 4, 5]))
+    if abs(best[5]) * half >= MOST_SPREAD:
+        best, cost = parallel, parallel_cost
     matrix, vector = np.zeros((6, 6)), np.zeros(6)
     _model(profile, abscissa, width, best, matrix, vector)
     for k in range(6):
         matrix[k, k] = matrix[k, k] * (1.0 + NORMAL_RIDGE) + NORMAL_RIDGE
     inverse: AnyArray = np.linalg.inv(matrix)
     return best, cost, single, inverse
+
+
+@njit
+def _start(profile: FloatArray, width: float) -> FloatArray:
+    """(6,) parameters of the two steps, at sampled places, that explain the mean profile best; the higher first.
+
+    With their places given the heights are linear least squares.
+    """
+    samples = profile.shape[1]
+    mean = np.zeros(samples)
+    for k in range(profile.shape[0]):
+        mean += profile[k] / profile.shape[0]
+    norm = 1.0 / (np.sqrt(2.0 * np.pi) * width)
+    shape, product = np.empty((samples, samples)), np.empty(samples)
+    for j in range(samples):
+        for i in range(samples):
+            shape[j, i] = norm * np.exp(-0.5 * ((i - j) * PROFILE_STEP / width) ** 2)
+        product[j] = np.sum(shape[j] * mean)
+    best, p = -1.0, np.zeros(6)
+    for j in range(samples):
+        for k in range(j + int(LEAST_GAP / PROFILE_STEP), min(samples, j + int(MOST_GAP / PROFILE_STEP) + 1)):
+            own, other, both = np.sum(shape[j] ** 2), np.sum(shape[k] ** 2), np.sum(shape[j] * shape[k])
+            determinant = own * other - both * both
+            a = (other * product[j] - both * product[k]) / determinant
+            b = (own * product[k] - both * product[j]) / determinant
+            explained = a * product[j] + b * product[k]
+            if explained > best:
+                best = explained
+                first, second = (j, k) if abs(a) >= abs(b) else (k, j)
+                p[0], p[1] = (a, b) if abs(a) >= abs(b) else (b, a)
+                p[2] = (first - samples // 2) * PROFILE_STEP
+                p[4] = (second - first) * PROFILE_STEP
+    return p

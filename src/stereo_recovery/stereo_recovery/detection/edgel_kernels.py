@@ -8,7 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from .sampling import bilinear, clamped
-from .settings import LEAST_CURVATURE, LEAST_DIVISOR, LEAST_INTERPOLATED, LOGARITHM_FLOOR
+from .settings import ALONG_EDGE, LEAST_CURVATURE, LEAST_INTERPOLATED, NOISE_RANK, NOISE_STEP
 
 
 @njit
@@ -21,53 +21,65 @@ def _is_maximum(m2: Float32Array, gx: Float32Array, gy: Float32Array, y: int, x:
 
 @njit
 def ridge_maxima(
-    gx: Float32Array, gy: Float32Array, threshold: float
+    slopes: tuple[Float32Array, Float32Array],
+    squared: Float32Array,
+    logarithm: Float32Array,
+    least: Float32Array,
+    noise: Float32Array,
+    tile: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Sub-pixel maxima of the gradient magnitude across its own direction, in raster order.
 
     Parameters
     ----------
-    gx, gy : (h, w) float32, grey levels per pixel
-    threshold : float
-        Grey levels per pixel. Least magnitude.
+    slopes : pair of (h, w) float32, grey levels per pixel
+        Derivatives of the smoothed image along rows and columns.
+    squared, logarithm : (h, w) float32
+        Squared magnitude, and the logarithm of a little more than that.
+    least, noise : (rows, columns) float32, grey levels per pixel
+        Least magnitude, and the noise, in each tile of the image; see :class:`.noise.NoiseMap`.
+    tile : int
+        Pixels. Side of a tile.
 
     Returns
     -------
-    u, v : (n,) float64, pixels
-    gu, gv : (n,) float64, grey levels per pixel
-        Gradient there.
+    position : (n, 2) float64, pixels
+    gradient : (n, 2) float64, grey levels per pixel
+    magnitude : (n,) float64, grey levels per pixel
+    response : (n,) float64, grey levels per pixel
+        Noise there.
     width : (n,) float64, pixels
         Standard deviation of the blurred step.
     """
+    gx, gy = slopes
     h, w = gx.shape
-    m2 = gx * gx + gy * gy
-    limit = threshold * threshold
-    count = 0
+    room = h * w // 8 + 64
+    position, gradient = np.empty((room, 2)), np.empty((room, 2))
+    magnitude, response, width = np.empty(room), np.empty(room), np.empty(room)
+    limits = np.empty(w, np.float32)
+    n, row = 0, 0
     for y in range(2, h - 2):
+        if y == 2 or y % tile == 0:
+            row = min(y // tile, least.shape[0] - 1)
+            for x in range(w):
+                limits[x] = least[row, min(x // tile, least.shape[1] - 1)] ** 2
         for x in range(2, w - 2):
-            if m2[y, x] > limit and _is_maximum(m2, gx, gy, y, x):
-                count += 1
-    u, v = np.empty(count), np.empty(count)
-    gu, gv, width = np.empty(count), np.empty(count), np.empty(count)
-    floor = LOGARITHM_FLOOR * limit + LEAST_DIVISOR
-    n = 0
-    for y in range(2, h - 2):
-        for x in range(2, w - 2):
-            if m2[y, x] <= limit or not _is_maximum(m2, gx, gy, y, x):
+            value = squared[y, x]
+            if value <= limits[x] or not _is_maximum(squared, gx, gy, y, x):
                 continue
-            norm = np.sqrt(m2[y, x])
+            norm = np.sqrt(value)
             nx, ny = gx[y, x] / norm, gy[y, x] / norm
             # Least-squares quadratic over 3 x 3 samples of the logarithm (closed form of the facet model).
             sx = sy = sxx = syy = sxy = total = 0.0
             for dy in range(-1, 2):
                 for dx in range(-1, 2):
-                    value = 0.5 * np.log(m2[y + dy, x + dx] + floor)
-                    total += value
-                    sx += dx * value
-                    sy += dy * value
-                    sxx += dx * dx * value
-                    syy += dy * dy * value
-                    sxy += dx * dy * value
+                    half = 0.5 * logarithm[y + dy, x + dx]
+                    total += half
+                    sx += dx * half
+                    sy += dy * half
+                    sxx += dx * dx * half
+                    syy += dy * dy * half
+                    sxy += dx * dy * half
             kx, ky = sx / 6.0, sy / 6.0
             kxx = sxx - total * 2.0 / 3.0
             kyy = syy - total * 2.0 / 3.0
@@ -80,19 +92,28 @@ def ridge_maxima(
             if abs(t) > 1.0:
                 continue
             px, py = x + t * nx, y + t * ny
-            u[n], v[n] = px, py
-            width[n] = 1.0 / np.sqrt(-bend)
-            gu[n], gv[n] = bilinear(gx, px, py), bilinear(gy, px, py)
-            if gu[n] * gu[n] + gv[n] * gv[n] < LEAST_INTERPOLATED * m2[y, x]:
+            gu, gv = bilinear(gx, px, py), bilinear(gy, px, py)
+            if gu * gu + gv * gv < LEAST_INTERPOLATED * value:
                 continue
+            if n == len(width):
+                position = np.concatenate((position, np.empty_like(position)))
+                gradient = np.concatenate((gradient, np.empty_like(gradient)))
+                magnitude = np.concatenate((magnitude, np.empty_like(magnitude)))
+                response = np.concatenate((response, np.empty_like(response)))
+                width = np.concatenate((width, np.empty_like(width)))
+            position[n, 0], position[n, 1] = px, py
+            gradient[n, 0], gradient[n, 1] = gu, gv
+            magnitude[n] = np.sqrt(gu * gu + gv * gv)
+            response[n] = noise[row, min(x // tile, noise.shape[1] - 1)]
+            width[n] = 1.0 / np.sqrt(-bend)
             n += 1
-    return u[:n], v[:n], gu[:n], gv[:n], width[:n]
+    return position[:n], gradient[:n], magnitude[:n], response[:n], width[:n]
 
 
 @njit
 def zero_crossings(
     laplacian: Float32Array, gx: Float32Array, gy: Float32Array, threshold: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray]:
     """Sign changes of the Laplacian where the gradient is strong, by linear interpolation.
 
     At most one per pixel: towards the neighbour along the axis nearest to the gradient.
@@ -106,9 +127,8 @@ def zero_crossings(
 
     Returns
     -------
-    u, v : (n,) float64, pixels
-    gu, gv : (n,) float64, grey levels per pixel
-        Gradient there.
+    position : (n, 2) float64, pixels
+    gradient : (n, 2) float64, grey levels per pixel
 
     References
     ----------
@@ -116,12 +136,11 @@ def zero_crossings(
     """
     h, w = gx.shape
     limit = threshold * threshold
-    u, v = np.empty(h * w // 2), np.empty(h * w // 2)
-    gu, gv = np.empty(h * w // 2), np.empty(h * w // 2)
+    position, gradient = np.empty((h * w // 2, 2)), np.empty((h * w // 2, 2))
     n = 0
     for y in range(2, h - 2):
         for x in range(2, w - 2):
-            if gx[y, x] * gx[y, x] + gy[y, x] * gy[y, x] <= limit or n >= len(u):
+            if gx[y, x] * gx[y, x] + gy[y, x] * gy[y, x] <= limit or n >= len(position):
                 continue
             dx, dy = (1, 0) if abs(gx[y, x]) >= abs(gy[y, x]) else (0, 1)
             a, b = laplacian[y, x], laplacian[y + dy, x + dx]
@@ -132,16 +151,16 @@ def zero_crossings(
             if (a > b) != (slope > 0.0):
                 continue
             t = a / (a - b)
-            u[n], v[n] = x + t * dx, y + t * dy
-            gu[n] = (1 - t) * gx[y, x] + t * gx[y + dy, x + dx]
-            gv[n] = (1 - t) * gy[y, x] + t * gy[y + dy, x + dx]
+            position[n, 0], position[n, 1] = x + t * dx, y + t * dy
+            gradient[n, 0] = (1 - t) * gx[y, x] + t * gx[y + dy, x + dx]
+            gradient[n, 1] = (1 - t) * gy[y, x] + t * gy[y + dy, x + dx]
             n += 1
-    return u[:n], v[:n], gu[:n], gv[:n]
+    return position[:n], gradient[:n]
 
 
 @njit
 def flanking_gradients(
-    gx: Float32Array, gy: Float32Array, u: FloatArray, v: FloatArray, gu: FloatArray, gv: FloatArray, distance: float
+    gx: Float32Array, gy: Float32Array, position: FloatArray, gradient: FloatArray, distance: float
 ) -> FloatArray:
     """The gradient on both flanks of edgels along their own gradients, as a share of the edgels'.
 
@@ -150,10 +169,10 @@ def flanking_gradients(
     Parameters
     ----------
     gx, gy : (h, w) float32, grey levels per pixel
-    u, v : (n,) float64, pixels
-        Positions of edgels.
-    gu, gv : (n,) float64, grey levels per pixel
-        Their gradients.
+    position : (n, 2) float64, pixels
+        Of edgels.
+    gradient : (n, 2) float64, grey levels per pixel
+        Theirs.
     distance : float
         Pixels. Of the flanks.
 
@@ -162,12 +181,54 @@ def flanking_gradients(
     (n, 2) float64
         On the dark and on the bright flank.
     """
-    out = np.empty((len(u), 2))
-    for i in range(len(u)):
-        norm = np.sqrt(gu[i] * gu[i] + gv[i] * gv[i])
-        nx, ny = gu[i] / norm, gv[i] / norm
+    out = np.empty((len(position), 2))
+    for i in range(len(position)):
+        norm = np.sqrt(gradient[i, 0] ** 2 + gradient[i, 1] ** 2)
+        nx, ny = gradient[i, 0] / norm, gradient[i, 1] / norm
         for flank in range(2):
             t = distance if flank == 1 else -distance
-            x, y = u[i] + t * nx, v[i] + t * ny
+            x, y = position[i, 0] + t * nx, position[i, 1] + t * ny
             out[i, flank] = (clamped(gx, x, y) * nx + clamped(gy, x, y) * ny) / norm
+    return out
+
+
+@njit
+def change_along_edges(gx: Float32Array, gy: Float32Array, tile: int) -> Float32Array:
+    """How much the gradient differs between a pixel and one ALONG_EDGE pixels along the edge, across their mean.
+
+    Two gradients that are nothing but noise, and two of one straight edge with noise, differ there alike: by the root
+    of two times the sigma of a derivative.
+
+    Parameters
+    ----------
+    gx, gy : (h, w) float32, grey levels per pixel
+    tile : int
+        Pixels. Side of the tiles into which the image is cut.
+
+    Returns
+    -------
+    (h // tile, w // tile) float32, grey levels per pixel
+        Quantile NOISE_RANK of the size of this difference over samples of each tile, over the root of two.
+    """
+    h, w = gx.shape
+    out = np.zeros((h // tile, w // tile), np.float32)
+    values = np.empty(((tile + NOISE_STEP - 1) // NOISE_STEP) ** 2, np.float32)
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            n = 0
+            for y in range(row * tile, (row + 1) * tile, NOISE_STEP):
+                for x in range(column * tile, (column + 1) * tile, NOISE_STEP):
+                    a, b = gx[y, x], gy[y, x]
+                    norm = np.sqrt(a * a + b * b)
+                    values[n] = 0.0
+                    if norm > 0.0:
+                        u, v = x - int(np.rint(ALONG_EDGE * b / norm)), y + int(np.rint(ALONG_EDGE * a / norm))
+                        u, v = min(max(u, 0), w - 1), min(max(v, 0), h - 1)
+                        c, d = gx[v, u], gy[v, u]
+                        both = np.sqrt((a + c) ** 2 + (b + d) ** 2)
+                        if both > 0.0:
+                            values[n] = np.sqrt(2.0) * abs(a * d - b * c) / both
+                    n += 1
+            rank = int(NOISE_RANK * n)
+            out[row, column] = np.partition(values[:n], rank)[rank]
     return out

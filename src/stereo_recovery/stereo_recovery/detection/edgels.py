@@ -20,20 +20,24 @@ from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray
 
 from ..params import DETECTORS
 from . import edgel_kernels
+from .noise import NoiseMap, measured_response, white_response
 from .settings import (
     ALIASED_BLUR_VARIANCE,
     ALIASED_POSITION_FLOOR,
     CAMERA_BLUR_VARIANCE,
+    CLEAR,
     FLANK_DISTANCE,
     FLANK_NOISE,
     KERNEL_NORM,
     KERNEL_RADIUS,
+    LOGARITHM_FLOOR,
     POSITION_FACTOR,
     POSITION_FLOOR,
     PROMINENCE,
     QUANTISATION_NOISE,
     SIXTEEN_BIT_SCALE,
     SMALLEST_IMAGE,
+    WEAKEST,
 )
 
 
@@ -84,6 +88,34 @@ class Edgels:
     def concatenate(cls, parts: Sequence[Edgels]) -> Edgels:
         """The edgels of all parts, in their order."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
+    def magnified(self, factor: float, sigma: float) -> Edgels:
+        """Those of a reduced image as edgels of the image itself.
+
+        Parameters
+        ----------
+        factor : float
+            Pixels of the image a pixel of the reduced one.
+        sigma : float
+            Pixels. Smoothing, the same number in both images: widths are made what they would be with it.
+
+        Returns
+        -------
+        Edgels
+            Their errors are those of as many neighbours as agree at the finer scale.
+        """
+        # What a pixel of the reduced image averages blurs too.
+        smoothing = (factor * sigma) ** 2 + (factor**2 - 1.0) / 12.0
+        blur = np.maximum((factor * self.width) ** 2 - smoothing, 0.0)
+        return Edgels(
+            factor * self.position + 0.5 * (factor - 1.0),
+            self.direction,
+            self.magnitude / factor,
+            np.sqrt(factor) * factor * self.sigma_position,
+            self.sigma_direction,
+            np.sqrt(sigma**2 + blur),
+            self.bias,
+        )
 
     @property
     def tangent(self) -> FloatArray:
@@ -163,27 +195,8 @@ def noise_level(grey: Float32Array) -> float:
     return max(QUANTISATION_NOISE, float(np.median(response)) / (NORMAL_QUARTILE * KERNEL_NORM))
 
 
-def gradient_noise(noise: float, sigma: float) -> float:
-    """Standard deviation of a derivative of the smoothed image.
-
-    Parameters
-    ----------
-    noise : float
-        Grey levels. Of the image, independent from pixel to pixel.
-    sigma : float
-        Pixels. Of the Gaussian smoothing.
-
-    Returns
-    -------
-    float
-        Grey levels per pixel.
-
-    Examples
-    --------
-    >>> round(gradient_noise(2.0, 1.0), 3)
-    0.399
-    """
-    return float(noise / (np.sqrt(8.0 * np.pi) * sigma**2))
+# Where it was looked for before it had a module of its own.
+gradient_noise = white_response
 
 
 def blur_variance(found: Sequence[Edgels]) -> float:
@@ -268,16 +281,95 @@ def _filtered(grey: Float32Array, along_row: Float32Array, along_column: Float32
     )
 
 
-def detect(
+@dataclass(frozen=True, eq=False)
+class Maxima:
+    """n maxima of the gradient across itself: edgels of which only as much is known as linking needs.
+
+    Attributes
+    ----------
+    position : (n, 2) float64, pixels
+    gradient : (n, 2) float64, grey levels per pixel
+    magnitude : (n,) float64, grey levels per pixel
+        Of the gradient.
+    noise : (n,) float64, grey levels per pixel
+        Sigma of either derivative there.
+    width : (n,) float64, pixels
+        Standard deviation of the blurred step.
+    flanks : (n, 2) float64
+        Gradient on the dark and on the bright side, as a share of the magnitude.
+    """
+
+    position: FloatArray
+    gradient: FloatArray
+    magnitude: FloatArray
+    noise: FloatArray
+    width: FloatArray
+    flanks: FloatArray
+
+    @classmethod
+    def empty(cls) -> Maxima:
+        """No maxima."""
+        pairs, numbers = np.zeros((0, 2)), np.zeros(0)
+        return cls(pairs, pairs, numbers, numbers, numbers, pairs)
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def select(self, index: AnyArray) -> Maxima:
+        """A subset or reordering: (m,) indices."""
+        return Maxima(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @property
+    def prominence(self) -> FloatArray:
+        """(n,) float64: by how much the gradient exceeds that on both flanks, in sigma of its noise; at most its own.
+
+        On a slope (the side of a cylinder) noise alone makes maxima, but no prominent ones.
+        """
+        beside = np.maximum(np.maximum(self.flanks[:, 0], self.flanks[:, 1]), 0.0)
+        exceeding: FloatArray = (1.0 - beside) * self.magnitude / self.noise
+        return exceeding
+
+    def described(self, sigma: float) -> Edgels:
+        """All of them as edgels, with their uncertainty.
+
+        Parameters
+        ----------
+        sigma : float
+            Pixels. Of the smoothing.
+
+        Returns
+        -------
+        Edgels
+        """
+        across = self.noise / self.magnitude
+        usual_width = _usual_width(self.width, across, sigma)
+        total = max(usual_width, sigma)
+        # What noise that differs from pixel to pixel would do, had it the same effect on the derivatives.
+        share = 2.0 * sigma**2 / total * across
+        # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
+        floor = ALIASED_POSITION_FLOOR if usual_width**2 < sigma**2 + ALIASED_BLUR_VARIANCE else POSITION_FLOOR
+        along = np.hypot(np.sqrt(POSITION_FACTOR) * (total / sigma) ** 3 * share, floor)
+        # The difference of the two flanks' gradients, without the part that noise explains.
+        difference = self.flanks[:, 0] - self.flanks[:, 1]
+        bias = np.sqrt(np.maximum(difference**2 - (FLANK_NOISE * across) ** 2, 0.0))
+        direction = np.arctan2(self.gradient[:, 1], self.gradient[:, 0])
+        return Edgels(self.position, direction, self.magnitude, along, across, self.width, bias)
+
+
+def _usual_width(width: FloatArray, across: FloatArray, sigma: float) -> float:
+    """Pixels: median width of clear steps; width, across : (n,), of maxima; sigma : of the smoothing, pixels."""
+    clear = width[across < CLEAR]
+    return float(np.median(clear)) if len(clear) else sigma
+
+
+def maxima(
     grey: Float32Array,
     detector: str = 'canny',
     sigma: float = 1.0,
     threshold: float = 1.0,
-    noise: float | None = None,
-    slopes: tuple[Float32Array, Float32Array] | None = None,
-    usual_width: float | None = None,
-) -> Edgels:
-    """Edgels of a grey image.
+    noise: NoiseMap | float | None = None,
+) -> Maxima:
+    """Where the gradient is largest across its own direction and stands out of the noise.
 
     Parameters
     ----------
@@ -287,13 +379,61 @@ def detect(
     sigma : float
         Pixels. Of the smoothing.
     threshold : float
-        Grey levels per pixel. Least gradient magnitude.
-    noise : float, optional
-        Grey levels. Of the image; measured when it is not given.
-    slopes : pair of (h, w) float32, optional
-        The result of :func:`gradient` for this picture, where it is there already.
-    usual_width : float, optional
-        Pixels. Median width of the picture's edgels, where it is known already.
+        Grey levels per pixel. Least gradient magnitude; where the picture is noisy, WEAKEST sigma of the noise.
+    noise : NoiseMap or float, optional
+        Of the derivatives; or grey levels, of the image, differing from pixel to pixel. Measured when it is not given.
+
+    Returns
+    -------
+    Maxima
+        In raster order; none for images below 5 pixels.
+
+    Raises
+    ------
+    ValueError
+        The detector is unknown.
+    """
+    if detector not in DETECTORS:
+        raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {detector!r}')
+    if min(grey.shape) < SMALLEST_IMAGE:
+        return Maxima.empty()
+    gx, gy = slopes = gradient(grey, detector, sigma)
+    if noise is None:
+        noise = measured_response(gx, gy, sigma)
+    elif not isinstance(noise, NoiseMap):
+        noise = NoiseMap.uniform(white_response(noise, sigma), (grey.shape[0], grey.shape[1]))
+    if detector == 'marr-hildreth':
+        smooth, _ = gaussian_kernels(sigma)
+        laplacian = cv2.Laplacian(_filtered(grey, smooth, smooth), cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
+        position, slope = edgel_kernels.zero_crossings(laplacian, gx, gy, np.float32(threshold))
+        magnitude, response = np.hypot(slope[:, 0], slope[:, 1]), noise.at(position)
+        width = np.full(len(position), np.sqrt(sigma**2 + CAMERA_BLUR_VARIANCE))
+    else:
+        least = np.maximum(np.float32(threshold), WEAKEST * noise.sigma)
+        with np.errstate(over='ignore'):
+            squared = gx * gx + gy * gy
+        logarithm = np.asarray(cv2.log(squared + LOGARITHM_FLOOR * least.min() ** 2), np.float32)
+        position, slope, magnitude, response, width = edgel_kernels.ridge_maxima(
+            slopes, squared, logarithm, least, noise.sigma, noise.tile
+        )
+    distance = FLANK_DISTANCE * max(_usual_width(width, response / magnitude, sigma), sigma)
+    flanks = edgel_kernels.flanking_gradients(gx, gy, position, slope, distance)
+    return Maxima(position, slope, magnitude, response, width, flanks)
+
+
+def detect(
+    grey: Float32Array,
+    detector: str = 'canny',
+    sigma: float = 1.0,
+    threshold: float = 1.0,
+    noise: NoiseMap | float | None = None,
+) -> Edgels:
+    """Edgels of a grey image: those maxima of the gradient that exceed both flanks.
+
+    Parameters
+    ----------
+    grey, detector, sigma, threshold, noise
+        See :func:`maxima`.
 
     Returns
     -------
@@ -319,31 +459,5 @@ def detect(
     >>> found.position[:, 0].round(3).tolist(), found.direction.round(3).tolist()
     ([3.5, 3.5, 3.5, 3.5, 3.5], [0.0, 0.0, 0.0, 0.0, 0.0])
     """
-    if detector not in DETECTORS:
-        raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {detector!r}')
-    if min(grey.shape) < SMALLEST_IMAGE:
-        return Edgels.empty()
-    noise = noise_level(grey) if noise is None else noise
-    gx, gy = gradient(grey, detector, sigma) if slopes is None else slopes
-    if detector == 'marr-hildreth':
-        smooth, _ = gaussian_kernels(sigma)
-        laplacian = cv2.Laplacian(_filtered(grey, smooth, smooth), cv2.CV_32F, borderType=cv2.BORDER_REPLICATE)
-        u, v, gu, gv = edgel_kernels.zero_crossings(laplacian, gx, gy, np.float32(threshold))
-        width = np.full(len(u), np.sqrt(sigma**2 + CAMERA_BLUR_VARIANCE))
-    else:
-        u, v, gu, gv, width = edgel_kernels.ridge_maxima(gx, gy, np.float32(threshold))
-    magnitude = np.hypot(gu, gv)
-    if usual_width is None:
-        usual_width = float(np.median(width)) if len(width) else sigma
-    total = max(usual_width, sigma)
-    contrast = magnitude * np.sqrt(2.0 * np.pi) * total
-    # A picture with one sample a pixel has staircase edges; every camera blurs more than that.
-    floor = ALIASED_POSITION_FLOOR if usual_width**2 < sigma**2 + ALIASED_BLUR_VARIANCE else POSITION_FLOOR
-    along = np.hypot(np.sqrt(POSITION_FACTOR) * noise / contrast * (total / sigma) ** 3, floor)
-    across = gradient_noise(noise, sigma) / magnitude
-    flanks = edgel_kernels.flanking_gradients(gx, gy, u, v, gu, gv, FLANK_DISTANCE * total)
-    # The difference of the two flanks' gradients, without the part that noise explains.
-    bias = np.sqrt(np.maximum((flanks[:, 0] - flanks[:, 1]) ** 2 - (FLANK_NOISE * across) ** 2, 0.0))
-    found = Edgels(np.stack([u, v], axis=1), np.arctan2(gv, gu), magnitude, along, across, width, bias)
-    # On a slope (the side of a cylinder) noise alone makes maxima; at an edge the gradient exceeds that on both flanks.
-    return found.select(1.0 - flanks.max(axis=1) > PROMINENCE * across)
+    found = maxima(grey, detector, sigma, threshold, noise)
+    return found.select(np.flatnonzero(found.prominence > PROMINENCE)).described(sigma)

@@ -7,6 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
+from .buckets import bucketed, near
 from .line_kernels import Lines, abscissa_of, cosine_of, length_of, offset_of, point_at, sine_of, variance_at
 from .settings import (
     AT_JUNCTION,
@@ -213,17 +214,37 @@ def spurious(lines: Lines) -> BoolArray:
     """
     n = len(lines.centre)
     result = np.zeros(n, np.bool_)
+    # Points along the longer ones, as far as they reach, are near the middle of any that they make spurious.
+    step = SPURIOUS_LENGTH
+    count = np.zeros(n + 1, np.int64)
+    for m in range(n):
+        if length_of(lines, m) >= DIRECTED_LENGTH:
+            count[m + 1] = int((length_of(lines, m) + 2.0 * SPURIOUS_OVERHANG) / step) + 2
+    count = np.cumsum(count)
+    points, owner = np.empty((count[-1], 2)), np.empty(count[-1], np.int64)
+    for m in range(n):
+        total = count[m + 1] - count[m]
+        for p in range(total):
+            low, high = lines.extent[m, 0] - SPURIOUS_OVERHANG, lines.extent[m, 1] + SPURIOUS_OVERHANG
+            at = count[m] + p
+            points[at, 0], points[at, 1] = point_at(lines, m, low + (high - low) * p / (total - 1))
+            owner[at] = m
+    if len(points) == 0:
+        return result
+    buckets = bucketed(points, step)
     for k in range(n):
         length = length_of(lines, k)
         if length > SPURIOUS_LENGTH:
             continue
-        for m in range(n):
+        u, v = point_at(lines, k, 0.5 * (lines.extent[k, 0] + lines.extent[k, 1]))
+        for p in near(buckets, u, v):
+            m = owner[p]
             longer = length_of(lines, m)
-            if m == k or longer < SPURIOUS_RATIO * length or longer < DIRECTED_LENGTH:
+            if m == k or longer < SPURIOUS_RATIO * length:
                 continue
             if cosine_of(lines, k, m) < SPURIOUS_COSINE:
                 continue
-            near = True
+            beside = True
             for e in range(2):
                 x, y = point_at(lines, k, lines.extent[k, e])
                 s = abscissa_of(lines, m, x, y)
@@ -232,9 +253,9 @@ def spurious(lines: Lines) -> BoolArray:
                     or s < lines.extent[m, 0] - SPURIOUS_OVERHANG
                     or s > lines.extent[m, 1] + SPURIOUS_OVERHANG
                 ):
-                    near = False
+                    beside = False
                     break
-            if near:
+            if beside:
                 result[k] = True
                 break
     return result

@@ -65,8 +65,9 @@ ALIASED_BLUR_VARIANCE = 1.0 / 24.0
 FLANK_DISTANCE = 2.0
 # Difference of the two flanks' gradients, in sigma of the gradient, that noise explains. [R]
 FLANK_NOISE = 2.5
-# An edgel's gradient exceeds that of both flanks by this many sigma of the gradient. [R]
-PROMINENCE = 2.5
+# An edgel's prominence: by how many sigma its gradient exceeds that of both flanks, at least. [R] Chains decide; this
+# keeps what is no maximum from linking.
+PROMINENCE = 1.0
 # Least curvature, per px^2, of the logarithm of the gradient across an edge: a step wider than 32 px is none. [D]
 LEAST_CURVATURE = 1e-3
 # A share of the squared threshold that is added to the squared gradient before its logarithm is taken. [R]
@@ -74,8 +75,34 @@ LOGARITHM_FLOOR = 1e-4
 # Least share of the pixel's squared gradient that the interpolated gradient at the sub-pixel position has. [R]
 LEAST_INTERPOLATED = 0.25
 
+# Least magnitude of an edgel, in sigma of the derivatives' noise. [D] Of a picture of noise alone one pixel in forty is
+# an edgel then, which costs little. An edgel is clear when its direction has a sigma below CLEAR, radians: a seventh.
+WEAKEST, CLEAR = 2.0, 1.0 / 7.0
+
+# -- noise -------------------------------------------------------------------------------------------------------------
+
+# px: side of the tiles in which noise is measured, and the distance of samples in them. [R]
+NOISE_TILE, NOISE_STEP = 16, 4
+# px: distance of the two places whose gradients are compared. [M] Noise that a Gaussian of a pixel has smoothed no
+# longer agrees there (src/stereo_recovery/test/test_noise.py).
+ALONG_EDGE = 5.0
+# The quantile of their differences in a tile that counts [R], and its value for normal noise of sigma 1 [D].
+NOISE_RANK, NOISE_RANK_SIGMA = 0.75, 1.1503
+
+# -- border ------------------------------------------------------------------------------------------------------------
+
+# A border that a rectification left empty is at most this share of the picture deep, and leans at most this much
+# against its side, px/px, along the middle half. [R] Cameras turned by ten degrees against each other stay within.
+DEEPEST_BORDER, STEEPEST_BORDER = 0.25, 0.25
+
 # -- chains ------------------------------------------------------------------------------------------------------------
 
+# A chain is an edge when the prominences of consecutive edgels, in sigma of the noise, exceed NOISE_MAXIMUM by
+# CHAIN_EXCESS in sum somewhere. [M] In a megapixel of noise one chain reaches 8, whether neighbouring pixels agree or
+# not (src/stereo_recovery/test/test_chains.py).
+NOISE_MAXIMUM, CHAIN_EXCESS = 2.4, 12.0
+# px: an edgel of a coarser scale shows nothing new this near to one of the finer scale, along rows and columns. [R]
+BESIDE_FINER = 3
 # px, along rows and columns: farthest step from edgel to edgel. [D] One pixel may be missing.
 LINK_RADIUS = 2
 # px: least advance along the tangent. [R]
@@ -192,27 +219,6 @@ LARGEST_RADIUS_RATIO = 4.0
 # Numerical floors of the fit: pivot; discriminant 4 a c - b^2 of an ellipse; weight, as a share of the mean. [R]
 LEAST_PIVOT, LEAST_DISCRIMINANT, LEAST_WEIGHT_SHARE = 1e-13, 1e-9, 1e-3
 
-# -- low contrast ------------------------------------------------------------------------------------------------------
-
-# Segments with a mean gradient below this, in sigma of the gradient, have low contrast; shorter ones, px, are not
-# tracked. [R]
-LOW_CONTRAST, SHORTEST_TRACKED = 9.0, 9.0
-# Least median gradient of a window, in sigma of the gradient, that shows the edge. [R]
-SEEN = 1.2
-# px: length of the window along the line, its step, and the distance of the windows on its flanks. [R]
-WINDOW, TRACKING_STEP, TRACKING_FLANK = 9, 2.0, 3.0
-# The window's median gradient is at least this share of the segment's, and exceeds that of both flanks by this share.
-# [R]
-TRACKED_SHARE, TRACKED_PROMINENCE = 0.45, 0.4
-# Longest continuation: px, and as a share of the segment. [R]
-LONGEST_TRACK, LONGEST_TRACK_SHARE = 60.0, 2.0
-# px: a line is tracked as far as the sigma from its slope stays below this, and not from an end that another segment's
-# end touches within TOUCHING, px. [R]
-TRACKED_SIGMA, TOUCHING = 0.5, 4.5
-# A track stops at the end of a segment of the same line: within this distance, px, and sine; it may begin this far, px,
-# before the segment's end. [R]
-ON_TRACK, TRACK_SINE, TRACK_OVERLAP = 1.2, 0.08, 2.0
-
 # -- double steps ------------------------------------------------------------------------------------------------------
 
 # px^2: variance that linear interpolation between pixels adds to a step. [D] the triangle's 1/6
@@ -237,25 +243,19 @@ PROFILE_HALF_LENGTH, PROFILE_STEP, SECTIONS = 4.0, 0.5, 4
 MOST_ITERATIONS, CONVERGED, DAMPING, DAMPING_DOWN, DAMPING_UP = 12, 1e-6, 1e-2, 0.3, 5.0
 # Added to the diagonal of the normal matrix, and as a share of it before it is inverted. [D] a numerical floor
 NORMAL_RIDGE = 1e-9
-# px: gaps between the steps, and heights of the second over the first, at which the fit starts. [R]
-START_GAPS, START_RATIOS = (-2.5, -1.2, 1.2, 2.5), (-0.5, 0.5)
+# px: least and largest gap between the two steps at which the fit starts. [R]
+LEAST_GAP, MOST_GAP = 1.0, 3.0
 # px: how much the gap of two steps may change from the middle to an end of the segment, and how far beyond the profile
 # the second step may lie. [R]
 MOST_SPREAD, BEYOND_PROFILE = 3.0, 1.0
 
 # -- a view ------------------------------------------------------------------------------------------------------------
 
-# Edgels per px^2, and edgels in all, above which only the strongest are kept. [R] bounds the time in texture
-MOST_EDGEL_DENSITY, MOST_EDGELS = 0.03, 40000
+# Scales of detection: the picture, and the picture halved, in which noise is half as strong and steps are not. [R]
+SCALES = 2
 # Segments that are matched, the longest first. [R] An image of a room has a thousand; time grows with the square.
 MOST_SEGMENTS = 6000
-# Thresholds of hysteresis in sigma of the gradient; where edgels were left out, the lower one is at least LOW_SHARE of
-# the upper one. [R]
-LOW_SIGMA, HIGH_SIGMA, LOW_SHARE = 5.0, 7.0, 0.5
 # Tolerance of straight segments: this many times the localisation noise, within limits, px. [R]
 TOLERANCE_NOISE, LEAST_TOLERANCE, MOST_TOLERANCE = 6.0, 0.2, 0.5
-# Edgels per px^2 below which an image is sparse: long chains of weak edgels count there. Least magnitude of an edgel
-# and least mean of a chain, in sigma of the gradient; least number of edgels. [R]
-SPARSE_DENSITY, WEAKEST_SIGMA, WEAK_MEAN_SIGMA, WEAK_COUNT = 0.01, 2.7, 3.3, 14
 # Edgels per px^2 above which an image is cluttered: print and texture end near true edges everywhere. [R]
 CLUTTERED_DENSITY = 0.02

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
-from msgs_py.numeric.typed import BoolArray
+from msgs_py.numeric.typed import BoolArray, IntArray
 
 from . import splitting_kernels
 from .chains import EdgeChains
@@ -111,63 +111,72 @@ def join_collinear(e: Edgels, segments: Segments, sigma: float, tolerance: float
     segments : Segments
     """
     straight = np.flatnonzero(segments.arc < 0)
-    successor = np.full(len(segments), -1)
     found = splitting_kernels.continuations(segments.select(straight).lines, STRAIGHTNESS_SHARE * tolerance)
+    successor = np.full(len(segments), -1)
     successor[straight[found >= 0]] = straight[found[found >= 0]]
-    if (successor < 0).all():
+    runs = _runs(successor)
+    if not runs:
         return e, segments
-    heads, following = np.setdiff1d(np.arange(len(segments)), successor).tolist(), successor.tolist()
+    whole = _fit_runs(e, segments, runs, sigma)
+    # Two edges that meet at a slight angle may be joined through a short segment between them that fits either.
+    kept = np.flatnonzero(~_bent(segments, whole, runs, BENT_TOLERANCES * tolerance))
+    return _with_joined(e, segments, [runs[k] for k in kept], whole.select(kept))
+
+
+def _runs(successor: IntArray) -> list[list[int]]:
+    """Segments that continue each other, in their order; successor : (n,) int, -1: none."""
+    preceded = np.zeros(len(successor), bool)
+    preceded[successor[successor >= 0]] = True
+    following = successor.tolist()
     runs = []
-    for head in heads:
+    for head in np.flatnonzero(~preceded & (successor >= 0)).tolist():
         run = [head]
         while following[run[-1]] >= 0:
             run.append(following[run[-1]])
         runs.append(run)
-    whole = fit_runs(e, segments, runs, sigma)[1]
-    # Two edges that meet at a slight angle may be joined through a short segment between them that fits either.
-    bent = _bent(segments, whole, runs, BENT_TOLERANCES * tolerance)
-    runs = [part for run, apart in zip(runs, bent) for part in ([[k] for k in run] if apart else [run])]
-    return fit_runs(e, segments, runs, sigma)
+    return runs
 
 
 def _bent(segments: Segments, whole: Segments, runs: list[list[int]], limit: float) -> BoolArray:
     """(m,) bool: runs of segments with an end farther than limit, pixels, from the line through all (whole, m)."""
     member = np.concatenate(runs)
     run = np.repeat(np.arange(len(runs)), [len(r) for r in runs])
+    parts = segments.select(member)
     across = np.stack([-whole.direction[run, 1], whole.direction[run, 0]], axis=1)
-    off = np.maximum(
-        *(np.abs(((end[member] - whole.centre[run]) * across).sum(axis=1)) for end in (segments.start, segments.end))
-    )
-    off[segments.length[member] < SHORT_PART] = 0.0
-    bent: BoolArray = np.bincount(run, off > limit + segments.sigma[member, 0]) > 0
+    off = np.maximum(*(np.abs(((end - whole.centre[run]) * across).sum(axis=1)) for end in (parts.start, parts.end)))
+    off[parts.length < SHORT_PART] = 0.0
+    bent: BoolArray = np.bincount(run, off > limit + parts.sigma[:, 0]) > 0
     return bent
 
 
-def fit_runs(e: Edgels, segments: Segments, runs: list[list[int]], sigma: float) -> tuple[Edgels, Segments]:
-    """One segment for each run of segments.
-
-    Parameters
-    ----------
-    e : Edgels
-        As the segments' bounds count.
-    segments : Segments
-    runs : list of lists of int
-        Segments that belong together, in their order.
-    sigma : float
-        Pixels. Smoothing of the detector.
-
-    Returns
-    -------
-    edgels : Edgels
-        In the order of the runs.
-    segments : Segments
-        One a run.
-    """
-    member = np.concatenate(runs)
-    start, count = segments.bounds[member, 0], np.diff(segments.bounds[member], axis=1)[:, 0]
+def _edgels_of(bounds: IntArray) -> IntArray:
+    """Indices of the edgels of runs [first, last), run after run; bounds : (n, 2) int."""
+    count = bounds[:, 1] - bounds[:, 0]
     total = np.cumsum(count)
-    e = e.select(np.arange(total[-1]) + np.repeat(start - total + count, count))
-    last = total[np.cumsum([len(run) for run in runs]) - 1]
-    bounds = np.stack([np.append(0, last[:-1]), last], axis=1)
-    heads = [run[0] for run in runs]
-    return e, replace(fit_segments(e, bounds, segments.chain[heads], sigma), arc=segments.arc[heads])
+    every: IntArray = np.arange(total[-1]) + np.repeat(bounds[:, 0] - total + count, count)
+    return every
+
+
+def _fit_runs(e: Edgels, segments: Segments, runs: list[list[int]], sigma: float) -> Segments:
+    """One segment through the edgels of each run of segments; its bounds count these edgels alone."""
+    bounds = segments.bounds[np.concatenate(runs)]
+    last = np.cumsum(bounds[:, 1] - bounds[:, 0])[np.cumsum([len(run) for run in runs]) - 1]
+    own = np.stack([np.append(0, last[:-1]), last], axis=1)
+    return fit_segments(e.select(_edgels_of(bounds)), own, segments.chain[[run[0] for run in runs]], sigma)
+
+
+def _with_joined(e: Edgels, segments: Segments, runs: list[list[int]], whole: Segments) -> tuple[Edgels, Segments]:
+    """The segments, each run of them replaced by one (whole), where its first stood; and the edgels in their order."""
+    head, place = np.arange(len(segments)), np.zeros(len(segments), int)
+    for run in runs:
+        head[run], place[run] = run[0], range(len(run))
+    order = np.lexsort((place, head))
+    firsts = np.flatnonzero(place[order] == 0)
+    bounds = segments.bounds[order]
+    last = np.cumsum(bounds[:, 1] - bounds[:, 0])[np.append(firsts[1:], len(order)) - 1]
+    result = {f.name: getattr(segments, f.name)[order[firsts]] for f in fields(Segments)}
+    row = np.searchsorted(order[firsts], [run[0] for run in runs])
+    for name, values in result.items():
+        values[row] = getattr(whole, name)
+    result['bounds'] = np.stack([np.append(0, last[:-1]), last], axis=1)
+    return e.select(_edgels_of(bounds)), Segments(**result)

@@ -7,6 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
+from .buckets import bucketed, near
 from .chain_kernels import keep_cheapest
 from .line_kernels import Lines, cosine_of, length_of, offset_of, point_at, regression, sine_of, variance_at
 from .settings import (
@@ -160,15 +161,21 @@ def continuations(lines: Lines, straightness: float) -> Int32Array:
     n = len(lines.centre)
     successor = np.full(n, -1, np.int32)
     price = np.full(n, np.inf)
+    if n == 0:
+        return successor
+    starts = np.empty((n, 2))
+    for i in range(n):
+        starts[i, 0], starts[i, 1] = point_at(lines, i, lines.extent[i, 0])
+    buckets = bucketed(starts, WIDEST_GAP)
     for i in range(n):
         length = length_of(lines, i)
         if length < SHORTEST_JOINED:
             continue
         x, y = point_at(lines, i, lines.extent[i, 1])
-        for k in range(n):
+        for k in near(buckets, x, y):
             if k == i:
                 continue
-            sx, sy = point_at(lines, k, lines.extent[k, 0])
+            sx, sy = starts[k, 0], starts[k, 1]
             if abs(sx - x) > WIDEST_GAP or abs(sy - y) > WIDEST_GAP:
                 continue
             other = length_of(lines, k)

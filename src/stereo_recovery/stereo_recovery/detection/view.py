@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from msgs_py.numeric.typed import Float32Array
 
-from . import edgels as edgel_module
-from .chains import link, with_weak
+from .border import beside_border
+from .chains import chains_of, completed
 from .conics import Ellipse
 from .double_edges import fit_double_steps
-from .edgels import Edgels
+from .edgels import Edgels, gradient
 from .junctions import spurious
-from .low_contrast import track_low_contrast
 from .segments import Segments
 from .settings import (
     CLUTTERED_DENSITY,
-    HIGH_SIGMA,
+    KERNEL_RADIUS,
     LEAST_TOLERANCE,
-    LOW_SHARE,
-    LOW_SIGMA,
-    MOST_EDGEL_DENSITY,
-    MOST_EDGELS,
     MOST_SEGMENTS,
     MOST_TOLERANCE,
-    SPARSE_DENSITY,
+    SCALES,
+    SMALLEST_IMAGE,
     TOLERANCE_NOISE,
-    WEAK_COUNT,
-    WEAK_MEAN_SIGMA,
-    WEAKEST_SIGMA,
 )
 from .splitting import localisation_noise, split
 
@@ -85,25 +79,27 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     -------
     View
     """
-    noise = edgel_module.noise_level(grey)
-    gradient_noise = edgel_module.gradient_noise(noise, sigma)
-    raised_low, high = max(low, LOW_SIGMA * gradient_noise), max(high, HIGH_SIGMA * gradient_noise)
-    gradients = edgel_module.gradient(grey, detector, sigma)
-    found = edgel_module.detect(grey, detector, sigma, raised_low, noise, gradients)
-    most = min(int(MOST_EDGEL_DENSITY * grey.size), MOST_EDGELS)
-    if len(found) > most:
-        high = max(high, float(np.partition(found.magnitude, len(found) - most)[len(found) - most]))
-        found = found.select(found.magnitude > max(raised_low, LOW_SHARE * high))
-    chains = link(found, grey.shape, high)
+    reach = int(np.ceil(KERNEL_RADIUS * sigma))
+    border = beside_border(grey, reach)
+    chains = chains_of(grey, detector, sigma, (low, high), border=border)
+    reduced = grey
+    for scale in range(1, SCALES):
+        if min(reduced.shape) < 2 * SMALLEST_IMAGE:
+            break
+        reduced = _halved(reduced)
+        border = None if border is None else beside_border(reduced, reach)
+        coarse = chains_of(reduced, detector, sigma, (low, high), border=border)
+        factor = 2.0**scale
+        coarse = replace(coarse, edgels=coarse.edgels.magnified(factor, sigma))
+        chains = completed(chains, coarse, grey.shape, high / factor)
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
-    weakest = max(low, WEAKEST_SIGMA * gradient_noise)
-    sparse = len(found) < SPARSE_DENSITY * grey.size and weakest < raised_low
-    if sparse:
-        usual_width = float(np.median(found.width)) if len(found) else None
-        every = edgel_module.detect(grey, detector, sigma, weakest, noise, gradients, usual_width)
-        chains = with_weak(chains, every, grey.shape, max(low, WEAK_MEAN_SIGMA * gradient_noise), WEAK_COUNT)
     ordered, segments, ellipses = split(chains, tolerance, sigma)
-    if sparse:
-        ordered, segments = track_low_contrast(ordered, segments, gradients, gradient_noise, sigma, tolerance)
-    segments = fit_double_steps(gradients, ordered, segments, sigma)
+    segments = fit_double_steps(gradient(grey, detector, sigma), ordered, segments, sigma)
     return View(grey, ordered, segments, ellipses)
+
+
+def _halved(grey: Float32Array) -> Float32Array:
+    """(h // 2, w // 2) float32: means of 2 x 2 pixels; an odd last row or column is left out."""
+    height, width = grey.shape[0] // 2, grey.shape[1] // 2
+    even = grey[: 2 * height, : 2 * width]
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
