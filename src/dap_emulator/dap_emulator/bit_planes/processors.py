@@ -45,7 +45,7 @@ class Processors:
     >>> pe = Processors(3)
     >>> total, carry = pe.add([0b101, 0b110], [0b011, 0b000])  # 1, 2, 3 and 1, 1, 0, in two planes
     >>> total, carry, pe.cycles
-    ([6, 5], 0, 7)
+    ([6, 7], 0, 7)
     """
 
     def __init__(self, count: int) -> None:
@@ -124,6 +124,8 @@ class Processors:
     def add_where(self, x: Sequence[int], y: Sequence[int], active: int) -> tuple[Field, int]:
         """The sum x + y where active, x elsewhere: Q is loaded from x, y is added where A is true."""
         self.cycles += 3 * len(x) + 2
+        if not active:  # a bit of a scalar that is 0: the machine adds nothing just as long
+            return list(x), 0
         carry = 0
         out = []
         for a, b in zip(x, y):

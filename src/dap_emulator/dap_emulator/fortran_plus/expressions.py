@@ -258,9 +258,7 @@ class Expressions:
             chosen = [_first_true(item) if isinstance(item, DapArray) else item for item in chosen]
             where = select_part(variable.parallel, chosen)
             element = all(isinstance(index, int) for index in where)
-            move = 'fetch' if element else 'broadcast'
-            array.charge(move, array.kind)
-            array.counted(move)
+            array.charge_move('fetch' if element else 'broadcast')
             if element:
                 return array.values[where].item()
             return DapArray(array.dap, array.kind, None, cells=np.ascontiguousarray(array.cells[where]))

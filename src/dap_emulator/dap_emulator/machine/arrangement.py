@@ -58,8 +58,8 @@ def matr(v: Any, rows: int | None = None) -> DapArray:
     source = checked_array(v, 'MATR', rank=1)
     shape = _checked(source.dap, source.kind, (_extent('MATR', rows or source.shape[0]), source.shape[0]))
     out = source.like_cells(np.ascontiguousarray(np.broadcast_to(source.cells, shape)))
-    out.charge('broadcast', source.kind)
-    return out.counted('broadcast')
+    out.charge_move('broadcast')
+    return out
 
 
 def matc(v: Any, columns: int | None = None) -> DapArray:
@@ -67,8 +67,8 @@ def matc(v: Any, columns: int | None = None) -> DapArray:
     source = checked_array(v, 'MATC', rank=1)
     shape = _checked(source.dap, source.kind, (source.shape[0], _extent('MATC', columns or source.shape[0])))
     out = source.like_cells(np.ascontiguousarray(np.broadcast_to(source.cells[:, None], shape)))
-    out.charge('broadcast', source.kind)
-    return out.counted('broadcast')
+    out.charge_move('broadcast')
+    return out
 
 
 def _extent(name: str, value: int) -> int:
@@ -102,20 +102,19 @@ def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None =
         out = source.like_cells(np.ascontiguousarray(full.reshape(shape[::-1]).T))
     else:
         out = filled(dap, x, _checked(dap, _kind_of_scalar(x), shape))
-    out.charge('copy', out.kind)
-    return out.counted('copy')
+    out.charge_move('copy')
+    return out
 
 
 def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
     """VEC(s, n): a vector full of a scalar (ES long when n is not given). VEC(m): a matrix as a long vector."""
     if isinstance(x, DapArray):
         source = checked_array(x, 'VEC', rank=2)
-        source.charge('copy', source.kind)
-        source.counted('copy')
+        source.charge_move('copy')
         return source.like_cells(column_order(source.cells).copy(), source.dap.mapping)
     out = filled(dap, x, _checked(dap, _kind_of_scalar(x), (_extent('VEC', n or dap.es),)))
-    out.charge('copy', out.kind)
-    return out.counted('copy')
+    out.charge_move('copy')
+    return out
 
 
 def filled(dap: Machine, value: Scalar, shape: tuple[int, ...], kind: Kind | None = None) -> DapArray:
@@ -150,8 +149,7 @@ def tran(x: Any) -> DapArray:
 def _reversed(name: str, x: Any, rank: int, axis: int) -> DapArray:
     """The elements in reverse order along an axis."""
     source = checked_array(x, name, rank=rank)
-    source.charge('transpose', source.kind)
-    source.counted('transpose')
+    source.charge_move('transpose')
     return source.like_cells(np.ascontiguousarray(np.flip(source.cells, axis)))
 
 
@@ -176,8 +174,8 @@ def revc(x: Any) -> DapArray:
 def _pattern(dap: Machine, values: BoolArray) -> DapArray:
     """A LOGICAL array that the control unit writes from its registers."""
     out = DapArray(dap, LOGICAL, values)
-    out.charge('pattern', LOGICAL)
-    return out.counted('pattern')
+    out.charge_move('pattern')
+    return out
 
 
 def _shape(dap: Machine, rows: int | None, columns: int | None) -> tuple[int, int]:
@@ -271,8 +269,8 @@ def upper_triangle(dap: Machine, rows: int | None = None, columns: int | None = 
 def index_vector(dap: Machine, n: int | None = None) -> DapArray:
     """INDEX(n): the INTEGER*4 vector 1, 2, ..., n (our addition: the language builds it from patterns)."""
     out = DapArray(dap, integer(4), np.arange(1, _elements(dap, 'INDEX', n, integer(4)) + 1, dtype=np.int32))
-    out.charge('broadcast', integer(4))
-    return out.counted('broadcast')
+    out.charge_move('broadcast')
+    return out
 
 
 # Shifts are named SH, the direction in which the data moves (north is to lower rows, west and left to lower columns),

@@ -376,8 +376,7 @@ class DapArray(StoredArray):
             LOGICAL.
         """
         self._other(other, operation)
-        self.charge('logic', LOGICAL)
-        self._count('logic')
+        self.charge_move('logic')
         mine = self._truth()
         if isinstance(other, DapArray):
             theirs = other._truth()
@@ -405,8 +404,7 @@ class DapArray(StoredArray):
     __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
 
     def __invert__(self) -> DapArray:
-        self.charge('not', LOGICAL)
-        self._count('not')
+        self.charge_move('not')
         return self._logical(planes.invert(self._truth(), self.size))
 
     def __lt__(self, other: Operand) -> DapArray:
@@ -456,16 +454,14 @@ class DapArray(StoredArray):
 
     def copy(self) -> DapArray:
         """Copy the array within the store."""
-        self.charge('copy', self.kind)
-        self._count('copy')
+        self.charge_move('copy')
         return self.like_cells(self.cells.copy())
 
     def remapped(self, mapping: str) -> DapArray:
         """Copy the array to another mapping onto the PEs: 'sheet', 'crinkled' or 'combined'."""
         result = self.like_cells(self.cells.copy(), mapping)
         if mapping != self.mapping:
-            self.charge('remap', self.kind)
-            self._count('remap')
+            self.charge_move('remap')
         return result
 
     def assign(self, value: Operand, mask: DapArray | None = None) -> None:
@@ -545,8 +541,7 @@ class DapArray(StoredArray):
             self.assign(value)
         else:
             index = self._index(where)
-            self.charge('store_element', self.kind)
-            self._count('store_element')
+            self.charge_move('store_element')
             cells = self.cells if self.cells.flags.writeable else self.cells.copy()
             cells[index] = self.cell(checked_scalar(self.kind, value, 'element'))
             self._change(self.like_cells(cells))
@@ -554,8 +549,7 @@ class DapArray(StoredArray):
     def __getitem__(self, where: Any) -> Scalar:
         """Fetch one element into the control unit."""
         index = self._index(where)
-        self.charge('fetch', self.kind)
-        self._count('fetch')
+        self.charge_move('fetch')
         element: Scalar = self.values[index].item()
         return element
 
@@ -597,8 +591,7 @@ class DapArray(StoredArray):
         """Transpose of a matrix."""
         if self.rank != 2:
             raise ValueError('transpose: expected a matrix')
-        self.charge('transpose', self.kind)
-        self._count('transpose')
+        self.charge_move('transpose')
         return self.like_cells(np.ascontiguousarray(self.cells.T))
 
     @property

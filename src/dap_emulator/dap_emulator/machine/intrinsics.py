@@ -308,16 +308,14 @@ def _merged_kind(a: Operand, b: Operand) -> Kind:
 def all_(mask: Any) -> bool:
     """ALL(l): whether every element is true."""
     flags = checked_array(mask, 'ALL', logical=True)
-    flags.charge('any_all', LOGICAL)
-    flags.counted('any_all')
+    flags.charge_move('any_all')
     return flags.count_true() == flags.size
 
 
 def any_(mask: Any) -> bool:
     """ANY(l): whether some element is true."""
     flags = checked_array(mask, 'ANY', logical=True)
-    flags.charge('any_all', LOGICAL)
-    flags.counted('any_all')
+    flags.charge_move('any_all')
     return flags.any_true()
 
 
@@ -382,8 +380,7 @@ def _sum_kind(kind: Kind) -> Kind:
 def eln(mask: Any) -> int:
     """ELN(l): position of the first true element, from 1, down the columns of a matrix; 0 when there is none."""
     flags = checked_array(mask, 'ELN', logical=True)
-    flags.charge('first_true', LOGICAL)
-    flags.counted('first_true')
+    flags.charge_move('first_true')
     order = column_order(flags.values)
     first = int(order.argmax())
     return first + 1 if order[first] else 0
@@ -406,8 +403,7 @@ def coln(mask: Any) -> int:
 def frst(mask: Any) -> DapArray:
     """FRST(l): only the first true element stays true (in the order of ELN)."""
     flags = checked_array(mask, 'FRST', logical=True)
-    flags.charge('first_true', LOGICAL)
-    flags.counted('first_true')
+    flags.charge_move('first_true')
     order = column_order(flags.values)
     out = np.zeros(flags.shape, dtype=bool)
     if order.any():

@@ -231,15 +231,11 @@ class StoredArray:
         """A LOGICAL of this array's shape from packed words."""
         return type(self)(self.dap, LOGICAL, None, shape=self.shape, words=words, mapping=self.mapping)
 
-    def _count(self, operation: str) -> None:
-        """Count on bit-planes what moves as a whole, after it was charged."""
+    def charge_move(self, operation: str) -> None:
+        """Charge an operation that moves whole planes (``moves.cycles``), and count it on bit-planes."""
+        self.charge(operation, self.kind)
         if self.dap.in_bits:
             self.dap.count(moves.cycles(operation, self.kind.bits, self.dap.layout(self.shape, self.mapping)))
-
-    def counted(self: Array, operation: str) -> Array:
-        """Count a move of this array (``moves.cycles``), which was charged; the array."""
-        self._count(operation)
-        return self
 
     def cell(self, value: bool | int | float) -> Any:
         """A scalar as one of ``cells``."""
