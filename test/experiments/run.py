@@ -29,6 +29,7 @@ from tqdm import tqdm  # noqa: E402
 # The order of the page.
 GROUPS = (
     'exp_tiling',
+    'exp_traversal',
     'exp_scenes',
     'exp_constraints',
     'exp_search',

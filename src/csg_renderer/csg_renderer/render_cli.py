@@ -92,6 +92,8 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
         'levels': options.levels,
         'antialias': options.antialias,
         'shadows': options.shadows,
+        'early_outs': options.early_outs,
+        'left_heavy': options.left_heavy,
     }
     # A single picture needs no baseline, and a scene with nothing in front of the camera suggests none.
     baseline = options.baseline / 1000.0 if options.baseline else 0.0 if options.stereo else 1.0
@@ -113,7 +115,7 @@ def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
         _say(
             options,
             f'{path}: {stats.seconds * 1e3:.1f} ms, {stats.tiles} tiles, {stats.intersections} intersections'
-            + (f', {stats.dap_cycles} machine cycles' if stats.dap_cycles else ''),
+            + (f', {stats.dap_cycles} machine cycles, {stats.dap_planes} bit-planes' if stats.dap_cycles else ''),
         )
     return written
 
@@ -292,6 +294,10 @@ def _parser() -> argparse.ArgumentParser:
         help='9 samples where faces meet, or N x N samples in every pixel',
     )
     how.add_argument('--no-tiling', action='store_true', help='test every primitive on every ray, to compare')
+    how.add_argument('--early-outs', action='store_true', help='--engine dap: leave out what no ray of a tile can show')
+    how.add_argument(
+        '--left-heavy', action='store_true', help='--engine dap: evaluate trees in the order that needs least store'
+    )
     how.add_argument('--psf', type=float, default=0.0, metavar='PX', help='blur of the lens, standard deviation')
     how.add_argument('--noise', type=float, default=0.0, metavar='GREY', help='noise, standard deviation of 255')
     how.add_argument('--seed', type=int, default=0, help='of the noise (0)')

@@ -16,7 +16,7 @@ from dap_emulator import Dap, DapArray
 from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.kinds import LOGICAL, real
 from msgs_py import PinholeCamera, Pose
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..scene.scene import Scene
 from ..scene.solid import FACES
@@ -32,6 +32,7 @@ from .program import (
     HALFSPACES,
     INTERSECT,
     KIND_CODES,
+    REVERSED_DIFFERENCE,
     SPHERE,
     TERRAIN,
     UNION,
@@ -49,8 +50,9 @@ from .settings import (
     SHORT_WORD_PARALLEL_ROUNDINGS,
     SHORT_WORD_ROUNDINGS,
 )
+from .tree_order import early_outs, left_heavy
 
-OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE'}
+OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE', REVERSED_DIFFERENCE: 'DIFFERENCE'}
 KIND_NAMES = {code: name for name, code in KIND_CODES.items()}
 # Each component is a number for all PEs or a plane with one for each; so are values of a material.
 Vector: TypeAlias = tuple[Any, Any, Any]
@@ -76,11 +78,20 @@ def render(
 ) -> Frame:
     """See :func:`csg_renderer.render`. dap : a new DAP 510 by default; length : bytes of the REALs, 4 to 8."""
     dap = dap or Dap.model('510', tracing=False)
-    before = dap.cycles
-    view = view_of(program_of(scene), camera_T_scene)
-    tracer = _Tracer(dap, view, camera, options, length)
+    with dap.measured() as so_far:
+        view = view_of(program_of(scene), camera_T_scene)
+        tracer = _Tracer(dap, view, camera, options, length)
+        found = _image(tracer)
+        used = so_far()
+    tracer.stats.dap_cycles, tracer.stats.dap_planes = used.cycles, used.peak_planes
+    return found.frame(view.program, camera, camera_T_scene, tracer.stats)
+
+
+def _image(tracer: _Tracer) -> ImageHits:
+    """All tiles of an image."""
+    view, camera, options = tracer.view, tracer.camera, tracer.options
     found = ImageHits(camera, view.program.background)
-    areas = list(tiles(view, camera, options.tile_size) if options.tiling else untiled(view, camera, dap.es))
+    areas = list(tiles(view, camera, options.tile_size) if options.tiling else untiled(view, camera, tracer.dap.es))
     for tile in areas:
         area = tile.area
         if not tile.children and not tile.terrains:
@@ -99,8 +110,7 @@ def render(
         tracer.stats.tiles = 1
     if options.adaptive:
         _smooth(tracer, areas, found.colours, boundary(found.codes))
-    tracer.stats.dap_cycles = dap.cycles - before
-    return found.frame(view.program, camera, camera_T_scene, tracer.stats)
+    return found
 
 
 def _smooth(tracer: _Tracer, areas: list[Tile], colours: FloatArray, edge: BoolArray) -> None:
@@ -132,6 +142,11 @@ class _Tracer:
         leaves = view.program.leaves
         self.terrains = {leaf: ArrayTerrain(self.caster, cast(Terrain, leaves[leaf])) for leaf in view.program.terrains}
         self.stats = RenderStats()
+        self.children = self.ordered(view.program.children)
+
+    def ordered(self, children: Sequence[IntArray]) -> list[IntArray]:
+        """Postfix programs in the order in which the options want them evaluated."""
+        return [left_heavy(code) for code in children] if self.options.left_heavy else list(children)
 
     def trace(
         self, tile: Tile, du: float, dv: float, shaded: bool = True
@@ -144,7 +159,7 @@ class _Tracer:
         x = f.matr(dap.vector((u - camera.cx) / camera.fx, self.kind), height)
         y = f.matc(dap.vector((v - camera.cy) / camera.fy, self.kind), width)
         rays = Rays((0.0, 0.0, 0.0), (x, y, self.caster.filled(1.0, x.shape)))
-        first = self._cast(tile.children, tile.terrains, rays, self.view.local, self.tolerance, False)
+        first = self._cast(self.ordered(tile.children), tile.terrains, rays, self.view.local, self.tolerance, False)
         t, hit, entering = first
         place = self.view.scene_T_camera
         scene = [place[i, 0] * x + (place[i, 1] * y + float(place[i, 2])) for i in range(3)]
@@ -200,7 +215,10 @@ class _Tracer:
         """Walk a postfix tree with a stack of lists (appendix B)."""
         stack: list[Spans] = []
         count = int(np.prod(rays.shape))
-        for op in code:
+        jumps = early_outs(code) if self.options.early_outs else [0] * len(code)
+        index = 0
+        while index < len(code):
+            op = code[index]
             self.stats.nodes += count
             if op >= 0:
                 kind = int(self.view.program.kind[op])
@@ -210,7 +228,13 @@ class _Tracer:
             else:
                 self.stats.combines += count
                 right, left = stack.pop(), stack.pop()
+                if op == REVERSED_DIFFERENCE:
+                    left, right = right, left
                 stack.append(self.caster.combine(OPERATOR_NAMES[int(op)], left, right))
+            # Where all rays are out of the left operand, what is on the stack is the operator's result already.
+            while jumps[index] and not f.any_(stack[-1].t[0] < INFINITE):
+                index = jumps[index] - 1
+            index += 1
         return stack[0]
 
     def _nearer(self, best: Hit, other: Hit) -> Hit:
@@ -237,7 +261,7 @@ class _Tracer:
             if hits is None:
                 onwards = None if weight is None else weight > 0.0
                 hits = self._cast(
-                    program.children, program.terrains, rays, program.inverse[:, :3], self.departure, True, onwards
+                    self.children, program.terrains, rays, program.inverse[:, :3], self.departure, True, onwards
                 )
             t, hit, entering = hits
             missed = hit.compare('eq', MISS)
@@ -427,7 +451,7 @@ class _Tracer:
         program = self.view.program
         light = self.caster.filled(1.0, distance.shape)
         rays = Rays(tuple(points), direction)
-        for code in program.children:
+        for code in self.children:
             spans = self._spans(code, rays, program.inverse[:, :3])
             leaves = sorted({int(op) for op in code if op >= 0})
             for column in range(0, len(spans.t), 2):

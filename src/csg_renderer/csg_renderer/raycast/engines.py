@@ -17,6 +17,8 @@ from .frame import Frame, RenderOptions
 
 # Name of each engine: its module in this room.
 ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'engine_dap'}
+# Options that only some engines have; no option changes a picture from one engine to another.
+ONLY = {'early_outs': ('dap',), 'left_heavy': ('dap',)}
 # A camera, and camera_T_scene.
 ViewPose = tuple[PinholeCamera, Pose]
 
@@ -26,6 +28,27 @@ class Engine(Protocol):
 
     def render_views(self, scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
         """A frame for each view of the scene."""
+
+
+def refuse_options(name: str, options: RenderOptions) -> None:
+    """Refuse what an engine cannot do.
+
+    Parameters
+    ----------
+    name : str
+        Of the engine.
+    options : RenderOptions
+
+    Raises
+    ------
+    ValueError
+        It lacks an option that is asked for; the message begins with the option's name.
+    """
+    for option, engines in ONLY.items():
+        if getattr(options, option) and name not in engines:
+            raise ValueError(
+                f'{option}: the engine {name!r} has no such option, only {", ".join(map(repr, engines))} has'
+            )
 
 
 def engine_named(name: str) -> Engine:

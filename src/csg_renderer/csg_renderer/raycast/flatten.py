@@ -14,6 +14,7 @@ from .kernels.records import CsgPrograms, Materials, TerrainGrids
 from .products import products_of
 from .program import BLOCK, DIFFERENCE, HALFSPACES, INTERSECT, PLANE, Program
 from .settings import AMBIGUOUS, BOX_SLACK, FAR, SPHERE_SLACK
+from .tree_order import early_outs
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def _csg_programs(program: Program, products: _Products) -> CsgPrograms:
     bounds = _leaf_boxes(program)
     for child, code in enumerate(program.children):
         child_of[code[code >= 0]] = child
-        jumps += [jump + len(codes) if jump else 0 for jump in _jumps(code)]
+        jumps += [jump + len(codes) if jump else 0 for jump in early_outs(code)]
         codes += code.tolist()
         code_start.append(len(codes))
         if len(code) == 1:
@@ -167,20 +168,6 @@ def _terrain_grids(program: Program) -> TerrainGrids | None:
 def whole_numbers(numbers: list[int]) -> IntArray:
     """(n,) int64, also of an empty list, of which numpy would make floats."""
     return np.array(numbers, dtype=np.int64)
-
-
-def _jumps(code: IntArray) -> list[int]:
-    """For every instruction that ends the left operand of an INTERSECT or DIFFERENCE: that operator's index + 1."""
-    jumps = [0] * len(code)
-    ends: list[int] = []
-    for index, op in enumerate(code):
-        if op < 0:
-            ends.pop()
-            left_end = ends.pop()
-            if op in (INTERSECT, DIFFERENCE):
-                jumps[left_end] = index + 1
-        ends.append(index)
-    return jumps
 
 
 def _leaf_boxes(program: Program) -> FloatArray:

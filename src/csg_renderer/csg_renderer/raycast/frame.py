@@ -28,8 +28,8 @@ class RenderStats:
         Tree nodes visited, and operators applied, summed over rays.
     tiles : int
         Tiles that were not empty; 1 for the whole image when tiling is off.
-    dap_cycles : int
-        Machine cycles of the array machine, 0 for the other engines.
+    dap_cycles, dap_planes : int
+        Machine cycles of the array machine, and the most bit-planes of its store in use; 0 for the other engines.
     seconds : float
         Wall time.
     """
@@ -39,6 +39,7 @@ class RenderStats:
     combines: int = 0
     tiles: int = 0
     dap_cycles: int = 0
+    dap_planes: int = 0
     seconds: float = 0.0
 
 
@@ -61,6 +62,11 @@ class RenderOptions:
         Send a feeler from every visible point to every light.
     threads : int
         Worker threads, 0..64; 0 for one a core.
+    early_outs : bool
+        engine='dap': leave out the right operand of an INTERSECT or DIFFERENCE when no ray of the tile is in the left
+        one (thesis 4.8). The other engines have an order of work of their own.
+    left_heavy : bool
+        engine='dap': evaluate the operand first that needs the deeper stack (thesis 4.8), to save store.
 
     Raises
     ------
@@ -79,6 +85,8 @@ class RenderOptions:
     antialias: int = 0
     shadows: bool = False
     threads: int = 0
+    early_outs: bool = False
+    left_heavy: bool = False
 
     def __post_init__(self) -> None:
         for name, (low, high) in OPTION_LIMITS.items():

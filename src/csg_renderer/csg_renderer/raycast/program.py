@@ -20,6 +20,8 @@ from .settings import COINCIDENT, DEPARTURE
 
 # Codes of a postfix program; a number >= 0 is a leaf index.
 UNION, INTERSECT, DIFFERENCE = -1, -2, -3
+# A DIFFERENCE whose operands are on the stack the other way round (tree_order.py).
+REVERSED_DIFFERENCE = -4
 OPERATOR_CODES = {'UNION': UNION, 'INTERSECT': INTERSECT, 'DIFFERENCE': DIFFERENCE}
 
 BLOCK, CYLINDER, CONE, SPHERE, PLANE, TERRAIN = range(6)

@@ -12,7 +12,7 @@ from msgs_py import PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.steps import CompileStep
 
 from ..scene.scene import Scene
-from .engines import ViewPose, engine_named
+from .engines import ViewPose, engine_named, refuse_options
 from .frame import Frame, RenderOptions
 from .program import program_of
 from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE
@@ -163,7 +163,7 @@ def render(
     levels: int = 1,
     antialias: bool | int = False,
     shadows: bool = False,
-    **options: int,
+    **options: Any,
 ) -> Frame:
     """Ray cast (levels=1) or ray trace a scene.
 
@@ -179,7 +179,7 @@ def render(
     tiling, levels, antialias, shadows
         See :class:`RenderOptions`.
     **options
-        ``tile_size`` and ``threads`` of :class:`RenderOptions`.
+        ``tile_size``, ``threads``, ``early_outs`` and ``left_heavy`` of :class:`RenderOptions`.
 
     Returns
     -------
@@ -258,6 +258,7 @@ def _checked(scene: Scene) -> Scene:
 def _render_views(scene: Scene, views: Sequence[ViewPose], engine: str, options: RenderOptions) -> list[Frame]:
     """Frames of several views, with the wall time of each."""
     chosen = engine_named(engine)
+    refuse_options(engine, options)
     start = time.perf_counter()
     frames = chosen.render_views(_checked(scene), views, options)
     for frame in frames:
