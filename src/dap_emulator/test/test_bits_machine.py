@@ -165,6 +165,8 @@ def test_overflow_is_the_largest_number_and_read_as_infinity():
     assert (squares - squares).values.tolist() == [0.0, 0.0, 0.0]
     with pytest.raises(ValueError, match=r'REAL\*4 on bit-planes: not-a-number'):
         dap.vector([1.0, float('nan')])
+    with pytest.raises(ValueError, match=r'A: REAL\*4 on bit-planes: not-a-number'):
+        fortran_plus.compile('REAL A()\nA = A + 1').run(dap, a=[1.0, float('nan')])
 
 
 def test_planes_of_reals_are_those_of_the_machine():

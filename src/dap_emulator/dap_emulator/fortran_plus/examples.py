@@ -71,9 +71,9 @@ def all_pairs(items: int) -> IntArray:
 
 
 def feature_rows(start: FloatArray, end: FloatArray) -> FloatArray:
-    """(n, 9): middle, unit direction and half length of edges, and the radii that they do not have."""
+    """(n, 9): middle, unit direction and half length of edges, and 0 for the radii that they do not have."""
     half = 0.5 * np.linalg.norm(end - start, axis=1, keepdims=True)
-    return np.hstack([0.5 * (start + end), 0.5 * (end - start) / half, half, np.full((len(start), 2), np.nan)])
+    return np.hstack([0.5 * (start + end), 0.5 * (end - start) / half, half, np.zeros((len(start), 2))])
 
 
 # Edges of the L-shape that the examples of matching see, and how far they are off, millimetres.

@@ -228,7 +228,10 @@ class ArrayVariable:
         if logical != (self.kind.name == 'LOGICAL') or array.dtype.kind not in 'biuf':
             raise ValueError(f'{name}: expected {self.kind}, got {array.dtype}')
         if self.patterns:
-            converted: AnyArray = real_cells(array, form_of(self.kind, self.dap.nearest))
+            try:
+                converted: AnyArray = real_cells(array, form_of(self.kind, self.dap.nearest))
+            except ValueError as error:
+                raise ValueError(f'{name}: {error}') from None
         else:
             converted = self.kind.convert(array)
         count = len(self.parallel)
