@@ -17,16 +17,11 @@ from collections.abc import Callable
 from . import reals
 from .processors import Field, Processors
 from .reals import BIAS, DIGIT, EXPONENT_PLANES, WIDE, Format
+from .settings import ANGLE_DIGITS, LONGER, SPARE
 from .tables import arc_tangent, half_pi, log_of_one_plus, log_of_two, rotation_gain
 
-# Planes below the last place of a result, which hold the truncations of as many steps as there are planes.
-SPARE = 16
-# Digits before the point of the angles that SIN, COS and TAN take: beyond 16^5 they are refused.
-ANGLE_DIGITS = 5
 # Powers of 2 that are added to an exponent of the exponential to make it positive: 65 digits.
 OFFSET = 260
-# Further planes of a REAL for functions that are made of others: digits that y log(x) loses before its exponential.
-LONGER = 12
 
 
 def fixed(pe: Processors, form: Format, x: Field, above: int, below: int) -> tuple[Field, int]:

@@ -17,15 +17,13 @@ from dataclasses import dataclass
 
 from . import integers
 from .processors import Field, Processors
+from .settings import GUARD
 
 EXPONENT_PLANES = 7
 BIAS = 64
 DIGIT = 4
 # Planes of an exponent while it is worked on: in two's complement, -256 to 255 holds sums and differences of two.
 WIDE = 9
-# Planes below the fraction that make the rounding of a sum exact: one digit that normalising may bring up, the bit that
-# decides the rounding, and one that is true where anything was lost below.
-GUARD = 6
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,12 @@ from __future__ import annotations
 from functools import cache
 from math import isqrt
 
-# Places computed beyond those asked for, which hold the rounding of the series.
-SPARE = 32
+from .settings import SERIES_SPARE
 
 
 def _rounded(value: int) -> int:
-    """A value with SPARE places too many, to nearest."""
-    return (value + (1 << (SPARE - 1))) >> SPARE
+    """A value with SERIES_SPARE places too many, to nearest."""
+    return (value + (1 << (SERIES_SPARE - 1))) >> SERIES_SPARE
 
 
 def _odd_series(divisor: int, places: int, alternating: bool) -> int:
@@ -32,7 +31,7 @@ def _odd_series(divisor: int, places: int, alternating: bool) -> int:
 @cache
 def log_of_one_plus(power: int, places: int) -> int:
     """ln(1 + 2^-power): twice the hyperbolic arc tangent of 1 / (2^(power + 1) + 1)."""
-    return _rounded(2 * _odd_series((2 << power) + 1, places + SPARE, alternating=False))
+    return _rounded(2 * _odd_series((2 << power) + 1, places + SERIES_SPARE, alternating=False))
 
 
 @cache
@@ -45,9 +44,10 @@ def log_of_two(places: int) -> int:
 def arc_tangent(power: int, places: int) -> int:
     """The arc tangent of 2^-power; that of 1 by Machin's formula."""
     if power:
-        return _rounded(_odd_series(1 << power, places + SPARE, alternating=True))
+        return _rounded(_odd_series(1 << power, places + SERIES_SPARE, alternating=True))
     return _rounded(
-        4 * _odd_series(5, places + SPARE, alternating=True) - _odd_series(239, places + SPARE, alternating=True)
+        4 * _odd_series(5, places + SERIES_SPARE, alternating=True)
+        - _odd_series(239, places + SERIES_SPARE, alternating=True)
     )
 
 
@@ -59,7 +59,7 @@ def half_pi(places: int) -> int:
 @cache
 def rotation_gain(steps: int, places: int) -> int:
     """1 / K, where K is what rotations by the arc tangents of 2^0 to 2^-(steps - 1) lengthen a vector by."""
-    work = places + SPARE
+    work = places + SERIES_SPARE
     one = 1 << work
     square = one
     for step in range(steps):
