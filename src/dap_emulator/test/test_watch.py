@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from dap_emulator import Dap
+from dap_emulator.bit_planes.reals import Format
 from dap_emulator.dap_cli import main
 from dap_emulator.fortran_plus import compile
 from dap_emulator.fortran_plus.examples import example, picture
 from dap_emulator.fortran_plus.library import load_program, program_names
+from dap_emulator.machine.fields import real_cells
 from dap_emulator.watch import Recorder, write_page
 from dap_emulator.watch.page import page_of
 
@@ -231,6 +233,35 @@ def test_sobel_in_a_browser_with_bit_planes(browser, tmp_path):
     assert (
         point_at(browser, 'LINE', 20, 30, 40, 48) == f'LINE(21,31) = .{"TRUE" if line[20, 30] >> 5 & 1 else "FALSE"}.'
     )
+    assert_quiet(browser)
+
+
+def test_a_machine_on_bit_planes_shows_its_own_planes_in_a_browser(browser, tmp_path):
+    dap = Dap.model('510', arithmetic='bits')
+    recorder = Recorder(dap)
+    a = np.array([[1.0, -2.5, 0.0], [0.1, 1e60, float('inf')]])
+    result = compile('REAL*5 A(,)\nA = A * 1.0').run(dap, observer=recorder, a=a)
+    write_page(tmp_path / 'planes.html', recorder, result, 'planes')
+    browser.open(tmp_path / 'planes.html')
+    assert [point_at(browser, 'A', 0, column, 2, 3) for column in range(3)] == [
+        'A(1,1) = 1',
+        'A(1,2) = -2.5',
+        'A(1,3) = 0',
+    ]
+    assert point_at(browser, 'A', 1, 2, 2, 3) == 'A(2,3) = Infinity'
+    select = 'document.querySelector(\'figure[data-name="A"] select\')'
+    assert browser.evaluate(f'{select}.options.length') == 1 + 40
+    patterns = real_cells(a, Format(40)).astype(np.uint64)
+    for plane in (
+        39,
+        38,
+        28,
+        3,
+    ):  # the sign, the highest of the exponent, the last of the first digit, one further down
+        browser.evaluate(f'{select}.value = {plane}')
+        browser.evaluate(f'{select}.onchange()')
+        browser.wait(f"{select}.value === '{plane}'")
+        assert np.array_equal(shown(browser, 'A', 2, 3)[..., 0] > 128, patterns >> np.uint64(plane) & np.uint64(1))
     assert_quiet(browser)
 
 

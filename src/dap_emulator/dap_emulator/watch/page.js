@@ -14,6 +14,11 @@ const BITS = { bit: 1, int8: 8, int16: 16, int32: 32, int64: 64, float32: 32, fl
 const READERS = {
   int8: Int8Array, int16: Int16Array, int32: Int32Array, int64: BigInt64Array, float32: Float32Array, float64: Float64Array,
 };
+// REALs of a machine that computes on bit-planes come as its own patterns, in words of 64 bits.
+for (const planes of [24, 32, 40, 48, 56, 64]) {
+  BITS[`machine${planes}`] = planes;
+  READERS[`machine${planes}`] = BigUint64Array;
+}
 const PICTURE = 232; // longest side of a picture, CSS pixels
 const LARGEST_ELEMENT = 24; // of a small array, CSS pixels
 
@@ -42,13 +47,26 @@ async function valuesOf(blob, dtype, size) {
   return Uint8Array.from({ length: size }, (_, index) => (bytes[index >> 3] >> (index & 7)) & 1);
 }
 
+// Numbers as they are; of the machine's patterns sign, exponent of 16 and fraction. The largest stands for infinity.
+function numbersOf(values, dtype) {
+  if (!dtype.startsWith('machine')) return values;
+  const m = BigInt(BITS[dtype] - 8);
+  const largest = (1n << (m + 7n)) - 1n;
+  return Float64Array.from(values, (word) => {
+    const exponent = 4 * (Number((word >> m) & 127n) - 64) - Number(m);
+    const size = (word & largest) === largest ? Infinity : Number(word & ((1n << m) - 1n)) * 2 ** exponent;
+    return word >> (m + 7n) ? -size : size;
+  });
+}
+
 function bitsOf(values, dtype, bit) {
   if (dtype === 'bit') return values;
-  const Words = { 8: Uint8Array, 16: Uint16Array, 32: Uint32Array, 64: BigUint64Array }[BITS[dtype]];
+  const wide = dtype.startsWith('machine') ? 64 : BITS[dtype];
+  const Words = { 8: Uint8Array, 16: Uint16Array, 32: Uint32Array, 64: BigUint64Array }[wide];
   const words = new Words(values.buffer);
   const found = new Uint8Array(words.length);
   for (let index = 0; index < words.length; index += 1) {
-    found[index] = BITS[dtype] === 64 ? Number((words[index] >> BigInt(bit)) & 1n) : (words[index] >>> bit) & 1;
+    found[index] = wide === 64 ? Number((words[index] >> BigInt(bit)) & 1n) : (words[index] >>> bit) & 1;
   }
   return found;
 }
@@ -165,7 +183,7 @@ async function figureOf(name, array, now, active) {
   const grid = gridOf(array.parallel);
   const all = await valuesOf(blob, array.dtype, array.parallel.reduce((a, b) => a * b, 1));
   const logical = array.dtype === 'bit' || choice.bit >= 0;
-  const values = choice.bit >= 0 ? bitsOf(all, array.dtype, choice.bit) : all;
+  const values = choice.bit >= 0 ? bitsOf(all, array.dtype, choice.bit) : numbersOf(all, array.dtype);
   const shown = {
     name, grid, values, logical, active: changedAt === step ? active : null, extents: array.parallel,
     serial: serialOf(array, place), low: array.low, high: array.high, dtype: choice.bit >= 0 ? 'bit' : array.dtype,

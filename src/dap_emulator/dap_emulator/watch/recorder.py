@@ -28,7 +28,7 @@ class Watched:
     name, kind : str
         Kind for example 'REAL*4'.
     dtype : str
-        Of its recorded values: 'bit', or numpy's name.
+        Of its recorded values: 'bit', or numpy's name; 'machine32', for example, of patterns of the machine's REALs.
     parallel, serial : tuple of int
     low, high : float
         Smallest and largest finite value recorded.
@@ -234,7 +234,7 @@ class Recorder:
                 continue
             copies[place] = raw
             decoded = _decoded(variable, values)
-            _widen(watched, decoded)
+            _widen(watched, real_values(values, variable.kind) if variable.patterns else decoded)
             watched.changes.append((step, place, self._blob(_encoded(decoded))))
 
     def _record_scalars(self, step: int, live: _Live) -> None:
@@ -265,6 +265,8 @@ class Recorder:
 def _watched(name: str, variable: ArrayVariable) -> Watched:
     kind = variable.kind
     dtype = 'bit' if kind.name == 'LOGICAL' else 'text' if kind.name == 'CHARACTER' else kind.dtype.name
+    if variable.patterns:
+        dtype = f'machine{kind.bits}'
     if variable.parallel:
         return Watched(name, str(kind), dtype, variable.parallel, variable.serial)
     # Scalars in an array are shown as a plane of the first two dimensions.
@@ -287,9 +289,7 @@ def _places(variable: ArrayVariable) -> AnyArray:
 
 
 def _decoded(variable: ArrayVariable, values: AnyArray) -> AnyArray:
-    """Values of one plane, elements in row order."""
-    if variable.patterns:
-        return real_values(values, variable.kind)
+    """Values of one plane, or patterns of the machine's REALs, elements in row order."""
     if not variable.packed:
         return values
     return planes.unpack(values, int(np.prod(variable.parallel)))
