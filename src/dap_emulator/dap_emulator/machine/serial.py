@@ -97,15 +97,15 @@ class Arithmetic:
 
         For each plane: load it with A, ask whether any PE has the wanted bit, and narrow A where one has.
         """
-        negative = x[-1] if self.form is not None or self.kind.signed else 0
-        found = chosen
-        # Those of the better sign come first; among negative REALs, whose magnitudes are stored, the order turns.
-        better = found & (negative ^ self.pe.full if largest else negative)
-        found = better or found
-        flip = self.form is not None and bool(found & negative)
-        wanted = 0 if largest == flip else self.pe.full
-        for plane in reversed(x[:-1] if negative or self.form is not None or self.kind.signed else x):
-            found = (found & (plane ^ wanted ^ self.pe.full)) or found
+        signed = self.form is not None or self.kind.signed
+        negative = x[-1] if signed else 0
+        # Those of the better sign come first, where there are any.
+        found = chosen & (negative ^ self.pe.full if largest else negative) or chosen
+        # Of negative REALs magnitudes are stored: there the order turns.
+        turned = self.form is not None and bool(found & negative)
+        unwanted = 0 if largest != turned else self.pe.full
+        for plane in reversed(x[:-1] if signed else x):
+            found = found & (plane ^ unwanted) or found
         self.pe.cycles += 3 * len(x) + 1
         return found
 
