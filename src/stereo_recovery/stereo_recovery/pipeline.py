@@ -22,7 +22,7 @@ from .detection.double_edges import warm_up as warm_up_profiles
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.junctions import find_junctions
 from .detection.segments import Segments
-from .detection.view import detect_view
+from .detection.view import detect_view, detect_views
 from .edges.families import aligned
 from .edges.hiding import hidden_ends
 from .edges.lines3d import EdgesInSpace, Lines3D, edges, to_space
@@ -112,7 +112,7 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
     params = params or RecoveryParams()
     watch = _Stopwatch()
     greys = _grey_images(left, right, rig)
-    views = tuple(detect_view(grey, params.detector, params.sigma, params.low, params.high) for grey in greys)
+    views = detect_views(greys, params.detector, params.sigma, params.low, params.high)
     watch.stage('segment')
     edgels = views[0].edgels, views[1].edgels
     counts = {

@@ -42,14 +42,16 @@ def beside_border(grey: Float32Array, reach: int) -> BoolArray | None:
     for turns in range(4):
         # Each side in turn is the left one.
         picture, own = np.rot90(grey, turns), np.rot90(empty, turns)
-        depth = _depth(picture)
-        height, width = picture.shape
-        middle = depth[height // 4 : height - height // 4]
-        if middle.max() > DEEPEST_BORDER * width or np.abs(np.diff(middle)).max() > 1:
+        deepest = int(DEEPEST_BORDER * picture.shape[1])
+        depth = _depth(picture[:, : deepest + 1])
+        if not depth.any():
+            continue
+        middle = depth[len(depth) // 4 : len(depth) - len(depth) // 4]
+        lean = abs(float(middle[-1] - middle[0])) / len(middle)
+        if middle.max() > deepest or np.abs(np.diff(middle)).max(initial=0) > 1 or lean > STEEPEST_BORDER:
             return None
-        if abs(np.polyfit(np.arange(len(middle)), middle, 1)[0]) > STEEPEST_BORDER:
-            return None
-        own |= np.arange(width) < np.where(depth <= DEEPEST_BORDER * width, depth, 0)[:, None]
+        shallow = np.where(depth <= deepest, depth, 0)
+        own[:, :deepest] |= np.arange(deepest) < shallow[:, None]
     if not empty.any():
         return None
     square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)

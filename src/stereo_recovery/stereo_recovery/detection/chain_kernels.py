@@ -39,7 +39,7 @@ def keep_cheapest(successor: Int32Array, cost: FloatArray) -> None:
             successor[i] = -1
 
 
-@njit
+@njit(nogil=True)
 def successors(
     position: FloatArray, gradient: FloatArray, magnitude: FloatArray, usable: BoolArray, height: int, width: int
 ) -> Int32Array:
@@ -74,11 +74,14 @@ def successors(
             grid[y, x] = i
     best = np.full(n, -1, np.int32)
     cost = np.full(n, np.inf)
+    tangent = np.empty((n, 2))
+    for i in range(n):
+        tangent[i, 0], tangent[i, 1] = gradient[i, 1] / magnitude[i], -gradient[i, 0] / magnitude[i]
     for i in range(n):
         if not usable[i]:
             continue
         u, v = position[i, 0], position[i, 1]
-        tu, tv = gradient[i, 1] / magnitude[i], -gradient[i, 0] / magnitude[i]
+        tu, tv = tangent[i, 0], tangent[i, 1]
         x, y = int(u + 0.5), int(v + 0.5)
         # An edgel stands within half a pixel of its own pixel's centre, as this one does.
         behind = LEAST_ADVANCE - abs(tu) - abs(tv)
@@ -91,7 +94,7 @@ def successors(
                     du, dv = position[j, 0] - u, position[j, 1] - v
                     ahead = du * tu + dv * tv
                     if j != i and ahead > LEAST_ADVANCE:
-                        su, sv = gradient[j, 1] / magnitude[j], -gradient[j, 0] / magnitude[j]
+                        su, sv = tangent[j, 0], tangent[j, 1]
                         onward = du * su + dv * sv
                         if onward > 0.0 and tu * su + tv * sv > TURN_COSINE:
                             side = abs(du * tv - dv * tu) + abs(du * sv - dv * su)
@@ -104,7 +107,7 @@ def successors(
     return best
 
 
-@njit
+@njit(nogil=True)
 def trace(
     following: Int32Array, magnitude: FloatArray, prominence: FloatArray, high: float, minimum: int
 ) -> tuple[Int32Array, IntArray, BoolArray]:
@@ -172,7 +175,7 @@ def _is_edge(members: AnyArray, magnitude: FloatArray, prominence: FloatArray, h
     return strong and most > CHAIN_EXCESS
 
 
-@njit
+@njit(nogil=True)
 def free_runs(
     covered: BoolArray, offsets: IntArray, magnitude: FloatArray, prominence: FloatArray, high: float, minimum: int
 ) -> tuple[IntArray, IntArray]:

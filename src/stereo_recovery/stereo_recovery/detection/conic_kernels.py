@@ -183,7 +183,7 @@ def _arc_of(points: FloatArray, tolerance: float) -> tuple[bool, FloatArray, flo
     return not off[int(ARC_INLIERS * (len(points) - 1))] > tolerance, q, rms
 
 
-@njit
+@njit(nogil=True)
 def claim(
     segments: IntArray,
     turns: FloatArray,

@@ -25,7 +25,7 @@ from .settings import (
 )
 
 
-@njit
+@njit(nogil=True)
 def sample(
     gx: Float32Array,
     gy: Float32Array,
@@ -149,7 +149,7 @@ def _descend(profile: FloatArray, abscissa: FloatArray, width: float, p: FloatAr
     return cost
 
 
-@njit
+@njit(nogil=True)
 def two_steps(profile: FloatArray, abscissa: FloatArray, width: float) -> tuple[FloatArray, float, float, FloatArray]:
     """The two steps that explain profiles across an edge best, and one step that does.
 

@@ -7,8 +7,8 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
-from .sampling import bilinear, clamped
-from .settings import ALONG_EDGE, LEAST_CURVATURE, LEAST_INTERPOLATED, NOISE_RANK, NOISE_STEP
+from .sampling import bilinear_pair
+from .settings import ALONG_EDGE, LAST_POSITION, LEAST_CURVATURE, LEAST_INTERPOLATED, NOISE_RANK, NOISE_STEP
 
 
 @njit
@@ -19,7 +19,7 @@ def _is_maximum(m2: Float32Array, gx: Float32Array, gy: Float32Array, y: int, x:
     return largest
 
 
-@njit
+@njit(nogil=True)
 def ridge_maxima(
     slopes: tuple[Float32Array, Float32Array],
     squared: Float32Array,
@@ -70,20 +70,20 @@ def ridge_maxima(
             norm = np.sqrt(value)
             nx, ny = gx[y, x] / norm, gy[y, x] / norm
             # Least-squares quadratic over 3 x 3 samples of the logarithm (closed form of the facet model).
-            sx = sy = sxx = syy = sxy = total = 0.0
-            for dy in range(-1, 2):
-                for dx in range(-1, 2):
-                    half = 0.5 * logarithm[y + dy, x + dx]
-                    total += half
-                    sx += dx * half
-                    sy += dy * half
-                    sxx += dx * dx * half
-                    syy += dy * dy * half
-                    sxy += dx * dy * half
-            kx, ky = sx / 6.0, sy / 6.0
-            kxx = sxx - total * 2.0 / 3.0
-            kyy = syy - total * 2.0 / 3.0
-            kxy = sxy / 4.0
+            above = logarithm[y - 1, x - 1], logarithm[y - 1, x], logarithm[y - 1, x + 1]
+            level = logarithm[y, x - 1], logarithm[y, x], logarithm[y, x + 1]
+            below = logarithm[y + 1, x - 1], logarithm[y + 1, x], logarithm[y + 1, x + 1]
+            up, middle, down = (
+                above[0] + above[1] + above[2],
+                level[0] + level[1] + level[2],
+                below[0] + below[1] + below[2],
+            )
+            before, behind = above[0] + level[0] + below[0], above[2] + level[2] + below[2]
+            total = up + middle + down
+            # Half of each, because the logarithm is that of the square.
+            kx, ky = (behind - before) / 12.0, (down - up) / 12.0
+            kxx, kyy = 0.5 * (behind + before) - total / 3.0, 0.5 * (down + up) - total / 3.0
+            kxy = (below[2] - below[0] - above[2] + above[0]) / 8.0
             slope = kx * nx + ky * ny
             bend = kxx * nx * nx + 2.0 * kxy * nx * ny + kyy * ny * ny
             if bend >= -LEAST_CURVATURE:
@@ -92,7 +92,7 @@ def ridge_maxima(
             if abs(t) > 1.0:
                 continue
             px, py = x + t * nx, y + t * ny
-            gu, gv = bilinear(gx, px, py), bilinear(gy, px, py)
+            gu, gv = bilinear_pair(gx, gy, px, py)
             if gu * gu + gv * gv < LEAST_INTERPOLATED * value:
                 continue
             if n == len(width):
@@ -110,7 +110,7 @@ def ridge_maxima(
     return position[:n], gradient[:n], magnitude[:n], response[:n], width[:n]
 
 
-@njit
+@njit(nogil=True)
 def zero_crossings(
     laplacian: Float32Array, gx: Float32Array, gy: Float32Array, threshold: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -158,7 +158,7 @@ def zero_crossings(
     return position[:n], gradient[:n]
 
 
-@njit
+@njit(nogil=True)
 def flanking_gradients(
     gx: Float32Array, gy: Float32Array, position: FloatArray, gradient: FloatArray, distance: float
 ) -> FloatArray:
@@ -187,12 +187,14 @@ def flanking_gradients(
         nx, ny = gradient[i, 0] / norm, gradient[i, 1] / norm
         for flank in range(2):
             t = distance if flank == 1 else -distance
-            x, y = position[i, 0] + t * nx, position[i, 1] + t * ny
-            out[i, flank] = (clamped(gx, x, y) * nx + clamped(gy, x, y) * ny) / norm
+            x = min(max(position[i, 0] + t * nx, 0.0), gx.shape[1] - LAST_POSITION)
+            y = min(max(position[i, 1] + t * ny, 0.0), gx.shape[0] - LAST_POSITION)
+            gu, gv = bilinear_pair(gx, gy, x, y)
+            out[i, flank] = (gu * nx + gv * ny) / norm
     return out
 
 
-@njit
+@njit(nogil=True)
 def change_along_edges(gx: Float32Array, gy: Float32Array, tile: int) -> Float32Array:
     """How much the gradient differs between a pixel and one ALONG_EDGE pixels along the edge, across their mean.
 

@@ -411,7 +411,8 @@ def maxima(
     else:
         least = np.maximum(np.float32(threshold), WEAKEST * noise.sigma)
         with np.errstate(over='ignore'):
-            squared = gx * gx + gy * gy
+            squared = gx * gx
+            squared += gy * gy
         logarithm = np.asarray(cv2.log(squared + LOGARITHM_FLOOR * least.min() ** 2), np.float32)
         position, slope, magnitude, response, width = edgel_kernels.ridge_maxima(
             slopes, squared, logarithm, least, noise.sigma, noise.tile

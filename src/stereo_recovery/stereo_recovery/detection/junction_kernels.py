@@ -197,7 +197,7 @@ def _share_junctions(lines: Lines, abscissa: FloatArray, neighbour: Int32Array, 
                     sigma[i, e] = np.sqrt(sigma[k, far] ** 2 + AT_JUNCTION**2)
 
 
-@njit
+@njit(nogil=True)
 def spurious(lines: Lines) -> BoolArray:
     """Short segments that only show how a longer one bends where it nears another one, or blurs.
 

@@ -25,6 +25,18 @@ def bilinear(image: Float32Array, u: float, v: float) -> float:
 
 
 @njit
+def bilinear_pair(first: Float32Array, second: Float32Array, u: float, v: float) -> tuple[float, float]:
+    """As :func:`bilinear`, of two images of one size."""
+    x, y = int(u), int(v)
+    a, b = u - x, v - y
+    w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+    return (
+        w00 * first[y, x] + w01 * first[y, x + 1] + w10 * first[y + 1, x] + w11 * first[y + 1, x + 1],
+        w00 * second[y, x] + w01 * second[y, x + 1] + w10 * second[y + 1, x] + w11 * second[y + 1, x + 1],
+    )
+
+
+@njit
 def clamped(image: Float32Array, u: float, v: float) -> float:
     """The image (h, w) at column u and row v, pixels; outside it, at the nearest position inside."""
     h, w = image.shape

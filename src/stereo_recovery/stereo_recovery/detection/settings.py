@@ -75,9 +75,10 @@ LOGARITHM_FLOOR = 1e-4
 # Least share of the pixel's squared gradient that the interpolated gradient at the sub-pixel position has. [R]
 LEAST_INTERPOLATED = 0.25
 
-# Least magnitude of an edgel, in sigma of the derivatives' noise. [D] Of a picture of noise alone one pixel in forty is
-# an edgel then, which costs little. An edgel is clear when its direction has a sigma below CLEAR, radians: a seventh.
-WEAKEST, CLEAR = 2.0, 1.0 / 7.0
+# Least magnitude of an edgel, in sigma of the derivatives' noise. [M] In noise alone one pixel in twenty is an edgel
+# then; more would cost time, fewer would break faint edges. An edgel is clear when its direction has a sigma below
+# CLEAR, radians: a seventh.
+WEAKEST, CLEAR = 2.25, 1.0 / 7.0
 
 # -- noise -------------------------------------------------------------------------------------------------------------
 
@@ -149,6 +150,8 @@ LEAST_INFORMATION, LEAST_SAGITTA = 1e-9, 1e-9
 # sqrt(4 pi) sigma; [M] three quarters of that gives lines whose stated sigma is true (src/stereo_recovery/test/
 # test_bounds.py).
 CORRELATION_LENGTH = 0.75 * np.sqrt(4.0 * np.pi)
+# Edgels of a segment of which a median is taken, at least where there are as many; neighbours agree. [R]
+MEDIAN_SAMPLES = 24
 # Edgels a px along an edge, at most. [D] sqrt(2) on a diagonal, rounded up.
 MOST_DENSE = 1.5
 # Cauchy weights fall to a half at this many scales of the residual (2.385 has 95 % efficiency on normal noise; Huber

@@ -56,7 +56,7 @@ def _farthest(x: FloatArray, y: FloatArray, a: int, b: int) -> int:
     return where
 
 
-@njit
+@njit(nogil=True)
 def split(
     x: FloatArray, y: FloatArray, limit: FloatArray, offsets: IntArray, minimum: int
 ) -> tuple[IntArray, IntArray]:
@@ -142,7 +142,7 @@ def split(
     return bounds[:count], chain[:count]
 
 
-@njit
+@njit(nogil=True)
 def continuations(lines: Lines, straightness: float) -> Int32Array:
     """Which segment continues each one on the same straight line; no two are continued by the same.
 

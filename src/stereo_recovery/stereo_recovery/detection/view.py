@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -96,6 +97,15 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     ordered, segments, ellipses = split(chains, tolerance, sigma)
     segments = fit_double_steps(gradient(grey, detector, sigma), ordered, segments, sigma)
     return View(grey, ordered, segments, ellipses)
+
+
+def detect_views(
+    greys: tuple[Float32Array, Float32Array], detector: str, sigma: float, low: float, high: float
+) -> tuple[View, View]:
+    """:func:`detect_view` of two images (h, w) at once, in two threads."""
+    with ThreadPoolExecutor(1) as other:
+        right = other.submit(detect_view, greys[1], detector, sigma, low, high)
+        return detect_view(greys[0], detector, sigma, low, high), right.result()
 
 
 def _halved(grey: Float32Array) -> Float32Array:
