@@ -250,3 +250,16 @@ END
     assert result['R'][:12].tolist() == [11, 66, 2, 2.5, 6, 16, 302, 0, 0, 5, 6, 1204]
     assert result['R'][12] == pytest.approx(1.1, abs=1e-4) and result['R'][12] != np.float32(1.1)
     assert result['K'] == 314
+
+
+def test_arrays_of_scalars_have_the_word_length_of_the_scalars():
+    """They were REAL*4 and INTEGER*4 whatever the program had declared, and so were rounded."""
+    from dap_emulator.fortran_plus import compile
+
+    source = (
+        'ENTRY SUBROUTINE F(A, B, C)\nREAL*8 A(*2,*2), B(*2), C(*2,*2), X\nINTEGER*8 N\n'
+        'X = 1.0D0/3.0D0\nN = 5000000000\nA = MERGE(X, -X, MAT(.TRUE., 2, 2))\nB = VEC(X, 2)\n'
+        'C = MAT(X, 2, 2) + LENGTH(FLOAT(MAT(N, 2, 2) - N), 8)\nEND'
+    )
+    result = compile(source).run(Dap.model('510'))
+    assert {*result['A'].ravel(), *result['B'], *result['C'].ravel()} == {1 / 3}

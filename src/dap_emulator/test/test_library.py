@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from dap_emulator import Dap
+from dap_emulator.fortran_plus.examples import example
 from dap_emulator.fortran_plus.library import load_program, program_names, summary
 
 SIZES = st.sampled_from([1, 31, 32, 33, 65])
@@ -31,8 +32,10 @@ def test_the_library_is_complete_and_says_what_each_program_does():
         'antialias',
         'csg_combine',
         'pairwise',
+        'raycast',
         'sorts',
         'tree',
+        'validate',
         'mandelbrot',
         'life',
     }
@@ -324,3 +327,14 @@ def test_life(seed, size, generations):
         n = rows + np.roll(rows, 1, 1) + np.roll(rows, -1, 1) - expected
         expected = (n == 3) | (expected & (n == 2))
     assert np.array_equal(run('life', cells=cells, generations=generations)['CELLS'], expected)
+
+
+def test_every_program_has_an_example():
+    answers = {name: run(name, example(name).entry, **example(name).arguments) for name in program_names()}
+    assert answers['tree']['COUNT'] == 10 and answers['pairwise']['MATCHSUM'].min() > 0
+    assert answers['validate']['VALID'].tolist() == [True, False, True]
+    seen = answers['raycast']['OBJECT']
+    assert np.bincount(seen.ravel(), minlength=4).min() > 20
+    assert (answers['raycast']['DEPTH'][seen == 0] == -1).all()
+    with pytest.raises(ValueError, match='is not in the library'):
+        example('nothing')

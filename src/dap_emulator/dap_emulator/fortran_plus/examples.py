@@ -76,7 +76,7 @@ def feature_rows(start: FloatArray, end: FloatArray) -> FloatArray:
     return np.hstack([0.5 * (start + end), 0.5 * (end - start) / half, half, np.zeros((len(start), 2))])
 
 
-# Edges of the L-shape that the examples of matching see, and how far they are off, millimetres.
+# Edges of the L-shape that the examples of matching see, and how far they may be off, millimetres.
 _SEEN = np.array([0, 2, 3, 12, 4])
 _OFF_MM = 0.3
 
@@ -147,11 +147,7 @@ def _pairwise() -> Example:
     """The same edges, turned a little and moved far, with all constraints."""
     start, end = l_shape_edges()
     turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-    rng = np.random.default_rng(4)
-    seen = [
-        ends[_SEEN] @ turn.T + (20.0, 10.0, 300.0) + rng.normal(0.0, _OFF_MM / 3.0, (len(_SEEN), 3))
-        for ends in (start, end)
-    ]
+    seen = [ends[_SEEN] @ turn.T + (20.0, 10.0, 300.0) for ends in (start, end)]
     pairs = all_pairs(len(_SEEN))
     arguments = {
         'model': feature_rows(start, end),
@@ -170,6 +166,68 @@ def _pairwise() -> Example:
     return Example(None, arguments)
 
 
+def _raycast() -> Example:
+    """A block with a ball cut out of a corner and a pin in it, 30 cm before the camera; metres."""
+    sizes = np.array([(0.06, 0.05, 0.04), (0.025, 0.025, 0.025), (0.006, 0.006, 0.05)])
+    places = np.array([(0.0, 0.0, 0.0), (0.055, 0.005, 0.0), (0.02, 0.03, -0.02)])
+    # Row by row: the frame's axes as the camera sees them; the camera's place in the frame.
+    turn = np.array([[0.8, -0.36, 0.48], [0.0, 0.8, 0.6], [-0.6, -0.48, 0.64]]).T
+    camera = np.column_stack([turn, turn @ np.array([0.02, 0.0, -0.17]) + (0.03, 0.025, 0.02)])
+    leaves = len(sizes)
+    inverse = np.zeros((3, 4, leaves))
+    for leaf, (size, place) in enumerate(zip(sizes, places)):
+        inverse[:, :3, leaf], inverse[:, 3, leaf] = np.diag(1.0 / size), -place / size
+    colours = np.array([(0.7, 0.5, 0.2), (0.2, 0.5, 0.7), (0.8, 0.2, 0.2)]).T
+    arguments = {
+        'kind': [0, 3, 1],
+        'inverse': inverse,
+        'leaves': leaves,
+        'operators': '00D0U',
+        'objects': [1, 2, 0, 3, 0],
+        'n': 5,
+        'colours': np.repeat(colours[:, None], 6, axis=1),
+        'material': np.tile([[0.4], [0.6], [0.3], [12.0]], (1, leaves)),
+        'light': np.array([[0.2], [-0.3], [-0.4]]),
+        'lightcolour': np.ones((3, 1)),
+        'lights': 1,
+        'ambient': np.full(3, 0.5),
+        'background': np.array([0.05, 0.05, 0.1]),
+        'camera': camera,
+        'centre': np.array([15.5, 15.5]),
+        'focal': np.array([44.0, 44.0]),
+        'close': 1e-10,
+        'rows': 32,
+        'columns': 32,
+    }
+    return Example(None, arguments)
+
+
+def _validate() -> Example:
+    """Three interpretations of five edges of the L-shape: the true one, one with a wrong edge, one with a bin."""
+    start, end = l_shape_edges()
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    ends = np.stack([start[_SEEN], end[_SEEN]]) @ turn.T + (20.0, 10.0, 300.0)
+    assigned = np.tile(_SEEN + 1, (3, 1))
+    assigned[1, 2], assigned[2, 3] = 10, 0
+    items = len(_SEEN)
+    arguments = {
+        'model': feature_rows(start, end).T,
+        'datum': feature_rows(*ends).T,
+        'kind': np.zeros(items, np.int32),
+        'ends': ends.transpose(2, 0, 1),
+        'assigned': assigned,
+        'sign': np.ones((3, items), np.int32),
+        'e': 18,
+        'n': items,
+        'm': 3,
+        'sizeof': 90.0,
+        'maxradius': 0.0,
+        'fracdev': 0.01,
+        'curvedev': 0.1,
+    }
+    return Example(None, arguments)
+
+
 def _mandelbrot() -> Example:
     return Example(None, {'left': -2.2, 'top': -1.3, 'step': 0.041, 'limit': 16, 'count': np.zeros((64, 64), np.int16)})
 
@@ -182,8 +240,10 @@ _EXAMPLES: dict[str, Callable[[], Example]] = {
     'life': _life,
     'mandelbrot': _mandelbrot,
     'pairwise': _pairwise,
+    'raycast': _raycast,
     'roberts': _image,
     'sobel': _image,
     'sorts': _sorts,
     'tree': _tree,
+    'validate': _validate,
 }

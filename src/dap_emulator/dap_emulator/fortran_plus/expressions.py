@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -160,6 +161,8 @@ class Expressions:
     def _intrinsic(self, node: Reference) -> Evaluate:
         function = FUNCTIONS[node.name]
         run = function.run
+        if function.makes_arrays_of_scalars:
+            run = partial(run, kind=node.type.kind)
         values = [self.expression(item) for item in node.items or []]
         result: Type = node.type
         parallel = result.rank or any(item.type.rank for item in node.items or [])

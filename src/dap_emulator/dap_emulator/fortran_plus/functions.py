@@ -31,6 +31,8 @@ class Function:
         Whether a scalar call costs the control unit as much as an elementary function of a REAL.
     description : str
         Its documentation, when not that of ``run``.
+    makes_arrays_of_scalars : bool
+        Whether ``run`` takes the result's kind, which scalars do not tell when it runs.
     """
 
     least: int
@@ -39,6 +41,7 @@ class Function:
     run: Callable[..., Any]
     is_real_work: bool = False
     description: str = ''
+    makes_arrays_of_scalars: bool = False
 
     @property
     def doc(self) -> str:
@@ -254,7 +257,9 @@ FUNCTIONS: dict[str, Function] = {
     'MIN': _of_values(1, 9, _all_combined, f.minimum),
     'MOD': _of_values(2, 2, _int_of_two, f.mod),
     'SIGN': _of_values(2, 2, _int_of_two, f.sign),
-    'MERGE': _of_values(3, 3, _merge, f.merge),
+    'MERGE': Function(
+        3, 3, _merge, lambda dap, a, b, mask, kind: f.merge(a, b, mask, kind), False, f.merge.__doc__ or '', True
+    ),
     'ALL': _of_values(1, 1, _logical_to(LOGICAL), f.all_),
     'ANY': _of_values(1, 1, _logical_to(LOGICAL), f.any_),
     'MAXV': _of_values(1, 2, _extreme, f.maxv),
@@ -270,8 +275,8 @@ FUNCTIONS: dict[str, Function] = {
     'FRST': _of_values(1, 1, _logical_to(LOGICAL, keep=True), f.frst),
     'MATR': _of_values(1, 2, _reshape(1, 2), f.matr),
     'MATC': _of_values(1, 2, _reshape(1, 2), f.matc),
-    'MAT': Function(1, 3, _spread(2), f.mat),
-    'VEC': Function(1, 2, _spread(1), f.vec),
+    'MAT': Function(1, 3, _spread(2), f.mat, makes_arrays_of_scalars=True),
+    'VEC': Function(1, 2, _spread(1), f.vec, makes_arrays_of_scalars=True),
     'TRAN': _of_values(1, 1, _reshape(2, 2), f.tran),
     'REV': _of_values(1, 1, _reshape(1, 1), f.rev),
     'REVR': _of_values(1, 1, _reshape(2, 2), f.revr),

@@ -86,7 +86,9 @@ def _checked(dap: Machine, kind: Kind, shape: tuple[int, ...]) -> tuple[int, ...
     return shape
 
 
-def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None = None) -> DapArray:
+def mat(
+    dap: Machine, x: Operand, rows: int | None = None, columns: int | None = None, kind: Kind | None = None
+) -> DapArray:
     """MAT(s): a matrix full of a scalar. MAT(v, rows, columns): a long vector folded down the columns; zeros fill up.
 
     ES x ES when no extents are given.
@@ -101,18 +103,20 @@ def mat(dap: Machine, x: Operand, rows: int | None = None, columns: int | None =
         full[: source.size] = source.cells
         out = source.like_cells(np.ascontiguousarray(full.reshape(shape[::-1]).T))
     else:
-        out = filled(dap, x, _checked(dap, _kind_of_scalar(x), shape))
+        kind = kind or _kind_of_scalar(x)
+        out = filled(dap, x, _checked(dap, kind, shape), kind)
     out.charge_move('copy')
     return out
 
 
-def vec(dap: Machine, x: Operand, n: int | None = None) -> DapArray:
+def vec(dap: Machine, x: Operand, n: int | None = None, kind: Kind | None = None) -> DapArray:
     """VEC(s, n): a vector full of a scalar (ES long when n is not given). VEC(m): a matrix as a long vector."""
     if isinstance(x, DapArray):
         source = checked_array(x, 'VEC', rank=2)
         source.charge_move('copy')
         return source.like_cells(column_order(source.cells).copy(), source.dap.mapping)
-    out = filled(dap, x, _checked(dap, _kind_of_scalar(x), (_extent('VEC', n or dap.es),)))
+    kind = kind or _kind_of_scalar(x)
+    out = filled(dap, x, _checked(dap, kind, (_extent('VEC', n or dap.es),)), kind)
     out.charge_move('copy')
     return out
 

@@ -249,7 +249,7 @@ def sign(a: Operand, b: Operand) -> Any:
     return array.like(kind, kind.fit(signed.astype(kind.dtype)))
 
 
-def merge(a: Operand, b: Operand, mask: Any) -> Any:
+def merge(a: Operand, b: Operand, mask: Any, kind: Kind | None = None) -> Any:
     """MERGE(a, b, mask): a where the mask is true, b elsewhere."""
     if not isinstance(mask, DapArray):
         if not isinstance(mask, (bool, np.bool_)):
@@ -260,7 +260,8 @@ def merge(a: Operand, b: Operand, mask: Any) -> Any:
     for x in arrays:
         if x.shape != flags.shape:
             raise ValueError(f'MERGE: shapes {x.shape} and {flags.shape} differ')
-    kind = _merged_kind(a, b)
+    # Of two scalars the caller knows the word length; Python's numbers have none.
+    kind = kind if kind is not None and not arrays else _merged_kind(a, b)
     if flags.dap.in_bits:
         return _merge_on_planes(flags, a, b, kind)
     for x in arrays:

@@ -1,4 +1,4 @@
-! Pairwise constraints: ranges, and the tables of model pairs that each data pair may be, with signs (thesis 5.5, 5.7, 6.6)
+! Pairwise constraints: ranges, and the model pairs that each data pair may be, with signs (thesis 5.5, 5.7, 6.6)
 ENTRY SUBROUTINE PAIRWISE(MODEL, MKIND, DATUM, DKIND, TOLERANCE, USE, SIGNED, DATUM1, DATUM2, PAIRS, ITEMS, &
     EDGES, MATCH, SIGNS, MATCHSUM)
   IMPLICIT NONE

@@ -1,10 +1,10 @@
-! Tree: traverse the pruned interpretation tree, pair by pair, with direction signs and the bin (thesis 5.5, 5.7, 5.10, C)
+! Tree: traverse the pruned interpretation tree, with direction signs and the bin (thesis 5.5, 5.7, 5.10, appendix C)
 ENTRY SUBROUTINE MATCHER(MATCH, SIGNS, DATUM1, DATUM2, ORDER, BINS, PAIRS, ITEMS, SIGNED, MOST, NOI, &
     FOUND, SIGN, COUNT, INBIN)
   IMPLICIT NONE
-! MATCH, SIGNS: a table for each data pair, as PAIRWISE makes them; BINS: true at the model feature that stands for the bin
+! MATCH, SIGNS: a table for each data pair, as PAIRWISE makes them; BINS: true at the feature that stands for the bin
 ! MOST: features that the bin takes at most; the fewest that lead to an interpretation are put there, INBIN of them
-! FOUND(item, k): the model feature of each item in interpretation k, 0 the bin; SIGN: 1, -1 or 0 for unknown; COUNT of them
+! FOUND(item, k): the model feature of each item in interpretation k of COUNT, 0 the bin; SIGN: 1, -1 or 0 for unknown
   INTEGER PAIRS, ITEMS, MOST, NOI, COUNT, INBIN
   LOGICAL MATCH(,,PAIRS), SIGNS(,,6,PAIRS), BINS(), SIGNED
   INTEGER DATUM1(PAIRS), DATUM2(PAIRS), ORDER(PAIRS), FOUND(ITEMS, NOI), SIGN(ITEMS, NOI)
