@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import importlib.util
 import json
 import re
@@ -52,8 +54,11 @@ def test_names_are_unique_and_every_table_of_the_thesis_is_covered():
         '5.19',
         '5.20',
         '5.21',
+        '5.23',
         '5.24',
+        '5.25',
         '5.28',
+        '4.1',
         '6.1',
         '6.2',
         '6.5',
@@ -61,17 +66,50 @@ def test_names_are_unique_and_every_table_of_the_thesis_is_covered():
         assert table in covered, f'no experiment refers to {table}'
 
 
+def wrong(cell):
+    """Another value than any that the cell may have."""
+    if isinstance(cell, str):
+        return {'yes': 'no', 'no': 'yes'}.get(cell, 'wrong')
+    return cell if cell is None else 1000.0 * cell + 1000.0
+
+
 @pytest.mark.parametrize('name', NAMES)
-def test_an_experiment_runs_and_says_in_one_sentence_how_it_agrees(name):
-    document = experiments.conduct(BY_NAME[name], tiny=True)
-    assert document['status'] in ('done', 'not available yet'), document['why']
-    if document['status'] == 'done':
-        assert document['sentence'].endswith('.') and 'nan' not in document['sentence']
-        assert document['tables'] and all(table['rows'] for table in document['tables'])
-        for table in document['tables']:
-            assert any('ours' in title for title in table['columns']) or 'expected' in ' '.join(table['columns'])
-            assert all(len(row) == len(table['columns']) for row in table['rows'])
+def test_an_experiment_runs_and_its_sentence_is_of_its_rows(name):
+    """Every table has its rows, and what is said of a table changes when any one of its rows is made wrong."""
+    outcomes = []
+    item = BY_NAME[name]
+    watched = dataclasses.replace(item, run=lambda setting: outcomes.append(item.run(setting)) or outcomes[0])
+    document = experiments.conduct(watched, tiny=True)
     json.dumps(document, default=experiments.plain)
+    assert document['status'] == 'done', document['why']
+    (outcome,) = outcomes
+    assert document['sentence'].endswith('.') and 'nan' not in document['sentence']
+    assert outcome.tables and all(table.body for table in outcome.tables) and outcome.spoken
+    for table in outcome.tables:
+        assert any('ours' in title for title in table.columns) and len(set(table.columns)) == len(table.columns)
+        assert all(len(row) == len(table.columns) for row in table.rows)
+    for place in outcome.spoken:
+        for number in range(len(outcome.tables[place].body)):
+            tables = copy.deepcopy(outcome.tables)
+            table = tables[place]
+            own = ['ours' in title for title in table.columns]
+            row = table.rows[number]
+            table.rows[number] = [wrong(cell) if mine else cell for cell, mine in zip(row, own)]
+            assert outcome.say(tables) != document['sentence'], f'{table.title}: {row}'
+
+
+def test_counts_and_times_of_the_thesis_stand_in_one_place():
+    """The numbers that are most its own, in no other file than the two that have them."""
+    root = HERE.parent
+    homes = {'test/experiments/thesis.py', 'src/csg_renderer/csg_renderer/features/thesis_counts.py'}
+    for pattern in (r'\b498\b', r'\b32\.8\b', r'\b15\.24\b', r'\(44, 264'):
+        found = {
+            str(path.relative_to(root))
+            for folder in ('src', 'test')
+            for path in (root / folder).rglob('*.py')
+            if path.name != 'test_experiments.py' and re.search(pattern, path.read_text(encoding='utf-8'))
+        }
+        assert found <= homes, f'{pattern}: {found - homes}'
 
 
 def test_results_are_kept_until_forced_and_make_a_page(tmp_path, capsys):

@@ -15,9 +15,13 @@ import threading
 import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from measure import Measurement, milliseconds
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'experiments'))
+from thesis import MATCHING_S, PLUG, PREPROCESS_S, PROFILE, VIEWS
 
 from csg_renderer import ideal_data, load_scene, model_features, render, scene_path
 from csg_renderer.raycast import engine_dap
@@ -31,27 +35,6 @@ from model_matcher import MatchParams, match
 from model_matcher.params import CONSTRAINTS
 from msgs_py import FeatureSet, PinholeCamera
 
-# Thesis Table 5.2: seconds for a stereo pair on a DAP 510.
-STEREO_S = {
-    'chipped_block_v1': 12.6,
-    'chipped_block_v2': 10.3,
-    'chair_v1': 12.1,
-    'chair_v2': 9.6,
-    'computer_v1': 32.8,
-    'computer_v2': 26.0,
-    'l_shape_v1': 14.5,
-    'l_shape_v2': 11.9,
-    'wedge_v1': 25.5,
-    'wedge_v2': 11.0,
-}
-# Thesis 4.13.2: mean time of the host's tiling preprocess, seconds an image; the machine does not do it.
-PREPROCESS_S = 1.01
-# Thesis 7.1: matching of the example scenes; Figure 5.18's own bars are lost.
-MATCHING_S = (0.12, 0.68)
-# Thesis 5.11.3.2: mean share of making the look-up tables.
-TABLES_SHARE = 0.264
-# Thesis Table 5.11: ideal data, seconds: the Fortran* program, and by subgraphs.
-PLUG_S = {'plug_v1': (1.80, 4.54), 'plug_v2': (0.28, 0.61)}
 # Thesis 5.11.3.2: stated errors of one millimetre, a cone of one degree, no distance constraint, nothing in the bin.
 IDEAL = {
     'constraints': ('angle', 'direction1', 'direction2', 'direction3'),
@@ -61,6 +44,12 @@ IDEAL = {
     'eliminate': False,
     'engine': 'dap',
     'time_limit_s': 20.0,
+}
+# The polyhedra of Table 5.2, without the plug.
+STEREO_S = {name: view.stereo_s for name, view in VIEWS.items() if view.stereo_s and not name.startswith('plug')}
+TABLES_SHARE = 0.01 * PROFILE['tables']
+PLUG_S = {
+    name: [PLUG[name, search][0] for search in ('tree', 'subgraph')] for name in sorted({name for name, _ in PLUG})
 }
 
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from lab import Experiment, Line, Outcome, Plot, Setting, Table
+from lab import Experiment, Line, Outcome, Plot, Setting, Table, average, within
 
 from model_matcher import MatchParams, index_model, match, recognise
 from model_matcher.closed_form.synthetic import MODELS, SyntheticScene, make_scene, random_polyhedron
@@ -41,7 +41,7 @@ def _curve(
     names: tuple[str, ...] = NAMES,
     params: MatchParams | None = None,
     factor: float = 100.0,
-) -> tuple[Table, list[Plot], list[float]]:
+) -> tuple[Table, list[Plot]]:
     """Success and time of several models over one varied quantity."""
     table = Table(
         title, [x_label, *(f'{name}: {what} ours' for name in names for what in ('success %', 'ms', 'p95 ms'))]
@@ -70,7 +70,13 @@ def _curve(
         Plot(f'{title}: success', x_label, '% of the scenes', [Line(n, x, success[n]) for n in names]),
         Plot(f'{title}: time', x_label, 'ms, median', [Line(n, x, times[n]) for n in names], log_y=True),
     ]
-    return table, plots, [value for values in success.values() for value in values]
+    return table, plots
+
+
+def _success(table: Table) -> str:
+    """The mean and the worst of all cells, and the time that goes with them."""
+    shares = [share for name in NAMES for share in table.numbers(f'{name}: success % ours')]
+    return f'{average(shares):.1f} % of the scenes (worst cell {min(shares):.0f} %)'
 
 
 def _warm() -> None:
@@ -81,7 +87,7 @@ def _warm() -> None:
 def clutter(setting: Setting) -> Outcome:
     _warm()
     values = setting.pick([0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98], [0.0, 0.5])
-    table, plots, success = _curve(
+    table, plots = _curve(
         setting,
         'Success and time against clutter',
         'clutter, % of the data',
@@ -90,10 +96,10 @@ def clutter(setting: Setting) -> Outcome:
         lambda model, seed, v: make_scene(model, seed, clutter=v),
     )
     return Outcome(
-        f'From 0 to {100 * values[-1]:.0f} % clutter the matcher is right in {np.mean(success):.1f} % of '
-        'the scenes '
-        f'(worst cell {min(success):.0f} %); the thesis left clutter as its open problem '
-        '(7.4).',
+        lambda tables: (
+            f'From {within(tables[0].numbers(tables[0].columns[0]), "g")} % clutter the matcher is right in '
+            f'{_success(tables[0])}; the thesis left clutter as its open problem (7.4).'
+        ),
         [table],
         plots,
         [SUCCESS],
@@ -103,7 +109,7 @@ def clutter(setting: Setting) -> Outcome:
 def noise(setting: Setting) -> Outcome:
     _warm()
     values = setting.pick([0.0, 0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3], [0.5e-3])
-    table, plots, success = _curve(
+    table, plots = _curve(
         setting,
         'Success and time against noise, 50 % clutter',
         'noise of every end point coordinate, mm',
@@ -113,9 +119,10 @@ def noise(setting: Setting) -> Outcome:
         factor=1e3,
     )
     return Outcome(
-        f'Right in {np.mean(success):.1f} % of the scenes over all noise levels, worst cell '
-        f'{min(success):.0f} %: '
-        "models of 60 to 110 mm, the plug's pins are 4 mm wide.",
+        lambda tables: (
+            f'From {within(tables[0].numbers(tables[0].columns[0]), "g")} mm of noise the matcher is right in '
+            f"{_success(tables[0])}: models of 60 to 110 mm, the plug's pins are 4 mm wide."
+        ),
         [table],
         plots,
         [SUCCESS],
@@ -125,7 +132,7 @@ def noise(setting: Setting) -> Outcome:
 def occlusion(setting: Setting) -> Outcome:
     _warm()
     values = setting.pick([1.0, 0.75, 0.5, 0.4, 0.3, 0.2], [0.5])
-    table, plots, success = _curve(
+    table, plots = _curve(
         setting,
         'Success and time against occlusion, 80 % clutter',
         'model features that are seen, %',
@@ -134,8 +141,11 @@ def occlusion(setting: Setting) -> Outcome:
         lambda model, seed, v: make_scene(model, seed, clutter=0.8, visible=v),
     )
     return Outcome(
-        f'Right in {np.mean(success):.1f} % of the scenes, worst cell {min(success):.0f} %, down to '
-        f'{100 * values[-1]:.0f} % of the features.',
+        lambda tables: (
+            f'From {within(tables[0].numbers(tables[0].columns[0]), "g")} % of the features seen the matcher is '
+            'right in '
+            f'{_success(tables[0])}.'
+        ),
         [table],
         plots,
         [SUCCESS],
@@ -174,11 +184,7 @@ def library(setting: Setting) -> Outcome:
             [count, 1e3 * spent_indexing, 100.0 * float(np.mean(good)), false, times[-1], times[-1] / count]
         )
     return Outcome(
-        f'With {counts[-1]} models a scene takes {times[-1] / 1e3:.2f} s; {table.rows[-1][2]:.0f} % of the '
-        'objects '
-        'are named and placed. Clutter here consists of models of the same kind, so a "false alarm" may be '
-        'a '
-        'likeness.',
+        say_library,
         [table],
         [
             Plot(
@@ -190,6 +196,18 @@ def library(setting: Setting) -> Outcome:
                 log_y=True,
             )
         ],
+    )
+
+
+def say_library(tables: list[Table]) -> str:
+    (table,) = tables
+    took = ', '.join(f'{count} in {1e-3 * ms:.3g} s' for count, ms in table.paired('models', 'ms a scene ours'))
+    named = ', '.join(f'{share:.0f}' for share in table.numbers('recognised ours, %'))
+    return (
+        f'A scene takes, by the number of models, {took}; {named} % of the objects are named and placed, with '
+        f'{sum(table.numbers("false alarms ours")):.0f} false alarms in all. Clutter here consists of models of the '
+        'same '
+        'kind, so a "false alarm" may be a likeness.'
     )
 
 
@@ -233,7 +251,10 @@ def instances(setting: Setting) -> Outcome:
             shares.append(100.0 * float(np.mean(each)))
             table.rows.append([count, name, 100.0 * float(np.mean(every)), shares[-1], false, float(np.median(spent))])
     return Outcome(
-        f'{np.mean(shares):.1f} % of all instances are found when two to five stand in one scene.',
+        lambda tables: (
+            f'{average(tables[0].numbers("instances found ours, %")):.1f} % of all instances are found when '
+            f'{within(tables[0].numbers("instances"), ".0f")} stand in one scene.'
+        ),
         [table],
         notes=[SUCCESS],
     )

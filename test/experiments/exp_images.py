@@ -21,8 +21,11 @@ from lab import (
     Plot,
     Setting,
     Table,
+    average,
+    geometric_mean,
     stereo_images,
     view,
+    within,
 )
 from scipy import stats
 from scipy.spatial.transform import Rotation
@@ -106,9 +109,7 @@ def error_vector(found: Interpretation, truth: Pose) -> np.ndarray:
     return np.concatenate([pose.translation - truth.translation, turn])
 
 
-def sweep(
-    setting: Setting, what: str, values: list, title: str, **of_value: Any
-) -> tuple[list[Table], list[Plot], dict]:
+def sweep(setting: Setting, what: str, values: list, title: str, **of_value: Any) -> tuple[list[Table], list[Plot]]:
     """Median errors and their physical limit over one varied quantity; of_value maps a value to trial arguments."""
     seeds = setting.pick(16, 1)
     tables = {
@@ -118,11 +119,11 @@ def sweep(
                 what,
                 'recognised ours, %',
                 'rotation deg ours',
-                'its limit',
+                'limit of rotation',
                 'z mm ours',
-                'its limit',
+                'limit of z',
                 'across mm ours',
-                'its limit',
+                'limit across',
             ],
         )
         for name in VIEWS
@@ -169,7 +170,7 @@ def sweep(
         Plot(f'{title}: rotation', what, 'degrees, median', lines['rotation'], log_y=True),
         Plot(f'{title}: depth', what, 'mm, median', lines['z'], log_y=True),
     ]
-    return list(tables.values()), plots, cells
+    return list(tables.values()), plots
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:
@@ -184,15 +185,33 @@ def _medians(errors: np.ndarray) -> list[float]:
     ]
 
 
-def _growth(cells: dict, first: Any, last: Any, column: int) -> tuple[float, float]:
+# Columns of a sweep's tables: our medians, each with its limit behind it.
+RECOGNISED, ROTATION, DEPTH = 1, 2, 4
+
+
+def _row(table: Table, value: float) -> list[Any]:
+    return next(row for row in table.body if row[0] == value)
+
+
+def _growth(tables: list[Table], first: float, last: float, column: int) -> tuple[float, float]:
     """How many times as large our error, and its limit, are at the last value as at the first: means of the views."""
-    rows = [(cells[name, last], cells[name, first]) for name in VIEWS]
-    ours, limit = (np.exp(np.mean([np.log(b[k] / a[k]) for b, a in rows])) for k in (column, column + 1))
-    return float(ours), float(limit)
+    rows = [(_row(table, last), _row(table, first)) for table in tables]
+    ours, limit = (geometric_mean([b[k] / a[k] for b, a in rows]) for k in (column, column + 1))
+    return ours, limit
 
 
-def _beside_limit(cells: dict, value: Any, column: int) -> float:
-    return float(np.mean([cells[name, value][column] / cells[name, value][column + 1] for name in VIEWS]))
+def _beside_limit(tables: list[Table], value: float, column: int) -> float:
+    return average([row[column] / row[column + 1] for row in (_row(table, value) for table in tables)])
+
+
+def _recognised(tables: list[Table]) -> str:
+    """What counts of every row: its share, and how far the errors are from their limits."""
+    shares = [row[RECOGNISED] for table in tables for row in table.body]
+    above = [row[ROTATION] / row[ROTATION + 1] for table in tables for row in table.body]
+    return (
+        f'{average(shares):.0f} % are recognised over all rows, with rotation errors of '
+        f'{geometric_mean(above):.1f} times the limit'
+    )
 
 
 NOTE = (
@@ -204,22 +223,24 @@ NOTE = (
 
 def antialias(setting: Setting) -> Outcome:
     values = setting.pick([0, 2, 4, 8], [4])
-    tables, plots, cells = sweep(
+    tables, plots = sweep(
         setting,
         'samples along a pixel (0: one ray)',
         values,
         'Error against anti-aliasing',
         antialias=lambda value, name: value,
     )
-    ratio = np.median([cells[n, values[0]][1] / cells[n, values[-1]][1] for n in VIEWS])
     return Outcome(
-        f'One ray a pixel costs {ratio:.1f} times the rotation error of {values[-1]} x {values[-1]} '
-        'samples; the '
-        'thesis found anti-aliasing unnecessary for recovery, which holds for recognition but not for '
-        'accuracy.',
+        lambda tables: (
+            f'One ray a pixel costs {1.0 / _growth(tables, values[0], values[-1], ROTATION)[0]:.1f} times the '
+            'rotation '
+            f'error of {values[-1]} x {values[-1]} samples; {_recognised(tables)}. The thesis found anti-aliasing '
+            'unnecessary for recovery.'
+        ),
         tables,
         plots,
         [NOTE],
+        spoken=tuple(range(len(tables))),
     )
 
 
@@ -230,7 +251,7 @@ def baseline(setting: Setting) -> Outcome:
         this = view(name)
         return StereoRig(this.rig.left, this.rig.right, float(this.pose.translation[2]) / value)
 
-    tables, plots, cells = sweep(
+    tables, plots = sweep(
         setting,
         'distance : baseline',
         values,
@@ -238,20 +259,23 @@ def baseline(setting: Setting) -> Outcome:
         rig=rig_of,
         antialias=lambda value, name: setting.pick(FINE, 2),
     )
-    ours, limit = _growth(cells, values[0], values[-1], 3)
     return Outcome(
-        f'From {values[0]:g} : 1 to {values[-1]:g} : 1 the errors of depth fall to {ours:.2f} of what they '
-        f"were and their physical limit to {limit:.2f}; at the thesis' 5 : 1 ours are "
-        f'{_beside_limit(cells, 5.0, 3):.0f} times the limit.',
+        lambda tables: (
+            f'From {values[0]:g} : 1 to {values[-1]:g} : 1 the errors of depth become '
+            f'{_growth(tables, values[0], values[-1], DEPTH)[0]:.2f} of what they were and their physical limit '
+            f"{_growth(tables, values[0], values[-1], DEPTH)[1]:.2f}; at the thesis' 5 : 1 ours are "
+            f'{_beside_limit(tables, 5.0, DEPTH):.0f} times the limit; {_recognised(tables)}.'
+        ),
         tables,
         plots,
         [NOTE],
+        spoken=tuple(range(len(tables))),
     )
 
 
 def depth(setting: Setting) -> Outcome:
     values = setting.pick([0.9, 1.0, 1.5, 2.0, 3.0, 4.0], [1.0])
-    tables, plots, cells = sweep(
+    tables, plots = sweep(
         setting,
         "distance, times the view's own",
         values,
@@ -259,44 +283,45 @@ def depth(setting: Setting) -> Outcome:
         depth=lambda value, name: value,
         antialias=lambda value, name: setting.pick(FINE, 2),
     )
-    ours, limit = _growth(cells, 1.0, values[-1], 3)
-    turning, turning_limit = _growth(cells, 1.0, values[-1], 1)
     return Outcome(
-        f"From the views' own distance to {values[-1]:g} times that, at a fixed baseline, errors of depth "
-        f'grow {ours:.0f} times and those of rotation {turning:.0f} times, their physical limits '
-        f'{limit:.0f} and {turning_limit:.0f} times: the smaller the image, the more is lost to edges that '
-        'are no longer found.',
+        lambda tables: (
+            f"From the views' own distance to {values[-1]:g} times that, at a fixed baseline, errors of depth grow "
+            f'{_growth(tables, 1.0, values[-1], DEPTH)[0]:.0f} times and those of rotation '
+            f'{_growth(tables, 1.0, values[-1], ROTATION)[0]:.0f} times, their physical limits '
+            f'{_growth(tables, 1.0, values[-1], DEPTH)[1]:.0f} and '
+            f'{_growth(tables, 1.0, values[-1], ROTATION)[1]:.0f} times; {_recognised(tables)}.'
+        ),
         tables,
         plots,
         [NOTE],
+        spoken=tuple(range(len(tables))),
     )
 
 
 def covariance(setting: Setting) -> Outcome:
-    """Is the stated covariance true? Squared Mahalanobis distances of the errors follow chi-square with six degrees."""
+    """Is the stated covariance true? Squared Mahalanobis distances of the errors follow chi-square with six "
+    "degrees."""
     table = Table(
         'Squared distance of the pose error in units of the stated covariance',
         [
             'data',
             'poses',
             'mean expected',
-            'ours',
+            'mean ours',
             'median expected',
-            'ours',
+            'median ours',
             'inside 95 % expected',
-            'ours',
+            'inside ours',
             'Kolmogorov-Smirnov p ours',
         ],
     )
     plots = [Line('expected', *_quantiles(stats.chi2(6).ppf(np.linspace(0.02, 0.98, 40))), '--')]
-    shares = []
     for title, distances in _distances(setting):
         setting.advance(title)
         if not len(distances):
             table.rows.append([title, 0, 6.0, None, 5.35, None, 95.0, None, None])
             continue
         inside = 100.0 * float((distances < stats.chi2(6).ppf(0.95)).mean())
-        shares.append(inside)
         table.rows.append(
             [
                 title,
@@ -311,12 +336,22 @@ def covariance(setting: Setting) -> Outcome:
             ]
         )
         plots.append(Line(title, *_quantiles(np.quantile(distances, np.linspace(0.02, 0.98, 40))), '-'))
-    if not shares:
+    if not table.numbers('inside ours'):
         raise NotAvailable('the matcher states no covariance')
+    return Outcome(
+        say_covariance,
+        [table],
+        [Plot('Actual errors in units of the stated covariance', 'probability', 'squared distance', plots, log_y=True)],
+    )
+
+
+def say_covariance(tables: list[Table]) -> str:
+    (table,) = tables
+    shares = table.numbers('inside ours')
     small = [
         row[0]
-        for row in table.rows
-        if row[1] and stats.binomtest(round(row[7] * row[1] / 100.0), row[1], 0.95, alternative='less').pvalue < 0.01
+        for row in table.body
+        if row[1] and stats.binomtest(_hits(row), row[1], 0.95, alternative='less').pvalue < 0.01
     ]
     verdict = (
         'the stated covariances agree with the actual errors'
@@ -324,12 +359,17 @@ def covariance(setting: Setting) -> Outcome:
         else f'the stated covariances are somewhat too small for {", ".join(small)} and agree with the actual errors '
         'elsewhere'
     )
-    return Outcome(
-        f'Between {min(shares):.0f} and {max(shares):.0f} % of the errors lie inside the stated 95 % '
-        f'ellipsoid: {verdict} (tested at 1 %).',
-        [table],
-        [Plot('Actual errors in units of the stated covariance', 'probability', 'squared distance', plots, log_y=True)],
+    return (
+        f'Between {min(shares):.0f} and {max(shares):.0f} % of the errors lie inside the stated 95 % ellipsoid, '
+        'squared '
+        f'distances have means of {within(table.numbers("mean ours"), ".1f")} (expected 6): {verdict} (tested at 1 '
+        '%).'
     )
+
+
+def _hits(row: list) -> int:
+    """Errors inside the ellipsoid, of so many poses."""
+    return min(round(row[7] * row[1] / 100.0), row[1])
 
 
 def _quantiles(values: np.ndarray) -> tuple[list, list]:
@@ -366,7 +406,8 @@ def _distance(found: Interpretation | None, truth: Pose) -> float | None:
 
 
 def real_folder() -> Path | None:
-    """The folder with chessboard/ and teabox/, which are not shipped: STEREO_REAL_DATA names it, or ../shared/real."""
+    """The folder with chessboard/ and teabox/, which are not shipped: STEREO_REAL_DATA names it, or "
+    "../shared/real."""
     named = os.environ.get('STEREO_REAL_DATA')
     folder = Path(named) if named else Path(__file__).resolve().parents[3] / 'shared' / 'real'
     return folder if folder.is_dir() else None
@@ -397,7 +438,6 @@ def real_pairs(setting: Setting) -> Outcome:
         ],
     )
     model = chessboard_model()
-    good = 0
     for pair in setting.pick(pairs, pairs[:1]):
         setting.advance(f'chessboard {pair}')
         left, right = (_grey(folder / f'{side}{pair}_rect.png') for side in ('left', 'right'))
@@ -420,32 +460,47 @@ def real_pairs(setting: Setting) -> Outcome:
         if best is not None:
             error = best_pose_error(best, truth, board_symmetries(truth))
             row[4:] = error.rotation_deg, 1e3 * error.translation, best.matched, len(best.symmetric_poses)
-            good += error.rotation_deg < 1.0 and error.translation < 0.2 * SQUARE_M
         table.rows.append(row)
     tables = [table]
     notes = [
         f'Squares are taken to be {1e3 * SQUARE_M:g} mm; the reference poses come from the corners in both '
         'pictures. Of equal poses the one nearest to the reference is judged.'
     ]
-    sentence = (
-        f'{good} of {len(table.rows)} real chessboard pairs are placed within 1 degree and a fifth of a square '
-        'of their reference pose, up to the half turn that grid lines alone cannot tell'
-    )
     if more is not None and (more / 'teabox').is_dir():
-        box, placed = _teabox(more / 'teabox', setting)
-        tables.append(box)
-        sentence += f'; the tea box in {placed} of {len(box.rows)} pairs within 2 degrees and 5 mm.'
+        tables.append(_teabox(more / 'teabox', setting))
         notes.append(
             'The references of the tea box are good to about 1 mm and 0.5 degrees; its cardboard edges are '
             'round, and three of the seven visible ones run along the image rows.'
         )
     else:
-        sentence += '; the tea box: its pictures are not on this machine.'
         notes.append(
             'The pictures of the tea box (from ViSP, GPL) and six more chessboard pairs are not shipped; '
             'STEREO_REAL_DATA names the folder that holds teabox/ and chessboard/.'
         )
-    return Outcome(sentence, tables, notes=notes)
+    return Outcome(say_real_pairs, tables, notes=notes, spoken=(0,))
+
+
+def _placed(table: Table, degrees: float, mm: float) -> int:
+    """Rows whose pose is near enough to its reference."""
+    errors = table.paired('pose deg from the reference ours', 'mm from the reference ours')
+    return sum(turn < degrees and shift < mm for turn, shift in errors)
+
+
+def say_real_pairs(tables: list[Table]) -> str:
+    from model_matcher.closed_form.real_pair import SQUARE_M
+
+    boards, *boxes = tables
+    box = (
+        f'the tea box in {_placed(boxes[0], 2.0, 5.0)} of {len(boxes[0].body)} pairs within 2 degrees and 5 mm'
+        if boxes
+        else 'the tea box: its pictures are not on this machine'
+    )
+    return (
+        f'{_placed(boards, 1.0, 200.0 * SQUARE_M)} of {len(boards.body)} real chessboard pairs are placed within 1 '
+        'degree '
+        'and a fifth of a square of their reference pose, up to the half turn that grid lines alone cannot tell; '
+        f'{box}.'
+    )
 
 
 def _grey(path: Path) -> np.ndarray:
@@ -455,8 +510,8 @@ def _grey(path: Path) -> np.ndarray:
     return image
 
 
-def _teabox(folder: Path, setting: Setting) -> tuple[Table, int]:
-    """The box's pairs, and how many are placed. folder : left000_rect.png, ..., calibration.json, box_poses.json."""
+def _teabox(folder: Path, setting: Setting) -> Table:
+    """The box's pairs. folder : left000_rect.png, ..., calibration.json, box_poses.json."""
     from model_matcher.closed_form.comparison import best_pose_error, compare_edges
 
     given = json.loads((folder / 'calibration.json').read_text())['rectified']
@@ -482,7 +537,6 @@ def _teabox(folder: Path, setting: Setting) -> tuple[Table, int]:
     model = FeatureSet.from_edges(vertices[[a for a, _ in pairs]], vertices[[b for _, b in pairs]])
     camera = PinholeCamera(*given['size'], given['f'], given['f'], given['cx'], given['cy'])
     rig = StereoRig.symmetric(camera, given['baseline_m_corrected'])
-    placed = 0
     for name, pose in document['poses'].items():
         setting.advance(f'tea box {name}')
         left, right = (_grey(folder / f'{side}{name}_rect.png') for side in ('left', 'right'))
@@ -505,9 +559,8 @@ def _teabox(folder: Path, setting: Setting) -> tuple[Table, int]:
             # A plain box laid on itself by half turns: no edge can tell them apart.
             error = best_pose_error(best, truth, [truth.compose(turn) for turn in _half_turns(size)])
             row[4:] = error.rotation_deg, 1e3 * error.translation, best.matched, len(best.symmetric_poses)
-            placed += error.rotation_deg < 2.0 and error.translation < 5e-3
         table.rows.append(row)
-    return table, placed
+    return table
 
 
 def _half_turns(size: np.ndarray) -> list[Pose]:

@@ -30,6 +30,27 @@ class Table:
     title: str
     columns: list[str]
     rows: list[list[Cell]] = field(default_factory=list)
+    # The last rows, so many, sum the others up or hold the thesis' own mean.
+    summaries: int = 0
+
+    @property
+    def body(self) -> list[list[Cell]]:
+        """The rows that are no summary."""
+        return self.rows[: len(self.rows) - self.summaries]
+
+    def column(self, title: str) -> list[Cell]:
+        """The cells of a column, summaries left out."""
+        k = self.columns.index(title)
+        return [row[k] for row in self.body]
+
+    def numbers(self, title: str) -> list[float]:
+        """The numbers of a column, summaries and gaps left out."""
+        return [float(cell) for cell in self.column(title) if isinstance(cell, (int, float, np.number))]
+
+    def paired(self, one: str, other: str) -> list[tuple[float, float]]:
+        """The numbers of two columns, of the rows that have both."""
+        both = zip(self.column(one), self.column(other))
+        return [(float(a), float(b)) for a, b in both if all(isinstance(x, (int, float, np.number)) for x in (a, b))]
 
 
 @dataclass
@@ -56,15 +77,25 @@ class Plot:
 
 @dataclass
 class Outcome:
-    """What an experiment found. sentence : one on agreement with the thesis, or the lesson; notes : what to know."""
+    """What an experiment found.
 
-    sentence: str
+    say : the one sentence on agreement with the thesis, or the lesson, made from the tables and from nothing else;
+    notes : what to know; spoken : the tables, by place, of which every row counts in the sentence
+    """
+
+    say: Callable[[list[Table]], str]
     tables: list[Table] = field(default_factory=list)
     plots: list[Plot] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    spoken: tuple[int, ...] = (0,)
+
+    @property
+    def sentence(self) -> str:
+        return self.say(self.tables)
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        plain = {name: [asdict(item) for item in getattr(self, name)] for name in ('tables', 'plots')}
+        return {'sentence': self.sentence, **plain, 'notes': self.notes}
 
 
 @dataclass(frozen=True)
@@ -182,6 +213,21 @@ def timed(function: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
         if best > 1.0:
             break
     return result, best
+
+
+def within(values: Sequence[float], form: str = '.2f') -> str:
+    """'0.12 to 0.68', the least and the largest."""
+    return f'{min(values):{form}} to {max(values):{form}}' if values else 'no figure'
+
+
+def average(values: Sequence[float]) -> float:
+    """The mean; NaN of nothing."""
+    return float(np.mean(values)) if len(values) else float('nan')
+
+
+def geometric_mean(values: Sequence[float]) -> float:
+    """Of positive numbers; NaN of nothing."""
+    return float(np.exp(np.mean(np.log(values)))) if len(values) else float('nan')
 
 
 def ratio(a: float | None, b: float | None) -> float | None:

@@ -33,6 +33,7 @@ GROUPS = (
     'exp_scenes',
     'exp_constraints',
     'exp_search',
+    'exp_matching',
     'exp_agreement',
     'exp_poses',
     'exp_plug',

@@ -1,0 +1,65 @@
+"""What the emulated DAP 510 takes, in both word lengths: to render a view, to match data, phase by phase."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from lab import View
+
+from csg_renderer.raycast import engine_dap
+from csg_renderer.raycast.frame import RenderOptions
+from model_matcher import MatchParams, ModelIndex, match
+from msgs_py import FeatureSet, Pose
+
+# Bytes of a REAL: Fortran-Plus' plain one, and the one that gives the native engines' numbers.
+BYTES = (4, 8)
+# What the thesis made off-line: its matching times hold none of it (5.11.3.2).
+OFF_LINE = ('model_ranges', 'data_ranges')
+TREE = ('traversal', 'signs')
+VALIDATION = ('validation_set_up', 'rotation', 'jacobi', 'translation_and_scale', 'test')
+
+
+def rendered_pair(this: View, length: int) -> float:
+    """Seconds of a stereo pair with tiling on the emulated machine."""
+    seconds = 0.0
+    for camera, offset in ((this.rig.left, 0.0), (this.rig.right, this.rig.baseline)):
+        pose = this.scene.camera_T_scene
+        eye = Pose(pose.rotation, pose.translation - np.array([offset, 0.0, 0.0]), pose.scale)
+        frame = engine_dap.render(this.scene, camera, eye, RenderOptions(), length=length)
+        seconds += frame.stats.dap_cycles * 100e-9
+    return seconds
+
+
+class Matched:
+    """One match on the emulated machine: its statistics, and seconds of its phases.
+
+    found : interpretations that are feasible; best : the accepted one, or None
+    """
+
+    def __init__(self, index: ModelIndex, data: FeatureSet, params: MatchParams, length: int) -> None:
+        result = match(index, data, params.replace(engine='dap', real_bytes=length))
+        self.best, self.stats = result.best, result.stats
+        self.phases: dict[str, float] = result.stats.get('dap_phases', {})
+        self.found = result.stats['feasible']
+        self.complete = result.stats['complete']
+
+    def seconds(self, *phases: str) -> float:
+        return sum(self.phases.get(phase, 0.0) for phase in phases)
+
+    @property
+    def matching(self) -> float:
+        """What the thesis calls the total matching time: set-up, tables, sort, traversal; and elimination, if any."""
+        return self.seconds('set_up', 'tables', 'sort', 'elimination', *TREE)
+
+    @property
+    def shares(self) -> list[float]:
+        """Per cent of the matching time: set-up, tables, sort, traversal with signs, signs."""
+        groups: list[tuple[str, ...]] = [('set_up',), ('tables',), ('sort', 'elimination'), TREE, ('signs',)]
+        return [100.0 * self.seconds(*group) / self.matching for group in groups]
+
+
+def both_lengths(index: ModelIndex, data: FeatureSet, **changes: Any) -> list[Matched]:
+    """The match of these parameters in each of BYTES."""
+    params = MatchParams(**changes)
+    return [Matched(index, data, params, length) for length in BYTES]
