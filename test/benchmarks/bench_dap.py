@@ -21,6 +21,8 @@ import numpy as np
 from measure import Measurement, milliseconds
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'experiments'))
+from exp_search import IDEAL
+from machine_times import BYTES, Matched
 from thesis import MATCHING_S, PLUG, PREPROCESS_S, PROFILE, VIEWS
 
 from csg_renderer import ideal_data, load_scene, model_features, render, scene_path
@@ -31,20 +33,10 @@ from dap_emulator import Dap
 from dap_emulator.fortran_plus import compile
 from dap_emulator.fortran_plus.library import load_program
 from dap_emulator.machine.apal import sobel
-from model_matcher import MatchParams, match
+from model_matcher import MatchParams, index_model
 from model_matcher.params import CONSTRAINTS
 from msgs_py import FeatureSet, PinholeCamera
 
-# Thesis 5.11.3.2: stated errors of one millimetre, a cone of one degree, no distance constraint, nothing in the bin.
-IDEAL = {
-    'constraints': ('angle', 'direction1', 'direction2', 'direction3'),
-    'max_cone_deg': 1.0,
-    'max_bin': 0,
-    'search': 'tree',
-    'eliminate': False,
-    'engine': 'dap',
-    'time_limit_s': 20.0,
-}
 # The polyhedra of Table 5.2, without the plug.
 STEREO_S = {name: view.stereo_s for name, view in VIEWS.items() if view.stereo_s and not name.startswith('plug')}
 TABLES_SHARE = 0.01 * PROFILE['tables']
@@ -102,40 +94,29 @@ def stereo_table(quick: bool) -> None:
 
 def matching_table(quick: bool) -> None:
     print(
-        f'\nFigure 5.18: matching of ideal data, Combined sort; DAP 510, seconds (thesis: {MATCHING_S[0]} to '
-        f'{MATCHING_S[1]} over these scenes)'
+        '\nFigure 5.18: matching of ideal data as printed, Combined sort; DAP 510, seconds (thesis: '
+        f'{MATCHING_S[0]} to {MATCHING_S[1]} over these scenes)'
     )
-    print(f'{"view":18} {"data":>5} {"pairs":>6} {"levels":>7} {"tables":>7} {"rest":>7} {"total":>7} {"tables":>8}')
-    totals, shares = [], []
+    print(f'{"view":18} {"data":>5} {"levels":>7}' + ''.join(f' {f"REAL*{n}":>8} {"tables":>8}' for n in BYTES))
+    totals: dict[int, list[float]] = {n: [] for n in BYTES}
+    shares: dict[int, list[float]] = {n: [] for n in BYTES}
     for name in list(STEREO_S)[: 2 if quick else None]:
         model, data = ideal(name)
-        result = match(model, data, MatchParams(**IDEAL))
-        seconds = result.stats.get('dap_seconds')
-        if seconds is None:
-            print(f'{name:18} {result.reason}')
-            continue
-        phases = result.stats['dap_phases']
-        # The ranges of model and data are made beforehand, as in the thesis (5.11.3.2).
-        seconds -= phases['model_ranges'] + phases['data_ranges']
-        tables = phases['tables']
-        totals.append(seconds)
-        shares.append(tables / seconds)
-        n = len(data)
+        row = f'{name:18} {len(data):5}'
+        for n in BYTES:
+            found = Matched(index_model(model, name), data, MatchParams(**IDEAL, time_limit_s=20.0), n)
+            totals[n].append(found.matching)
+            shares[n].append(found.seconds('tables') / found.matching)
+            row += f' {found.stats["levels"]:7}' if n == BYTES[0] else ''
+            row += f' {totals[n][-1]:8.3f} {100 * shares[n][-1]:6.0f} %'
+        print(row)
+    for n in BYTES:
+        middle = math.sqrt(MATCHING_S[0] * MATCHING_S[1])
         print(
-            f'{name:18} {n:5} {n * (n - 1) // 2:6} {result.stats["levels"]:7} {tables:7.3f} {seconds - tables:7.3f} '
-            f'{seconds:7.3f} {100 * tables / seconds:6.0f} %{"" if result.stats["complete"] else "  (not complete)"}'
+            f'REAL*{n}: {min(totals[n]):.2f} to {max(totals[n]):.2f} s, geometric mean over the middle of the '
+            f"thesis' range {geometric_mean(totals[n]) / middle:.2f}; tables "
+            f'{100 * sum(shares[n]) / len(shares[n]):.0f} % of it (thesis {100 * TABLES_SHARE:.1f} %)'
         )
-    making = [share * total for share, total in zip(shares, totals)]
-    middle = math.sqrt(MATCHING_S[0] * MATCHING_S[1])
-    print(
-        f"total: ours {min(totals):.2f} to {max(totals):.2f} s, geometric mean over the middle of the thesis' range "
-        f'{geometric_mean(totals) / middle:.2f}'
-    )
-    print(
-        f'tables: ours {min(making):.2f} to {max(making):.2f} s, thesis {TABLES_SHARE * MATCHING_S[0]:.2f} to '
-        f'{TABLES_SHARE * MATCHING_S[1]:.2f} (its mean share, {100 * TABLES_SHARE:.1f} %): ratio of the means '
-        f'{geometric_mean(making) / (TABLES_SHARE * middle):.2f}'
-    )
     print(
         'Parallel work is predicted; the serial traversal is not: it is mostly scalar code, calls and copies of\n'
         'lists in the control unit, whose costs are our estimates without a source. Its share here is too small.'
@@ -148,14 +129,12 @@ def plug_table() -> None:
     for name, thesis in PLUG_S.items():
         model, data = ideal(name)
         for search, printed in zip(('tree', 'subgraph'), thesis):
-            params = MatchParams(**{**IDEAL, 'constraints': CONSTRAINTS, 'search': search, 'quadrant': 32})
-            stats = match(model, data, params).stats
-            phases = stats['dap_phases']
-            seconds = stats['dap_seconds'] - phases['model_ranges'] - phases['data_ranges']
-            print(
-                f'{name:12} {search:9} {len(data)} edges: ours {seconds:.2f}, thesis {printed:.2f}, '
-                f'ratio {seconds / printed:.2f}'
+            params = MatchParams(
+                **{**IDEAL, 'constraints': CONSTRAINTS, 'search': search}, quadrant=32, time_limit_s=60.0
             )
+            seconds = [Matched(index_model(model, name), data, params, n).matching for n in BYTES]
+            said = ', '.join(f'REAL*{n} {one:.2f}, ratio {one / printed:.2f}' for n, one in zip(BYTES, seconds))
+            print(f'{name:12} {search:9} {len(data)} edges: thesis {printed:.2f}, ours {said}')
 
 
 def machine_table() -> None:
