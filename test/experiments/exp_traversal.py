@@ -25,7 +25,7 @@ def traversal(setting: Setting) -> Outcome:
         raise NotAvailable(f'csg_renderer has none of the scenes {", ".join(TILING)}')
     size = setting.pick(SIDE, 64)
     early = Table(
-        f'Early outs on the emulated DAP 510, {size} x {size} pixels',
+        f'Early outs on the emulated DAP 510, REAL*8, {size} x {size} pixels',
         [
             'scene',
             'brute force s ours',
@@ -35,8 +35,8 @@ def traversal(setting: Setting) -> Outcome:
             'nodes saved % ours',
             'with early outs, left-heavy s ours',
             'tiling s ours',
-            'with early outs s ours',
-            'time saved % ours',
+            'tiling with early outs s ours',
+            'time of tiling saved % ours',
         ],
     )
     for name in setting.pick(names, names[:1]):
@@ -52,14 +52,15 @@ def traversal(setting: Setting) -> Outcome:
         brute = [plain_s, outs_s, saved(plain_s, outs_s), *work, both_s]
         early.rows.append([name, *brute, tiled_s, tiled_outs_s, saved(tiled_s, tiled_outs_s)])
     early.rows.append(['mean', *(mean([row[k] for row in early.rows]) for k in range(1, len(early.columns)))])
+    early.summaries = 1
     heavy = Table(
         'Left-heavy trees: a plate minus one union of its holes, which leans to the right',
         [
             'holes',
             'lists on the stack ours',
-            'left-heavy ours',
+            'lists, left-heavy ours',
             'bit-planes ours',
-            'left-heavy ours',
+            'bit-planes, left-heavy ours',
             's ours',
             'left-heavy s ours',
         ],
@@ -85,12 +86,13 @@ def traversal(setting: Setting) -> Outcome:
             ],
         )
     ]
-    return Outcome(sentence(early, heavy), [early, heavy], plots, NOTES)
+    return Outcome(lambda tables: sentence(*tables), [early, heavy], plots, NOTES)
 
 
 def sentence(early: Table, heavy: Table) -> str:
     """From the rows alone."""
-    *scenes, average = early.rows
+    scenes = early.body
+    average = [None, *(mean([row[k] for row in scenes]) for k in range(1, len(early.columns)))]
     most = max(scenes, key=lambda row: row[3])
     worse = max(scenes, key=lambda row: row[6] - row[2])
     without = [row[0] for row in scenes if row[4] == 0.0]
