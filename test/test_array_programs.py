@@ -146,9 +146,10 @@ def interpretations(found):
     return {(tuple(found['FOUND'][:, k] - 1), tuple(found['SIGN'][:, k])) for k in columns}
 
 
-@pytest.mark.parametrize('signs', [True, False])
-@pytest.mark.parametrize(('most', 'clutter'), [(0, 0), (1, 1), (3, 2)])
-def test_the_tree_finds_the_native_interpretations_with_signs_and_bin(signs, most, clutter):
+@pytest.mark.parametrize(
+    ('most', 'clutter', 'signs'), [(0, 0, True), (0, 0, False), (1, 1, True), (1, 1, False), (3, 2, True)]
+)
+def test_the_tree_finds_the_native_interpretations_with_signs_and_bin(most, clutter, signs):
     model = model_of('l_shape_v1')
     data = seen(model, [0, 3, 9, 12, 7][: 5 - clutter // 2], seed=6, clutter=clutter)
     params = THESIS.replace(ranges='exact', signs=signs, max_bin=most, min_matched=1)

@@ -1,5 +1,7 @@
 """The dap command, pictures of planes, notebook output, and image programs."""
 
+import time
+
 import cv2
 import numpy as np
 import pytest
@@ -92,6 +94,17 @@ def test_a_runaway_program_ends_the_command(tmp_path, capsys):
     file.write_text('10 N = N + 1\nGOTO 10\n')
     assert main([str(file), '--seconds', '0.05']) == 1
     assert 'run time limit' in capsys.readouterr().err
+
+
+def test_the_command_ends_inside_an_operation_that_takes_too_long(tmp_path, capsys, monkeypatch):
+    file = tmp_path / 'long.fpp'
+    file.write_text('REAL*3 X(*2600, *2600)\nX = 0.5\n10 X = ATAN2(X, X)\nGOTO 10\n')
+    ended = []
+    monkeypatch.setattr('dap_emulator.dap_cli.os._exit', lambda code: ended.append((code, time.monotonic())))
+    assert main([str(file), '--model', '610', '--seconds', '0.1']) == 1
+    returned = time.monotonic()
+    assert capsys.readouterr().err.count('run time limit of 0.1 s') == 2  # by the watchdog, and after the operation
+    assert ended[0][0] == 1 and ended[0][1] < returned - 0.05
 
 
 def test_values():

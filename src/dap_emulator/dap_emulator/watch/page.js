@@ -98,7 +98,7 @@ const VIRIDIS = [
 function colourOf(value, low, high, logical) {
   if (logical) return value ? [250, 250, 250] : [28, 34, 42];
   const number = Number(value);
-  if (!Number.isFinite(number)) return [200, 60, 60];
+  if (!(Math.abs(number) < data.largest)) return [150, 70, 70];
   const place = (high > low ? (number - low) / (high - low) : 0) * (VIRIDIS.length - 1);
   const below = Math.max(0, Math.min(VIRIDIS.length - 2, Math.floor(place)));
   return [0, 1, 2].map((k) => VIRIDIS[below][k] + (place - below) * (VIRIDIS[below + 1][k] - VIRIDIS[below][k]));

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..fortran_plus import Result
 from .recorder import Recorder, StepDone, Watched
+from .settings import LARGEST_SHOWN
 
 
 def page_of(recorder: Recorder, result: Result, title: str) -> str:
@@ -71,6 +72,7 @@ def _data(recorder: Recorder, result: Result, title: str) -> dict[str, Any]:
         'title': title,
         'model': f'DAP {dap.spec.name}',
         'es': dap.es,
+        'largest': LARGEST_SHOWN,
         'clock': dap.clock_s,
         'planes': dap.store.planes,
         'peak': stats.peak_planes,

@@ -16,7 +16,7 @@ from ..fortran_plus.storage import ArrayVariable
 from ..machine import planes
 from ..machine.fields import real_values
 from ..machine.machine import Machine
-from .settings import MAX_BYTES, MAX_ELEMENTS, MAX_PLACES, MAX_PROFILE_DEPTH, MAX_STEPS
+from .settings import LARGEST_SHOWN, MAX_BYTES, MAX_ELEMENTS, MAX_PLACES, MAX_PROFILE_DEPTH, MAX_STEPS
 
 
 @dataclass
@@ -304,7 +304,7 @@ def _encoded(values: AnyArray) -> bytes:
 
 def _widen(watched: Watched, values: AnyArray) -> None:
     """Let the range of an array hold these values."""
-    finite = values[np.isfinite(values)] if values.dtype.kind == 'f' else values
+    finite = values[np.abs(values) < LARGEST_SHOWN] if values.dtype.kind == 'f' else values
     if finite.size:
         watched.low = min(watched.low, float(finite.min()))
         watched.high = max(watched.high, float(finite.max()))

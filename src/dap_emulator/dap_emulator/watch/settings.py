@@ -11,5 +11,8 @@ MAX_BYTES = 64_000_000
 MAX_ELEMENTS = 1 << 20
 # Planes of a serial array that are recorded, those that change first.
 MAX_PLACES = 64
+# Numbers of this magnitude and more have no part in the range of a picture's colours, and are red: programs write 1E30
+# where there is nothing.
+LARGEST_SHOWN = 1e20
 # Deepest call in the profile; deeper ones are added to it.
 MAX_PROFILE_DEPTH = 24
