@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -178,6 +180,33 @@ def test_memory_is_bounded_and_a_process_that_ends_harms_only_its_own_run():
     spaces.store([('a.program', large), ('a.run_request', 3)])
     spaces.execute_waiting()
     assert 'the result has 121000000 bytes, at most 64000000 are kept' in spaces.fetch('a.result.3.message')
+
+
+def test_a_service_that_is_killed_leaves_nothing_running():
+    script = (
+        'from dap_emulator.service.processes import PROCESSES; '
+        'from dap_emulator.service.program_worker import RunJob; PROCESSES.interface("X = 1.0", 9.0); '
+        'print(PROCESSES._idle[0].number, flush=True); '
+        'PROCESSES.run(RunJob("10 N = N + 1\\nGOTO 10", None, "510", {}, 60.0, 1000))'
+    )
+    environment = os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
+    service = subprocess.Popen([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True, env=environment)
+    number = int(service.stdout.readline())
+    service.kill()
+    service.communicate()
+    deadline = time.monotonic() + 10.0
+    while _runs(number):
+        assert time.monotonic() < deadline, 'the program runs on, with nobody to answer'
+        time.sleep(0.01)
+
+
+def _runs(number):
+    """Whether a process is there and not just waiting to be counted as ended."""
+    try:
+        with open(f'/proc/{number}/stat') as file:
+            return file.read().rsplit(')', 1)[1].split()[0] != 'Z'
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def test_names_count_against_the_limits():

@@ -168,8 +168,11 @@ def _run(job: RunJob, cancelled: threading.Event) -> RunAnswer:
 
 def bound_memory(most: int = PROCESS_BYTES) -> None:
     """Let this process take at most so many bytes more than it has; beyond it Python raises MemoryError."""
-    with open('/proc/self/statm', encoding='ascii') as file:
-        pages = int(file.read().split()[0])
+    try:
+        with open('/proc/self/statm', encoding='ascii') as file:
+            pages = int(file.read().split()[0])
+    except FileNotFoundError:
+        return  # Linux alone says what a process has; elsewhere the machine's store is the only bound
     limit = pages * resource.getpagesize() + most
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
