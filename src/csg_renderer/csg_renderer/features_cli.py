@@ -18,6 +18,7 @@ from .features.drawing import Drawing, draw_mesh, draw_solid, save_drawing, view
 from .features.export import as_json, save_dxf, save_json
 from .features.mesh_features import MESH_SUFFIXES, mesh_features, read_mesh
 from .features.settings import CREASE_ANGLE
+from .features.terrain_edges import facet_edges
 from .language import load_models, load_scene
 from .scene.solid import Solid
 from .scene.terrain import Terrain
@@ -116,8 +117,9 @@ def _scene(options: argparse.Namespace) -> None:
         if cast(Terrain, ground.model).bilinear:
             print(f'{ground.name}: a terrain of bilinear cells, which has no straight edges that are features')
         else:
-            vertices, triangles = cast(Terrain, ground.model).mesh()
-            exported[ground.name] = _facets(ground.name, vertices, triangles, options, len(models) + len(grounds))
+            terrain = cast(Terrain, ground.model)
+            edges = facet_edges(terrain, np.radians(options.crease_angle))
+            exported[ground.name] = _written(ground.name, edges, *terrain.mesh(), options, len(models) + len(grounds))
     _save_json(options, exported)
 
 
@@ -136,14 +138,19 @@ def _mesh(options: argparse.Namespace) -> None:
     vertices, triangles = read_mesh(options.model)
     vertices = vertices * options.scale
     name = Path(options.model).stem
-    _save_json(options, {name: _facets(name, vertices, triangles, options, 1)})
+    features = mesh_features(vertices, triangles, np.radians(options.crease_angle))
+    _save_json(options, {name: _written(name, features, vertices, triangles, options, 1)})
 
 
-def _facets(
-    name: str, vertices: np.ndarray, triangles: np.ndarray, options: argparse.Namespace, count: int
+def _written(
+    name: str,
+    features: FeatureSet,
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    options: argparse.Namespace,
+    count: int,
 ) -> dict[str, Any]:
     """The features of triangles, printed and written as those of one of ``count`` models; returns them for JSON."""
-    features = mesh_features(vertices, triangles, np.radians(options.crease_angle))
     print(describe(name, features, None, not options.quiet))
     for output in _paths(options.output, name, count):
         if output.suffix.lower() in DRAWINGS:

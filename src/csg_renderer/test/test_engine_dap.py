@@ -6,6 +6,7 @@ import pytest
 from csg_renderer import Light, Scene, Solid, Surface, render
 from csg_renderer.raycast.engine_dap import render as render_dap
 from csg_renderer.raycast.frame import RenderOptions
+from dap_emulator import Dap
 from msgs_py import PinholeCamera, Pose
 
 CAMERA = PinholeCamera.centred(70, 50, 90.0)
@@ -31,6 +32,8 @@ SOLIDS = {
     'cone': turned(Solid.cone(0.8, (0.3, 1.3, 0.2)), 40),
     'sphere': Solid.sphere(0.9).painted(SHINY),
     'half-space': Solid.plane((0.1, -1.0, 0.0), -0.8),
+    'half-space about the camera': Solid.plane((0.1, -1.0, 0.2), 0.8),
+    'room about the camera': Solid.block(3.0, 3.0, 9.0).transformed(Pose(np.eye(3), (-1.4, -1.2, -6.0))),
     'difference': turned(Solid.block(1.2, 1.2, 1.2) - Solid.cylinder(0.4, (1.2, 1.2, 1.2)), 30),
     'intersection': turned(Solid.sphere(1.0) & Solid.block(1.0, 1.0, -1.0), 20),
     'union of touching blocks': turned(Solid.block(0.8, 0.8, 0.8) | Solid.block(-0.6, 0.8, 0.8), 30),
@@ -89,6 +92,11 @@ def test_short_words_are_cheaper_and_show_the_same_surfaces():
     long, short = (render_dap(one, CAMERA, AT, RenderOptions(), length=length) for length in (8, 4))
     assert short.stats.dap_cycles < 0.5 * long.stats.dap_cycles
     assert (long.primitive_id != short.primitive_id).mean() < 0.002
+
+
+def test_a_machine_that_is_too_small_says_so_by_name():
+    with pytest.raises(ValueError, match=r"engine: 'dap' is out of store: .* bit-planes.*; tiles of 32 pixels"):
+        render_dap(scene(SOLIDS['nested']), CAMERA, AT, RenderOptions(), Dap.model('510', memory_bits_per_pe=1024))
 
 
 def test_an_empty_scene_is_background():

@@ -5,6 +5,8 @@ import json
 import cv2
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from csg_renderer import SceneError, Terrain, features_cli, load_models, load_scene, model_features, parse_scene, render
 from csg_renderer.language import format_scene, read_scene
@@ -101,8 +103,8 @@ def test_facets_have_features_and_smooth_cells_have_none(folder, capsys):
     )
     assert features_cli.main([str(folder / 'scene.csg'), '-q', '-o', str(folder / 'out.json')]) == 0
     said = capsys.readouterr().out
-    # Each side of the rim bounds two facets, six creases lead to the peak, and two cut flat corners off.
-    assert 'peak: 16 edges, 0 curves, 0 axes' in said and 'box: 12 edges' in said
+    # Four sides of the rim and six creases to the peak; two corners are cut off, where the ground lies flat.
+    assert 'peak: 12 edges, 0 curves, 0 axes' in said and 'box: 12 edges' in said
     assert 'dome: a terrain of bilinear cells, which has no straight edges' in said
     assert set(json.loads((folder / 'out.json').read_text())) == {'box', 'peak'}
     with pytest.raises(ValueError, match='a TERRAIN is a sheet'):
@@ -134,6 +136,7 @@ def test_the_file_of_a_terrain_is_watched_like_any_of_the_scene(folder):
         ('DRAW TERRAIN ("ground.npy", 1, 1, 1) PAINT HEIGHTS (1, 0, 0, 2);', 38, 'red, green, blue in 0..1'),
         ('DRAW TERRAIN ("ground.npy", 1, 1, 1) PAINT HEIGHTS (1, 0, 0, 0, 1, 1, 1, 1);', 38, 'rising heights'),
         ('DRAW TERRAIN ("broken.npy", 1, 1, 1);', 6, 'broken.npy: not a .npy file'),
+        ('DRAW TERRAIN ("head.npy", 1, 1, 1);', 6, 'head.npy: not a .npy file'),
         ('DRAW TERRAIN ("cube.npy", 1, 1, 1);', 6, 'cube.npy: expected a two-dimensional array of numbers'),
         ('DRAW TERRAIN ("eight.png", 1, 1, 1);', 6, 'eight.png: expected a 16-bit grey PNG'),
         ('DRAW TERRAIN ("huge.png", 1, 1, 1);', 6, 'huge.png: 65536 x 65536 heights, at most 20000000'),
@@ -147,6 +150,7 @@ def test_the_file_of_a_terrain_is_watched_like_any_of_the_scene(folder):
 def test_what_is_wrong_is_said_once_and_where(folder, text, column, message):
     (folder / 'scene.txt').write_text('1 2')
     (folder / 'broken.npy').write_bytes(b'no array')
+    (folder / 'head.npy').write_bytes((folder / 'ground.npy').read_bytes().replace(b'}', b'('))
     np.save(folder / 'cube.npy', np.zeros((2, 2, 2)))
     np.save(folder / 'holes.npy', [[1.0, np.nan], [2.0, 3.0]])
     cv2.imwrite(str(folder / 'eight.png'), np.zeros((4, 4), np.uint8))
@@ -170,3 +174,17 @@ def test_terrains_written_again_and_again_do_not_fill_the_memory(folder, monkeyp
     assert len(parse_scene(2 * use, folder=folder).primitives) == 2
     with pytest.raises(SceneError, match='more than 30 heights'):
         parse_scene(3 * use, folder=folder)
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(suffix=st.sampled_from(['npy', 'png', 'asc']), cut=st.integers(0, 200), flips=st.lists(st.integers(0, 10**6)))
+def test_damaged_files_are_read_or_refused_by_name(folder, suffix, cut, flips):
+    whole = bytearray((folder / f'ground.{suffix}').read_bytes())
+    for flip in flips:
+        whole[flip // 256 % len(whole)] = flip % 256
+    path = folder / f'damaged.{suffix}'
+    path.write_bytes(bytes(whole[: len(whole) - cut % len(whole)]))
+    try:
+        assert read_heights(path).heights.ndim == 2
+    except ValueError as error:
+        assert str(error).startswith(str(path)) and len(str(error)) < 400

@@ -15,6 +15,7 @@ import numpy as np
 from dap_emulator import Dap, DapArray
 from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.kinds import LOGICAL, real
+from dap_emulator.machine.machine import OutOfStore
 from msgs_py import PinholeCamera, Pose
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
@@ -81,7 +82,12 @@ def render(
     with dap.measured() as so_far:
         view = view_of(program_of(scene), camera_T_scene)
         tracer = _Tracer(dap, view, camera, options, length)
-        found = _image(tracer)
+        try:
+            found = _image(tracer)
+        except OutOfStore as error:
+            raise ValueError(
+                f"engine: 'dap' is {error}; tiles of {dap.es} pixels, fewer levels and left_heavy need least"
+            ) from None
         used = so_far()
     tracer.stats.dap_cycles, tracer.stats.dap_planes = used.cycles, used.peak_planes
     return found.frame(view.program, camera, camera_T_scene, tracer.stats)

@@ -103,7 +103,7 @@ def _read_array(path: Path) -> HeightGrid:
     try:
         # Mapped, so that a shape beyond all bounds is seen before any memory is taken.
         mapped = np.load(path, mmap_mode='r', allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+    except Exception as error:  # the reader raises whatever a damaged header provokes
         raise ValueError(f'not a .npy file: {error}') from None
     if mapped.ndim != 2 or mapped.dtype.kind not in 'fiu':
         raise ValueError(f'expected a two-dimensional array of numbers, got {mapped.dtype} of shape {mapped.shape}')

@@ -181,6 +181,19 @@ def byte(value):
 
 
 @kernel
+def terrains_in_tile(terrains, camera, plan, top, bottom, left, right):
+    """Whether the outline of a terrain touches a tile; the last row and column are exclusive."""
+    if plan.whole:
+        return True
+    for g in range(terrains.leaf.shape[0]):
+        for row in range(top, bottom):
+            span = camera.span[terrains.leaf[g], row]
+            if span[0] < right and span[1] >= left:
+                return True
+    return False
+
+
+@kernel
 def render_tiles(thread, threads, csg, camera, materials, plan, target, work, secondary, terrains, object_of):
     """Render every threads-th tile, starting with number ``thread``; the target holds background.
 
@@ -204,8 +217,9 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
                 products[count] = q
                 count += 1
         idle = count == 0 and camera.listed.shape[0] == 0
-        if terrains is not None:
-            idle = False
+        if terrains is not None:  # noqa: SIM102
+            if idle:
+                idle = not terrains_in_tile(terrains, camera, plan, top, bottom, left, right)
         if idle:
             continue  # the frame came filled with background
         active += 1
