@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
+import io
 import os
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+from dap_emulator import dap_cli
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / 'out' / 'site'
@@ -25,6 +29,9 @@ STYLE = ROOT / 'test' / 'docs' / 'site.css'
 # A README would become the face of the navigation's section that it stands in.
 RENAMED = {'test/README.md': 'test/tests.md'}
 LINK = re.compile(r'(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)')
+# Array programs that the site shows at work, and where it says so.
+PROGRAMS = ('life', 'sobel', 'tree', 'raycast')
+WATCH_HEADING = '## Watch it'
 # Pages of the repository in the order of the navigation: title and place.
 ABOUT = (
     ('Architecture', 'ARCHITECTURE.md'),
@@ -82,6 +89,20 @@ def copy(page: Path, known: set[Path]) -> None:
         return name if name.startswith('`') else f'{name} (`{led_to.relative_to(ROOT)}`)'
 
     target.write_text(LINK.sub(link, page.read_text(encoding='utf-8')), encoding='utf-8')
+
+
+def add_programs_at_work() -> None:
+    """Pages of array programs at work, which only the site has, and links to them where watching is described."""
+    folder = PAGES / 'src' / 'dap_emulator' / 'docs'
+    links = []
+    for name in PROGRAMS:
+        with contextlib.redirect_stdout(io.StringIO()):
+            dap_cli.main(['run', name, '--example', '--html', str(folder / f'{name}.html')])
+        links.append(f'[{name}]({name}.html)')
+    page = folder / 'dap.md'
+    text = page.read_text(encoding='utf-8')
+    here = f'{WATCH_HEADING}\n\nHere they are at work: {", ".join(links)}.\n'
+    page.write_text(text.replace(f'{WATCH_HEADING}\n', here), encoding='utf-8')
 
 
 def purpose(folder: Path) -> str:
@@ -147,6 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
     known = set(pages())
     for page in known:
         copy(page, known)
+    add_programs_at_work()
     packages: list[dict[str, object]] = []
     for package in PACKAGES:
         guides: list[dict[str, object]] = [{'Overview': f'src/{package}/README.md'}]

@@ -540,6 +540,11 @@ def test_names_that_share_storage():
     assert (result['I'], result['J'], result['K']) == (2, 3, 6)
 
 
+def test_statements_outside_of_units_may_share_storage():
+    result = compile('REAL A(3), R\nEQUIVALENCE (A(2), B)\nB = 4.0\nR = A(1) + 10.0*A(2)').run(Dap.model('510'))
+    assert dict(result) == {'R': 40.0}
+
+
 def test_matrices_share_planes():
     source = (
         'ENTRY SUBROUTINE F(R)\nREAL R(,)\nREAL STACK(,,3), TOP(,)\nLOGICAL M(,,2), L(,)\n'

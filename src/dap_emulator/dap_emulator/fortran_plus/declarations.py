@@ -159,7 +159,8 @@ class Declarations:
             handler(self.node)
         self.node = unit.header
         if unit.header.parts['name'] == 'MAIN' and not unit.arguments:
-            unit.arguments = [name for name in self.declared if name not in self.item.symbols]
+            shared = {member.name for _, members in self.shares for member in members}
+            unit.arguments = [name for name in self.declared if name not in self.item.symbols and name not in shared]
         if unit.is_function:
             self._function_result(unit)
         for name in unit.arguments:
