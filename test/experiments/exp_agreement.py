@@ -60,8 +60,8 @@ def agreement(setting: Setting) -> Outcome:
         say,
         [table],
         notes=[
-            'One interpretation: the same pairing and, but for a symmetry, the same pose. Recovered data '
-            'holds broken edges and some that belong to nothing; the trees put those into the bin.'
+            'One interpretation: the same pairing and, but for a symmetry, the same pose. Recovered data holds '
+            'broken edges and some that belong to nothing; the trees put those into the bin.'
         ],
     )
 
@@ -74,10 +74,8 @@ def say(tables: list[Table]) -> str:
     same = sum(other == 'none' and turn is not None for other, (turn, _) in zip(differing, errors))
     return (
         f'The four searches give one best interpretation in {same} of {len(errors)} cases (ideal and recovered data '
-        'of '
-        f'{len(set(table.column("view")))} views); the pose is right within {RIGHT_DEG:g} degree and {RIGHT_MM:g} mm '
-        'in '
-        f'{right} of them.'
+        f'of {len(set(table.column("view")))} views); the pose is right within {RIGHT_DEG:g} degree and {RIGHT_MM:g} '
+        f'mm in {right} of them.'
     )
 
 

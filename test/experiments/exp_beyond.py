@@ -15,9 +15,8 @@ from msgs_py import Interpretation
 
 NAMES = ('l_shape', 'chair', 'plug')
 SUCCESS = (
-    "A success is a best pose (or one stated to be its equal) within 3 degrees and 3 % of the model's size of "
-    'a '
-    'true one, or an answer that explains every true fragment.'
+    "A success is a best pose (or one stated to be its equal) within 3 degrees and 3 % of the model's size of a true "
+    'one, or an answer that explains every true fragment.'
 )
 
 
@@ -143,8 +142,7 @@ def occlusion(setting: Setting) -> Outcome:
     return Outcome(
         lambda tables: (
             f'From {within(tables[0].numbers(tables[0].columns[0]), "g")} % of the features seen the matcher is '
-            'right in '
-            f'{_success(tables[0])}.'
+            f'right in {_success(tables[0])}.'
         ),
         [table],
         plots,
@@ -206,8 +204,7 @@ def say_library(tables: list[Table]) -> str:
     return (
         f'A scene takes, by the number of models, {took}; {named} % of the objects are named and placed, with '
         f'{sum(table.numbers("false alarms ours")):.0f} false alarms in all. Clutter here consists of models of the '
-        'same '
-        'kind, so a "false alarm" may be a likeness.'
+        'same kind, so a "false alarm" may be a likeness.'
     )
 
 

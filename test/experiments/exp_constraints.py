@@ -63,16 +63,11 @@ def constraints(setting: Setting) -> Outcome:
         plots,
         [
             'Percentages, because the number of fragments differs: the thesis had 26 and 18, see the poses '
-            'experiment '
-            'for ours. Exact ranges never prune a true pairing. Ranges of corners are the extremes over the four '
-            'vectors '
-            'between end points, drawn in by the errors: smaller, so that they prune more, and with them a fragment '
-            'from '
-            'the middle of an edge. The text does not say what direction3 does with parallel edges, which have no '
-            'common '
-            'normal. Its numbers are met when such a pair may be such a pair only; exact ranges leave it free, '
-            'unless the '
-            'normal of the data is certain.'
+            'experiment for ours. Exact ranges never prune a true pairing. Ranges of corners are the extremes over '
+            'the four vectors between end points, drawn in by the errors: smaller, so that they prune more, and with '
+            'them a fragment from the middle of an edge. The text does not say what direction3 does with parallel '
+            'edges, which have no common normal. Its numbers are met when such a pair may be such a pair only; exact '
+            'ranges leave it free, unless the normal of the data is certain.'
         ],
         spoken=tuple(range(len(tables))),
     )
@@ -108,12 +103,10 @@ def say(tables: list[Table]) -> str:
         third = {column: cell[column]['direction3 alone'] for column in cell}
         parts.append(
             f'{table.title.split(":")[0]}: {most[EXACT]} prunes most with exact ranges, {most[CORNERS]} with those '
-            'of '
-            f'corners (thesis: {most[PRINTED]}); all together leave {cell[EXACT]["all"]:.1f} and '
+            f'of corners (thesis: {most[PRINTED]}); all together leave {cell[EXACT]["all"]:.1f} and '
             f'{cell[CORNERS]["all"]:.1f} % ({cell[PRINTED]["all"]:.1f} %), direction3 alone {third[EXACT]:.1f} and '
             f'{third[CORNERS]:.1f} % ({third[PRINTED]:.1f} %), with our own errors {third[OWN]:.1f} %; over all rows '
-            'the '
-            f'ranges of corners are {off:.1f} points off the print, the exact ones {exact_off:.1f}'
+            f'the ranges of corners are {off:.1f} points off the print, the exact ones {exact_off:.1f}'
         )
     return '. '.join(parts) + '.'
 

@@ -209,14 +209,13 @@ def _recognised(tables: list[Table]) -> str:
     shares = [row[RECOGNISED] for table in tables for row in table.body]
     above = [row[ROTATION] / row[ROTATION + 1] for table in tables for row in table.body]
     return (
-        f'{average(shares):.0f} % are recognised over all rows, with rotation errors of '
-        f'{geometric_mean(above):.1f} times the limit'
+        f'{average(shares):.0f} % are recognised over all rows, with rotation errors of {geometric_mean(above):.1f} '
+        'times the limit'
     )
 
 
 NOTE = (
-    'The limit is the Cramer-Rao bound of an estimator that knows the whole appearance of the object and uses '
-    'every '
+    'The limit is the Cramer-Rao bound of an estimator that knows the whole appearance of the object and uses every '
     'pixel; ours uses edges only and knows no appearance.'
 )
 
@@ -233,9 +232,8 @@ def antialias(setting: Setting) -> Outcome:
     return Outcome(
         lambda tables: (
             f'One ray a pixel costs {1.0 / _growth(tables, values[0], values[-1], ROTATION)[0]:.1f} times the '
-            'rotation '
-            f'error of {values[-1]} x {values[-1]} samples; {_recognised(tables)}. The thesis found anti-aliasing '
-            'unnecessary for recovery.'
+            f'rotation error of {values[-1]} x {values[-1]} samples; {_recognised(tables)}. The thesis found '
+            'anti-aliasing unnecessary for recovery.'
         ),
         tables,
         plots,
@@ -361,9 +359,8 @@ def say_covariance(tables: list[Table]) -> str:
     )
     return (
         f'Between {min(shares):.0f} and {max(shares):.0f} % of the errors lie inside the stated 95 % ellipsoid, '
-        'squared '
-        f'distances have means of {within(table.numbers("mean ours"), ".1f")} (expected 6): {verdict} (tested at 1 '
-        '%).'
+        f'squared distances have means of {within(table.numbers("mean ours"), ".1f")} (expected 6): {verdict} '
+        '(tested at 1 %).'
     )
 
 
@@ -463,14 +460,14 @@ def real_pairs(setting: Setting) -> Outcome:
         table.rows.append(row)
     tables = [table]
     notes = [
-        f'Squares are taken to be {1e3 * SQUARE_M:g} mm; the reference poses come from the corners in both '
-        'pictures. Of equal poses the one nearest to the reference is judged.'
+        f'Squares are taken to be {1e3 * SQUARE_M:g} mm; the reference poses come from the corners in both pictures. '
+        'Of equal poses the one nearest to the reference is judged.'
     ]
     if more is not None and (more / 'teabox').is_dir():
         tables.append(_teabox(more / 'teabox', setting))
         notes.append(
-            'The references of the tea box are good to about 1 mm and 0.5 degrees; its cardboard edges are '
-            'round, and three of the seven visible ones run along the image rows.'
+            'The references of the tea box are good to about 1 mm and 0.5 degrees; its cardboard edges are round, '
+            'and three of the seven visible ones run along the image rows.'
         )
     else:
         notes.append(
@@ -497,9 +494,8 @@ def say_real_pairs(tables: list[Table]) -> str:
     )
     return (
         f'{_placed(boards, 1.0, 200.0 * SQUARE_M)} of {len(boards.body)} real chessboard pairs are placed within 1 '
-        'degree '
-        'and a fifth of a square of their reference pose, up to the half turn that grid lines alone cannot tell; '
-        f'{box}.'
+        'degree and a fifth of a square of their reference pose, up to the half turn that grid lines alone cannot '
+        f'tell; {box}.'
     )
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from exp_search import IDEAL, LIMIT, POLYHEDRA, ideal, search
 from lab import Experiment, Line, Outcome, Plot, Setting, Table, average, recovered, stating, timed, view, within
-from machine_times import BYTES, OFF_LINE, TREE, VALIDATION, Matched, both_lengths
+from machine_times import BYTES, OFF_LINE, TREE, VALIDATION, WORD_LENGTH, Matched, both_lengths
 from thesis import MATCHING_S, PROFILE, SERIAL_OVER_COMBINED, TRAVERSAL, VIEWS
 from thesis import VALIDATION as PRINTED_VALIDATION
 
@@ -93,16 +93,12 @@ def serial_parallel(setting: Setting) -> Outcome:
         [plot],
         [
             'As printed: nothing is left out beforehand; set-up, tables, sort, traversal and signs are done and '
-            'charged. '
-            "The thesis' times hold neither the model's ranges nor the data's, which it made off-line (5.11.3.2): "
-            'ours '
-            'stand beside. Elimination (7.4, its future work) is done by the machine, too. Its traversal is scalar '
-            'code, '
-            "calls and copies of lists in the control unit, whose costs are the cost model's own estimates: this "
-            'part is '
-            'predicted worst. Ranges of corners prune edges that are hidden in part. The serial program on a Sun 4 '
-            'cannot '
-            'be run again.'
+            "charged. The thesis' times hold neither the model's ranges nor the data's, which it made off-line "
+            '(5.11.3.2): ours stand beside. Elimination (7.4, its future work) is done by the machine, too. Its '
+            'traversal is scalar code, calls and copies of lists in the control unit, whose costs are the cost '
+            "model's own estimates: this part is predicted worst. Ranges of corners prune edges that are hidden in "
+            'part. The serial program on a Sun 4 cannot be run again.',
+            WORD_LENGTH,
         ],
         spoken=(0, 1),
     )
@@ -147,15 +143,11 @@ def say_serial_parallel(tables: list[Table]) -> str:
     other = average([a / b for a, b in here.paired('levels Holder and Buxton ours', 'levels Combined ours')])
     return (
         f'The search as printed takes the emulated DAP 510 {" and ".join(parts)}; the thesis reports {MATCHING_S[0]} '
-        'to '
-        f'{MATCHING_S[1]} s. {one} of {len(machine.body)} views give one interpretation (thesis: all); with ranges '
-        'of '
-        f'corners {corners} give any. Combined visits {fewer:.0f} times fewer levels than the serial search and '
-        f"{other:.1f} times fewer than Holder and Buxton's order; on this one processor, all tables built first, it "
-        'takes '
-        f'{slower:.1f} times as long as the serial search (thesis, DAP against Sun 4: {SERIAL_OVER_COMBINED["mean"]} '
-        'times '
-        'faster).'
+        f'to {MATCHING_S[1]} s. {one} of {len(machine.body)} views give one interpretation (thesis: all); with '
+        f'ranges of corners {corners} give any. Combined visits {fewer:.0f} times fewer levels than the serial '
+        f"search and {other:.1f} times fewer than Holder and Buxton's order; on this one processor, all tables built "
+        f'first, it takes {slower:.1f} times as long as the serial search (thesis, DAP against Sun 4: '
+        f'{SERIAL_OVER_COMBINED["mean"]} times faster).'
     )
 
 
@@ -223,10 +215,9 @@ def profile(setting: Setting) -> Outcome:
         plots,
         [
             'The total is that of set-up, tables, sort and traversal, as in Figure 5.19; traversal holds direction '
-            'signs. '
-            'Both columns of Table 5.7 are of the traversal as printed, on the machine: it computes with no REAL, so '
-            'that '
-            'the word lengths give one figure.'
+            'signs. Both columns of Table 5.7 are of the traversal as printed, on the machine: it computes with no '
+            'REAL, so that the word lengths give one figure.',
+            WORD_LENGTH,
         ],
         spoken=(0, 1),
     )
@@ -236,8 +227,7 @@ def say_profile(tables: list[Table]) -> str:
     shares, relation = tables
     said = '; '.join(
         f'with REAL*{n} the tables take {average(shares.numbers(f"look-up tables, REAL*{n} ours")):.0f} % and '
-        'traversal '
-        f'{average(shares.numbers(f"traversal, REAL*{n} ours")):.0f} %, '
+        f'traversal {average(shares.numbers(f"traversal, REAL*{n} ours")):.0f} %, '
         f'{average(shares.numbers(f"of it direction signs, REAL*{n} ours")):.0f} % for direction signs'
         for n in BYTES
     )
@@ -294,12 +284,10 @@ def realistic(setting: Setting) -> Outcome:
         [table],
         notes=[
             f"Edges as recovered from our rendered pairs, stating the thesis' errors; at most {_BIN} may go into the "
-            'bin, '
-            f'because ours hold a false edge here and there. At most {LIMIT} interpretations are kept. Exact ranges '
-            'admit '
-            'whatever errors of 5 mm allow on models of some 50 mm; validation tells which is right. The printed '
-            'bars '
-            'are lost.'
+            f'bin, because ours hold a false edge here and there. At most {LIMIT} interpretations are kept. Exact '
+            'ranges admit whatever errors of 5 mm allow on models of some 50 mm; validation tells which is right. '
+            'The printed bars are lost.',
+            WORD_LENGTH,
         ],
     )
 
@@ -427,14 +415,12 @@ def validation(setting: Setting) -> Outcome:
         plots,
         [
             'The printed run times are lost with the figures; their shares and ratios are in the text. Our program '
-            'stops '
-            "Jacobi's process when it has converged, so that its time varies with the view's directions, not with "
-            'the '
-            'number of edges; our translation is a least-squares fit of end points to lines, which costs more than '
-            'the '
-            "thesis' foot vectors and has no singular views here. Together, 64 interpretations share all but the "
-            'set-up, '
-            'which the control unit does element by element. On this machine a single validation is call overhead.'
+            "stops Jacobi's process when it has converged, so that its time varies with the view's directions, not "
+            'with the number of edges; our translation is a least-squares fit of end points to lines, which costs '
+            "more than the thesis' foot vectors and has no singular views here. Together, 64 interpretations share "
+            'all but the set-up, which the control unit does element by element. On this machine a single validation '
+            'is call overhead.',
+            WORD_LENGTH,
         ],
         spoken=(0, 1),
     )
@@ -520,16 +506,14 @@ def say_validation(tables: list[Table]) -> str:
         said.append(
             f'with REAL*{n} {within(table.numbers(f"emulated DAP 510, REAL*{n}, ms ours"), ".0f")} ms, of which the '
             f'rotation is {turning:.0f} %, its Jacobi process '
-            f'{average(profile_.numbers("Jacobi, % of all rotation ours")):.0f}'
-            f' % of that, and set-up {average(profile_.numbers("set-up ours")):.1f} %'
+            f'{average(profile_.numbers("Jacobi, % of all rotation ours")):.0f} % of that, and set-up '
+            f'{average(profile_.numbers("set-up ours")):.1f} %'
         )
     p = PRINTED_VALIDATION
     return (
         f'{passed} of {len(table.body)} ideal interpretations pass on the emulated DAP, {theirs} in the thesis, '
-        'whose '
-        'elimination met a singular matrix in the others. One takes '
-        f'{"; ".join(said)} (thesis {p["rotation_percent"]:.0f}, {p["jacobi_percent"]:.0f} and {p["setup_percent"]} '
-        '%).'
+        f'whose elimination met a singular matrix in the others. One takes {"; ".join(said)} (thesis '
+        f'{p["rotation_percent"]:.0f}, {p["jacobi_percent"]:.0f} and {p["setup_percent"]} %).'
     )
 
 

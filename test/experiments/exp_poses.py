@@ -126,11 +126,8 @@ def poses(setting: Setting) -> Outcome:
         [plot],
         [
             'Thesis errors are angles between the printed matrices (made orthonormal) and differences of printed '
-            'translations. '
-            'Ours: nodes in one process over real topics, 512 x 512, 4 x 4 samples a pixel, blur 0.5 px, noise 2 '
-            'grey '
-            'levels. '
-            'The thesis rendered without noise and without anti-aliasing.'
+            'translations. Ours: nodes in one process over real topics, 512 x 512, 4 x 4 samples a pixel, blur 0.5 '
+            'px, noise 2 grey levels. The thesis rendered without noise and without anti-aliasing.'
         ],
         spoken=(1,),
     )
@@ -159,11 +156,9 @@ def say_poses(tables: list[Table]) -> str:
     return (
         f'{placed} of {count} views are recognised through the real nodes within {limits.rotation_deg:g} deg and '
         f'{1e3 * limits.translation_m:g} mm, {whole} of them with every pairing and sign right, {better} with a '
-        'smaller '
-        f'rotation error than printed; medians {np.median(degrees):.3f} deg and '
+        f'smaller rotation error than printed; medians {np.median(degrees):.3f} deg and '
         f"{', '.join(f'{v:.3f}' for v in medians)} mm: five times below the thesis' means (0.5 deg; 0.31, 0.31, 1.57 "
-        'mm) '
-        f'is {"met" if met else "NOT met"}.'
+        f'mm) is {"met" if met else "NOT met"}.'
     )
 
 
@@ -257,8 +252,7 @@ def say_curves(tables: list[Table]) -> str:
     return (
         f'{near} of {len(table.body)} views with curves are placed within 1 degree from their recovered pair by pair '
         f'hypotheses. The tree finds as many valid interpretations as the thesis in {same} ({several}; thesis: one, '
-        'and '
-        'two for the Tubes, of which validation could complete neither); with curves first it visits '
+        'and two for the Tubes, of which validation could complete neither); with curves first it visits '
         f'{sum(table.numbers("levels, curves first (6.10) ours")):.0f} levels in all, in the Combined order '
         f'{sum(table.numbers("levels, Combined ours")):.0f}.'
     )
@@ -359,8 +353,7 @@ def say_widget(tables: list[Table]) -> str:
     errors = ', '.join(f'{ours:.3f}' for _, ours in pairs)
     return (
         f'{sum(ours < theirs for theirs, ours in pairs)} of {len(table.body)} widgets are placed with a smaller '
-        'rotation '
-        f'error ({errors or "none"} deg) than the thesis prints for its real ones; ours are rendered.'
+        f'rotation error ({errors or "none"} deg) than the thesis prints for its real ones; ours are rendered.'
     )
 
 

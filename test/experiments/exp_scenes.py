@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from lab import Experiment, NotAvailable, Outcome, Plot, Setting, Table, average, timed, view, within
 from lab import Line as L
-from machine_times import BYTES, rendered_pair
+from machine_times import BYTES, WHY_REAL_4, rendered_pair
 from thesis import PREPROCESS_S, VIEWS
 
 from csg_renderer import boundary, ideal_data, load_models, model_features, render_stereo, scene_path, visible_fragments
@@ -35,8 +35,8 @@ def complexity(setting: Setting) -> Outcome:
 
 OIL_RIG = (
     'The oil rig is a scene for the ray caster: 44 blocks. The thesis gives its edges as the number that a wire '
-    'frame '
-    'shows; ours counts every exact edge of the union, those between two beams that run into each other included.'
+    'frame shows; ours counts every exact edge of the union, those between two beams that run into each other '
+    'included.'
 )
 
 
@@ -99,8 +99,7 @@ def visibility(setting: Setting) -> Outcome:
         [table],
         notes=[
             'A feature counts once, however many pieces of it are seen. Table 6.2 counts what the thesis recovered '
-            'of '
-            'the scenes with curves; ours are exact.'
+            'of the scenes with curves; ours are exact.'
         ],
     )
 
@@ -119,8 +118,8 @@ def say_visibility(tables: list[Table]) -> str:
     rest = f'; the others: {", ".join(others)}' if others else ''
     lost = sum(a - b for a, b in table.paired('visible to the left eye ours', 'visible to both eyes ours'))
     return (
-        f'{same} of {len(pairs)} views show as many features to the left eye as the thesis prints{rest}. '
-        f'{lost:.0f} of them all are hidden from the right eye, and lost to stereo.'
+        f'{same} of {len(pairs)} views show as many features to the left eye as the thesis prints{rest}. {lost:.0f} '
+        'of them all are hidden from the right eye, and lost to stereo.'
     )
 
 
@@ -154,18 +153,8 @@ def stereo_times(setting: Setting) -> Outcome:
         say_stereo_times,
         [table],
         [Plot('Stereo pair on the DAP 510', 'view', 'seconds', lines)],
-        [WORD_LENGTH, 'The cost model is analytic, and the dimensions of the models are ours.'],
+        [WHY_REAL_4, 'The cost model is analytic, and the dimensions of the models are ours.'],
     )
-
-
-WORD_LENGTH = (
-    'The thesis does not say which word length it used. REAL*4 is the likelier: it is what REAL means in '
-    'Fortran-Plus, '
-    'the listings of its appendices declare no other, its machine was sold on 32-bit rates, and the shares that it '
-    'prints '
-    'of the validation are those of REAL*4 here (experiment validation). Where the rest of the time went: experiment '
-    'tile_budget.'
-)
 
 
 def say_stereo_times(tables: list[Table]) -> str:
@@ -176,8 +165,7 @@ def say_stereo_times(tables: list[Table]) -> str:
         whole = table.numbers(f'both together, REAL*{n} ours / thesis')
         parts.append(
             f'with REAL*{n} {average(alone):.2f} of the printed time ({within(alone)}), {average(whole):.2f} with '
-            'the '
-            "host's tiling"
+            "the host's tiling"
         )
     return f'The emulated DAP 510 takes {"; ".join(parts)}: most of the printed time is not the predicted arithmetic.'
 

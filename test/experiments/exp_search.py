@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from lab import Experiment, Line, Outcome, Plot, Setting, Table, stating, timed, view
-from machine_times import BYTES, both_lengths
+from machine_times import BYTES, WORD_LENGTH, both_lengths
 from thesis import SORT_EFFORT, SORT_SPEEDUP, SORT_TOP_TEN
 
 from csg_renderer import ideal_data
@@ -116,7 +116,8 @@ def sorts(setting: Setting) -> Outcome:
         [
             f'Searches stop after the levels of {seconds:g} s: those have no time on the emulated machine. Thesis: '
             'worst-case order, Chair and Computer not within 36 000 s, L-shape 1 360 s. Errors of 1 mm and cones of '
-            '1 degree are stated, as in 5.11.3.2; nothing is left out beforehand.'
+            '1 degree are stated, as in 5.11.3.2; nothing is left out beforehand.',
+            WORD_LENGTH,
         ],
         spoken=tuple(range(0, 2 * len(names), 2)),
     )
@@ -155,10 +156,8 @@ def say_sorts(tables: list[Table]) -> str:
     stopped = ', '.join(f'{order} in {count}' for order, count in failing.items() if count) or 'none'
     return (
         f'{"; ".join(remarks)}. Combined needs the fewest, or within a tenth of them, in {best} of {len(bodies)} '
-        'scenes '
-        "(thesis: it is the best of them, with Holder and Buxton's order level on the Computer); not ended: "
-        f'{stopped} '
-        '(thesis: the worst order in two of three).'
+        "scenes (thesis: it is the best of them, with Holder and Buxton's order level on the Computer); not ended: "
+        f'{stopped} (thesis: the worst order in two of three).'
     )
 
 
@@ -204,7 +203,7 @@ def signs(setting: Setting) -> Outcome:
                 [Line(how, names, table.column(f'levels {how} ours'), 'bar') for how in ('signed', 'unsigned')],
             )
         ],
-        ['The time is that of the whole match, tables included.'],
+        ['The time is that of the whole match, tables included.', WORD_LENGTH],
     )
 
 
@@ -221,12 +220,10 @@ def say_signs(tables: list[Table]) -> str:
     )
     return (
         f'With signs the search needs no more levels in {fewer} of {len(levels)} views '
-        f'({sum(a for a, _ in levels):.0f} '
-        f'levels in all, {sum(b for _, b in levels):.0f} without), and has one answer in {one}. Without them the '
-        'thesis '
-        f'is left with two answers for all but the Chipped Block; we find as many as it does in {same} of '
-        f'{len(answers)}. The unsigned search is the faster one {said} (thesis: in all view 1 scenes but the '
-        'Computer).'
+        f'({sum(a for a, _ in levels):.0f} levels in all, {sum(b for _, b in levels):.0f} without), and has one '
+        f'answer in {one}. Without them the thesis is left with two answers for all but the Chipped Block; we find '
+        f'as many as it does in {same} of {len(answers)}. The unsigned search is the faster one {said} (thesis: in '
+        'all view 1 scenes but the Computer).'
     )
 
 
@@ -302,11 +299,11 @@ def combinatorics(setting: Setting) -> Outcome:
         [table],
         [plot],
         [
-            'The bound: a pairing that is consistent with fewer than K - 1 other data features cannot be in '
-            'an interpretation of K, so it is left out before the tree is entered; the number of features '
-            'in the bin then starts at what is left over. Without it the bin opens one feature at a time. '
-            'The printed orders (m^2 + ms without, at least m 2^c + ms with spurious data; m model, s data, '
-            'c correct features) have no constants, and are no level counts.'
+            'The bound: a pairing that is consistent with fewer than K - 1 other data features cannot be in an '
+            'interpretation of K, so it is left out before the tree is entered; the number of features in the bin '
+            'then starts at what is left over. Without it the bin opens one feature at a time. The printed orders '
+            '(m^2 + ms without, at least m 2^c + ms with spurious data; m model, s data, c correct features) have no '
+            'constants, and are no level counts.'
         ],
     )
 
@@ -331,8 +328,7 @@ def say_combinatorics(tables: list[Table]) -> str:
     effort = sum(table.numbers('serial search ours'))
     return (
         f'From {shares[0]:.0f} to {shares[-1]:.0f} % clutter: {grown}; the serial search, which grows exponentially '
-        'as the '
-        f'thesis fears, made {effort:.3g} tests. Of {len(shares)} shares of clutter '
+        f'as the thesis fears, made {effort:.3g} tests. Of {len(shares)} shares of clutter '
         + ', '.join(f'{what} always ends in {count}' for what, count in ended.items())
         + '.'
     )

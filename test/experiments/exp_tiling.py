@@ -8,7 +8,7 @@ from unittest import mock
 import numpy as np
 from lab import Cell, Experiment, Line, NotAvailable, Outcome, Plot, Setting, Table, average, timed
 from lab import view as lab_view
-from machine_times import BYTES
+from machine_times import BYTES, WORD_LENGTH
 from thesis import (
     PLATE_LIGHTS,
     PLATE_MINUTES,
@@ -160,16 +160,13 @@ def tiling(setting: Setting) -> Outcome:
     notes = [
         'Both engines test every product on every pixel by brute force. This machine gains less by tiling than its '
         'count of intersections says: it tests a row of pixels at once in vector instructions, leaves out the '
-        'cutters '
-        'of a product that no ray of the row enters, and spends the same time on shading and on the frame either '
-        'way.',
+        'cutters of a product that no ray of the row enters, and spends the same time on shading and on the frame '
+        'either way.',
         'Intersections are counted a ray. The serial program on a Sun 3/160 cannot be run again: its times over '
-        'those of '
-        'the DAP stand beside the times of the emulated DAP over those of this machine. Preparing the tiles is work '
-        'of '
-        f'the host: {PREPROCESS_S} s an image in the thesis, which stands beside ours, and is not charged to the '
-        'emulated '
-        "machine's own time.",
+        'those of the DAP stand beside the times of the emulated DAP over those of this machine. Preparing the tiles '
+        f'is work of the host: {PREPROCESS_S} s an image in the thesis, which stands beside ours, and is not charged '
+        "to the emulated machine's own time.",
+        WORD_LENGTH,
     ]
     return Outcome(say_tiling, tables, plots, notes, spoken=(1, 3))
 
@@ -357,18 +354,14 @@ def say_tiling(tables: list[Table]) -> str:
     first = 'the intersection' if tiled >= shading else 'shading'
     return (
         f'Tiling saves {average(saved["intersections"]):.1f} % of the intersections and '
-        f'{average(saved["nodes"]):.1f} % '
-        f'of the nodes (thesis: more than 90 % of both everywhere; ours in {above} of '
-        f'{len(saved["nodes"]) + len(saved["intersections"])} cases) and {average(saved["combines"]):.1f} % of the '
-        f'combines ({TILING_SAVED["combines_mean"]} %); brute force over tiling: the emulated DAP {faster[4]:.1f} '
-        'times '
-        f'with REAL*4 and {faster[8]:.1f} with REAL*8, {hosted[4]:.1f} and {hosted[8]:.1f} when the printed time of '
-        'the '
-        f"host's tiling is added (thesis {TILING_SPEEDUP['mean']}), this machine "
+        f'{average(saved["nodes"]):.1f} % of the nodes (thesis: more than 90 % of both everywhere; ours in {above} '
+        f'of {len(saved["nodes"]) + len(saved["intersections"])} cases) and {average(saved["combines"]):.1f} % of '
+        f'the combines ({TILING_SAVED["combines_mean"]} %); brute force over tiling: the emulated DAP '
+        f'{faster[4]:.1f} times with REAL*4 and {faster[8]:.1f} with REAL*8, {hosted[4]:.1f} and {hosted[8]:.1f} '
+        f"when the printed time of the host's tiling is added (thesis {TILING_SPEEDUP['mean']}), this machine "
         f'{average(speed.numbers("this machine ours")):.1f} times. Intersections take {brute:.0f} % of the time of '
-        'brute '
-        f'force with REAL*4 (thesis: about 90 %) and {tiled:.0f} % with tiling, where {first} comes first (thesis: '
-        f'intersections); shading takes {shading:.0f} %.'
+        f'brute force with REAL*4 (thesis: about 90 %) and {tiled:.0f} % with tiling, where {first} comes first '
+        f'(thesis: intersections); shading takes {shading:.0f} %.'
     )
 
 
@@ -413,7 +406,7 @@ def plate(setting: Setting) -> Outcome:
     return Outcome(
         say_plate,
         [table],
-        notes=['Whether the printed pictures were made with tiling the text does not say; ours were.'],
+        notes=['Whether the printed pictures were made with tiling the text does not say; ours were.', WORD_LENGTH],
     )
 
 
@@ -487,8 +480,8 @@ def tile_budget(setting: Setting) -> Outcome:
         notes=[
             'The thesis prints no time of an operation of this program, no count of operations and no word length. '
             'Unknown besides: what its compiler stores between operations, what a subroutine call and the serial '
-            'code of '
-            'the control unit cost, and the time of an image over the fast channel to the screen and to the host.'
+            'code of the control unit cost, and the time of an image over the fast channel to the screen and to the '
+            'host.'
         ],
         spoken=(0, 2),
     )
@@ -585,8 +578,8 @@ def say_tile_budget(tables: list[Table]) -> str:
         f'{left / ours[1]:.1f} times as much. With six planes a block, as Table 4.1 lists them, it would take '
         f'{planes[0]:.0f} and {planes[1]:.0f} ms, with the general quadric of section 4.7 for each of them '
         f'{quadrics[0]:.0f} and {quadrics[1]:.0f} ms: general quadrics in REAL*4 come '
-        f'{"nearer to" if abs(quadrics[0] - left) < abs(ours[1] - left) else "no nearer to"} the print '
-        "than our program in REAL*8, and need no word that the thesis' language does not have by itself."
+        f'{"nearer to" if abs(quadrics[0] - left) < abs(ours[1] - left) else "no nearer to"} the print than our '
+        "program in REAL*8, and need no word that the thesis' language does not have by itself."
     )
 
 

@@ -99,12 +99,12 @@ def sentence(early: Table, heavy: Table) -> str:
     none = f', nothing in {" and ".join(without)}, whose trees are unions' if without else ''
     last = heavy.rows[-1]
     return (
-        f'Early outs save {average[3]:.0f} % of the time of brute force on average ({most[3]:.0f} % in {most[0]}'
-        f'{none}), and {average[9]:.1f} % of that of tiling, whose pruned trees hold little that is out. A left-heavy '
-        f'tree keeps {last[2]} lists on the stack instead of {last[1]} for {last[0]} holes, which takes {last[4]} '
-        f'bit-planes instead of {last[3]} and {saved(last[5], last[6]):.1f} % less time. A DIFFERENCE that has its '
-        f'second operand first has no early out: {worse[0]} takes {worse[6]:.3g} s with both options, {worse[2]:.3g} s '
-        'with early outs alone.'
+        f'Early outs save {average[3]:.0f} % of the time of brute force on average ({most[3]:.0f} % in '
+        f'{most[0]}{none}), and {average[9]:.1f} % of that of tiling, whose pruned trees hold little that is out. A '
+        f'left-heavy tree keeps {last[2]} lists on the stack instead of {last[1]} for {last[0]} holes, which takes '
+        f'{last[4]} bit-planes instead of {last[3]} and {saved(last[5], last[6]):.1f} % less time. A DIFFERENCE that '
+        f'has its second operand first has no early out: {worse[0]} takes {worse[6]:.3g} s with both options, '
+        f'{worse[2]:.3g} s with early outs alone.'
     )
 
 
@@ -112,8 +112,8 @@ NOTES = [
     'Both are options of engine="dap" (`render --early-outs --left-heavy`), and change no pixel. What is right of an '
     'operator is left out when no ray of a 32 x 32 tile is in what is left of it; to know it costs a comparison and '
     'an ANY.',
-    'Objects, and the operands of a UNION at the top of a tree, take no room on the stack here: the nearer of two hits '
-    "is kept as they come. The thesis' scenes lean to the left as they are written, and gain no store.",
+    'Objects, and the operands of a UNION at the top of a tree, take no room on the stack here: the nearer of two '
+    "hits is kept as they come. The thesis' scenes lean to the left as they are written, and gain no store.",
 ]
 
 
