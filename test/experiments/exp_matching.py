@@ -339,9 +339,9 @@ def say_realistic(tables: list[Table]) -> str:
     )
     return (
         f'Recovered data with the errors that the thesis states takes the emulated machine, {said}; the right '
-        f'interpretation is among them in {right} (thesis: in all, alone in seven of ten). The levels, '
-        f'{sum(table.numbers("levels ours")):.0f} in all with exact ranges and '
-        f'{sum(table.numbers("levels with corners ours")):.0f} with corners, are those of the widest errors.'
+        f'interpretation is among them in {right} (thesis: in all, alone in seven of ten). Levels: '
+        f'{sum(table.numbers("levels ours")):.0f} in all with exact ranges, '
+        f'{sum(table.numbers("levels with corners ours")):.0f} with corners.'
     )
 
 

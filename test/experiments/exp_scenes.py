@@ -34,9 +34,9 @@ def complexity(setting: Setting) -> Outcome:
 
 
 OIL_RIG = (
-    'The oil rig is a scene for the ray caster: 44 blocks. The thesis gives its edges as the number that a wire '
-    'frame shows; ours counts every exact edge of the union, those between two beams that run into each other '
-    'included.'
+    'The oil rig is a scene for the ray caster. The thesis gives the number of its edges and not how it counted: its '
+    '44 blocks have 528 by themselves; ours are the exact edges of their union, those where two beams run into each '
+    'other included.'
 )
 
 
