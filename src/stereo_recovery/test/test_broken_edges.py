@@ -139,7 +139,14 @@ def chains(*polylines):
     ]
     n, last = sum(map(len, parts)), np.cumsum([len(part) for part in parts])
     edgels = Edgels(
-        np.concatenate(parts), np.zeros(n), np.full(n, 9.0), np.full(n, 0.05), np.full(n, 0.1), np.ones(n), np.zeros(n)
+        np.concatenate(parts),
+        np.zeros(n),
+        np.full(n, 9.0),
+        np.full(n, 0.05),
+        np.full(n, 0.1),
+        np.ones(n),
+        np.zeros(n),
+        np.full(n, 10.0),
     )
     bounds = np.column_stack([np.append(0, last[:-1]), last])
     return edgels, fit_segments(edgels, bounds, np.arange(len(parts)), 0.8)

@@ -25,6 +25,7 @@ from stereo_recovery.detection.conics import Ellipse, sampson
 from stereo_recovery.detection.edgels import Edgels, blur_variance, detect
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
+from stereo_recovery.detection.splitting import split
 from stereo_recovery.edges.hiding import hidden_ends
 from stereo_recovery.edges.tangency import joined_ends
 from stereo_recovery.matching.matches import Matches
@@ -65,7 +66,14 @@ def edgels_of(c: Curve, view, count=120, arc=WHOLE, noise=0.0, seed=0) -> Edgels
     at = at + noise * np.random.default_rng(seed).normal(size=(count, 1)) * across
     sigma = np.full(count, max(noise, 0.01))
     return Edgels(
-        at, np.arctan2(across[:, 1], across[:, 0]), np.full(count, 40.0), sigma, sigma, np.ones(count), np.zeros(count)
+        at,
+        np.arctan2(across[:, 1], across[:, 0]),
+        np.full(count, 40.0),
+        sigma,
+        sigma,
+        np.ones(count),
+        np.zeros(count),
+        1.0 / sigma,
     )
 
 
@@ -313,9 +321,9 @@ def test_noise_on_a_slope_makes_no_edges_but_a_step_on_it_does():
     slope = np.tile(5.0 * np.arange(80.0), (80, 1)) * 0.6
     grey = (slope + noise).astype(np.float32)
     stepped = grey + np.float32(30.0) * (np.arange(80)[None, :] >= 40)
-    found, at_step = (chains_of(image, 'canny', 0.8, (1.0, 1.6)) for image in (grey, stepped))
-    assert len(found.edgels) < 20
-    assert np.sum(np.abs(at_step.edgels.position[:, 0] - 39.5) < 0.5) > 60
+    found, at_step = (split(chains_of(image, 'canny', 0.8, (1.0, 1.6)), 0.4, 0.8)[0] for image in (grey, stepped))
+    assert len(found) < 20
+    assert np.sum(np.abs(at_step.position[:, 0] - 39.5) < 0.5) > 60
 
 
 def disc(middle, radius, blur):

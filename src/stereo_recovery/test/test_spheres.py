@@ -44,6 +44,7 @@ def edgels(points: np.ndarray, view: CameraView, seed: int) -> Edgels:
         level,
         np.ones(len(at)),
         np.zeros(len(at)),
+        1.0 / level,
     )
 
 

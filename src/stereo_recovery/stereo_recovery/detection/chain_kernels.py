@@ -8,7 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array, IntArray
 
 from .settings import (
-    CHAIN_EXCESS,
+    CANDIDATE_EXCESS,
     LEAST_ADVANCE,
     LINK_RADIUS,
     NOISE_MAXIMUM,
@@ -153,7 +153,7 @@ def trace(
                 order[used] = i
                 used += 1
                 i = following[i]
-            if used - start < minimum or not _is_edge(order[start:used], magnitude, prominence, high):
+            if used - start < minimum or not _is_candidate(order[start:used], magnitude, prominence, high):
                 used = start
                 continue
             closed[chains] = loops == 1
@@ -163,8 +163,8 @@ def trace(
 
 
 @njit
-def _is_edge(members: AnyArray, magnitude: FloatArray, prominence: FloatArray, high: float) -> bool:
-    """Whether a run of edgels is strong somewhere, and stands out of the noise."""
+def _is_candidate(members: AnyArray, magnitude: FloatArray, prominence: FloatArray, high: float) -> bool:
+    """Whether a run of edgels is strong somewhere, and more than noise usually is."""
     strong = False
     excess = most = 0.0
     for k in range(len(members)):
@@ -172,7 +172,31 @@ def _is_edge(members: AnyArray, magnitude: FloatArray, prominence: FloatArray, h
             strong = magnitude[members[k - 1]] + magnitude[members[k]] + magnitude[members[k + 1]] > 3.0 * high
         excess = max(0.0, excess + prominence[members[k]] - NOISE_MAXIMUM)
         most = max(most, excess)
-    return strong and most > CHAIN_EXCESS
+    return strong and most > CANDIDATE_EXCESS
+
+
+@njit(nogil=True)
+def evidence(prominence: FloatArray, bounds: IntArray) -> FloatArray:
+    """By how much runs of edgels stand out of what noise makes: the largest sum over consecutive ones.
+
+    Parameters
+    ----------
+    prominence : (n,) float64
+        Of edgels, in sigma of their noise.
+    bounds : (k, 2) int64
+        Runs [first, last).
+
+    Returns
+    -------
+    (k,) float64
+    """
+    out = np.zeros(len(bounds))
+    for k in range(len(bounds)):
+        excess = 0.0
+        for i in range(bounds[k, 0], bounds[k, 1]):
+            excess = max(0.0, excess + prominence[i] - NOISE_MAXIMUM)
+            out[k] = max(out[k], excess)
+    return out
 
 
 @njit(nogil=True)
@@ -208,7 +232,7 @@ def free_runs(
                 order[used] = k
                 used += 1
             elif used > start:
-                if used - start < minimum or not _is_edge(order[start:used], magnitude, prominence, high):
+                if used - start < minimum or not _is_candidate(order[start:used], magnitude, prominence, high):
                     used = start
                 else:
                     runs += 1

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray, Float32Array, IntArray
+from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 
 from . import chain_kernels
 from .edgels import Edgels, Maxima, maxima
 from .noise import NoiseMap
-from .settings import BESIDE_FINER, LEAST_EDGELS, PROMINENCE
+from .settings import BESIDE_FINER, LEAST_EDGELS, MOST_COVERED, PROMINENCE, SEGMENT_EXCESS
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +36,31 @@ class EdgeChains:
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
+    @property
+    def evidence(self) -> FloatArray:
+        """(m,) float64: by how much each stands out of what noise makes, see :func:`.chain_kernels.evidence`."""
+        bounds = np.stack([self.offsets[:-1], self.offsets[1:]], axis=1)
+        found: FloatArray = chain_kernels.evidence(self.edgels.prominence, bounds)
+        return found
+
+    def select(self, kept: BoolArray) -> EdgeChains:
+        """A subset: (m,) bool."""
+        count = np.diff(self.offsets)
+        offsets = np.concatenate([[0], np.cumsum(count[kept])])
+        return EdgeChains(self.edgels.select(np.repeat(kept, count)), offsets, self.closed[kept])
+
+    @classmethod
+    def concatenate(cls, first: EdgeChains, second: EdgeChains) -> EdgeChains:
+        """The chains of the first, and after them those of the second."""
+        return cls(
+            Edgels.concatenate([first.edgels, second.edgels]),
+            np.concatenate([first.offsets, first.offsets[-1] + second.offsets[1:]]),
+            np.concatenate([first.closed, second.closed]),
+        )
+
 
 def link(found: Maxima, sigma: float, shape: tuple[int, int], high: float, minimum: int = LEAST_EDGELS) -> EdgeChains:
-    """Link edgels that follow each other, and keep the chains that stand out of the noise somewhere.
+    """Link edgels that follow each other, and keep the chains that may be edges.
 
     Parameters
     ----------
@@ -59,8 +81,7 @@ def link(found: Maxima, sigma: float, shape: tuple[int, int], high: float, minim
 
     References
     ----------
-    Thesis 3.7, 3.10.1. Instead of a second threshold (Canny, PAMI 8(6), 1986) a sum over consecutive edgels decides,
-    after E. Page, "Continuous inspection schemes", Biometrika 41, 1954.
+    Thesis 3.7, 3.10.1.
     """
     if len(found) == 0:
         return EdgeChains(Edgels.empty(), np.zeros(1, np.int64), np.zeros(0, bool))
@@ -109,7 +130,7 @@ def chains_of(
 
 
 def completed(chains: EdgeChains, coarser: EdgeChains, shape: tuple[int, int], high: float) -> EdgeChains:
-    """The chains, and after them what chains of a coarser scale show where there are none.
+    """The chains, and after them what chains of a coarser scale show where there are none that stand by themselves.
 
     Parameters
     ----------
@@ -123,26 +144,43 @@ def completed(chains: EdgeChains, coarser: EdgeChains, shape: tuple[int, int], h
     Returns
     -------
     EdgeChains
+        Without those that do not stand by themselves and lie where one of the coarser scale does.
     """
     if len(coarser) == 0:
         return chains
-    own = np.zeros(shape, np.uint8)
-    pixel = np.rint(chains.edgels.position).astype(np.intp)
-    own[pixel[:, 1], pixel[:, 0]] = 1
-    near = cv2.dilate(own, np.ones((2 * BESIDE_FINER + 1, 2 * BESIDE_FINER + 1), np.uint8))
-    edgels = coarser.edgels
-    pixel = np.clip(np.rint(edgels.position).astype(np.intp), 0, [shape[1] - 1, shape[0] - 1])
-    covered = near[pixel[:, 1], pixel[:, 0]] > 0
-    order, starts = chain_kernels.free_runs(
-        covered, coarser.offsets, edgels.magnitude, 1.0 / edgels.sigma_direction, high, LEAST_EDGELS
+    clear = chains.evidence > SEGMENT_EXCESS
+    beside_clear = _beside(chains.edgels.position[np.repeat(clear, np.diff(chains.offsets))], shape)
+    order, offsets = chain_kernels.free_runs(
+        _within(beside_clear, coarser.edgels.position),
+        coarser.offsets,
+        coarser.edgels.magnitude,
+        coarser.edgels.prominence,
+        high,
+        LEAST_EDGELS,
     )
+    if len(order) == 0:
+        return chains
     # A closed chain stays closed when nothing of it is taken away.
-    whole = (
-        np.diff(starts) == np.diff(coarser.offsets)[np.searchsorted(coarser.offsets, order[starts[:-1]], 'right') - 1]
-    )
-    closed = coarser.closed[np.searchsorted(coarser.offsets, order[starts[:-1]], 'right') - 1]
-    return EdgeChains(
-        Edgels.concatenate([chains.edgels, edgels.select(order)]),
-        np.concatenate([chains.offsets, chains.offsets[-1] + starts[1:]]),
-        np.concatenate([chains.closed, closed & whole]),
-    )
+    source = np.searchsorted(coarser.offsets, order[offsets[:-1]], 'right') - 1
+    closed = coarser.closed[source] & (np.diff(offsets) == np.diff(coarser.offsets)[source])
+    more = EdgeChains(coarser.edgels.select(order), offsets, closed)
+    seen = more.edgels.position[np.repeat(more.evidence > SEGMENT_EXCESS, np.diff(offsets))]
+    covered = _within(_beside(seen, shape), chains.edgels.position)
+    share = np.add.reduceat(covered, chains.offsets[:-1]) / np.diff(chains.offsets) if len(chains) else np.zeros(0)
+    return EdgeChains.concatenate(chains.select(clear | (share < MOST_COVERED)), more)
+
+
+def _beside(position: FloatArray, shape: tuple[int, int]) -> ByteArray:
+    """(h, w) uint8, not 0 within BESIDE_FINER pixels of positions (n, 2), pixels, along rows and columns."""
+    own = np.zeros(shape, np.uint8)
+    column, row = np.rint(position).astype(np.intp).T
+    own[np.clip(row, 0, shape[0] - 1), np.clip(column, 0, shape[1] - 1)] = 1
+    side = 2 * BESIDE_FINER + 1
+    return np.asarray(cv2.dilate(own, np.ones((side, side), np.uint8)), np.uint8)
+
+
+def _within(marked: ByteArray, position: FloatArray) -> BoolArray:
+    """(n,) bool: whether positions (n, 2), pixels, lie where an image (h, w) is not 0."""
+    column, row = np.rint(position).astype(np.intp).T
+    there: BoolArray = marked[np.clip(row, 0, marked.shape[0] - 1), np.clip(column, 0, marked.shape[1] - 1)] > 0
+    return there

@@ -8,7 +8,15 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from .sampling import bilinear_pair
-from .settings import ALONG_EDGE, LAST_POSITION, LEAST_CURVATURE, LEAST_INTERPOLATED, NOISE_RANK, NOISE_STEP
+from .settings import (
+    ALONG_EDGE,
+    FLANK_SHARES,
+    LAST_POSITION,
+    LEAST_CURVATURE,
+    LEAST_INTERPOLATED,
+    NOISE_RANK,
+    NOISE_STEP,
+)
 
 
 @njit
@@ -161,7 +169,7 @@ def zero_crossings(
 @njit(nogil=True)
 def flanking_gradients(
     gx: Float32Array, gy: Float32Array, position: FloatArray, gradient: FloatArray, distance: float
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     """The gradient on both flanks of edgels along their own gradients, as a share of the edgels'.
 
     Beside a step between evenly lit faces the share is 0, and on a slope it is 1.
@@ -178,20 +186,28 @@ def flanking_gradients(
 
     Returns
     -------
-    (n, 2) float64
+    flanks : (n, 2) float64
         On the dark and on the bright flank.
+    saddle : (n,) float64
+        The larger of the least gradients on the way to the two flanks: what the edgel has to exceed, even where there
+        is a stronger edge beside it.
     """
-    out = np.empty((len(position), 2))
+    flanks, saddle = np.empty((len(position), 2)), np.empty(len(position))
     for i in range(len(position)):
         norm = np.sqrt(gradient[i, 0] ** 2 + gradient[i, 1] ** 2)
         nx, ny = gradient[i, 0] / norm, gradient[i, 1] / norm
+        saddle[i] = 0.0
         for flank in range(2):
-            t = distance if flank == 1 else -distance
-            x = min(max(position[i, 0] + t * nx, 0.0), gx.shape[1] - LAST_POSITION)
-            y = min(max(position[i, 1] + t * ny, 0.0), gx.shape[0] - LAST_POSITION)
-            gu, gv = bilinear_pair(gx, gy, x, y)
-            out[i, flank] = (gu * nx + gv * ny) / norm
-    return out
+            least = 1.0
+            for share in FLANK_SHARES:
+                t = share * distance if flank == 1 else -share * distance
+                x = min(max(position[i, 0] + t * nx, 0.0), gx.shape[1] - LAST_POSITION)
+                y = min(max(position[i, 1] + t * ny, 0.0), gx.shape[0] - LAST_POSITION)
+                gu, gv = bilinear_pair(gx, gy, x, y)
+                flanks[i, flank] = (gu * nx + gv * ny) / norm
+                least = min(least, flanks[i, flank])
+            saddle[i] = max(saddle[i], least)
+    return flanks, saddle
 
 
 @njit(nogil=True)

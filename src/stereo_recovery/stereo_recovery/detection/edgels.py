@@ -60,6 +60,8 @@ class Edgels:
     bias : (n,) float64, pixels
         Localisation bias: how far shading or a second edge nearby may have moved the edgel. Neighbouring edgels move
         alike.
+    prominence : (n,) float64
+        By how much the gradient exceeds that beside the edge, in sigma of its noise.
     """
 
     position: FloatArray
@@ -69,11 +71,12 @@ class Edgels:
     sigma_direction: FloatArray
     width: FloatArray
     bias: FloatArray
+    prominence: FloatArray
 
     @classmethod
     def empty(cls) -> Edgels:
         """No edgels."""
-        return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(6)))
+        return cls(np.zeros((0, 2)), *(np.zeros(0) for _ in range(7)))
 
     def __len__(self) -> int:
         return len(self.position)
@@ -115,6 +118,7 @@ class Edgels:
             self.sigma_direction,
             np.sqrt(sigma**2 + blur),
             self.bias,
+            self.prominence,
         )
 
     @property
@@ -297,6 +301,8 @@ class Maxima:
         Standard deviation of the blurred step.
     flanks : (n, 2) float64
         Gradient on the dark and on the bright side, as a share of the magnitude.
+    saddle : (n,) float64
+        What of the gradient remains on the way to either side, as a share of the magnitude, 0..1.
     """
 
     position: FloatArray
@@ -305,12 +311,13 @@ class Maxima:
     noise: FloatArray
     width: FloatArray
     flanks: FloatArray
+    saddle: FloatArray
 
     @classmethod
     def empty(cls) -> Maxima:
         """No maxima."""
         pairs, numbers = np.zeros((0, 2)), np.zeros(0)
-        return cls(pairs, pairs, numbers, numbers, numbers, pairs)
+        return cls(pairs, pairs, numbers, numbers, numbers, pairs, numbers)
 
     def __len__(self) -> int:
         return len(self.position)
@@ -325,8 +332,7 @@ class Maxima:
 
         On a slope (the side of a cylinder) noise alone makes maxima, but no prominent ones.
         """
-        beside = np.maximum(np.maximum(self.flanks[:, 0], self.flanks[:, 1]), 0.0)
-        exceeding: FloatArray = (1.0 - beside) * self.magnitude / self.noise
+        exceeding: FloatArray = (1.0 - self.saddle) * self.magnitude / self.noise
         return exceeding
 
     def described(self, sigma: float) -> Edgels:
@@ -353,7 +359,7 @@ class Maxima:
         difference = self.flanks[:, 0] - self.flanks[:, 1]
         bias = np.sqrt(np.maximum(difference**2 - (FLANK_NOISE * across) ** 2, 0.0))
         direction = np.arctan2(self.gradient[:, 1], self.gradient[:, 0])
-        return Edgels(self.position, direction, self.magnitude, along, across, self.width, bias)
+        return Edgels(self.position, direction, self.magnitude, along, across, self.width, bias, self.prominence)
 
 
 def _usual_width(width: FloatArray, across: FloatArray, sigma: float) -> float:
@@ -418,8 +424,8 @@ def maxima(
             slopes, squared, logarithm, least, noise.sigma, noise.tile
         )
     distance = FLANK_DISTANCE * max(_usual_width(width, response / magnitude, sigma), sigma)
-    flanks = edgel_kernels.flanking_gradients(gx, gy, position, slope, distance)
-    return Maxima(position, slope, magnitude, response, width, flanks)
+    flanks, saddle = edgel_kernels.flanking_gradients(gx, gy, position, slope, distance)
+    return Maxima(position, slope, magnitude, response, width, flanks, saddle)
 
 
 def detect(

@@ -63,6 +63,8 @@ ALIASED_POSITION_FLOOR = 0.13
 ALIASED_BLUR_VARIANCE = 1.0 / 24.0
 # Distance from an edgel, in widths of the blurred step, at which the gradient on its two flanks is looked up. [R]
 FLANK_DISTANCE = 2.0
+# Shares of it at which the least gradient on the way there is looked for. [R]
+FLANK_SHARES = (0.65, 1.0)
 # Difference of the two flanks' gradients, in sigma of the gradient, that noise explains. [R]
 FLANK_NOISE = 2.5
 # An edgel's prominence: by how many sigma its gradient exceeds that of both flanks, at least. [R] Chains decide; this
@@ -98,12 +100,13 @@ DEEPEST_BORDER, STEEPEST_BORDER = 0.25, 0.25
 
 # -- chains ------------------------------------------------------------------------------------------------------------
 
-# A chain is an edge when the prominences of consecutive edgels, in sigma of the noise, exceed NOISE_MAXIMUM by
-# CHAIN_EXCESS in sum somewhere. [M] In a megapixel of noise one chain reaches 8, whether neighbouring pixels agree or
-# not (src/stereo_recovery/test/test_chains.py).
-NOISE_MAXIMUM, CHAIN_EXCESS = 2.4, 12.0
-# px: an edgel of a coarser scale shows nothing new this near to one of the finer scale, along rows and columns. [R]
-BESIDE_FINER = 3
+# A segment is an edge when the prominences of consecutive edgels, in sigma of the noise, exceed NOISE_MAXIMUM by
+# SEGMENT_EXCESS in sum somewhere; a chain may have some when they do by CANDIDATE_EXCESS. [M] In a megapixel of noise
+# one segment reaches 8, whether neighbouring pixels agree or not (src/stereo_recovery/test/test_chains.py).
+NOISE_MAXIMUM, SEGMENT_EXCESS, CANDIDATE_EXCESS = 2.4, 10.0, 1.0
+# px: an edgel of a coarser scale shows nothing new this near to one of the finer scale, along rows and columns. A
+# doubtful chain goes when more than this share of it is as near to a clear one of the coarser scale. [R]
+BESIDE_FINER, MOST_COVERED = 3, 0.5
 # px, along rows and columns: farthest step from edgel to edgel. [D] One pixel may be missing.
 LINK_RADIUS = 2
 # px: least advance along the tangent. [R]
