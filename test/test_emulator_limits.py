@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
 import threading
 import time
+from multiprocessing import Pipe
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from sensor_msgs.msg import Image
 from dap_emulator import Dap, DapClient
 from dap_emulator.fortran_plus import Limits, Stopped, compile
 from dap_emulator.node import EmulatorNode
+from dap_emulator.service import program_worker
 from dap_emulator.service.processes import PROCESSES, ProgramFailed
 from dap_emulator.service.program_worker import CompileJob, Failure, Interface, RunAnswer, RunJob, answer
 from dap_emulator.service.workspaces import Refused, ServiceLimits, Workspaces
@@ -281,6 +285,34 @@ def test_what_a_process_answers():
     )
     with pytest.raises(ProgramFailed, match='UNKNOWN is neither an array'):
         PROCESSES.run(RunJob('X = UNKNOWN(3)', None, '510', {}, 5.0, 1000))
+
+
+def test_a_process_serves_until_the_service_hangs_up(monkeypatch):
+    ended = threading.Event()
+
+    def end(code):
+        ended.set()
+        raise SystemExit(code)
+
+    monkeypatch.setattr(program_worker.os, '_exit', end)
+    ours, theirs = Pipe()
+    threading.Thread(target=program_worker.serve, args=(theirs,), daemon=True).start()
+    assert ours.recv() == program_worker.READY
+    ours.send(CompileJob('X = 1.0'))
+    assert list(ours.recv().entries) == ['MAIN']
+    ours.send(RunJob(HOSTILE['a loop without end'][0], None, '510', {}, 60.0, 1000))
+    ours.send(program_worker.CANCEL)
+    assert ours.recv().stopped
+    ours.close()
+    assert ended.wait(10.0)
+
+
+def test_a_process_bounds_its_memory(monkeypatch):
+    asked = []
+    monkeypatch.setattr(program_worker.resource, 'setrlimit', lambda what, limits: asked.append(limits[0]))
+    program_worker.bound_memory(1 << 20)
+    has = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
+    assert abs(asked[0] - has) < 64 << 20
 
 
 def test_an_endless_image_program_does_not_hold_the_services(graph, tmp_path):

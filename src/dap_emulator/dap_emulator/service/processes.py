@@ -201,7 +201,9 @@ class Processes:
         """Keep a process, or start another in place of one that was ended."""
         with self._lock:
             self._busy.remove(process)
-            self._idle.append(process if process.alive else _Process())
+            # Where none can be started, the next program says so.
+            with contextlib.suppress(OSError):
+                self._idle.append(process if process.alive else _Process())
 
     def forget(self) -> None:
         """Leave the processes to the process that this one was forked from."""

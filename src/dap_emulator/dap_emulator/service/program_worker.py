@@ -199,15 +199,14 @@ def serve(connection: Connection) -> None:
             if message == CANCEL:
                 cancelled.set()
             else:
+                # A job comes after the answer to the one before, which a cancellation until now was for.
+                cancelled.clear()
                 jobs.put(message)
 
     threading.Thread(target=listen, daemon=True).start()
     connection.send(READY)
     while True:
-        job = jobs.get()
-        # A cancellation came before this job, so it was meant for an earlier one.
-        cancelled.clear()
-        connection.send(answer(job, cancelled))
+        connection.send(answer(jobs.get(), cancelled))
 
 
 def main(descriptor: int) -> None:
