@@ -11,19 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from csg_renderer import load_scene, model_features, render_stereo, scene_path
+from csg_renderer import Scene, Solid, Terrain, load_scene, model_features, render, render_stereo, scene_path
 from dap_emulator import DapError
 from model_matcher.closed_form.array_machine import roberts_through_service
 from model_matcher.closed_form.batch import brought_home, files_of, run_batch, run_far
 from model_matcher.closed_form.case import Case, Limits
 from model_matcher.closed_form.cli import main
+from model_matcher.closed_form.comparison import surface_residual
 from model_matcher.closed_form.placement import case_lights, case_pose, case_rig, model_centre
 from model_matcher.closed_form.poses import SWEEPS, pose_from_angles, sweep_cases
 from model_matcher.closed_form.result import result_document
 from model_matcher.closed_form.run_library import run_library_case
 from model_matcher.closed_form.saved import load_case
 from model_matcher.closed_form.scene_files import case_scene, clutter_of
-from msgs_py import Pose
+from msgs_py import PinholeCamera, Pose
 
 SCENE = 'l_shape_v1'
 FAST = ['-q', '--antialias', '2']
@@ -357,3 +358,31 @@ def test_a_report_without_the_array_machine_says_why(monkeypatch):
     monkeypatch.setattr('model_matcher.closed_form.array_machine.DapClient', refuse)
     row = roberts_through_service(None, None, '/emulator_node', np.zeros((80, 80), np.uint8))
     assert row == {'program': 'Roberts operator', 'error': 'emulator_node: no such service within 5 s'}
+
+
+@pytest.mark.parametrize('interpolation', ['triangles', 'bilinear'])
+def test_rendered_points_of_a_terrain_lie_on_it(interpolation):
+    heights = np.random.default_rng(2).normal(scale=0.05, size=(6, 7))
+    heights[3, 3] = np.nan
+    ground = Terrain(heights, (0.2, 0.25), interpolation)
+    tilted = ground.transformed(Pose.from_rotation_vector([1.9, 0.1, 0.0], [-0.6, 0.4, 1.2]))
+    ball = Solid.sphere(0.1).transformed(Pose(np.eye(3), [0.1, 0.0, 0.9]))
+    frame = render(Scene([tilted, ball]), PinholeCamera.centred(64, 48, 60.0))
+    assert (frame.primitive_id == 0).sum() > 200
+    assert surface_residual(Scene([tilted, ball]), frame) < 1e-6
+    # Half a cell beside, it would not.
+    beside = Scene([tilted.transformed(Pose(np.eye(3), [0.1, 0.0, 0.0])), ball])
+    assert surface_residual(beside, frame) > 1e-3
+
+
+def test_a_changed_case_takes_the_heights_of_its_scene_along(tmp_path):
+    np.save(tmp_path / 'ground.npy', np.zeros((3, 3)))
+    scene = tmp_path / 'scene.csg'
+    scene.write_text(
+        'box = BLOCK (40, 50, 60) PAINT FACES; ground = TERRAIN ("ground.npy", 400, 400, 1);'
+        'DRAW box AT (0, 0, 400); DRAW ground AT (-200, 0, 500);'
+    )
+    case = replace(Case(str(scene)), pose=tuple(Pose(np.eye(3), [0.0, 0.0, 0.5]).matrix.ravel().tolist()))
+    written = case_scene(case, case_rig(case), tmp_path / 'out')
+    assert written.parent == tmp_path / 'out' and (tmp_path / 'out' / 'ground.npy').is_file()
+    assert load_scene(written).placements[0].name == 'box'

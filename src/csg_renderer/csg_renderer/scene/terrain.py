@@ -336,6 +336,33 @@ def gradient(terrain: Terrain, points: np.ndarray) -> np.ndarray:
     return np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
 
 
+def height_at(terrain: Terrain, points: np.ndarray) -> np.ndarray:
+    """Heights of a terrain above or below points.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    points : (n, 3) array of float64
+        Grid frame; x and y say where.
+
+    Returns
+    -------
+    (n,) float64
+        Metres.
+
+    Examples
+    --------
+    >>> height_at(Terrain([[0.0, 1.0], [2.0, 3.0]]), np.array([[0.5, 0.25, 9.0]])).tolist()
+    [1.0]
+    """
+    i, j, fx, fy = cell_of(terrain, points)
+    a, b, c, d = corners(terrain, i, j)
+    if terrain.bilinear:
+        height: FloatArray = a + (b - a) * fx + (c - a) * fy + (a - b - c + d) * fx * fy
+        return height
+    return np.where(fx + fy <= 1.0, a + (b - a) * fx + (c - a) * fy, d + (c - d) * (1.0 - fx) + (b - d) * (1.0 - fy))
+
+
 def cell_of(terrain: Terrain, points: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Cells of a terrain that points lie over.
 

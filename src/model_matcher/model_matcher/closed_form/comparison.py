@@ -12,6 +12,7 @@ import numpy as np
 
 from csg_renderer import Frame, Scene
 from csg_renderer.scene.solid import FACES
+from csg_renderer.scene.terrain import Terrain, gradient, height_at
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose, PoseError
 
 from .settings import FOUND_SHARE, PAIRED_DIRECTION_DEG, SAME_DIRECTION_DEG, SAME_PLACE_M
@@ -250,8 +251,11 @@ def surface_residual(scene: Scene, frame: Frame) -> float:
             continue
         inverse = np.linalg.inv(primitive.matrix)
         local = points[seen] @ inverse[:3, :3].T + inverse[:3, 3]
-        value, gradient = _surface_value(primitive.kind, frame.face_id[seen], local)
-        slope = np.linalg.norm(gradient @ inverse[:3, :3], axis=1)
+        if isinstance(primitive, Terrain):
+            value, normal = local[:, 2] - height_at(primitive, local), gradient(primitive, local)
+        else:
+            value, normal = _surface_value(primitive.kind, frame.face_id[seen], local)
+        slope = np.linalg.norm(normal @ inverse[:3, :3], axis=1)
         worst = max(worst, float(np.max(np.abs(value) / np.maximum(slope, 1e-300))))
     return worst
 
