@@ -226,6 +226,13 @@ def _run(options: argparse.Namespace, dap: Dap, recorder: Recorder | None) -> Re
         watchdog.start()
     try:
         return program.run(dap, options.entry or given.entry, limits=limits, observer=recorder, **arguments)
+    except (FortranError, Stopped, OutOfStore) as error:
+        if recorder is not None and recorder.steps:
+            # What led to a failure is what one wants to see.
+            failed = Result({}, dap.stats(), [], program.source, [f'ended by: {error}'])
+            write_page(options.html, recorder, failed, Path(options.program).name)
+            print(f'wrote {options.html}, up to the failure')
+        raise
     finally:
         if watchdog is not None:
             watchdog.cancel()

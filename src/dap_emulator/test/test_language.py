@@ -540,6 +540,18 @@ def test_names_that_share_storage():
     assert (result['I'], result['J'], result['K']) == (2, 3, 6)
 
 
+@given(st.integers(1, 4), st.integers(1, 4), st.integers(0, 3), st.integers(0, 3))
+@FEW
+def test_shared_storage_lies_as_fortran_lays_it(rows, columns, before, after):
+    """Written through a vector, read through a matrix that begins somewhere in it."""
+    length = before + rows * columns + after
+    declarations = f'INTEGER V({length}), M({rows}, {columns}), N, R, C\nEQUIVALENCE (V({before + 1}), M)'
+    loops = f'DO R = 1, {rows}\nDO C = 1, {columns}\nPRINT *, M(R, C)\nEND DO\nEND DO'
+    body = f'DO N = 1, {length}\nV(N) = 7*N\nEND DO\n{loops}'
+    expected = 7 * (np.arange(rows * columns).reshape(rows, columns, order='F') + before + 1)
+    assert [int(line) for line in scalars(body, declarations).printed] == expected.ravel().tolist()
+
+
 def test_statements_outside_of_units_may_share_storage():
     result = compile('REAL A(3), R\nEQUIVALENCE (A(2), B)\nB = 4.0\nR = A(1) + 10.0*A(2)').run(Dap.model('510'))
     assert dict(result) == {'R': 40.0}

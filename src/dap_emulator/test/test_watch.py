@@ -141,6 +141,19 @@ def test_what_is_printed_stands_on_the_page_and_huge_numbers_have_no_part_in_the
     assert data['printed'] == ['begun'] and data['arrays'][0]['high'] == 3.0 < data['largest'] < 1e30
 
 
+def test_a_program_that_fails_is_shown_up_to_its_failure(tmp_path, capsys):
+    file, target = tmp_path / 'fails.fpp', tmp_path / 'fails.html'
+    file.write_text('ENTRY SUBROUTINE F(A)\nREAL A(*4,*4)\nINTEGER I, J\nA = 2.0\nCALL G(A, J)\nEND\n')
+    with open(file, 'a') as more:
+        more.write('SUBROUTINE G(A, J)\nREAL A(,)\nINTEGER J\nA = 3.0\nJ = 1/J\nEND\n')
+    assert main([str(file), '--html', str(target)]) == 1
+    assert 'wrote' in capsys.readouterr().out
+    data = data_of(target.read_text())
+    assert [step[1] for step in data['steps']] == [1, 4, 7, 10, 11, 5]
+    assert data['printed'][0].startswith('ended by: line 11, column 1: division of an INTEGER by zero')
+    assert (values_at(data, 'A', 4) == 3.0).all() and sum(c for _, c in data['profile']) == data['cycles']
+
+
 # The page in a browser.
 
 

@@ -101,8 +101,10 @@ class CompiledUnit:
                 observer.began(
                     self.lines[position], position == 0 or source is not self.steps[position - 1].node.source
                 )
-                target = self._observed_step(run, frame, position)
-                observer.finished()
+                try:
+                    target = self._observed_step(run, frame, position)
+                finally:
+                    observer.finished()
                 position = position + 1 if target is None else target
         finally:
             observer.left()

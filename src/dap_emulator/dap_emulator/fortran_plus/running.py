@@ -94,7 +94,7 @@ class Observer(Protocol):
         """The statement stores into a variable where this is true, of the shape of its parallel extents."""
 
     def finished(self) -> None:
-        """The statement that began last, of those that have not finished, has."""
+        """The statement that began last, of those that have not finished, has; or it has failed."""
 
     def left(self) -> None:
         """The unit entered last returns."""
