@@ -18,6 +18,7 @@ from msgs_py.renaming import renamed_arguments
 
 from ..brep.model_features import model_features
 from ..scene.scene import Placement, Scene
+from ..scene.terrain import Terrain
 from ..visibility.hidden_lines import stereo_fragments
 from .settings import LEAST_LENGTH
 
@@ -122,6 +123,8 @@ def ideal_data(
 ) -> IdealData:
     """The features of a scene's objects that both cameras see, with the true assignment, sign and pose.
 
+    A terrain hides what is behind it, and has none itself.
+
     Parameters
     ----------
     scene : Scene
@@ -159,6 +162,8 @@ def ideal_data(
     degradation = degradation if degradation is not None else Degradation()
     sets, objects, models, signs = [], [], [], []
     for k, ((solid, pose), (seen, index)) in enumerate(zip(placed, stereo_fragments(placed, rig))):
+        if isinstance(solid, Terrain):
+            continue
         model = model_features(solid).transformed(pose)
         seen, index = _broken(seen, index, degradation, rng)
         seen = _reversed(seen, rng)

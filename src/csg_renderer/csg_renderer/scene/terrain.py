@@ -438,12 +438,71 @@ def first_crossing(
     return best
 
 
+def hidden_by_terrain(terrain: Terrain, viewpoint: np.ndarray, targets: np.ndarray, early: float = 0.0) -> np.ndarray:
+    """Points that a terrain hides; only the cells under each ray are looked at.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    viewpoint : (3,) array of float64
+        Grid frame.
+    targets : (n, 3) array of float64
+        Grid frame.
+    early : float
+        Part of its length by which a ray ends before its target.
+
+    Returns
+    -------
+    (n,) bool
+        The sheet stands between the viewpoint and the target.
+    """
+    rays = targets - viewpoint
+    hidden: BoolArray = np.array([_meets(terrain, viewpoint, ray, 1.0 - early) for ray in rays], dtype=bool)
+    return hidden
+
+
+def _meets(terrain: Terrain, origin: np.ndarray, direction: np.ndarray, farthest: float) -> bool:
+    """Whether one ray (3,) meets a terrain between 0 and ``farthest``."""
+    enter, leave = 0.0, farthest
+    sizes = terrain.heights.shape[1] - 1, terrain.heights.shape[0] - 1
+    for size, start, step in zip(sizes, origin.tolist(), direction.tolist()):
+        if step == 0.0:
+            if not 0.0 <= start <= size:
+                return False
+            continue
+        first, last = sorted((-start / step, (size - start) / step))
+        enter, leave = max(enter, first), min(leave, last)
+    if not enter < leave:
+        return False
+    stops = [np.array([enter, leave])]
+    for start, step in zip(origin[:2].tolist(), direction[:2].tolist()):
+        if step != 0.0:
+            low, high = sorted((start + enter * step, start + leave * step))
+            stops.append((np.arange(np.ceil(low), np.floor(high) + 1.0) - start) / step)
+    t = np.sort(np.concatenate(stops))
+    middle = origin + 0.5 * (t[1:] + t[:-1])[:, None] * direction
+    i, j, _, _ = cell_of(terrain, middle)
+    there = terrain.cells[j, i]
+    four = corners(terrain, i, j)
+    slack = CELL_SLACK * (1.0 + max(sizes))
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+        x, y, z = (np.broadcast_to(origin, middle.shape) - np.stack([i, j, np.zeros_like(i)], axis=1)).T
+        for root in _roots(four, terrain.bilinear, (x, y, z), tuple(direction)):
+            if (there & (root >= t[:-1] - slack) & (root <= t[1:] + slack) & (root > 0.0) & (root < farthest)).any():
+                return True
+    return False
+
+
 def _roots_in_cell(terrain: Terrain, i: int, j: int, origin: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
     """Up to two t (n,) each where the rays meet the cell's surface, continued; of triangles only inside their half."""
-    a, b, c, d = (float(h) for h in corners(terrain, np.array(i), np.array(j)))
-    x, y, z = origin[:, 0] - i, origin[:, 1] - j, origin[:, 2]
-    u, v, w = direction.T
-    if terrain.bilinear:
+    four = tuple(float(h) for h in corners(terrain, np.array(i), np.array(j)))
+    return _roots(four, terrain.bilinear, (origin[:, 0] - i, origin[:, 1] - j, origin[:, 2]), tuple(direction.T))
+
+
+def _roots(four: tuple[Any, ...], bilinear: bool, start: tuple[Any, ...], step: tuple[Any, ...]) -> list[np.ndarray]:
+    """As _roots_in_cell, of rays in the frames of their cells, whose corners have these heights; all are broadcast."""
+    (a, b, c, d), (x, y, z), (u, v, w) = four, start, step
+    if bilinear:
         k = a - b - c + d
         square = -k * u * v
         linear = w - (b - a) * u - (c - a) * v - k * (x * v + y * u)

@@ -2,12 +2,13 @@
 
 Along a crease, visibility can change only where its image crosses the image of another crease or occluding contour,
 or the image's border. Creases are split there, and for one point of each piece the tree gives the material between it
-and the viewpoint. No image is rendered and nothing is sampled.
+and the viewpoint. No image is rendered and nothing is sampled. A terrain in front is the exception: where it begins
+and ends to hide a crease is searched for between samples along it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,10 +22,20 @@ from ..brep.conics import evaluate
 from ..brep.model_features import boundary
 from ..brep.settings import INSIDE, WHOLE_TURN
 from ..scene.solid import Solid
+from ..scene.terrain import Terrain, hidden_by_terrain
 from .contours import contours
 from .image_cuts import Wires, cut_conics, cut_segments, runs
 from .occlusion import hidden
-from .settings import CREASE_POINTS, RIM_DISTANCE, SHORTEST_PIECE, THIN, THIN_AT_SPACE_CURVE
+from .settings import (
+    BEFORE_TERRAIN,
+    CREASE_POINTS,
+    RIM_DISTANCE,
+    SHORTEST_PIECE,
+    TERRAIN_HALVINGS,
+    TERRAIN_SAMPLES,
+    THIN,
+    THIN_AT_SPACE_CURVE,
+)
 
 Placed = tuple[Solid, Pose]
 
@@ -161,6 +172,8 @@ def stereo_fragments(placed: Sequence[Placed], rig: StereoRig) -> list[tuple[Fea
 
 def fragments(solid: Solid, pose: Pose, seen: Seen) -> tuple[FeatureSet, np.ndarray]:
     """The seen pieces as features in the camera frame, and the model feature (n,) int32 of each."""
+    if isinstance(solid, Terrain):
+        return FeatureSet.concatenate([]), np.zeros(0, np.int32)
     found = boundary(solid)
     wires = wires_of(found).moved(pose.matrix)
     ends = ends_of(wires.segment, seen.edges)
@@ -193,28 +206,40 @@ class Scenery:
 
     def __init__(self, placed: Sequence[Placed]) -> None:
         self.placed = tuple(placed)
-        self.creases = [wires_of(boundary(solid)).moved(pose.matrix) for solid, pose in self.placed]
-        self.contours = [
-            contours(boundary(solid).table, pose.inverse().translation).moved(pose.matrix)
-            for solid, pose in self.placed
-        ]
-        self.space_curves = [
-            [pose.apply(points) for points in boundary(solid).space_curves] for solid, pose in self.placed
-        ]
+        self.creases, self.contours = [], []
+        self.space_curves: list[list[np.ndarray]] = []
+        for solid, pose in self.placed:
+            if isinstance(solid, Terrain):  # hides others, and has no features of its own
+                self.creases.append(Wires.of_segments(np.zeros((0, 2, 3))))
+                self.contours.append(self.creases[-1])
+                self.space_curves.append([])
+                continue
+            found = boundary(solid)
+            self.creases.append(wires_of(found).moved(pose.matrix))
+            self.contours.append(contours(found.table, pose.inverse().translation).moved(pose.matrix))
+            self.space_curves.append([pose.apply(points) for points in found.space_curves])
         chords = [Wires.of_segments(_chords(points)) for item in self.space_curves for points in item]
         self.all = Wires.concatenate([*self.creases, *self.contours, *chords])
 
     def seen(self, index: int, camera: PinholeCamera) -> Seen:
         """What the camera sees of one of the solids."""
+        if isinstance(self.placed[index][0], Terrain):
+            none = Spans(np.zeros(0, int), np.zeros(0), np.zeros(0))
+            return Seen(none, none, np.zeros(0, bool))
         edges, curves = self.spans(self.creases[index], camera)
         return Seen(edges, curves, self._axes(index, camera, np.unique(curves.row)))
 
     def spans(self, wires: Wires, camera: PinholeCamera) -> tuple[Spans, Spans]:
         """Visible pieces of the segments and of the conics of some wires."""
         planes = frustum(camera)
-        row, low, high = cut_segments(wires.segment, self.all, planes)
+        row, low, high = self._cut_by_terrains(
+            lambda k, t: wires.segment[k, 0] + t[:, None] * (wires.segment[k, 1] - wires.segment[k, 0]),
+            *cut_segments(wires.segment, self.all, planes),
+        )
         start, along = wires.segment[row, 0], wires.segment[row, 1] - wires.segment[row, 0]
-        curve, first, last = cut_conics(wires, self.all, planes)
+        curve, first, last = self._cut_by_terrains(
+            lambda k, t: evaluate(wires.conic[k], t), *cut_conics(wires, self.all, planes)
+        )
         middle = np.concatenate(
             [
                 start + (low + INSIDE * (high - low))[:, None] * along,
@@ -228,10 +253,42 @@ class Scenery:
         """(n,) bool: some solid stands between the viewpoint and points (n, 3)."""
         out = np.zeros(len(points), bool)
         for solid, pose in self.placed:
-            back = pose.inverse()
             open_ = np.nonzero(~out)[0]
+            if isinstance(solid, Terrain):
+                out[open_] = _behind_terrain(solid, pose, points[open_])
+                continue
+            back = pose.inverse()
             out[open_] = hidden(boundary(solid).table, back.translation, back.apply(points[open_]), thin)
         return out
+
+    def _cut_by_terrains(
+        self, place: Callable[[np.ndarray, np.ndarray], np.ndarray], row: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pieces of curves cut where a terrain begins or ends to hide them.
+
+        place : points (n, 3) of curves (n,) int at parameters (n,)
+        """
+        for terrain, pose in self.placed:
+            if not isinstance(terrain, Terrain) or not len(row):
+                continue
+            t = np.linspace(low, high, TERRAIN_SAMPLES, axis=1)
+            curve = np.repeat(row[:, None], TERRAIN_SAMPLES, axis=1)
+            hidden = _behind_terrain(terrain, pose, place(curve.ravel(), t.ravel())).reshape(t.shape)
+            piece, at = np.nonzero(hidden[:, 1:] != hidden[:, :-1])
+            a, b, before = t[piece, at], t[piece, at + 1], hidden[piece, at]
+            for _ in range(TERRAIN_HALVINGS if len(piece) else 0):
+                middle = 0.5 * (a + b)
+                same = _behind_terrain(terrain, pose, place(row[piece], middle)) == before
+                a, b = np.where(same, middle, a), np.where(same, b, middle)
+            owner = np.concatenate([np.arange(len(row)), piece])
+            begin = np.concatenate([low, b])
+            order = np.lexsort((begin, owner))
+            owner, begin = owner[order], begin[order]
+            last = np.append(owner[1:] != owner[:-1], True)
+            row, high = row[owner], np.where(last, high[owner], np.append(begin[1:], 0.0))
+            keep = high - begin > SHORTEST_PIECE
+            row, low, high = row[keep], begin[keep], high[keep]
+        return row, low, high
 
     def visible_contours(self, index: int, camera: PinholeCamera) -> FeatureSet:
         """Occluding contours of one solid that the camera sees, as edges and curves with normals towards it."""
@@ -287,6 +344,12 @@ class Scenery:
         at = pose.apply(ends[bare])
         seen[bare] = (at @ frustum(camera).T >= 0.0).all(axis=1) & ~self.hides(at)
         return np.asarray(seen.reshape(-1, 2).all(axis=1))
+
+
+def _behind_terrain(terrain: Terrain, pose: Pose, points: np.ndarray) -> np.ndarray:
+    """(n,) bool: a terrain, at its camera_T_model, stands between the origin and points (n, 3)."""
+    back = np.linalg.inv(pose.matrix @ terrain.matrix)
+    return hidden_by_terrain(terrain, back[:3, 3], points @ back[:3, :3].T + back[:3, 3], BEFORE_TERRAIN)
 
 
 def wires_of(found: Boundary) -> Wires:

@@ -21,6 +21,12 @@ NO_POLAR_PLANE = 1e-12
 THIN = 1e-6
 # The same for points that are only near a space curve: its samples are joined by parabolas.
 THIN_AT_SPACE_CURVE = 1e-4
+# A ray to a point ends this part of its length early, so that a terrain at the point itself does not hide it.
+BEFORE_TERRAIN = 1e-6
+# Points of a piece of a curve at which it is looked whether a terrain hides it: what a terrain hides, or shows, between
+# two of them is not noticed. Halvings that then find the end of what is hidden: all digits of a double.
+TERRAIN_SAMPLES = 33
+TERRAIN_HALVINGS = 45
 # Slope of a plane along a ray, relative to the ray's length, of a ray parallel to the plane.
 PARALLEL_RAY = 1e-12
 # Coefficients of the equation of a ray and a quadric (unit norm) that are zero.
