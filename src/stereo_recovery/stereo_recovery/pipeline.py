@@ -18,7 +18,6 @@ from .curves.observations import StereoEdgels
 from .curves.occluding_contours import on_contours
 from .curves.opposite_rims import hidden_opposite_rims
 from .curves.orientation import oriented_by_faces
-from .detection.double_edges import warm_up as warm_up_profiles
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.junctions import find_junctions
 from .detection.segments import Segments
@@ -253,7 +252,6 @@ def compile_steps() -> tuple[CompileStep, ...]:
         CompileStep('edges of one image', one_image),
         CompileStep('straight edges in space', lambda: recover(square, np.roll(square, -12, axis=1), rig)),
         CompileStep('curves in space', lambda: recover(disc, np.roll(disc, -12, axis=1), rig)),
-        CompileStep('thin faces', warm_up_profiles),
     )
 
 

@@ -225,36 +225,6 @@ LARGEST_RADIUS_RATIO = 4.0
 # Numerical floors of the fit: pivot; discriminant 4 a c - b^2 of an ellipse; weight, as a share of the mean. [R]
 LEAST_PIVOT, LEAST_DISCRIMINANT, LEAST_WEIGHT_SHARE = 1e-13, 1e-9, 1e-3
 
-# -- double steps ------------------------------------------------------------------------------------------------------
-
-# px^2: variance that linear interpolation between pixels adds to a step. [D] the triangle's 1/6
-INTERPOLATION_VARIANCE = 1.0 / 6.0
-# px: median localisation bias of a segment that hints at a second edge, and the least length of such a segment. [R]
-SUSPECT_BIAS, SUSPECT_LENGTH = 0.15, 20.0
-# Of more suspects than this the longest are fitted. [R] bounds the time
-MOST_SUSPECTS = 12
-# Two steps are accepted when their squared residual is below this share of that of one step, and below this share of
-# the profile's squares. [R]
-DOUBLE_GAIN, DOUBLE_RESIDUAL = 0.12, 0.02
-# px: position error of a step of an accepted pair beyond the stated one. [R]
-DOUBLE_SIGMA = 0.06
-# px: widest break in the chain of an edge that is fitted as a whole; rounds in which it may grow. [R]
-DOUBLE_BREAK, DOUBLE_BREAK_ROUNDS = 8.0, 3
-# Fragments are shorter than this share of the whole; cosine of segments of one direction. [R]
-FRAGMENT_SHARE, ONE_DIRECTION_COSINE = 0.5, 0.9
-# px: half length of a profile across the edge, and its step; sections along the edge. [R]
-PROFILE_HALF_LENGTH, PROFILE_STEP, SECTIONS = 4.0, 0.5, 4
-# Iterations of the least squares; it stops when the residual falls by less than this share. Damping at first, and its
-# factors after a better and a worse step. [R]
-MOST_ITERATIONS, CONVERGED, DAMPING, DAMPING_DOWN, DAMPING_UP = 12, 1e-6, 1e-2, 0.3, 5.0
-# Added to the diagonal of the normal matrix, and as a share of it before it is inverted. [D] a numerical floor
-NORMAL_RIDGE = 1e-9
-# px: least and largest gap between the two steps at which the fit starts. [R]
-LEAST_GAP, MOST_GAP = 1.0, 3.0
-# px: how much the gap of two steps may change from the middle to an end of the segment, and how far beyond the profile
-# the second step may lie. [R]
-MOST_SPREAD, BEYOND_PROFILE = 3.0, 1.0
-
 # -- a view ------------------------------------------------------------------------------------------------------------
 
 # Scales of detection: the picture, and the picture halved, in which noise is half as strong and steps are not. [R]

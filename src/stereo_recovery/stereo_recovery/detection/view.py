@@ -13,8 +13,7 @@ from msgs_py.numeric.typed import Float32Array
 from .border import beside_border
 from .chains import chains_of, completed
 from .conics import Ellipse
-from .double_edges import fit_double_steps
-from .edgels import Edgels, gradient
+from .edgels import Edgels
 from .junctions import spurious
 from .segments import Segments
 from .settings import (
@@ -95,7 +94,6 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
         chains = completed(chains, coarse, grey.shape, high / factor)
     tolerance = float(np.clip(TOLERANCE_NOISE * localisation_noise(chains), LEAST_TOLERANCE, MOST_TOLERANCE))
     ordered, segments, ellipses = split(chains, tolerance, sigma)
-    segments = fit_double_steps(gradient(grey, detector, sigma), ordered, segments, sigma)
     return View(grey, ordered, segments, ellipses)
 
 
