@@ -199,7 +199,7 @@ def library(setting: Setting) -> Outcome:
 
 def say_library(tables: list[Table]) -> str:
     (table,) = tables
-    took = ', '.join(f'{count} in {1e-3 * ms:.3g} s' for count, ms in table.paired('models', 'ms a scene ours'))
+    took = ', '.join(f'{count:.0f} in {1e-3 * ms:.2g} s' for count, ms in table.paired('models', 'ms a scene ours'))
     named = ', '.join(f'{share:.0f}' for share in table.numbers('recognised ours, %'))
     return (
         f'A scene takes, by the number of models, {took}; {named} % of the objects are named and placed, with '
