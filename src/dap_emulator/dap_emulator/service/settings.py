@@ -44,11 +44,11 @@ PROCESS_BYTES = 2 << 30
 # A program looks at its limits between operations. After this share of its time more, or this time, seconds, whichever
 # is longer, it is inside one operation, and its process is ended; together they keep within 10 % or 50 ms.
 LATE_SHARE = 0.05
-LATE_S = 0.02
+LATE_S = 0.015
 # The same after a cancellation, seconds.
-CANCEL_GRACE_S = 0.02
+CANCEL_GRACE_S = 0.015
 # Time between two looks at whether a request was cancelled, seconds.
-CANCEL_PERIOD_S = 0.01
+CANCEL_PERIOD_S = 0.005
 
 # Time that a client waits for the emulator, seconds.
 CLIENT_TIMEOUT_S = 30.0
