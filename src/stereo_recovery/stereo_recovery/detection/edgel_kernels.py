@@ -8,15 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array, FloatArray
 
 from .sampling import bilinear_pair
-from .settings import (
-    ALONG_EDGE,
-    FLANK_SHARES,
-    LAST_POSITION,
-    LEAST_CURVATURE,
-    LEAST_INTERPOLATED,
-    NOISE_RANK,
-    NOISE_STEP,
-)
+from .settings import ALONG_EDGE, HALF_WAY, LAST_POSITION, LEAST_CURVATURE, LEAST_INTERPOLATED, NOISE_RANK, NOISE_STEP
 
 
 @njit
@@ -166,6 +158,18 @@ def zero_crossings(
     return position[:n], gradient[:n]
 
 
+@njit
+def _gradient_beside(
+    gx: Float32Array, gy: Float32Array, position: FloatArray, normal: tuple[float, float], away: float
+) -> float:
+    """The gradient (h, w) along a normal, so many pixels along it from a position (2,); at the border, there."""
+    x = min(max(position[0] + away * normal[0], 0.0), gx.shape[1] - LAST_POSITION)
+    y = min(max(position[1] + away * normal[1], 0.0), gx.shape[0] - LAST_POSITION)
+    gu, gv = bilinear_pair(gx, gy, x, y)
+    along: float = gu * normal[0] + gv * normal[1]
+    return along
+
+
 @njit(nogil=True)
 def flanking_gradients(
     gx: Float32Array, gy: Float32Array, position: FloatArray, gradient: FloatArray, distance: float
@@ -198,15 +202,12 @@ def flanking_gradients(
         nx, ny = gradient[i, 0] / norm, gradient[i, 1] / norm
         saddle[i] = 0.0
         for flank in range(2):
-            least = 1.0
-            for share in FLANK_SHARES:
-                t = share * distance if flank == 1 else -share * distance
-                x = min(max(position[i, 0] + t * nx, 0.0), gx.shape[1] - LAST_POSITION)
-                y = min(max(position[i, 1] + t * ny, 0.0), gx.shape[0] - LAST_POSITION)
-                gu, gv = bilinear_pair(gx, gy, x, y)
-                flanks[i, flank] = (gu * nx + gv * ny) / norm
-                least = min(least, flanks[i, flank])
-            saddle[i] = max(saddle[i], least)
+            away = distance if flank == 1 else -distance
+            flanks[i, flank] = _gradient_beside(gx, gy, position[i], (nx, ny), away) / norm
+            # Half way it is looked for only where it is not gone already.
+            if flanks[i, flank] > saddle[i]:
+                nearer = _gradient_beside(gx, gy, position[i], (nx, ny), HALF_WAY * away) / norm
+                saddle[i] = max(saddle[i], min(flanks[i, flank], nearer))
     return flanks, saddle
 
 

@@ -63,8 +63,8 @@ ALIASED_POSITION_FLOOR = 0.13
 ALIASED_BLUR_VARIANCE = 1.0 / 24.0
 # Distance from an edgel, in widths of the blurred step, at which the gradient on its two flanks is looked up. [R]
 FLANK_DISTANCE = 2.0
-# Shares of it at which the least gradient on the way there is looked for. [R]
-FLANK_SHARES = (0.65, 1.0)
+# Share of it at which the gradient on the way there is looked up. [R]
+HALF_WAY = 0.65
 # Difference of the two flanks' gradients, in sigma of the gradient, that noise explains. [R]
 FLANK_NOISE = 2.5
 # An edgel's prominence: by how many sigma its gradient exceeds that of both flanks, at least. [R] Chains decide; this
