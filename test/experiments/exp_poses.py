@@ -367,7 +367,10 @@ def _exists(name: str) -> bool:
 
 EXPERIMENTS = [
     Experiment(
-        'poses', 'Recovered data and poses of all views', 'Tables 5.8, 5.9, 5.10, 5.12, 5.13, 6.2 to 6.4', poses
+        'poses',
+        'Recovered data and poses of all views',
+        'Tables 5.8, 5.9, 5.10, 5.12, 5.13, 6.2 to 6.4; Figure 5.22',
+        poses,
     ),
     Experiment('curves', 'Matching with curves and axes', '6.8; Figure 6.10', curves),
     Experiment('widget', 'Widgets', 'Tables 6.5 to 6.7', widget),

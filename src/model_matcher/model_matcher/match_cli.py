@@ -34,6 +34,7 @@ NUMBERS = {
     'overhang': float,
     'min_matched': int,
     'max_bin': int,
+    'quadrant': int,
     'max_interpretations': int,
     'false_alarm_rate': float,
 }

@@ -74,6 +74,15 @@ def test_draws_two_views_without_a_camera(files):
     assert cv2.imread(str(out)).std() > 1.0
 
 
+def test_the_array_machine_searches_as_the_thesis_prints_it(files, capsys):
+    data = l_shape().select([1, 4, 8, 10, 12, 14])
+    data.save(files / 'part.npz')
+    options = ['--engine', 'dap', '--no-eliminate', '--ranges', 'corners', '--real-bytes', '4', '--max-bin', '0']
+    for search in (['--search', 'tree'], ['--search', 'subgraph', '--quadrant', '8']):
+        main([str(files / 'l_shape.npz'), str(files / 'part.npz'), *options, *search, '--false-alarm-rate', '1'])
+        assert '1 found' in capsys.readouterr().out
+
+
 def test_the_searches_of_the_thesis_can_be_chosen(files, capsys):
     make_scene(l_shape(), 1).data.save(files / 'clean.npz')
     assert main([str(files / 'l_shape.npz'), str(files / 'clean.npz'), '--search', 'tree', '--ordering', 'worst']) == 0
