@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from csg_renderer import SceneError, Terrain, features_cli, load_models, load_scene, model_features, parse_scene, render
 from csg_renderer.language import format_scene, read_scene
-from csg_renderer.raycast.render import scene_rig
 from csg_renderer.scene.height_files import read_heights
+from msgs_py import PinholeCamera
 
 HEADER = 'ncols 3\nnrows 2\nxllcorner 500\nyllcorner 800\ncellsize 30\nNODATA_value -9999\n'
 
@@ -86,7 +86,7 @@ def test_a_scene_with_terrains_prints_to_itself(folder):
 def test_a_terrain_of_the_package_is_ground_and_no_model():
     scene = load_scene('hills')
     assert list(load_models('hills')) == ['tower', 'house', 'sea']
-    camera = scene_rig(scene, 48, 48).left
+    camera = PinholeCamera.centred(32, 32, 700.0)  # one tile of the middle of the picture
     frame = render(scene, camera, engine='dap', levels=1)
     assert np.array_equal(frame.primitive_id, render(scene, camera).primitive_id)
     ground = next(index for index, leaf in enumerate(scene.primitives) if leaf.kind == 'TERRAIN')

@@ -76,7 +76,8 @@ def test_engines_agree_on_ground_with_solids(interpolation, options):
     ground = ground.transformed(ABOVE).transformed(Pose(tilt.rotation, [0, 0.5, 0.4]))
     bitten = ball - ball.transformed(Pose(np.eye(3), [0.1, 0, 0]))
     scene = Scene([ground, bitten], [Light((0.6, -0.8, 0))])
-    native, *others = (render(scene, CAMERA, engine=engine, **options) for engine in ENGINES)
+    one_tile = PinholeCamera.centred(32, 26, 37.0)
+    native, *others = (render(scene, one_tile, engine=engine, **options) for engine in ENGINES)
     assert {0, 1} <= set(np.unique(native.primitive_id))
     for other in others:
         for name in ('primitive_id', 'face_id', 'object_id'):
