@@ -167,7 +167,7 @@ def say_stereo_times(tables: list[Table]) -> str:
             f'with REAL*{n} {average(alone):.2f} of the printed time ({within(alone)}), {average(whole):.2f} with '
             "the host's tiling"
         )
-    return f'The emulated DAP 510 takes {"; ".join(parts)}: most of the printed time is not the predicted arithmetic.'
+    return f'The emulated DAP 510 takes {"; ".join(parts)}.'
 
 
 def _views(setting: Setting) -> list[str]:

@@ -16,10 +16,10 @@ from msgs_py import FeatureSet, Pose
 BYTES = (4, 8)
 WORD_LENGTH = 'Times of the emulated machine are given for both word lengths; REAL*4 is the likelier (Table 5.2, why).'
 WHY_REAL_4 = (
-    'The thesis does not say which word length it used. REAL*4 is the likelier: it is what REAL means in '
-    'Fortran-Plus, the listings of its appendices declare no other, its machine was sold on 32-bit rates, and the '
-    'shares that it prints of the validation are those of REAL*4 here (experiment validation). Where the rest of the '
-    'time went: experiment tile_budget.'
+    'The thesis does not say which word length it used. REAL*4 is the likelier: it is what REAL means in Fortran-Plus, '
+    'the listings of its appendices declare no other, the rates that it quotes of the machine are of 32 bits, and the '
+    'shares that it prints of the validation are nearer to those of REAL*4 (experiment validation). Where the rest of '
+    'the time may have gone: experiment tile_budget.'
 )
 # What the thesis made off-line: its matching times hold none of it (5.11.3.2).
 OFF_LINE = ('model_ranges', 'data_ranges')
