@@ -42,7 +42,7 @@ def serial_parallel(setting: Setting) -> Outcome:
             'levels ours',
             *(f'with elimination (7.4), REAL*{n} ours' for n in BYTES),
             'levels with it ours',
-            *(f'ranges, off-line in the thesis, REAL*{n} ours' for n in BYTES),
+            *(f'ranges of model and data, REAL*{n} ours' for n in BYTES),
             'interpretations ours',
             'interpretations with ranges of corners ours',
         ],
@@ -93,11 +93,11 @@ def serial_parallel(setting: Setting) -> Outcome:
         [plot],
         [
             'As printed: nothing is left out beforehand; set-up, tables, sort, traversal and signs are done and '
-            "charged. The thesis' times hold neither the model's ranges nor the data's, which it made off-line "
-            '(5.11.3.2): ours stand beside. Elimination (7.4, its future work) is done by the machine, too. Its '
-            'traversal is scalar code, calls and copies of lists in the control unit, whose costs are the cost '
-            "model's own estimates: this part is predicted worst. Ranges of corners prune edges that are hidden in "
-            'part. The serial program on a Sun 4 cannot be run again.',
+            "charged. Of the ranges the thesis made the data's off-line (5.11.3.2), and does not say when it made "
+            "the model's: ours stand beside. Elimination (7.4, its future work) is done by the machine, too. The "
+            'traversal is scalar code, calls and copies of lists in the control unit, whose costs are estimates of '
+            'the cost model: this part is predicted worst. Ranges of corners prune edges that are hidden in part. '
+            'The serial program on a Sun 4 cannot be run again.',
             WORD_LENGTH,
         ],
         spoken=(0, 1),
@@ -133,7 +133,7 @@ def say_serial_parallel(tables: list[Table]) -> str:
     parts = [
         f'{within(machine.numbers(f"as printed, REAL*{n} ours"))} s with REAL*{n} '
         f'({within(machine.numbers(f"with elimination (7.4), REAL*{n} ours"))} with elimination, '
-        f'{within(machine.numbers(f"ranges, off-line in the thesis, REAL*{n} ours"))} for the ranges)'
+        f'{within(machine.numbers(f"ranges of model and data, REAL*{n} ours"))} for the ranges)'
         for n in BYTES
     ]
     one = sum(count == 1 for count in machine.numbers('interpretations ours'))
@@ -234,9 +234,9 @@ def say_profile(tables: list[Table]) -> str:
     same = sum(a == b for a, b in zip(relation.column('faster view thesis'), relation.column('faster view ours')))
     faster = {who: relation.numbers(f'faster traversal{title}, %') for who, title in _WHO.items()}
     return (
-        f'{said} (thesis {PROFILE["tables"]} and {PROFILE["traverse"]} %). The view that is traversed faster is the '
-        f'printed one in {same} of {len(relation.body)} models, by {within(faster["ours"], ".0f")} % (thesis '
-        f'{within(faster["thesis"], ".0f")} %).'
+        f'{said[0].upper()}{said[1:]} (thesis {PROFILE["tables"]} and {PROFILE["traverse"]} %). The view that is '
+        f'traversed faster is the printed one in {same} of {len(relation.body)} models, by '
+        f'{within(faster["ours"], ".0f")} % (thesis {within(faster["thesis"], ".0f")} %).'
     )
 
 

@@ -250,7 +250,7 @@ def combinatorics(setting: Setting) -> Outcome:
     m = len(index)
     shares = setting.pick([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9], [0.0, 0.3])
     table = Table(
-        'L-shape, levels of the tree (median), tree limited to 4 million levels',
+        'L-shape, levels of the tree (median), limited to 2 million, and to fewer for much data',
         [
             'clutter %',
             'data features',

@@ -419,7 +419,10 @@ def say_plate(tables: list[Table]) -> str:
     ]
     printed, *ours = (table.column(c) for c in ('DAP 510 thesis', *(f'emulated, REAL*{n} ours' for n in BYTES)))
     factor = ', '.join(f'{values[1] / values[0]:.1f} times with REAL*{n}' for n, values in zip(BYTES, ours))
-    return f'{"; ".join(parts)}. Shadows cost {printed[1] / printed[0]:.2f} times the time there, and {factor}.'
+    said = '; '.join(parts)
+    return (
+        f'{said[0].upper()}{said[1:]}. Shadows cost {printed[1] / printed[0]:.2f} times the time there, and {factor}.'
+    )
 
 
 # -- what one tile takes ---------------------------------------------------------------------------------------------

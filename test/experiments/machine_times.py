@@ -21,7 +21,7 @@ WHY_REAL_4 = (
     'shares that it prints of the validation are nearer to those of REAL*4 (experiment validation). Where the rest of '
     'the time may have gone: experiment tile_budget.'
 )
-# What the thesis made off-line: its matching times hold none of it (5.11.3.2).
+# What the printed matching times do not hold: the data's is made off-line (5.11.3.2), the model's is not spoken of.
 OFF_LINE = ('model_ranges', 'data_ranges')
 TREE = ('traversal', 'signs')
 VALIDATION = ('validation_set_up', 'rotation', 'jacobi', 'translation_and_scale', 'test')
