@@ -22,14 +22,16 @@ from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.junctions import find_junctions
 from .detection.segments import Segments
 from .detection.view import detect_view, detect_views
-from .edges.families import aligned
 from .edges.hiding import hidden_ends
-from .edges.lines3d import EdgesInSpace, Lines3D, edges, to_space
+from .edges.lines3d import EdgesInSpace, Lines3D, to_space
 from .edges.selection import is_certain_beside_rims, is_edge
+from .edges.straight_edges import edges
 from .edges.tangency import joined_ends
+from .matching.labelling import match
 from .matching.matches import Matches
 from .matching.merging import join_matched, split_matched
-from .matching.relaxation import match
+from .matching.row_error import RowError, row_error
+from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
 from .settings import MOST_DISPARITY_SHARE, SWAPPED_MATCHES
 
@@ -138,13 +140,13 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
     matches, *merged = join_matched(matches, *segments)
     matches, *merged = split_matched(matches, merged[0], merged[1], edgels, params.sigma)
     segments = merged[0], merged[1]
-
-    stereo_edgels = StereoEdgels(*edgels, rig, blur_variance(edgels))
-    ellipses = views[0].ellipses, views[1].ellipses
+    rows = _row_error(matches, segments, rig, params)
+    segments = segments[0], rows.aligned_segments(segments[1])
+    ellipses = views[0].ellipses, rows.aligned_ellipses(views[1].ellipses)
+    stereo_edgels = StereoEdgels(edgels[0], rows.aligned_edgels(edgels[1]), rig, blur_variance(edgels))
     shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels)
     watch.stage('curves')
-    cluttered = all(view.is_cluttered for view in views)
-    lines, line_segments = _straight_lines(matches, segments, shapes, cluttered, rig, params)
+    lines, line_segments = _straight_lines(matches, segments, shapes, rows.sigma, rig)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
@@ -190,8 +192,16 @@ def _matched(
     params: RecoveryParams,
 ) -> Matches:
     """The segments of the two images that show one edge."""
-    radius, belief = params.support_radius, params.min_belief
-    return match(*greys, *segments, *_disparity_range(rig, params), radius, least_belief=belief)
+    return match(greys, segments, _disparity_range(rig, params), params.support_radius, params.min_belief)
+
+
+def _row_error(
+    matches: Matches, segments: tuple[Segments, Segments], rig: StereoRig, params: RecoveryParams
+) -> RowError:
+    """By how much the rows of the two images disagree."""
+    junctions = find_junctions(segments[0]), find_junctions(segments[1])
+    seen = StereoSegments(matches, segments, junctions)
+    return row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma)
 
 
 def _why_no_match(
@@ -201,19 +211,14 @@ def _why_no_match(
     params: RecoveryParams,
 ) -> str:
     """The reason when no segment has a match: the images may be exchanged."""
-    swapped = match(greys[1], greys[0], segments[1], segments[0], *_disparity_range(rig, params), params.support_radius)
+    swapped = _matched((greys[1], greys[0]), (segments[1], segments[0]), rig, params)
     if len(swapped) >= SWAPPED_MATCHES:
         return 'edges match only with left and right exchanged: are the images swapped?'
     return 'no edge of the left image has a match in the right one'
 
 
 def _straight_lines(
-    matches: Matches,
-    segments: tuple[Segments, Segments],
-    shapes: CurvedShapes,
-    cluttered: bool,
-    rig: StereoRig,
-    params: RecoveryParams,
+    matches: Matches, segments: tuple[Segments, Segments], shapes: CurvedShapes, row_sigma: float, rig: StereoRig
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """Straight edges by their disparities, and the segments that they refer to.
 
@@ -223,9 +228,7 @@ def _straight_lines(
     matches = matches.select(~on_contour)
     junctions = find_junctions(segments[0]), find_junctions(segments[1])
     junctions = hidden_ends(matches, segments, junctions, shapes.curves, shapes.surfaces, rig)
-    at_infinity = rig.left.cx - rig.right.cx
-    lines, *of_lines = edges(matches, *segments, *junctions, params.rectification_sigma, at_infinity, cluttered)
-    return aligned(lines, of_lines[0], shapes.reported, rig), (of_lines[0], of_lines[1])
+    return edges(StereoSegments(matches, segments, junctions), row_sigma, shapes.reported, rig)
 
 
 def _edge_features(in_space: EdgesInSpace, kept: AnyArray, curves: list[Curve]) -> FeatureSet:

@@ -79,6 +79,7 @@ def test_ends_of_an_edge_that_recedes_are_uncertain_along_it_as_its_depth_is(slo
             np.full((1, 2), sigma_s),
             np.ones((1, 2), bool),
             np.zeros(1, bool),
+            np.ones(1),
         )
 
     stated = to_space(lines(100.0, slope, left.extent[0]), left, rig)

@@ -1,108 +1,160 @@
-"""Pairs of segments that were no match, from the corners in space that they run into.
+"""What corners in space say of matches: those that miss one are none, and what leaves it in both images is one.
 
-A thin or steeply receding face looks different to each eye, and so do the segments around it: neither the greys beside
-them nor their slopes say which belong together. But where both images show a corner that other edges know in space,
-what leaves it unmatched in both, and ends at one height, is one edge (thesis 3.10: figural continuity).
+An eye that sees past an object's side sees an edge there that the other eye does not, a few pixels beside one that both
+see, and often running into the same corner. A pair of such neighbours looks like one edge, but in one image it ends at
+a corner that other edges know in space, and in the other image it misses that corner. A thin or steeply receding face
+looks different to each eye, so that grey levels and slopes do not tell which segments belong together; but what leaves
+a known corner unmatched in both images, and ends at one height, is one edge (thesis 3.10: figural continuity).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from msgs_py.numeric.typed import AnyArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.junctions import Junctions
-from ..detection.segments import Segments
+from ..detection.segments import Segments, line_table
 from ..matching.matches import Matches
-from . import vertex_kernels
-from .vertices import Vertices, line_tables
-
-# One corner: heights, columns and disparities agree to this, pixels.
-SAME_HEIGHT, SAME_COLUMN = 1.2, 1.5
-# Far ends are at one height when they differ by less than this, pixels: when both are corners, and when not.
-CORNERS_HEIGHT, ENDS_HEIGHT = 0.8, 3.0
-# A segment flatter than this (sine) has to end at a corner at either end; a segment is at least so long, pixels.
-FLAT = 0.15
-SHORTEST = 4.0
+from ..matching.stereo_segments import StereoSegments
+from . import corner_kernels
+from .junction_edges import Corners
+from .settings import CORNER_GATE, ENDS_HEIGHT, ONE_CORNER, SAME_HEIGHT, SHORTEST_MATCH, STEEP
 
 
-def more_matches(
-    matches: Matches,
-    segments: tuple[Segments, Segments],
-    junctions: tuple[Junctions, Junctions],
-    known: Vertices,
-    offset_v: float,
-) -> Matches | None:
-    """The matches and the pairs that known corners add, last; None when they add none."""
-    if len(known.edge) == 0:
-        return None
-    rows = []
-    for side, table, used in zip((0, 1), line_tables(segments, offset_v, junctions), (matches.left, matches.right)):
-        free = np.ones(len(segments[side]), bool)
-        free[used] = False
-        free &= (segments[side].arc < 0) & (segments[side].length >= SHORTEST)
-        found, value = vertex_kernels.meetings(table, known.point[side], known.disparity, known.sigma, known.own[side])
-        segment, end = np.nonzero(found & free[:, None])
-        here = _point(segments[side], segment, value[segment, end, 0])
-        away = _point(segments[side], segment, junctions[side].abscissa[segment, 1 - end])
-        here[:, 1] -= side * offset_v
-        away[:, 1] -= side * offset_v
-        rows.append(
-            (
-                segment,
-                end,
-                here,
-                away,
-                value[segment, end, 1],
-                value[segment, end, 2],
-                (junctions[side].neighbour[segment, 1 - end] >= 0) & ~junctions[side].t_junction[segment, 1 - end],
-                np.where(junctions[side].t_junction[segment, 1 - end], junctions[side].neighbour[segment, 1 - end], -1),
-            )
+def inconsistent(seen: StereoSegments, known: Corners) -> BoolArray:
+    """(n,) bool: edges whose segment ends at a known corner in one image and misses that corner in the other.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        n edges.
+    known : Corners
+    """
+    wrong = np.zeros(len(seen.matches), bool)
+    tables = [line_table(segments) for segments in seen.segments]
+    for image, sign in ((0, -1.0), (1, 1.0)):
+        own = np.ascontiguousarray(known.own[image])
+        found, value = corner_kernels.meetings(tables[image], known.point[image], known.disparity, known.sigma, own)
+        wrong |= corner_kernels.missed(
+            (seen.index[image], seen.index[1 - image]),
+            (found, value),
+            (tables[image], tables[1 - image]),
+            (known.edge, known.point[image]),
+            sign,
         )
-    (i, end_l, p, far_p, d, sigma, corner_p, behind_p), (j, _, q, far_q, e, _, corner_q, behind_q) = rows
-    if len(i) == 0 or len(j) == 0:
-        return None
-    # Only ends in one row; a cluttered picture has thousands.
-    order = np.argsort(q[:, 1], kind='stable')
-    first, last = (np.searchsorted(q[order, 1], p[:, 1] + off) for off in (-SAME_HEIGHT, SAME_HEIGHT))
-    a = np.repeat(np.arange(len(i)), last - first)
-    b = order[np.arange(len(a)) + np.repeat(first - np.concatenate([[0], np.cumsum(last - first)[:-1]]), last - first)]
-    height = np.abs(far_p[a, 1] - far_q[b, 1])
-    corners = corner_p[a] & corner_q[b]
-    # Or both run into one edge that hides their ends.
-    partner = np.full(len(segments[0]), -1)
-    partner[matches.left[::-1]] = matches.right[::-1]
-    hidden = (behind_p[a] >= 0) & (behind_q[b] >= 0) & (partner[behind_p[a]] == behind_q[b])
-    steep = np.minimum(np.abs(segments[0].direction[i[a], 1]), np.abs(segments[1].direction[j[b], 1])) > FLAT
-    good = np.abs(d[a] - e[b]) < SAME_COLUMN + 3.0 * sigma[a]
-    good &= np.abs(p[a, 0] - q[b, 0] - d[a]) < SAME_COLUMN + 3.0 * sigma[a]
-    good &= (corners & (height < CORNERS_HEIGHT)) | (steep & ((height < ENDS_HEIGHT) | hidden))
-    good &= ((far_p[a, 1] - p[a, 1]) * (far_q[b, 1] - q[b, 1]) > 0.0) | ~steep
-    a, b, height = a[good], b[good], height[good]
-    added: list[tuple[int, int]] = []
-    disparity, common = [], []
-    for k in np.argsort(height, kind='stable'):
-        pair = int(i[a[k]]), int(j[b[k]])
-        if any(pair[0] == x or pair[1] == y for x, y in added):
-            continue
-        added.append(pair)
-        ends = [float(d[a[k]]), float(far_p[a[k], 0] - far_q[b[k], 0])]
-        ends = ends if end_l[a[k]] == 0 else ends[::-1]
-        disparity.append([ends[0], 0.5 * (ends[0] + ends[1]), ends[1]])
-        common.append(np.sort([p[a[k], 1], far_p[a[k], 1]]))
-    if not added:
-        return None
-    left, right = np.array(added, np.int32).T
-    return Matches(
-        np.append(matches.left, left),
-        np.append(matches.right, right),
-        np.concatenate([matches.disparity, disparity]),
-        np.concatenate([matches.rows, common]),
-        np.append(matches.belief, np.ones(len(added))),
+    straight = [segments.arc[index] < 0 for segments, index in zip(seen.segments, seen.index)]
+    return np.asarray(wrong & straight[0] & straight[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _FreeEnds:
+    """m ends of one image's unmatched segments that are known corners.
+
+    segment, end : (m,); here, away : (m, 2) pixels, the corner and the other end; disparity, sigma : (m,) pixels, of
+    the corner; corner : (m,) bool, whether the other end is one, too; behind : (m,) the segment that hides it, or -1;
+    steep : (m,) bool
+    """
+
+    segment: IntArray
+    end: IntArray
+    here: FloatArray
+    away: FloatArray
+    disparity: FloatArray
+    sigma: FloatArray
+    corner: BoolArray
+    behind: IntArray
+    steep: BoolArray
+
+
+def _free_ends(segments: Segments, junctions: Junctions, used: AnyArray, known: Corners, image: int) -> _FreeEnds:
+    """Those of an image's segments of which none is ``used``."""
+    free = (segments.arc < 0) & (segments.length >= SHORTEST_MATCH)
+    free[used] = False
+    table = line_table(segments)
+    table[:, 4:6] = junctions.abscissa
+    own = np.ascontiguousarray(known.own[image])
+    found, value = corner_kernels.meetings(table, known.point[image], known.disparity, known.sigma, own)
+    segment, end = np.nonzero(found & free[:, None])
+    far = segment, 1 - end
+    here, away = (
+        segments.centre[segment] + place[:, None] * segments.direction[segment]
+        for place in (value[segment, end, 0], junctions.abscissa[far])
+    )
+    through = junctions.t_junction[far]
+    return _FreeEnds(
+        segment,
+        end,
+        here,
+        away,
+        value[segment, end, 1],
+        value[segment, end, 2],
+        (junctions.neighbour[far] >= 0) & ~through,
+        np.where(through, junctions.neighbour[far], -1),
+        np.abs(segments.direction[segment, 1]) > 0.5 * STEEP,
     )
 
 
-def _point(segments: Segments, index: AnyArray, place: AnyArray) -> AnyArray:
-    """(k, 2) float64, pixels: the points of segments at these abscissas."""
-    point: AnyArray = segments.centre[index] + place[:, None] * segments.direction[index]
-    return point
+def matched_by_corners(seen: StereoSegments, known: Corners) -> Matches | None:
+    """The matches and, last, the pairs that known corners add; None when they add none.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        The segments that do belong to pairs.
+    known : Corners
+    """
+    left, right = (
+        _free_ends(segments, junctions, index, known, image)
+        for image, (segments, junctions, index) in enumerate(zip(seen.segments, seen.junctions, seen.index))
+    )
+    if min(len(left.segment), len(right.segment)) == 0:
+        return None
+    # Only ends in one row; a cluttered picture has thousands.
+    order = np.argsort(right.here[:, 1], kind='stable')
+    rows = right.here[order, 1]
+    first, last = (np.searchsorted(rows, left.here[:, 1] + off) for off in (-SAME_HEIGHT, SAME_HEIGHT))
+    a = np.repeat(np.arange(len(first)), last - first)
+    b = order[np.arange(len(a)) + np.repeat(first - np.concatenate([[0], np.cumsum(last - first)[:-1]]), last - first)]
+    height = np.abs(left.away[a, 1] - right.away[b, 1])
+    sure = left.corner[a] & right.corner[b]
+    # Or both run into one edge that hides their ends.
+    partner = np.full(len(seen.segments[0]), -1)
+    partner[seen.index[0][::-1]] = seen.index[1][::-1]
+    hidden = (left.behind[a] >= 0) & (right.behind[b] >= 0) & (partner[left.behind[a]] == right.behind[b])
+    steep = left.steep[a] & right.steep[b]
+    slack = ONE_CORNER + CORNER_GATE * left.sigma[a]
+    good = np.abs(left.disparity[a] - right.disparity[b]) < slack
+    good &= np.abs(left.here[a, 0] - right.here[b, 0] - left.disparity[a]) < slack
+    good &= (sure & (height < SAME_HEIGHT)) | (steep & ((height < ENDS_HEIGHT) | hidden))
+    down = (left.away[a, 1] - left.here[a, 1]) * (right.away[b, 1] - right.here[b, 1])
+    good &= (down > 0.0) | ~steep
+    a, b, height = a[good], b[good], height[good]
+    chosen = _best_first(left.segment[a], right.segment[b], height)
+    if len(chosen) == 0:
+        return None
+    a, b = a[chosen], b[chosen]
+    ends = np.stack([left.disparity[a], left.away[a, 0] - right.away[b, 0]], axis=1)
+    ends = np.where(left.end[a, None] == 0, ends, ends[:, ::-1])
+    added = Matches(
+        left.segment[a].astype(np.int32),
+        right.segment[b].astype(np.int32),
+        np.column_stack([ends[:, 0], ends.mean(axis=1), ends[:, 1]]),
+        np.sort(np.stack([left.here[a, 1], left.away[a, 1]], axis=1), axis=1),
+        np.ones(len(a)),
+    )
+    return Matches.concatenate([seen.matches, added])
+
+
+def _best_first(left: IntArray, right: IntArray, cost: FloatArray) -> IntArray:
+    """Pairs (k,) of segments, the cheapest first, each segment in one only."""
+    chosen: list[int] = []
+    taken: tuple[set[int], set[int]] = (set(), set())
+    for k in np.argsort(cost, kind='stable').tolist():
+        if left[k] not in taken[0] and right[k] not in taken[1]:
+            chosen.append(k)
+            taken[0].add(int(left[k]))
+            taken[1].add(int(right[k]))
+    return np.array(chosen, np.int64)

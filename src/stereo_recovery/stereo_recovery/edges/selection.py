@@ -14,13 +14,9 @@ from ..curves.curved_shapes import CurvedShapes
 from ..curves.occluding_contours import on_contours
 from ..curves.settings import SHARED_EDGELS
 from ..detection.segments import Segments
-from ..matching.relaxation_kernels import STEEPEST
+from ..matching.settings import STEEPEST
 from .lines3d import EdgesInSpace, Lines3D
-
-# Most that an edge's three sigma bound across may be, as a share of its length; and where there are rims, because a
-# short edge may well be a part of one.
-MOST_ERR_PER = 0.25
-MOST_ERR_PER_BESIDE_RIMS = 0.16
+from .settings import LEAST_RELIABILITY, MOST_ERR_PER, MOST_ERR_PER_BESIDE_RIMS
 
 
 def lengths(edges: EdgesInSpace) -> FloatArray:
@@ -104,6 +100,7 @@ def is_edge(
     """
     selected: BoolArray = (
         has_direction(edges)
+        & (lines.reliability > LEAST_RELIABILITY)
         & (lines.extent[:, 1] - lines.extent[:, 0] >= min_length)
         & has_possible_slope(lines, segments[0])
         & is_no_arc(lines, segments, len(shapes.curves) > 0)

@@ -20,6 +20,7 @@ import numpy as np
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
+from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
 from . import candidate_kernels, labelling_kernels
 from .candidate_kernels import Photometry, SegmentTable
@@ -106,7 +107,8 @@ def match(
     smooth = [np.asarray(cv2.GaussianBlur(grey, (0, 0), PROFILE_SIGMA), np.float32) for grey in greys]
     profiles = [candidate_kernels.profiles(image, table) for image, table in zip(smooth, tables)]
     density = grey_density(profiles[1])
-    near = labelling_kernels.neighbours(tables[0], radius)
+    met = _met(left), _met(right)
+    near = labelling_kernels.neighbours(tables[0], met[0], radius)
     spread = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
 
     def labelled(exposure: Exposure, dense: DenseDisparity | None, rounds: int) -> Labelling:
@@ -118,7 +120,7 @@ def match(
             own += dense.log_ratio(node, value, left)
         kept = _in_the_game(node, own, len(left), len(right))
         node, value, own = node[kept], value[kept], own[kept]
-        return _labelling(node, value, own, near, (len(left), len(right)), spread, radius, rounds, least_belief)
+        return _labelling(node, value, own, near, met[1], (len(left), len(right)), spread, radius, rounds, least_belief)
 
     first = labelled(Exposure(), None, FIRST_ROUNDS)
     exposure = learnt_exposure(profiles, first.node[first.chosen])
@@ -131,6 +133,12 @@ def match(
 def _table(segments: Segments) -> SegmentTable:
     """Segments as the loops take them."""
     return SegmentTable(*(np.ascontiguousarray(a) for a in (segments.start, segments.end, segments.direction)))
+
+
+def _met(segments: Segments) -> Int32Array:
+    """(n, 2) the segment that each end meets in a corner, or -1."""
+    junctions = find_junctions(segments)
+    return np.where(junctions.t_junction, -1, junctions.neighbour).astype(np.int32)
 
 
 def grey_density(profile: Float32Array) -> FloatArray:
@@ -208,6 +216,7 @@ def _labelling(
     value: FloatArray,
     own: FloatArray,
     near: Neighbours,
+    met: Int32Array,
     count: tuple[int, int],
     spread: float,
     radius: float,
@@ -218,7 +227,7 @@ def _labelling(
     if len(node) == 0:
         return Labelling(node, value, own, np.zeros(0, np.int64))
     lists = _lists(node, *count)
-    support = labelling_kernels.supporters(node, value, lists.first, near, spread)
+    support = labelling_kernels.supporters(node, value, lists.first, near, met, spread)
     against = labelling_kernels.rival_lists(node, value, lists)
     score, belief = labelling_kernels.propagate(
         np.ascontiguousarray(node[:, 0]), own, near, support, against, radius, rounds

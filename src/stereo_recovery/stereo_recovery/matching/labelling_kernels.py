@@ -11,16 +11,18 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array, IntArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from .candidate_kernels import SegmentTable
 from .settings import (
     BESIDE,
+    CORNER_SPREAD,
     DAMPING,
     DISPARITY_GRADIENT,
     DISPARITY_SPREAD,
     INDEPENDENT_NEIGHBOURS,
     LEAST_BESIDE,
+    LEVEL,
     LONG_NEIGHBOUR,
     MOST_ODDS,
     NEAR_NEIGHBOUR,
@@ -37,13 +39,15 @@ from .settings import (
 class Neighbours(NamedTuple):
     """The neighbours of n segments of one image, (n, NEIGHBOURS) each.
 
-    other : int32, segment, or -1; gap : pixels between the nearest of start, middle and end of the two; place : (n,
-    NEIGHBOURS, 2) int8, which of the three on either side; worth : of how many independent neighbours, 0..1
+    other : int32, segment, or -1; gap : pixels between the nearest of start, middle and end of the two; share : (n,
+    NEIGHBOURS, 2), where along either these are, 0..1, or their corner; meets : whether they have one; worth : of how
+    many independent neighbours, 0..1
     """
 
     other: Int32Array
     gap: FloatArray
-    place: Int8Array
+    share: FloatArray
+    meets: BoolArray
     worth: FloatArray
 
 
@@ -65,13 +69,40 @@ Rivals: TypeAlias = tuple[IntArray, Int32Array, FloatArray]
 
 
 @njit
-def neighbours(table: SegmentTable, radius: float) -> Neighbours:
-    """The NEIGHBOURS of each segment within ``radius`` pixels that weigh most: long ones that are near."""
+def _meet(met: Int32Array, i: int, k: int) -> bool:
+    """Whether an end of segment i or of k is a corner of the two."""
+    return bool(met[i, 0] == k or met[i, 1] == k or met[k, 0] == i or met[k, 1] == i)
+
+
+@njit
+def _crossing(table: SegmentTable, i: int, k: int, share: FloatArray) -> None:
+    """Put where the lines of two segments cross, 0..1 from start to end of each, into share (2,)."""
+    pu, pv = table.end[i, 0] - table.start[i, 0], table.end[i, 1] - table.start[i, 1]
+    qu, qv = table.end[k, 0] - table.start[k, 0], table.end[k, 1] - table.start[k, 1]
+    away_u, away_v = table.start[k, 0] - table.start[i, 0], table.start[k, 1] - table.start[i, 1]
+    sine = pu * qv - pv * qu
+    if sine != 0.0:
+        share[0], share[1] = (away_u * qv - away_v * qu) / sine, (away_u * pv - away_v * pu) / sine
+
+
+@njit
+def _disparity(value: FloatArray, a: int, share: float) -> float:
+    """Disparity, pixels, of candidate a at this place between start and end."""
+    return float(value[a, 0] + share * (value[a, 2] - value[a, 0]))
+
+
+@njit
+def neighbours(table: SegmentTable, met: Int32Array, radius: float) -> Neighbours:
+    """The NEIGHBOURS of each segment within ``radius`` pixels that weigh most: long ones that are near.
+
+    met : (n, 2) segments that the ends meet, or -1. They share a point, and count as independent each.
+    """
     n = len(table.start)
     found = Neighbours(
         np.full((n, NEIGHBOURS), -1, np.int32),
         np.zeros((n, NEIGHBOURS)),
-        np.zeros((n, NEIGHBOURS, 2), np.int8),
+        np.zeros((n, NEIGHBOURS, 2)),
+        np.zeros((n, NEIGHBOURS), np.bool_),
         np.zeros((n, NEIGHBOURS)),
     )
     points, length = np.empty((n, 3, 2)), np.empty(n)
@@ -108,10 +139,15 @@ def neighbours(table: SegmentTable, radius: float) -> Neighbours:
             slot = np.argmin(found.worth[i])
             if weight > found.worth[i, slot]:
                 found.other[i, slot], found.gap[i, slot], found.worth[i, slot] = k, best, weight
-                found.place[i, slot, 0], found.place[i, slot, 1] = own, its
+                found.share[i, slot, 0], found.share[i, slot, 1] = 0.5 * own, 0.5 * its
         total = max(np.sum(found.worth[i]), 1e-12)
         for m in range(NEIGHBOURS):
             found.worth[i, m] = min(1.0, INDEPENDENT_NEIGHBOURS * found.worth[i, m] / total)
+            other = found.other[i, m]
+            # The ends of a level segment have no disparity but by the corners that they are.
+            if other >= 0 and abs(table.direction[other, 1]) > LEVEL and _meet(met, i, other):
+                found.worth[i, m], found.meets[i, m] = 1.0, True
+                _crossing(table, i, other, found.share[i, m])
     return found
 
 
@@ -135,8 +171,12 @@ def _odds(nearer: float) -> float:
 
 
 @njit
-def supporters(node: Int32Array, value: FloatArray, first: IntArray, near: Neighbours, spread: float) -> Support:
+def supporters(
+    node: Int32Array, value: FloatArray, first: IntArray, near: Neighbours, met: Int32Array, spread: float
+) -> Support:
     """For each candidate those of its neighbours that may support it.
+
+    met : (m, 2) segments that the ends of right segments meet, or -1
 
     Returns start (k + 1,); who, column : candidate and column in ``near.other`` of each; ratio : how much likelier its
     disparity is beside this candidate than at random in a range of ``spread`` pixels.
@@ -151,10 +191,12 @@ def supporters(node: Int32Array, value: FloatArray, first: IntArray, near: Neigh
             o = near.other[i, m]
             if o < 0:
                 continue
-            disparity = value[a, near.place[i, m, 0]]
-            scale = DISPARITY_SPREAD + DISPARITY_GRADIENT * near.gap[i, m]
+            disparity = _disparity(value, a, near.share[i, m, 0])
+            usual = DISPARITY_SPREAD + DISPARITY_GRADIENT * near.gap[i, m]
             for b in range(first[o], first[o + 1]):
-                off = (disparity - value[b, near.place[i, m, 1]]) / scale
+                j, its = node[a, 1], node[b, 1]
+                scale = CORNER_SPREAD if near.meets[i, m] and _meet(met, j, its) else usual
+                off = (disparity - _disparity(value, b, near.share[i, m, 1])) / scale
                 if abs(off) > SUPPORT_REACH:
                     continue
                 # Two edges beside each other are not one segment of the other image.

@@ -39,6 +39,11 @@ class Matches:
     def __len__(self) -> int:
         return len(self.left)
 
+    @staticmethod
+    def concatenate(parts: list[Matches]) -> Matches:
+        """All of them, in their order."""
+        return Matches(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Matches)))
+
     def select(self, index: AnyArray) -> Matches:
         """A subset or reordering: (m,) indices or (k,) bool."""
         return Matches(*(getattr(self, f.name)[index] for f in fields(self)))

@@ -70,6 +70,8 @@ LONG_NEIGHBOUR, NEAR_NEIGHBOUR = 60.0, 8.0
 SAME_SURFACE = 0.8
 # Width of the Cauchy density of the difference of disparity on one surface: px, and per px of distance. [R]
 DISPARITY_SPREAD, DISPARITY_GRADIENT = 0.7, 0.12
+# px: the same where two segments meet in both images. [R]
+CORNER_SPREAD = 0.35
 # Widths beyond which a neighbour's candidate is not asked. [R]
 SUPPORT_REACH = 5.0
 # Disparities at random are even on this share of the image's width. [R]
@@ -95,3 +97,15 @@ NEARER_LOG_ODDS, BESIDE, LEAST_BESIDE = 3.5, 60.0, 1.0
 # Share of matched ends left out at either end of the range of disparities, and the room beyond it: px, and as a share
 # of the range. [R]
 OUTLYING, ROOM, ROOM_SHARE = 0.02, 8.0, 0.25
+
+# -- rows --------------------------------------------------------------------------------------------------------------
+
+# Sines below which a line is level, and px to which its disparity is known, for the heights that it shows. [R]
+LEVEL_ROW, LEVEL_DISPARITY = 0.05, 3.0
+# px: sigma of the rows' error in the middle of a rig's images, and of what it gains towards the border; the largest
+# that a corner may show. [R] what real rigs have, in bench_real.py
+ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_SHIFT_MOST = 0.5, 0.4, 3.0
+# Witnesses that the prior of an exact rig is worth; rounds of the robust fit.
+ROW_WITNESSES, ROW_ROUNDS = 10, 15
+# Chi squared, of three degrees of freedom, below which the rows' error is taken to be none. [D] 0.001 of exact rigs
+ROW_CHI2 = 16.3

@@ -1,14 +1,15 @@
-"""Short edges take the direction of all that are parallel to them together: edges and axes of circles.
+"""Parallel edges: what a group of them, and axes of circles, say of the depth of each.
 
 Depth tells the direction of a short edge badly, but where its line runs in the image is well known. The lines of
-parallel edges meet in one point, the picture of their direction: a family of them tells it much better than the depth
-of any one. An edge whose line runs to that point, and whose own depth allows it, is taken to be of the family.
+parallel edges meet in one point, the picture of their direction, which a group of them tells much better than the depth
+of any one. A line that runs to that point is of the group, or happens to run there: how many edges do by chance, and
+what share of those whose depth is known are of the group, makes the probability.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,20 +18,19 @@ from msgs_py.numeric.typed import AnyArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
-from .lines3d import Lines3D
-from .parallels import FLAT, GATE, VAGUE
-
-# How far, radians, edges of one direction miss it.
-WANDER = 2e-3
-# An edge tells its family when the chance that it had any other direction is below the first, and is told below the
-# second. There have to be more of them than so many times what agrees by accident.
-CLEAR, UNCLEAR, ACCIDENTS = 0.01, 0.05, 3.0
-# At most so many families, from so many seeds, the best known first: texture has thousands of edges and no family. So
-# many edges or axes are one at least.
-MOST, SEEDS, LEAST = 12, 100, 3
-# A family must know the slope in disparity this much better than the edge itself (sigma); how far, pixels a pixel, it
-# misses that; an edge that recedes more steeply than this (of its direction, what is seen) is not told.
-BETTER, SLOPE_WANDER, LEVER = 0.7, 2e-4, 0.1
+from .factors import Factors
+from .settings import (
+    ACCIDENTS,
+    CLEAR,
+    DIRECTION_SIGMA,
+    GATE,
+    GROUP_SEEDS,
+    LEAST_LEVER,
+    LEAST_MEMBERS,
+    MOST_GROUPS,
+    SLOPE_SIGMA,
+    SLOPE_SPREAD,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class _Rows:
         """(n,) each: of the two rows' products with a direction (3,) or (n, 3)."""
         lever = ((d[..., :2] - d[..., 2:] * self.middle) * self.along).sum(axis=1)
         w = np.broadcast_to(d[..., 2], lever.shape)
-        image = (lever * self.sigma[:, 1]) ** 2 + (w * self.sigma[:, 0]) ** 2 + WANDER**2
+        image = (lever * self.sigma[:, 1]) ** 2 + (w * self.sigma[:, 0]) ** 2 + DIRECTION_SIGMA**2
         by = np.stack([w, lever], axis=1)
         return image, np.einsum('ni,nij,nj->n', by, self.covariance, by)
 
@@ -106,10 +106,10 @@ def _fits(rows: _Rows, d: AnyArray, spread: AnyArray) -> tuple[AnyArray, AnyArra
 def _of_normal(curve: Curve) -> AnyArray:
     """(3, 3): what a curve's normal says of its own direction, as rows' squares by their weights."""
     flat = np.eye(3) - np.outer(curve.normal, curve.normal)
-    return flat / (curve.tilt**2 + WANDER**2)
+    return flat / (curve.tilt**2 + DIRECTION_SIGMA**2)
 
 
-def _families(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray]]:
+def _groups(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray, float]]:
     """Directions that edges share: normal matrices of each edge (n, 3, 3) and of all (3, 3), others of each edge (n,).
 
     order : seeds, the best known edge first; axes : (k, 3, 3) what axes of circles say, the best known first
@@ -119,12 +119,12 @@ def _families(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArr
     alone = _squares(rows, own)
     told = np.zeros(len(order), bool)
     told_axes = np.zeros(len(axes), bool)
-    found: list[tuple[AnyArray, AnyArray, AnyArray]] = []
+    found: list[tuple[AnyArray, AnyArray, AnyArray, float]] = []
     tried = 0
     for seed, k in [(axes, k) for k in range(len(axes))] + [(alone, k) for k in order]:
         if told_axes[k] if seed is axes else told[k]:
             continue
-        if len(found) == MOST or tried == SEEDS:
+        if len(found) == MOST_GROUPS or tried == GROUP_SEEDS:
             break
         tried += 1
         total = seed[k]
@@ -137,63 +137,81 @@ def _families(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArr
             total = added.sum(axis=0) + axes[same].sum(axis=0)
         others = fits.sum() - fits + 2 * same.sum()
         # More than so many edges of any directions would agree by accident.
-        if others.max() >= max(LEAST - 1, ACCIDENTS * chance[chance < CLEAR].sum()):
-            found.append((added, total, others))
+        if others.max() >= max(LEAST_MEMBERS - 1, ACCIDENTS * chance[chance < CLEAR].sum()):
+            found.append((added, total, others, fits.sum() / (1.0 + (chance < CLEAR).sum())))
             told |= fits
             told_axes |= same
     return found
 
 
-def aligned(lines: Lines3D, left: Segments, curves: Sequence[Curve], rig: StereoRig) -> Lines3D:
-    """The lines, vague ones among them turned into the direction of their families.
+def parallel_factors(
+    left: Segments, index: AnyArray, known: tuple[AnyArray, AnyArray], curves: Sequence[Curve], rig: StereoRig
+) -> Factors:
+    """Statements that edges run in the direction of a parallel group.
 
-    left : the left image's segments; curves : whose normals are directions of the object as well
+    Parameters
+    ----------
+    left : Segments
+        Of the left image.
+    index : (n,) int
+        The edges' segments.
+    known : (n, 2), (n, 2, 2)
+        Their disparities a + b s, and covariances.
+    curves : sequence of Curve
+        Their normals are directions of the object as well.
+    rig : StereoRig
     """
-    usable = np.flatnonzero((left.arc[lines.left] < 0) & np.isfinite(lines.covariance).all(axis=(1, 2)))
-    slope_sigma = np.sqrt(np.maximum(lines.covariance[usable, 1, 1], 0.0))
-    if len(usable) == 0 or not (slope_sigma > VAGUE).any():
-        return lines
-    coefficient, covariance = lines.coefficient[usable], lines.covariance[usable]
-    rows = _rows(left, lines.left[usable], coefficient, covariance, rig)
+    x, covariance = known
+    usable = np.flatnonzero(left.arc[index] < 0)
+    rows = _rows(left, index[usable], x[usable], covariance[usable], rig)
     axes = np.array([_of_normal(c) for c in sorted(curves, key=lambda c: c.tilt)]).reshape(-1, 3, 3)
-    families = _families(rows, np.argsort(slope_sigma), axes)
-    if not families:
-        return lines
-    off, by, noise = (np.array(values) for values in zip(*(_told(rows, rig, *family) for family in families)))
-    # The family that knows best, unless another one contradicts it.
-    k = np.argmin(noise, axis=0)
-    each = np.arange(len(usable))
-    best, least, row = off[k, each], noise[k, each], by[k, each]
-    with np.errstate(invalid='ignore'):
-        contradicted = ((off - best) ** 2 > GATE**2 * (noise + least)) & np.isfinite(noise)
-        own = np.einsum('ni,nij,nj->n', row, covariance, row)
-        # What runs along the rows has hardly a depth of its own to say whose it is: see :mod:`.parallels`.
-        turned = (
-            np.isfinite(least)
-            & ~contradicted.any(axis=0)
-            & (slope_sigma > VAGUE)
-            & (np.abs(rows.along[:, 1]) > FLAT)
-            & (least < BETTER**2 * own)
-            & (best**2 < GATE**2 * (own + least))
+    found = []
+    length = left.length[index[usable]]
+    for *group, share in _groups(rows, np.argsort(covariance[usable, 1, 1]), axes):
+        row, noise, chance, good = _told(rows, rig, *group)
+        k = np.flatnonzero(good)
+        at_infinity = row[k, 0] * (rig.left.cx - rig.right.cx)
+        # A line that runs to the point where the group meets is of the group, or happens to run there.
+        prior = share / (share + (1.0 - share) * chance[k])
+        found.append(
+            Factors.of_one(
+                usable[k],
+                row[k] * length[k, None],
+                at_infinity * length[k],
+                np.sqrt(noise[k]) * length[k],
+                prior,
+                SLOPE_SPREAD * length[k],
+            )
         )
-    at, row = usable[turned], row[turned]
-    gain = np.einsum('nij,nj->ni', covariance[turned], row) / (own + least)[turned, None]
-    all_coefficient, all_covariance = lines.coefficient.copy(), lines.covariance.copy()
-    all_coefficient[at] -= gain * best[turned, None]
-    all_covariance[at] -= np.einsum('ni,nj->nij', gain, np.einsum('nij,nj->ni', covariance[turned], row))
-    return replace(lines, coefficient=all_coefficient, covariance=all_covariance)
+    return _without_repetition(Factors.concatenate(found), x) if found else Factors.none()
+
+
+def _without_repetition(factors: Factors, x: AnyArray) -> Factors:
+    """The factors without what says the same of an edge as a better known one: groups of nearly one direction."""
+    kept: list[int] = []
+    said: dict[int, list[int]] = {}
+    off = factors.value - (factors.row * x[factors.edge]).sum(axis=1)
+    for k in np.argsort(factors.sigma, kind='stable').tolist():
+        before = said.setdefault(int(factors.edge[k]), [])
+        if all(abs(off[k] - off[m]) >= GATE * np.hypot(factors.sigma[k], factors.sigma[m]) for m in before):
+            before.append(k)
+            kept.append(k)
+    return factors.select(np.array(sorted(kept), np.int64))
 
 
 def _told(
     rows: _Rows, rig: StereoRig, added: AnyArray, total: AnyArray, others: AnyArray
-) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Residual (n,), its row (n, 2) and variance (n,) of a parallel group's direction, without each edge's share."""
+) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+    """Row (n, 2), variance (n,), chance (n,) of a statement of a group, without each edge's share, and who gets it."""
     d, spread = _direction(total - added)
     lever = ((d[:, :2] - d[:, 2:] * rows.middle) * rows.along).sum(axis=1)
-    good, chance = _fits(rows, d, spread)
-    good &= (others >= LEAST - 1) & (np.abs(lever) > LEVER) & (chance < UNCLEAR)
+    image, _ = rows.variances(d)
+    image = image + np.einsum('ni,nij,nj->n', rows.image, np.broadcast_to(spread, (len(image), 3, 3)), rows.image)
+    scale = np.hypot(*(d[:, :2] - d[:, 2:] * rows.middle).T)
+    good = (rows.image * d).sum(axis=1) ** 2 < GATE**2 * image
+    chance = np.minimum(2.0 / np.pi * GATE * np.sqrt(image) / np.maximum(scale, 1e-6), 1.0)
+    good &= (others >= LEAST_MEMBERS - 1) & (np.abs(lever) > LEAST_LEVER)
     lever = np.where(good, lever, 1.0)
-    off = (rows.depth * d).sum(axis=1) / lever
     by = np.stack([d[:, 2] / rig.left.fx / lever, np.ones_like(lever)], axis=1)
-    noise = np.einsum('ni,nij,nj->n', rows.depth, spread, rows.depth) / lever**2 + SLOPE_WANDER**2
-    return off, by, np.where(good, noise, np.inf)
+    noise = np.einsum('ni,nij,nj->n', rows.depth, spread, rows.depth) / lever**2 + SLOPE_SIGMA**2
+    return by, noise, chance, good

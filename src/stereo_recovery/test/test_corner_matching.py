@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from synthetic import segments_between
 
+from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.lines3d import edges
+from stereo_recovery.edges.straight_edges import edges
 from stereo_recovery.matching.matches import Matches
+from stereo_recovery.matching.stereo_segments import StereoSegments
+
+RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 
 # A quadrangle of known edges and, below its lower left corner, an edge that leads to the corner of another face.
 TOP_LEFT, TOP_RIGHT, LOW_RIGHT, LOW_LEFT, DEEP, DEEP_RIGHT = (
@@ -29,26 +34,6 @@ KNOWN = (
 )
 
 
-def segments_between(ends: np.ndarray) -> Segments:
-    """Straight segments between points (n, 2, 2), pixels."""
-    run = ends[:, 1] - ends[:, 0]
-    length = np.hypot(run[:, 0], run[:, 1])
-    n = len(ends)
-    return Segments(
-        np.tile([0, 30], (n, 1)),
-        np.arange(n),
-        ends.mean(axis=1),
-        run / length[:, None],
-        length[:, None] * [-0.5, 0.5],
-        np.full(n, 0.02),
-        np.zeros(n),
-        length,
-        np.stack([np.full(n, 0.02), 0.05 / length], axis=1),
-        np.full(n, 20.0),
-        np.full(n, -1, np.int32),
-    )
-
-
 def pair(lines: list) -> tuple[Matches, Segments, Segments]:
     """Matched segments of lines between (column, row, disparity); lines of four points have their own right one."""
     left = np.array([[end[:2] for end in line[:2]] for line in lines])
@@ -67,7 +52,8 @@ def pair(lines: list) -> tuple[Matches, Segments, Segments]:
 
 def found(matches: Matches, left: Segments, right: Segments) -> list[tuple[np.ndarray, np.ndarray]]:
     """Left ends (2, 2) of the edges, and their disparities (2,)."""
-    lines, shown, _ = edges(matches, left, right, find_junctions(left), find_junctions(right), 0.05)
+    seen = StereoSegments(matches, (left, right), (find_junctions(left), find_junctions(right)))
+    lines, (shown, _) = edges(seen, 0.05, [], RIG)
     return [
         (shown.centre[i] + extent[:, None] * shown.direction[i], a + b * extent)
         for i, extent, (a, b) in zip(lines.left, lines.extent, lines.coefficient)

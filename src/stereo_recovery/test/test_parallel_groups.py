@@ -1,4 +1,4 @@
-"""Short parallel edges tell each other their direction: exact lines in both images, disparities with known noise."""
+"""Parallel edges tell each other their direction: exact lines in both images, disparities with known noise."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy as np
 from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.curves.curve import Curve
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.families import aligned
-from stereo_recovery.edges.lines3d import Lines3D
+from stereo_recovery.edges.estimate import Estimate, OwnLines, estimate
+from stereo_recovery.edges.factors import Factors
+from stereo_recovery.edges.parallel_groups import parallel_factors
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 UP = np.array([0.15, -0.9, 0.41]) / np.linalg.norm([0.15, -0.9, 0.41])
@@ -17,7 +18,7 @@ SLOPE_SIGMA = 0.004
 
 def seen(
     middles: np.ndarray, directions: np.ndarray, seed: int | None, length: float = 0.008
-) -> tuple[Lines3D, Segments]:
+) -> tuple[OwnLines, Segments]:
     """Edges in space as both images show them; the slope of the disparity is off by its sigma; exact without a seed."""
     n = len(middles)
     noise = 0.0 if seed is None else SLOPE_SIGMA * np.random.default_rng(seed).normal(size=n)
@@ -43,17 +44,27 @@ def seen(
     disparity = RIG.left.fx * RIG.baseline / ends[..., 2]
     slope = (disparity[:, 1] - disparity[:, 0]) / span
     noisy = np.stack([disparity.mean(axis=1), slope + noise], axis=1)
-    covariance = np.tile(np.diag([0.01**2, SLOPE_SIGMA**2]), (n, 1, 1))
-    no = np.zeros((n, 2), bool)
-    return Lines3D(
-        many.astype(np.int32), many.astype(np.int32), extent, noisy, covariance, np.full((n, 2), 0.2), no, no[:, 0]
-    ), left
+    information = np.tile(np.diag([0.01**-2.0, SLOPE_SIGMA**-2.0]), (n, 1, 1))
+    return OwnLines(information, np.einsum('nij,nj->ni', information, noisy), extent), left
 
 
-def off(lines: Lines3D, middles: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def told(lines: OwnLines, left: Segments, curves: list[Curve]) -> Estimate:
+    """The edges, with what parallel groups say of them."""
+    covariance = np.linalg.inv(lines.information)
+    known = np.einsum('nij,nj->ni', covariance, lines.vector), covariance
+    factors = parallel_factors(left, np.arange(len(left)), known, curves, RIG)
+    return estimate(lines, factors, np.zeros(len(factors), bool))
+
+
+def off(found: Estimate, middles: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """How far the slopes of the disparities are off, in what was sigma at first."""
     exact, _ = seen(middles, directions, None)
-    return (lines.coefficient[:, 1] - exact.coefficient[:, 1]) / SLOPE_SIGMA
+    return (found.x[:, 1] - exact.vector[:, 1] / exact.information[:, 1, 1]) / SLOPE_SIGMA
+
+
+def alone(lines: OwnLines) -> Estimate:
+    """The edges by themselves."""
+    return estimate(lines, Factors.none(), np.zeros(0, bool))
 
 
 def places(count: int) -> np.ndarray:
@@ -71,19 +82,21 @@ def circle(normal: np.ndarray) -> Curve:
 def test_parallel_short_edges_know_their_direction_together():
     middles, directions = places(12), np.tile(UP, (12, 1))
     lines, left = seen(middles, directions, 1)
-    told = aligned(lines, left, [], RIG)
-    before, after = (np.sqrt(np.mean(off(some, middles, directions) ** 2)) for some in (lines, told))
+    found = told(lines, left, [])
+    before, after = (np.sqrt(np.mean(off(some, middles, directions) ** 2)) for some in (alone(lines), found))
     assert after < 0.4 * before
-    sigma = np.sqrt(told.covariance[:, 1, 1]) / SLOPE_SIGMA
-    assert (np.abs(off(told, middles, directions)) < 3.0 * sigma).all()
+    sigma = np.sqrt(found.covariance[:, 1, 1]) / SLOPE_SIGMA
+    assert (np.abs(off(found, middles, directions)) < 3.0 * sigma).all()
 
 
 def test_the_axis_of_a_circle_tells_an_edge_that_is_parallel_to_it():
-    middles, directions = places(1), UP[None]
+    # Two edges, so that there is a share of edges that run along the axis.
+    middles, directions = places(2), np.tile(UP, (2, 1))
     lines, left = seen(middles, directions, 2)
-    told = aligned(lines, left, [circle(UP)], RIG)
-    assert abs(off(told, middles, directions)[0]) < 0.4 * abs(off(lines, middles, directions)[0])
-    assert told.covariance[0, 1, 1] < 0.2 * lines.covariance[0, 1, 1]
+    before, after = alone(lines), told(lines, left, [circle(UP)])
+    rms = [np.sqrt(np.mean(off(some, middles, directions) ** 2)) for some in (before, after)]
+    assert rms[1] < 0.4 * rms[0]
+    assert (after.covariance[:, 1, 1] < 0.2 * before.covariance[:, 1, 1]).all()
 
 
 def test_edges_of_no_common_direction_stay_as_they_are():
@@ -91,18 +104,18 @@ def test_edges_of_no_common_direction_stay_as_they_are():
     directions[:, 2] *= 0.3
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     lines, left = seen(places(6), directions, 4)
-    assert np.array_equal(aligned(lines, left, [], RIG).coefficient, lines.coefficient)
+    np.testing.assert_allclose(told(lines, left, []).x, alone(lines).x, rtol=1e-12)
 
 
 def test_an_edge_between_parallel_ones_whose_line_runs_elsewhere_is_not_turned():
     middles, directions = places(9), np.tile(UP, (9, 1))
     directions[4] = [0.8, -0.6, 0.0]
     lines, left = seen(middles, directions, 5)
-    told = aligned(lines, left, [], RIG)
-    assert np.array_equal(told.coefficient[4], lines.coefficient[4])
-    assert not np.array_equal(told.coefficient[0], lines.coefficient[0])
+    found, before = told(lines, left, []), alone(lines)
+    np.testing.assert_allclose(found.x[4], before.x[4], rtol=1e-12)
+    assert not np.allclose(found.x[0], before.x[0], rtol=1e-9)
 
 
 def test_nothing_is_told_where_there_is_nothing():
     lines, left = seen(np.zeros((0, 3)), np.zeros((0, 3)), 6)
-    assert len(aligned(lines, left, [circle(UP)], RIG)) == 0
+    assert len(told(lines, left, [circle(UP)]).x) == 0

@@ -1,4 +1,4 @@
-"""Compiled loops over the ends of segments and the known corners, for :mod:`.vertices`."""
+"""Compiled loops over the ends of segments and the known corners, for :mod:`.junction_edges`."""
 
 from __future__ import annotations
 
@@ -7,17 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-# A segment runs into a corner that is this near to its line, and this far beyond or before its end, pixels and as a
-# share of its length.
-BESIDE, BEYOND, BEFORE, SHARE = 1.5, 10.0, 5.0, 0.5
-# A pair whose line misses the corner by more than this, pixels, and so many sigma, is none; nor do edges meet that
-# differ so much.
-MISS = 1.2
-GATE = 3.5
-# What corners of straight segments miss each other by in an image, pixels.
-ROUNDED = 0.25
-# A line that misses a corner must come this near to it, pixels along it.
-ABSENT = 7.0
+from .settings import ABSENT, BEFORE, BESIDE, BEYOND, CORNER_GATE, CORNER_MISS, END_SHARE, ROUNDED
 
 
 @njit
@@ -36,7 +26,7 @@ def meetings(
     for k in range(n):
         cu, cv, tu, tv = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
         length = table[k, 5] - table[k, 4]
-        far, near = min(BEYOND, SHARE * length), min(BEFORE, SHARE * length)
+        far, near = min(BEYOND, END_SHARE * length), min(BEFORE, END_SHARE * length)
         for end in range(2):
             outward = 1.0 if end == 1 else -1.0
             s = table[k, 4 + end]
@@ -61,7 +51,7 @@ def meetings(
             mean /= weight
             agreed = True
             for q in range(m):
-                if _told(point, own, first, q, k) and abs(disparity[q] - mean) > MISS + GATE * sigma[q]:
+                if _told(point, own, first, q, k) and abs(disparity[q] - mean) > CORNER_MISS + CORNER_GATE * sigma[q]:
                     agreed = False
             found[k, end] = agreed
             value[k, end, 0], value[k, end, 1], value[k, end, 2] = place / weight, mean, weight**-0.5
@@ -78,42 +68,41 @@ def _told(point: FloatArray, own: IntArray, first: int, q: int, k: int) -> bool:
 
 @njit
 def missed(
-    own: IntArray,
-    other: IntArray,
-    found: BoolArray,
-    value: FloatArray,
-    table: FloatArray,
-    far: FloatArray,
-    edge: IntArray,
-    point: FloatArray,
+    pair: tuple[IntArray, IntArray],
+    met: tuple[BoolArray, FloatArray],
+    table: tuple[FloatArray, FloatArray],
+    known: tuple[IntArray, FloatArray],
     sign: float,
 ) -> BoolArray:
     """(n,) bool: pairs that end at a corner in one image and miss it in the other.
 
-    own, other : (n,) segments of the pairs in the one and the other image; table, far : their rows as for
-    :func:`meetings`; found, value : from it, in the one image; edge (m,) ascending, point (m, 2) : the pairs that
-    know a corner, and where in the one image; sign : of the disparity that leads to the other image.
+    pair : (n,) segments in the one and the other image; met : what :func:`meetings` found in the one image; table : of
+    both images, as for it; known : (m,) ascending edges that know a corner, and where it is in the one image (m, 2);
+    sign : of the disparity that leads to the other image
     """
+    own, other = pair
+    found, value = met
+    edge, point = known
     wrong = np.zeros(len(own), np.bool_)
     for e in range(len(own)):
         k, j = own[e], other[e]
+        here, far = table[0][k], table[1][j]
         low, high = np.searchsorted(edge, e), np.searchsorted(edge, e + 1)
         for end in range(2):
             if not found[k, end]:
                 continue
-            u = table[k, 0] + value[k, end, 0] * table[k, 2]
-            v = table[k, 1] + value[k, end, 0] * table[k, 3]
-            known = False
+            u, v = here[0] + value[k, end, 0] * here[2], here[1] + value[k, end, 0] * here[3]
+            told = False
             for q in range(low, high):
-                known |= np.hypot(point[q, 0] - u, point[q, 1] - v) < 2.0 * BESIDE
-            if known:
+                told |= np.hypot(point[q, 0] - u, point[q, 1] - v) < 2.0 * BESIDE
+            if told:
                 continue
-            du, dv = u + sign * value[k, end, 1] - far[j, 0], v - far[j, 1]
-            s = du * far[j, 2] + dv * far[j, 3]
+            du, dv = u + sign * value[k, end, 1] - far[0], v - far[1]
+            s = du * far[2] + dv * far[3]
             # A segment that stops before the corner need not lie on the line to it.
-            if s < far[j, 4] - ABSENT or s > far[j, 5] + ABSENT:
+            if s < far[4] - ABSENT or s > far[5] + ABSENT:
                 continue
-            variance = (value[k, end, 2] * far[j, 3]) ** 2 + far[j, 6] ** 2 + (far[j, 7] * s) ** 2 + ROUNDED**2
-            if abs(dv * far[j, 2] - du * far[j, 3]) > max(MISS, GATE * np.sqrt(variance)):
+            variance = (value[k, end, 2] * far[3]) ** 2 + far[6] ** 2 + (far[7] * s) ** 2 + ROUNDED**2
+            if abs(dv * far[2] - du * far[3]) > max(CORNER_MISS, CORNER_GATE * np.sqrt(variance)):
                 wrong[e] = True
     return wrong

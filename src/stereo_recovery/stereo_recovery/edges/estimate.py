@@ -1,0 +1,232 @@
+"""Straight edges as one least squares: the disparities of all edges, with the factors that hold.
+
+Every edge has what its own two lines say, a normal distribution of its unknowns, and factors tie it to others. A factor
+holds with some probability, and is else an accident whose value is even over a range. Which hold is decided one after
+another by what all the others say: the residual of a factor is compared with its variance as it would be without it,
+the least likely goes first and the likeliest comes first. What comes out is a minimum of one robust least squares, with
+the covariances of the same normal equations.
+
+References
+----------
+W. Baarda, "A testing procedure for use in geodetic networks", 1968; H. Yang, P. Antonante, V. Tzoumas and L. Carlone,
+"Graduated non-convexity for robust spatial perception", RA-L 5(2), 2020.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.typed import BoolArray, FloatArray
+
+from .factors import Factors
+from .normal_equations import NormalEquations, Solution
+from .settings import (
+    CHAIN,
+    MATCH_SIGMA,
+    MATCH_SLOPE,
+    MOST_REMOVED,
+    OPEN_SIGMA,
+    REDUNDANCY,
+    ROUNDS,
+    START_ROUNDS,
+    WELL_MEASURED,
+)
+from .start_kernels import Statements, likeliest
+
+
+@dataclass(frozen=True, eq=False)
+class OwnLines:
+    """What the two lines of n edges say of them, and no one else.
+
+    Attributes
+    ----------
+    information, vector : (n, 2, 2), (n, 2)
+        Of the unknowns (a, b).
+    extent : (n, 2) float64, pixels
+        The part of each edge that counts.
+    """
+
+    information: FloatArray
+    vector: FloatArray
+    extent: FloatArray
+
+    @property
+    def ends(self) -> FloatArray:
+        """(n, 2, 2) rows h: h x is the disparity at either end."""
+        return np.stack([np.ones_like(self.extent), self.extent], axis=-1)
+
+    def about(self, rough: FloatArray) -> OwnLines:
+        """With the prior that an edge lies within MATCH_SIGMA of disparities (n,), and not along the line of sight."""
+        information = self.information + np.einsum('nei,nej->nij', self.ends, self.ends) / MATCH_SIGMA**2
+        information[:, 1, 1] += MATCH_SLOPE**-2.0
+        vector = self.vector + np.einsum('nei,n->ni', self.ends, rough) / MATCH_SIGMA**2
+        return OwnLines(information, vector, self.extent)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Disparities a + b s of n edges by k factors.
+
+    Attributes
+    ----------
+    x, covariance : (n, 2), (n, 2, 2)
+    used : (k,) bool
+        The factors that hold.
+    holds : (k,) float64
+        Probability of each, by what all others say.
+    reliability : (n,) float64
+        Probability that all hold on which an edge's depth hangs.
+    """
+
+    x: FloatArray
+    covariance: FloatArray
+    used: BoolArray
+    holds: FloatArray
+    reliability: FloatArray
+
+
+def probabilities(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
+    """(k,) that each factor holds, by what all but itself say."""
+    own, residual, variance = factors.sigma**2, solution.residual, solution.variance
+    # Taking a used factor out of a least squares.
+    share = np.where(used, np.maximum(1.0 - variance / own, 1e-6), 1.0)
+    off, spread = residual / share, variance / share + own
+    inlier = factors.prior * np.exp(-0.5 * off**2 / spread) / np.sqrt(2.0 * np.pi * spread)
+    # An accident is anywhere in a range, and in what the others leave open beyond that.
+    outlier = (1.0 - factors.prior) / np.sqrt(factors.spread**2 + 2.0 * np.pi * variance / share)
+    return np.asarray(inlier / (inlier + outlier))
+
+
+def first_of_edges(factors: Factors, chosen: BoolArray, value: FloatArray, count: int) -> BoolArray:
+    """(k,) bool: chosen factors than which none has a smaller value at either of their edges.
+
+    One wrong statement makes all those around it look wrong, and several that each fit may not fit together; so the
+    clearest goes first.
+    """
+    at = np.flatnonzero(chosen)
+    rank = np.full(len(factors), np.inf)
+    rank[at[np.argsort(value[at], kind='stable')]] = np.arange(len(at))
+    least = np.full(count + 1, np.inf)
+    other = np.where(factors.other < 0, count, factors.other)
+    for edge in (factors.edge, other):
+        np.minimum.at(least, edge[at], rank[at])
+    least[count] = np.inf
+    return np.asarray(chosen & (rank <= least[factors.edge]) & (rank <= least[other]))
+
+
+def _statements(factors: Factors, count: int) -> Statements:
+    """The factors by their ``count`` edges."""
+    both = np.flatnonzero(factors.other >= 0)
+    factor = np.concatenate([np.arange(len(factors)), both])
+    owner = np.concatenate([factors.edge, factors.other[both]])
+    mirrored = np.arange(len(factor)) >= len(factors)
+    order = np.argsort(owner, kind='stable')
+    first = np.searchsorted(owner[order], np.arange(count + 1))
+    return Statements(
+        first,
+        factor[order],
+        mirrored[order],
+        factors.edge,
+        factors.other,
+        factors.row,
+        factors.other_row,
+        factors.value,
+        factors.sigma,
+        factors.prior,
+        factors.spread,
+    )
+
+
+def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> BoolArray:
+    """(k,) bool: ``used``, and of edges that are open with those the statements of their likeliest depths."""
+    used = used.copy()
+    statements = _statements(equations.factors, len(lines.extent))
+    covariance = np.linalg.inv(lines.information)
+    own = lines.information, np.einsum('nij,nj->ni', covariance, lines.vector), covariance
+    for _ in range(START_ROUNDS):
+        solution = equations.solve(used)
+        open_edges = _end_sigma(solution.covariance, lines).max(axis=1) >= WELL_MEASURED
+        so_far = solution.x, solution.covariance
+        if not likeliest(statements, np.flatnonzero(open_edges), ~open_edges, so_far, own, used):
+            break
+    return used
+
+
+def _end_sigma(covariance: FloatArray, lines: OwnLines) -> FloatArray:
+    """(n, 2) sigma of disparity at the edges' ends, pixels."""
+    return np.asarray(np.sqrt(np.einsum('nei,nij,nej->ne', lines.ends, covariance, lines.ends)))
+
+
+def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
+    """The disparities of all edges.
+
+    Parameters
+    ----------
+    lines : OwnLines
+        What each edge's own lines say of it, and roughly the match.
+    factors : Factors
+        What ties them to each other.
+    used : (k,) bool
+        Factors that were found to hold before.
+    """
+    count = len(lines.extent)
+    equations = NormalEquations(lines.information, lines.vector, factors)
+    used = _start(equations, lines, used)
+    removed = np.zeros(len(factors), np.int64)
+    for _ in range(ROUNDS):
+        solution = equations.solve(used)
+        holds = probabilities(factors, solution, used)
+        wrong = first_of_edges(factors, used & (holds < 0.5), holds, count)
+        if wrong.any():
+            removed += wrong
+            used = used & ~wrong
+            continue
+        fresh = first_of_edges(factors, ~used & (holds > 0.5) & (removed < MOST_REMOVED), -holds, count)
+        if not fresh.any():
+            break
+        used = used | fresh
+    solution = equations.solve(used)
+    holds = probabilities(factors, solution, used)
+    covariance = solution.covariance * unit_variance(factors, solution, used)
+    return Estimate(solution.x, covariance, used, holds, reliability(factors, solution, used, holds, lines))
+
+
+def unit_variance(factors: Factors, solution: Solution, used: BoolArray) -> float:
+    """Variance of unit weight: how much larger squared residuals are than the stated sigmas have them, at least 1.
+
+    By the median of residuals; the sigmas' own word is worth REDUNDANCY of them.
+    """
+    own = factors.sigma**2
+    share = np.where(used, 1.0 - solution.variance / own, 1.0)
+    told = used & (share > 0.05)
+    if not told.any():
+        return 1.0
+    spread = solution.variance[told] / share[told] + own[told]
+    off = np.abs(solution.residual[told] / share[told]) / np.sqrt(spread)
+    scale = float(np.median(off)) / NORMAL_QUARTILE
+    return max(1.0, (scale * len(off) + REDUNDANCY) / (len(off) + REDUNDANCY)) ** 2
+
+
+def reliability(
+    factors: Factors, solution: Solution, used: BoolArray, holds: FloatArray, lines: OwnLines
+) -> FloatArray:
+    """(n,) probability that all hold on which an edge's depth hangs: those without which it would be open."""
+    variance = np.einsum('nei,nij,nej->ne', lines.ends, solution.covariance, lines.ends)
+    rest = np.maximum(factors.sigma**2 - solution.variance, 1e-9 * factors.sigma**2)
+    hangs = []
+    for edge, shared in ((factors.edge, solution.with_first), (factors.other, solution.with_second)):
+        gain = np.einsum('kei,ki->ke', lines.ends[edge], shared) ** 2 / rest[:, None]
+        hangs.append(used & (edge >= 0) & ((variance[edge] + gain).max(axis=1) > OPEN_SIGMA**2))
+    mutual = hangs[0] & hangs[1]
+    result = np.ones(len(lines.extent))
+    # What an edge hangs on hangs on others; two that hang on each other say it once.
+    for _ in range(CHAIN):
+        total = np.zeros(len(result))
+        for needs, edge, other in zip(hangs, (factors.edge, factors.other), (factors.other, factors.edge)):
+            its = np.where((other >= 0) & ~mutual, result[other], 1.0)
+            np.add.at(total, edge[needs], np.log(np.maximum(holds * its, 1e-9))[needs])
+        result = np.exp(total)
+    return np.asarray(result)

@@ -1,0 +1,182 @@
+"""What ties the disparities of straight edges to each other: the factors of :mod:`.estimate`.
+
+Along its left segment an edge has the disparity d(s) = a + b s; its unknowns are x = (a, b). Every factor makes one
+statement, h x_e - g x_f = value, give or take a sigma, that holds unless an accident of the views made it:
+
+* junction: two edges that meet in an image have one disparity there;
+* end: both segments of an edge end at one point, whose columns give its disparity;
+* parallel: an edge runs in the direction of others, see :mod:`.parallel_groups`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from msgs_py.numeric.typed import AnyArray, FloatArray, IntArray
+
+from ..matching.stereo_segments import StereoSegments
+from .settings import (
+    CORNER_SIGMA,
+    END_PRIOR,
+    HEIGHT_SIGMA,
+    JUNCTION_PRIOR,
+    LOOSE_END_SIGMA,
+    OTHER_CORNER_PRIOR,
+    SEEN_ONCE_PRIOR,
+    SPREAD,
+    STEEP,
+    T_PRIOR,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """k statements about edges' disparities.
+
+    Attributes
+    ----------
+    edge, other : (k,) int64
+        The edges e and f; f is -1 where the statement is about one edge.
+    row, other_row : (k, 2) float64
+        h and g.
+    value, sigma : (k,) float64, pixels
+        What h x_e - g x_f is, and its standard deviation, if the statement holds.
+    prior : (k,) float64
+        Probability that it does.
+    spread : (k,) float64, pixels
+        Range over which the product is even if it does not.
+    """
+
+    edge: IntArray
+    other: IntArray
+    row: FloatArray
+    other_row: FloatArray
+    value: FloatArray
+    sigma: FloatArray
+    prior: FloatArray
+    spread: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.edge)
+
+    def select(self, index: AnyArray) -> Factors:
+        """A subset: (m,) indices or (k,) bool."""
+        return Factors(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @staticmethod
+    def concatenate(parts: list[Factors]) -> Factors:
+        """All of them, in their order."""
+        return Factors(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Factors)))
+
+    @staticmethod
+    def of_one(
+        edge: IntArray, row: FloatArray, value: FloatArray, sigma: FloatArray, prior: FloatArray, spread: FloatArray
+    ) -> Factors:
+        """Statements about one edge each; arrays as of the class."""
+        k = len(edge)
+        return Factors(edge, np.full(k, -1), row, np.zeros((k, 2)), value, sigma, prior, spread)
+
+    @staticmethod
+    def none() -> Factors:
+        """No statements."""
+        empty = np.zeros(0)
+        return Factors.of_one(np.zeros(0, np.int64), np.zeros((0, 2)), empty, empty, empty, empty)
+
+
+def _disparity_row(seen: StereoSegments, edge: IntArray, image: int, point: FloatArray, x: FloatArray) -> FloatArray:
+    """(k, 2) rows h so that h x is the disparity of edges where an image shows them at points (k, 2).
+
+    x : (n, 2) the edges' unknowns, by which the disparity along the right segment is made linear.
+    """
+    left = seen.segments[0]
+    i = seen.matches.left[edge]
+    s = ((point - left.centre[i]) * left.direction[i]).sum(axis=1)
+    row = np.stack([np.ones(len(edge)), s], axis=1)
+    if image == 1:
+        # The left image shows it d pixels farther to the right: d = a + b (s + t_u d).
+        row /= np.clip(1.0 - x[edge, 1] * left.direction[i, 0], 0.5, 2.0)[:, None]
+    return row
+
+
+def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
+    """Edges that meet in an image have one disparity there.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        n edges.
+    x : (n, 2)
+        Their unknowns, roughly.
+    """
+    count = len(seen.matches)
+    neighbours = seen.neighbours(0), seen.neighbours(1)
+    parts: list[Factors] = []
+    told = np.zeros(0, np.int64)
+    for image, mine, others in ((0, *neighbours), (1, *neighbours[::-1])):
+        e, end = np.nonzero((mine >= 0) & (mine != np.arange(count)[:, None]))
+        f = mine[e, end]
+        # Two edges meet once, and what both images show is one statement.
+        pair = np.minimum(e, f) * count + np.maximum(e, f)
+        fresh = np.zeros(len(e), bool)
+        fresh[np.unique(pair, return_index=True)[1]] = True
+        fresh &= ~np.isin(pair, told)
+        told = np.concatenate([told, pair])
+        e, end, f = e[fresh], end[fresh], f[fresh]
+        other = seen.ends[1 - image].neighbour[e, end]
+        prior = np.where(others[e, end] == f, JUNCTION_PRIOR, np.where(other < 0, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR))
+        hidden = seen.ends[0].t_junction[e, end] | seen.ends[1].t_junction[e, end]
+        point = seen.points[image][e, end]
+        k = len(e)
+        parts.append(
+            Factors(
+                e,
+                f,
+                _disparity_row(seen, e, image, point, x),
+                _disparity_row(seen, f, image, point, x),
+                np.zeros(k),
+                np.full(k, CORNER_SIGMA),
+                np.where(hidden, T_PRIOR, prior),
+                np.full(k, SPREAD),
+            )
+        )
+    return Factors.concatenate(parts)
+
+
+def end_factors(seen: StereoSegments) -> Factors:
+    """Both segments of an edge end at one point: its columns differ by the disparity.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        n edges.
+    """
+    mine, other = seen.ends
+    p, q = seen.points
+    own_sigma = [np.where(side.neighbour >= 0, side.sigma, LOOSE_END_SIGMA) for side in (mine, other)]
+    run = [side.direction[index][:, None] for side, index in zip(seen.segments, seen.index)]
+    sigma, height = (
+        np.sqrt((own_sigma[0] * run[0][..., c]) ** 2 + (own_sigma[1] * run[1][..., c]) ** 2 + least**2)
+        for c, least in ((0, CORNER_SIGMA), (1, HEIGHT_SIGMA))
+    )
+    neighbours = seen.neighbours(0), seen.neighbours(1)
+    # Where both meet one edge the junction tells; where they meet different ones the corners may be two.
+    told = (neighbours[0] == neighbours[1]) & (neighbours[0] >= 0)
+    third = (mine.neighbour >= 0) & (other.neighbour >= 0) & (neighbours[0] != neighbours[1])
+    prior = np.where(third, OTHER_CORNER_PRIOR, END_PRIOR)
+    prior = np.where(mine.t_junction | other.t_junction, T_PRIOR, prior)
+    # Two heights speak against one point; that they agree says little, since segments that match cover the same rows.
+    off = (p - q)[..., 1] / height
+    odds = prior / (1.0 - prior) * np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * height) * SPREAD
+    prior = np.clip(np.minimum(prior, odds / (1.0 + odds)), 1e-3, 0.99)
+    steep = np.minimum(np.abs(run[0][..., 1]), np.abs(run[1][..., 1])) > STEEP
+    e, end = np.nonzero(~told & ~steep)
+    return Factors.of_one(
+        e,
+        np.stack([np.ones(len(e)), mine.abscissa[e, end]], axis=1),
+        (p - q)[e, end, 0],
+        sigma[e, end],
+        prior[e, end],
+        np.full(len(e), SPREAD),
+    )

@@ -1,0 +1,106 @@
+"""Numbers of the estimate of straight edges: sigmas and probabilities.
+
+[P] says that a probability was counted, and [R] that a value was set by trial, on rendered scenes (bench_lines.py
+--seeds 100..139) and on the pairs of test/benchmarks/bench_photoreal.py and bench_real.py that are not held out; [D]
+that it follows from what is said.
+"""
+
+from __future__ import annotations
+
+# -- factors -----------------------------------------------------------------------------------------------------------
+
+# px: disparity by which two edges miss each other at a corner they share (rounded corners, blur). [P]
+CORNER_SIGMA = 0.03
+# px: where a chain stops without a corner, and by which heights of one corner in the two images differ. [P]
+LOOSE_END_SIGMA, HEIGHT_SIGMA = 4.0, 0.3
+# Probabilities that edges that meet in an image meet in space: the same two meet in the other image; there the end is
+# loose; there it meets a third; one of the two goes on beyond the crossing. [P]
+JUNCTION_PRIOR, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR, T_PRIOR = 0.98, 0.75, 0.65, 0.4
+# Probability that the ends of a pair of segments are one point. [P]
+END_PRIOR = 0.8
+# Sine of the slope above which lines know disparity better than their ends do. [R]
+STEEP = 0.3
+# px: range over which the disparity of an accident is even. [R]
+SPREAD = 30.0
+
+# -- parallel groups ---------------------------------------------------------------------------------------------------
+
+# Residuals up to this many sigma count as noise. [D] three sigma
+GATE = 3.0
+# rad: how far edges of one direction miss it; and disparity a pixel, beyond that of their lines. [R]
+DIRECTION_SIGMA, SLOPE_SIGMA = 2e-3, 2e-4
+# An edge says what group it is of when the chance that it had any other direction is below this. [R]
+CLEAR = 0.01
+# There have to be so many members, and more than so many times what agrees by accident. [R]
+LEAST_MEMBERS, ACCIDENTS = 2, 3.0
+# Most groups, and seeds from which they are grown, the best known first. [R] bounds the time
+MOST_GROUPS, GROUP_SEEDS = 12, 100
+# Share of an edge's direction that is seen, below which it recedes too steeply to be told its slope. [R]
+LEAST_LEVER = 0.1
+# So often groups are looked for and told. [R]
+GROUP_ROUNDS = 2
+# Slopes of disparity at random are even over this range, px a pixel. [R]
+SLOPE_SPREAD = 1.0
+
+# -- estimate ----------------------------------------------------------------------------------------------------------
+
+# px: sigma of disparity about that of the match, of an edge that nothing tells; and of its slope, px a pixel. [R]
+MATCH_SIGMA, MATCH_SLOPE = 20.0, 0.3
+# px: an edge whose disparity is known better than the first at its ends tells others from the start; one that is known
+# worse than the second is open. [R]
+WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
+# px a pixel: largest slope of disparity that is tried for an open edge. [R]
+MOST_SLOPE = 0.5
+# Rounds of the start, of the least squares, and links of a chain of edges that hang on each other. [R] bounds the time
+START_ROUNDS, ROUNDS, CHAIN = 3, 100, 4
+# So often a factor may be taken out again. [D] more would not end
+MOST_REMOVED = 2
+# Residuals that the sigmas' own word is worth. [R]
+REDUNDANCY = 10.0
+
+# -- what is reported --------------------------------------------------------------------------------------------------
+
+# Least probability that all holds on which the depth of a reported edge hangs. [D] more likely than not
+LEAST_RELIABILITY = 0.5
+# Largest three sigma bound across an edge, as a share of its length; and beside rims, of which a short edge may well be
+# a part. [R]
+MOST_ERR_PER, MOST_ERR_PER_BESIDE_RIMS = 0.25, 0.16
+
+# -- where edges end ---------------------------------------------------------------------------------------------------
+
+# px: two corners that are no farther apart are one. [R]
+ONE_CORNER = 1.5
+# px, and share of what both images show: a chain that stops this far before a corner of the other image is lost, not
+# hidden. [R]
+LOST, LOST_SHARE = 20.0, 0.5
+# What makes corners doubtful, and how much, px, one sigma: an edge that goes on behind or before the other; edges
+# shorter than SHORT_EDGE; a chain that ends FAR_GAP px from the corner. [R]
+T_SIGMA = 0.3
+SHORT_EDGE, SHORT_SIGMA = 15.0, 0.15
+FAR_GAP, FAR_SIGMA = 6.0, 0.3
+
+# -- edges between corners ---------------------------------------------------------------------------------------------
+
+# px: a segment runs into a corner that is this near to its line, and this far beyond or before its end; the latter also
+# as a share of its length. [R]
+BESIDE, BEYOND, BEFORE, END_SHARE = 1.5, 10.0, 5.0, 0.5
+# px, and sigma: edges of one corner differ by no more in disparity. [R]
+CORNER_MISS, CORNER_GATE = 1.2, 3.5
+# px: what corners of straight segments miss each other by in an image. [R]
+ROUNDED = 0.25
+# px: a line that misses a corner must come this near to it, along itself. [R]
+ABSENT = 7.0
+# px: heights of one corner in the two images, and of ends that are none, differ by less; and the shortest segment that
+# corners match. [R]
+SAME_HEIGHT, ENDS_HEIGHT, SHORTEST_MATCH = 1.0, 3.0, 4.0
+# So often corners that edges add add edges. [R]
+CORNER_ROUNDS = 2
+# px: the shortest segment that makes an edge between two corners, and how far inside its ends another one that runs
+# into it says that it is more than one edge. [R]
+SHORTEST, INSIDE = 8.0, 4.0
+
+# -- sagitta -----------------------------------------------------------------------------------------------------------
+
+# Two segments show the same part of an edge when their lengths agree to this share; of the square of a line's sigma so
+# much at least is not its sagitta's. [R]
+SAME_EXTENT, LEAST_SHARE = 0.15, 0.01

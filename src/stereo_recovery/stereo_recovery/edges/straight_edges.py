@@ -1,0 +1,117 @@
+"""Straight edges of a pair of images: what their lines say, one estimate, where they end, and what one image shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from msgs_py import StereoRig
+
+from ..curves.curve import Curve
+from ..detection.segments import Segments
+from ..matching.stereo_segments import StereoSegments
+from .corner_matching import inconsistent, matched_by_corners
+from .estimate import Estimate, estimate
+from .extents import Extents, extents
+from .factors import Factors, end_factors, junction_factors
+from .junction_edges import Corners, corners, junction_edges
+from .lines3d import Lines3D
+from .own_lines import own_lines
+from .parallel_groups import parallel_factors
+from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
+
+
+def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig) -> Estimate:
+    """The disparities of all edges: first without parallel groups, which known edges show, then with them.
+
+    Parameters are those of :func:`edges`.
+    """
+    disparity = seen.matches.disparity
+    lines = own_lines(seen.matches, seen.segments, row_sigma).about(disparity[:, 1])
+    slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
+    x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
+    ends = end_factors(seen)
+    factors = Factors.concatenate([junction_factors(seen, x), ends])
+    found = estimate(lines, factors, np.zeros(len(factors), bool))
+    for _ in range(GROUP_ROUNDS):
+        own = Factors.concatenate([junction_factors(seen, found.x), ends])
+        parallel = parallel_factors(seen.segments[0], seen.matches.left, (found.x, found.covariance), curves, rig)
+        used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
+        found = estimate(lines, Factors.concatenate([own, parallel]), used)
+    return found
+
+
+def _with_corners(
+    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
+) -> tuple[Estimate, Extents, Corners]:
+    """The estimate, where the edges end, and the corners that follow."""
+    found = solved(seen, row_sigma, curves, rig)
+    ends = extents(seen, found.x)
+    return found, ends, corners(seen, found, ends)
+
+
+def edges(
+    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
+) -> tuple[Lines3D, tuple[Segments, Segments]]:
+    """All straight edges of a pair of images.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        Matched segments.
+    row_sigma : float, pixels
+        By which single rows of the two images disagree.
+    curves : sequence of Curve
+        Planar curves of the pair; their normals are directions of edges as well.
+    rig : StereoRig
+
+    Returns
+    -------
+    Lines3D
+    (Segments, Segments)
+        Of both images, that the lines refer to: with those that the other image alone shows.
+    """
+    given = seen.matches
+    found, ends, known = _with_corners(seen, row_sigma, curves, rig)
+    wrong = inconsistent(seen, known)
+    if wrong.any():
+        seen = replace(seen, matches=seen.matches.select(~wrong))
+        found, ends, known = _with_corners(seen, row_sigma, curves, rig)
+    for _ in range(CORNER_ROUNDS):
+        grown = matched_by_corners(seen, known)
+        if grown is None:
+            break
+        seen = replace(seen, matches=grown)
+        found, ends, known = _with_corners(seen, row_sigma, curves, rig)
+    matches = seen.matches
+    by_corners = np.arange(len(matches)) >= len(given) - wrong.sum()
+    lines = Lines3D(
+        matches.left,
+        matches.right,
+        ends.abscissa,
+        found.x,
+        found.covariance,
+        ends.sigma,
+        ends.fixed,
+        by_corners,
+        found.reliability,
+    )
+    more = junction_edges(seen, known)
+    if more is None:
+        return lines, seen.segments
+    count = len(more.extent)
+    left, right = (len(side) + np.arange(count, dtype=np.int32) for side in seen.segments)
+    added = Lines3D(
+        left,
+        right,
+        more.extent,
+        more.coefficient,
+        more.covariance,
+        np.full((count, 2), ROUNDED),
+        np.ones((count, 2), bool),
+        np.ones(count, bool),
+        np.ones(count),
+    )
+    return Lines3D.concatenate([lines, added]), more.segments

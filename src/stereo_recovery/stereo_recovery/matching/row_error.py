@@ -1,0 +1,173 @@
+"""How the rows of a rectified pair disagree, from what the pair itself shows.
+
+Rectification leaves an error: a camera that has moved a little since it was calibrated shows its rows shifted and
+turned. Corners that both images show, and edges that run along the rows, should be at one height; what they say is
+fitted by a function linear in column and row, and what is left over is the sigma of single rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msgs_py.numeric.robust import NORMAL_QUARTILE
+from msgs_py.numeric.typed import FloatArray
+
+from ..detection.conics import Ellipse
+from ..detection.edgels import Edgels
+from ..detection.segments import Segments
+from .settings import (
+    LEVEL_DISPARITY,
+    LEVEL_ROW,
+    ROW_CHI2,
+    ROW_OFFSET_SIGMA,
+    ROW_ROUNDS,
+    ROW_SHIFT_MOST,
+    ROW_TURN_SIGMA,
+    ROW_WITNESSES,
+)
+from .stereo_segments import StereoSegments
+
+
+@dataclass(frozen=True, eq=False)
+class RowError:
+    """Pixels by which the right image's rows lie below the left's: offset + turn . (point - centre) / half size.
+
+    Attributes
+    ----------
+    offset : float, pixels
+    turn : (2,) float64, pixels
+        What it gains from the middle to the border of the image, along columns and rows.
+    centre, half : (2,) float64, pixels
+        Of the right image.
+    sigma : float, pixels
+        Of what single rows differ from that.
+    count : int
+        Corners and edges that it was fitted to.
+    """
+
+    offset: float
+    turn: FloatArray
+    centre: FloatArray
+    half: FloatArray
+    sigma: float
+    count: int
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """(...) float64, pixels: the error at points (..., 2) of the right image."""
+        return np.asarray(self.offset + ((points - self.centre) / self.half) @ self.turn)
+
+    def without(self, points: FloatArray) -> FloatArray:
+        """(..., 2) float64, pixels: points of the right image at the left image's rows."""
+        moved = points.copy()
+        moved[..., 1] -= self.at(points)
+        return moved
+
+    def aligned_segments(self, right: Segments) -> Segments:
+        """The right image's segments at the left image's rows."""
+        if len(right) == 0:
+            return right
+        start, end, centre = (self.without(points) for points in (right.start, right.end, right.centre))
+        run = end - start
+        direction = run / np.maximum(np.hypot(run[:, 0], run[:, 1]), 1e-12)[:, None]
+        extent = np.stack([((point - centre) * direction).sum(axis=1) for point in (start, end)], axis=1)
+        return replace(right, centre=centre, direction=direction, extent=extent)
+
+    def aligned_edgels(self, right: Edgels) -> Edgels:
+        """The right image's edgels at the left image's rows."""
+        return replace(right, position=self.without(right.position))
+
+    def aligned_ellipses(self, right: Sequence[Ellipse]) -> list[Ellipse]:
+        """The right image's ellipses at the left image's rows."""
+        slope = self.turn / self.half
+        forward = np.eye(3)
+        forward[1, :2] -= slope
+        forward[1, 2] -= self.offset - slope @ self.centre
+        back = np.linalg.inv(forward)
+        return [replace(ellipse, conic=back.T @ ellipse.conic @ back) for ellipse in right]
+
+
+def _witnesses(seen: StereoSegments) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points (k, 2) of the right image, by how much they are lower than in the left one (k,), sigma (k,); pixels."""
+    left, right = seen.segments
+    i, j = seen.index
+    p, q = seen.points
+    mine, other = seen.ends
+    neighbours = seen.neighbours(0), seen.neighbours(1)
+    corner = (neighbours[0] >= 0) & (neighbours[0] == neighbours[1]) & ~mine.t_junction & ~other.t_junction
+    variance = np.zeros(corner.shape)
+    for side, index, ends in ((left, i, mine), (right, j, other)):
+        u, v = side.direction[index].T
+        variance += (ends.sigma * v[:, None]) ** 2 + ((side.sigma[index, 0] * u) ** 2)[:, None]
+    e, end = np.nonzero(corner)
+    # A level line has one height, however far apart its matched ends are.
+    along, across = left.direction[i].T
+    level = np.flatnonzero((np.abs(across) < LEVEL_ROW) & (np.abs(right.direction[j, 1]) < LEVEL_ROW))
+    middle = 0.5 * (left.start + left.end)[i[level]]
+    column = middle[:, 0] - seen.matches.disparity[level, 1]
+    u, v = right.direction[j[level]].T
+    row = right.centre[j[level], 1] + (column - right.centre[j[level], 0]) * v / u
+    level_variance = (
+        left.sigma[i[level], 0] ** 2 + right.sigma[j[level], 0] ** 2 + (across[level] * LEVEL_DISPARITY) ** 2
+    )
+    return (
+        np.concatenate([q[e, end], np.stack([column, row], axis=1)]),
+        np.concatenate([(q - p)[e, end, 1], row - middle[:, 1]]),
+        np.sqrt(np.concatenate([variance[e, end], level_variance])),
+    )
+
+
+def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowError:
+    """The rows' error of a pair.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        Matched segments, most of them rightly.
+    size : (int, int), pixels
+        Width and height of the right image.
+    least : float, pixels
+        Least sigma of single rows.
+    """
+    half = 0.5 * np.array(size, float)
+    centre = half - 0.5
+    point, off, sigma = _witnesses(seen)
+    near = np.abs(off) < ROW_SHIFT_MOST
+    point, off, sigma = point[near], off[near], sigma[near]
+    columns = np.column_stack([np.ones(len(point)), (point - centre) / half])
+    prior = np.diag(np.array([ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_TURN_SIGMA]) ** -2.0)
+    value: FloatArray = np.zeros(3)
+    single = least
+    for _ in range(ROW_ROUNDS):
+        left_over = off - columns @ value
+        single = _excess(left_over, sigma, least)
+        # Student's weights: some corners are none, and some matches are wrong.
+        variance = sigma**2 + single**2
+        weight = 2.0 / (variance + left_over**2)
+        value = np.linalg.solve((columns * weight[:, None]).T @ columns + prior, columns.T @ (weight * off))
+    # What chance explains is no error: chi squared of three numbers, of which few exact rigs have so much.
+    information = (columns / variance[:, None]).T @ columns if len(off) else np.zeros((3, 3))
+    if value @ information @ value < ROW_CHI2:
+        value, single = np.zeros(3), _excess(off, sigma, least)
+    return RowError(float(value[0]), value[1:], centre, half, single, len(off))
+
+
+def _excess(left_over: FloatArray, sigma: FloatArray, least: float) -> float:
+    """Sigma, pixels, by which residuals exceed their own sigma: by their median, found by halving the interval."""
+    low, high = least, ROW_SHIFT_MOST
+    if len(sigma) == 0:
+        return least
+
+    def explained(single: float) -> bool:
+        ratio = np.abs(left_over) / np.sqrt(sigma**2 + single**2)
+        return bool(np.median(ratio) < NORMAL_QUARTILE)
+
+    if explained(low):
+        return least
+    for _ in range(ROW_ROUNDS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if explained(middle) else (middle, high)
+    # Few residuals say little: they are added to so many that say that there is no such error.
+    return float(np.sqrt(least**2 + high**2 * len(sigma) / (len(sigma) + ROW_WITNESSES)))

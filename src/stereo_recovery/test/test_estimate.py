@@ -1,0 +1,160 @@
+"""One estimate of edges that are tied to each other: closed forms, and dense algebra as the referee."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stereo_recovery.edges.estimate import OwnLines, estimate, first_of_edges, probabilities
+from stereo_recovery.edges.factors import Factors
+from stereo_recovery.edges.normal_equations import NormalEquations
+
+
+def tied(pairs: list[tuple[int, float, int, float]], prior: float = 0.98, sigma: float = 0.03) -> Factors:
+    """Statements that edge e at place s has the disparity of edge f at place r: (e, s, f, r) each."""
+    e, s, f, r = (np.array(column) for column in zip(*pairs))
+    k = len(pairs)
+    one = np.ones(k)
+    return Factors(
+        e,
+        f,
+        np.stack([one, s], axis=1),
+        np.stack([one, r], axis=1),
+        np.zeros(k),
+        np.full(k, sigma),
+        np.full(k, prior),
+        np.full(k, 30.0),
+    )
+
+
+def measured(disparities: list[tuple[float, float]], sigmas: list[float]) -> OwnLines:
+    """Edges from place -50 to 50 whose own lines know the disparities at both ends to these sigmas."""
+    ends = np.array([[1.0, -50.0], [1.0, 50.0]])
+    information = np.array([ends.T @ ends / sigma**2 for sigma in sigmas])
+    vector = np.array([ends.T @ np.array(d) / sigma**2 for d, sigma in zip(disparities, sigmas)])
+    return OwnLines(information, vector, np.tile([-50.0, 50.0], (len(sigmas), 1)))
+
+
+def solved(lines: OwnLines, factors: Factors):
+    return estimate(lines, factors, np.zeros(len(factors), bool))
+
+
+@st.composite
+def problems(draw: st.DrawFn):
+    """Random edges, and statements about one or two of them, of which some are used."""
+    n, k = draw(st.integers(1, 12)), draw(st.integers(0, 20))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    root = rng.normal(size=(n, 2, 2))
+    edge = rng.integers(0, n, k)
+    other = rng.integers(-1, n, k)
+    other[other == edge] = -1
+    factors = Factors(
+        edge,
+        other,
+        rng.normal(size=(k, 2)),
+        rng.normal(size=(k, 2)),
+        rng.normal(size=k),
+        rng.uniform(0.1, 1.0, k),
+        rng.uniform(0.1, 0.9, k),
+        np.full(k, 30.0),
+    )
+    return root @ np.swapaxes(root, 1, 2) + 0.1 * np.eye(2), rng.normal(size=(n, 2)), factors, rng.uniform(size=k) < 0.7
+
+
+@settings(deadline=None, max_examples=60)
+@given(problems())
+def test_sparse_normal_equations_are_the_dense_ones(problem):
+    information, vector, factors, used = problem
+    n, k = len(information), len(factors)
+    rows = np.zeros((k, 2 * n))
+    for q in range(k):
+        rows[q, 2 * factors.edge[q] : 2 * factors.edge[q] + 2] += factors.row[q]
+        if factors.other[q] >= 0:
+            rows[q, 2 * factors.other[q] : 2 * factors.other[q] + 2] -= factors.other_row[q]
+    matrix = np.zeros((2 * n, 2 * n))
+    for e in range(n):
+        matrix[2 * e : 2 * e + 2, 2 * e : 2 * e + 2] = information[e]
+    weight = used / factors.sigma**2
+    inverse = np.linalg.inv(matrix + (rows * weight[:, None]).T @ rows)
+    x = inverse @ (vector.ravel() + rows.T @ (weight * factors.value))
+    found = NormalEquations(information, vector, factors).solve(used)
+    np.testing.assert_allclose(found.x.ravel(), x, atol=1e-9)
+    blocks = np.stack([inverse[2 * e : 2 * e + 2, 2 * e : 2 * e + 2] for e in range(n)])
+    np.testing.assert_allclose(found.covariance, blocks, atol=1e-9)
+    np.testing.assert_allclose(found.residual, factors.value - rows @ x, atol=1e-9)
+    np.testing.assert_allclose(found.variance, np.einsum('ki,ij,kj->k', rows, inverse, rows), atol=1e-9)
+
+
+def test_two_edges_that_meet_share_what_they_know():
+    lines = measured([(10.0, 10.2), (10.1, 12.0)], [0.1, 0.1])
+    found = solved(lines, tied([(0, 50.0, 1, -50.0)]))
+    at_corner = found.x[0] @ [1.0, 50.0], found.x[1] @ [1.0, -50.0]
+    assert at_corner[0] == pytest.approx(at_corner[1], abs=0.02)
+    assert np.mean(at_corner) == pytest.approx(10.15, abs=0.01)
+    sigma = np.sqrt([1.0, 50.0] @ found.covariance[0] @ [1.0, 50.0])
+    assert sigma == pytest.approx(0.1 / np.sqrt(2.0), rel=0.1)
+
+
+def test_an_open_edge_is_where_its_corners_are_and_no_more_certain():
+    lines = measured([(10.0, 10.0), (20.0, 20.0), (15.0, 15.0)], [0.1, 0.2, 50.0])
+    found = solved(lines, tied([(2, -50.0, 0, 50.0), (2, 50.0, 1, -50.0)]))
+    assert found.x[2] @ [1.0, -50.0] == pytest.approx(10.0, abs=1e-3)
+    assert found.x[2] @ [1.0, 50.0] == pytest.approx(20.0, abs=1e-3)
+    sigma = np.sqrt([1.0, 50.0] @ found.covariance[2] @ [1.0, 50.0])
+    assert sigma == pytest.approx(np.hypot(0.2, 0.03), rel=0.01)
+    # Both ends hang on one statement each.
+    assert found.reliability[2] == pytest.approx(np.prod(found.holds), rel=1e-6)
+    assert (found.reliability[:2] == 1.0).all()
+
+
+def test_edges_that_only_one_eye_sees_meet_are_not_bent_to_meet():
+    lines = measured([(10.0, 10.0), (14.0, 14.0)], [0.1, 0.1])
+    found = solved(lines, tied([(0, 50.0, 1, -50.0)]))
+    np.testing.assert_allclose(found.x, [[10.0, 0.0], [14.0, 0.0]], atol=1e-6)
+    assert not found.used.any()
+
+
+def test_of_three_statements_the_one_that_two_contradict_goes():
+    lines = measured([(10.0, 10.0), (10.0, 10.0), (16.0, 16.0), (12.0, 12.0)], [0.1, 0.1, 0.1, 50.0])
+    factors = tied([(3, -50.0, 0, 50.0), (3, 0.0, 1, 50.0), (3, 50.0, 2, -50.0), (3, 45.0, 0, -50.0)])
+    found = solved(lines, factors)
+    assert found.used.tolist() == [True, True, False, True]
+    np.testing.assert_allclose(found.x[3], [10.0, 0.0], atol=0.01)
+
+
+def test_a_statement_that_nothing_tests_holds_with_its_prior():
+    """What an open edge meets it would meet anywhere: that it does proves nothing."""
+    lines = measured([(10.0, 10.0), (15.0, 15.0)], [0.1, 8.0])
+    for prior in (0.1, 0.4, 0.6, 0.9):
+        factors = tied([(1, 50.0, 0, -50.0)], prior)
+        for used in (False, True):
+            solution = NormalEquations(lines.information, lines.vector, factors).solve(np.array([used]))
+            assert probabilities(factors, solution, np.array([used]))[0] == pytest.approx(prior, abs=0.15)
+
+
+def test_the_clearest_of_neighbouring_statements_goes_first():
+    factors = tied([(0, 0.0, 1, 0.0), (1, 0.0, 2, 0.0), (3, 0.0, 4, 0.0)])
+    chosen = first_of_edges(factors, np.ones(3, bool), np.array([0.2, 0.1, 0.4]), 5)
+    assert chosen.tolist() == [False, True, True]
+
+
+def test_stated_covariances_are_those_of_the_errors():
+    """Rings of edges with normal errors: the mean square of normalised errors is that of two unknowns."""
+    rng = np.random.default_rng(5)
+    n = 40
+    ends = np.array([[1.0, -50.0], [1.0, 50.0]])
+    squares = []
+    for _ in range(30):
+        true = np.cumsum(rng.normal(size=n + 1))
+        truth = np.stack([true[:-1], true[1:]], axis=1)
+        sigmas = rng.uniform(0.05, 0.5, n)
+        lines = measured([tuple(d + s * rng.normal(size=2)) for d, s in zip(truth, sigmas)], sigmas.tolist())
+        factors = tied([(k, 50.0, k + 1, -50.0) for k in range(n - 1)])
+        factors.value[:] = 0.03 * rng.normal(size=n - 1)
+        found = solved(lines, factors)
+        off = found.x @ ends.T - truth
+        spread = ends @ found.covariance @ ends.T
+        squares += np.einsum('ni,nij,nj->n', off, np.linalg.inv(spread), off).tolist()
+    assert np.mean(squares) == pytest.approx(2.0, rel=0.15)
