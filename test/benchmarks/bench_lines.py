@@ -8,10 +8,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from functools import partial
 
-import by_labelling
 import numpy as np
 from line_scoring import LineScore, pose_errors
 from measure import Measurement, milliseconds, seed_range
@@ -125,11 +123,9 @@ def main(arguments: list[str] | None = None) -> int:
         help='any pose, many edges along the rows, or any pose with one ray a pixel',
     )
     parser.add_argument('--each', action='store_true', help='a line for every scene')
-    parser.add_argument('--labelling', action='store_true', help='with the matching of by_labelling.py')
     options = parser.parse_args(arguments)
     for kind in options.kinds:
-        with by_labelling.in_place() if options.labelling else nullcontext():
-            figures = score(kind, options.seeds, options.each).figures()
+        figures = score(kind, options.seeds, options.each).figures()
         print(f'-- {kind}, seeds {options.seeds[0]}..{options.seeds[-1]}')
         for name, value in figures.items():
             bars = ALIASED_BARS if kind == 'aliased' else BARS

@@ -335,23 +335,3 @@ def solids() -> dict[str, Shape]:
         'cylinder': cylinder(15 * mm, 40 * mm).at(centred(0, 0, -20)),
         'cylinder on box': base.at(centred(-35, -25, -25)) + cylinder(15 * mm, 35 * mm).at(centred(-10, -5, 0)),
     }
-
-
-def segments_between(ends: np.ndarray) -> Segments:
-    """Straight segments between points (n, 2, 2), pixels."""
-    run = ends[:, 1] - ends[:, 0]
-    length = np.hypot(run[:, 0], run[:, 1])
-    n = len(ends)
-    return Segments(
-        np.tile([0, 30], (n, 1)),
-        np.arange(n),
-        ends.mean(axis=1),
-        run / length[:, None],
-        length[:, None] * [-0.5, 0.5],
-        np.full(n, 0.02),
-        np.zeros(n),
-        length,
-        np.stack([np.full(n, 0.02), 0.05 / length], axis=1),
-        np.full(n, 20.0),
-        np.full(n, -1, np.int32),
-    )

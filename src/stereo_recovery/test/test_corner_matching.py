@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic import segments_between
 
 from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.detection.junctions import find_junctions
@@ -47,7 +46,7 @@ def pair(lines: list) -> tuple[Matches, Segments, Segments]:
         np.sort(left[..., 1], axis=1),
         np.ones(n),
     )
-    return matches, segments_between(left), segments_between(right)
+    return matches, Segments.between(left, 0.02), Segments.between(right, 0.02)
 
 
 def found(matches: Matches, left: Segments, right: Segments) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -98,7 +97,7 @@ def test_an_edge_between_two_known_corners_needs_but_one_image(side):
     segment = np.array([[LOW_LEFT[:2], DEEP[:2]]]) - side * shift
     sides = [left, right]
     ends = np.stack([sides[side].start, sides[side].end], axis=1)
-    sides[side] = segments_between(np.concatenate([ends, segment]))
+    sides[side] = Segments.between(np.concatenate([ends, segment]), 0.02)
     (between,) = of_ends(LOW_LEFT, DEEP, found(matches, *sides))
     np.testing.assert_allclose(between, [53.0, 40.0], atol=0.3)
 
@@ -108,7 +107,7 @@ def test_a_line_into_whose_middle_another_runs_is_no_edge_between_corners():
     ends = np.stack([left.start, left.end], axis=1)
     middle = 0.5 * (np.array(LOW_LEFT[:2]) + DEEP[:2])
     more = np.array([[LOW_LEFT[:2], DEEP[:2]], [middle + [2.0, 0.0], middle + [40.0, 2.0]]])
-    assert not of_ends(LOW_LEFT, DEEP, found(matches, segments_between(np.concatenate([ends, more])), right))
+    assert not of_ends(LOW_LEFT, DEEP, found(matches, Segments.between(np.concatenate([ends, more]), 0.02), right))
 
 
 def test_an_edge_that_runs_the_other_way_in_the_other_image_is_matched_by_its_corners():
@@ -146,7 +145,7 @@ def test_a_chain_that_is_lost_beside_another_edge_reaches_their_common_corner():
             [corner, [230.0, 50.0]],
         ]
     )
-    segments = segments_between(ends)
+    segments = Segments.between(ends, 0.02)
     junctions = find_junctions(segments)
     reached = segments.centre[1] + junctions.abscissa[1, 1] * segments.direction[1]
     np.testing.assert_allclose(reached, corner, atol=0.5)

@@ -141,9 +141,12 @@ def lists(node):
     )
 
 
-def beliefs(left, node, value, own):
-    near, its = labelling_kernels.neighbours(left, RADIUS), lists(node)
-    support = labelling_kernels.supporters(node, value, its.first, near, 60.0)
+def beliefs(left, node, value, own, met=None):
+    """met : ends that are corners, of left and of right segments."""
+    if met is None:
+        met = tuple(np.full((count, 2), -1, np.int32) for count in (len(left.start), node[:, 1].max() + 1))
+    near, its = labelling_kernels.neighbours(left, met[0], RADIUS), lists(node)
+    support = labelling_kernels.supporters(node, value, its.first, near, met[1], 60.0)
     against = labelling_kernels.rival_lists(node, value, its)
     return labelling_kernels.propagate(np.ascontiguousarray(node[:, 0]), own, near, support, against, RADIUS, 8)[1]
 
@@ -178,6 +181,21 @@ def test_a_neighbour_of_like_disparity_decides_between_two_candidates():
     belief = beliefs(left, node, value, np.array([2.0, 2.0, 6.0]))
     assert belief[0] > 0.8
     assert belief[1] < 0.1
+
+
+def test_what_meets_in_both_images_meets_in_space():
+    """Two segments with a corner; of two candidates a few pixels apart one has it at the other's depth."""
+    left = table(((100.0, 10.0), (100.0, 50.0)), ((100.0, 50.0), (140.0, 80.0)))
+    node = np.array([[0, 0], [0, 1], [1, 2]], np.int32)
+    d = np.array([34.0, 30.0, 30.0])
+    value = np.column_stack([d] * 3 + [np.full(3, 10.0), np.full(3, 50.0), np.zeros(3), d, d])
+    own = np.array([3.0, 1.0, 6.0])
+    none = np.full((3, 2), -1, np.int32)
+    met = np.array([[-1, 1], [0, -1]], np.int32), np.array([[-1, -1], [-1, 2], [1, -1]], np.int32)
+    apart = beliefs(left, node, value, own, (none[:2], none))
+    joined = beliefs(left, node, value, own, met)
+    assert joined[1] > apart[1]
+    assert joined[1] > joined[0]
 
 
 def test_the_end_of_a_row_of_like_bars_tells_their_period():

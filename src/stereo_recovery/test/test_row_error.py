@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic import segments_between
 
 from stereo_recovery.detection.conics import Ellipse, sampson
 from stereo_recovery.detection.junctions import find_junctions
+from stereo_recovery.detection.segments import Segments
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.row_error import RowError, row_error
 from stereo_recovery.matching.stereo_segments import StereoSegments
@@ -37,7 +37,7 @@ def squares(shift, noise: float = 0.0) -> StereoSegments:
         np.sort(ends[0][..., 1], axis=1),
         np.ones(len(index)),
     )
-    segments = segments_between(ends[0]), segments_between(ends[1])
+    segments = Segments.between(ends[0], 0.02), Segments.between(ends[1], 0.02)
     return StereoSegments(matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])))
 
 

@@ -14,6 +14,7 @@ from .settings import (
     BIAS_SHARE,
     CORRELATION_LENGTH,
     LEAST_BIAS,
+    LEAST_CHORD,
     LEAST_INFORMATION,
     LEAST_SAGITTA,
     LEVEL_SINE,
@@ -74,6 +75,34 @@ class Segments:
 
     def __len__(self) -> int:
         return len(self.bounds)
+
+    @staticmethod
+    def between(ends: FloatArray, sigma: float) -> Segments:
+        """Straight segments whose ends are known, of no edgels: what another detector, or geometry, gives.
+
+        Parameters
+        ----------
+        ends : (n, 2, 2) float64, pixels
+            Start and end of each, the bright side on the same hand throughout.
+        sigma : float, pixels
+            Of the ends across the line.
+        """
+        count = len(ends)
+        run = ends[:, 1] - ends[:, 0]
+        length = np.maximum(np.hypot(run[:, 0], run[:, 1]), LEAST_CHORD)
+        return Segments(
+            np.zeros((count, 2), np.int64),
+            np.arange(count),
+            ends.mean(axis=1),
+            run / length[:, None],
+            length[:, None] * [-0.5, 0.5],
+            np.full(count, sigma),
+            np.zeros(count),
+            length,
+            np.stack([np.full(count, sigma), 2.0 * sigma / length], axis=1),
+            np.zeros(count),
+            np.full(count, -1, np.int32),
+        )
 
     def select(self, index: AnyArray) -> Segments:
         """A subset or reordering: (m,) indices or (n,) bool."""

@@ -173,6 +173,9 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
         Factors that were found to hold before.
     """
     count = len(lines.extent)
+    if count == 0:
+        none = np.zeros(0)
+        return Estimate(lines.vector, lines.information, used, none, none)
     equations = NormalEquations(lines.information, lines.vector, factors)
     used = _start(equations, lines, used)
     removed = np.zeros(len(factors), np.int64)

@@ -4,6 +4,7 @@ Along its left segment an edge has the disparity d(s) = a + b s; its unknowns ar
 statement, h x_e - g x_f = value, give or take a sigma, that holds unless an accident of the views made it:
 
 * junction: two edges that meet in an image have one disparity there;
+* rounded corner: their lines cross beyond their chains, in both images;
 * end: both segments of an edge end at one point, whose columns give its disparity;
 * parallel: an edge runs in the direction of others, see :mod:`.parallel_groups`.
 """
@@ -16,7 +17,9 @@ import numpy as np
 
 from msgs_py.numeric.typed import AnyArray, FloatArray, IntArray
 
+from ..detection.segments import line_table
 from ..matching.stereo_segments import StereoSegments
+from .rounded_kernels import rounded_corners
 from .settings import (
     CORNER_SIGMA,
     END_PRIOR,
@@ -24,6 +27,7 @@ from .settings import (
     JUNCTION_PRIOR,
     LOOSE_END_SIGMA,
     OTHER_CORNER_PRIOR,
+    ROUNDED_PRIOR,
     SEEN_ONCE_PRIOR,
     SPREAD,
     STEEP,
@@ -115,7 +119,9 @@ def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
     parts: list[Factors] = []
     told = np.zeros(0, np.int64)
     for image, mine, others in ((0, *neighbours), (1, *neighbours[::-1])):
-        e, end = np.nonzero((mine >= 0) & (mine != np.arange(count)[:, None]))
+        # Parts of arcs end where their chains happen to be split.
+        e, end = np.nonzero((mine >= 0) & (mine != np.arange(count)[:, None]) & seen.straight[:, None])
+        e, end = e[seen.straight[mine[e, end]]], end[seen.straight[mine[e, end]]]
         f = mine[e, end]
         # Two edges meet once, and what both images show is one statement.
         pair = np.minimum(e, f) * count + np.maximum(e, f)
@@ -153,8 +159,10 @@ def end_factors(seen: StereoSegments) -> Factors:
         n edges.
     """
     mine, other = seen.ends
-    p, q = seen.points
-    own_sigma = [np.where(side.neighbour >= 0, side.sigma, LOOSE_END_SIGMA) for side in (mine, other)]
+    corner = (mine.neighbour >= 0) & (other.neighbour >= 0)
+    # Where one chain just stops, the other's end is where it stops as well, and not its corner.
+    p, q = (np.where(corner[..., None], points, stops) for points, stops in zip(seen.points, seen.chain_ends))
+    own_sigma = [np.where(corner, side.sigma, LOOSE_END_SIGMA) for side in (mine, other)]
     run = [side.direction[index][:, None] for side, index in zip(seen.segments, seen.index)]
     sigma, height = (
         np.sqrt((own_sigma[0] * run[0][..., c]) ** 2 + (own_sigma[1] * run[1][..., c]) ** 2 + least**2)
@@ -163,7 +171,7 @@ def end_factors(seen: StereoSegments) -> Factors:
     neighbours = seen.neighbours(0), seen.neighbours(1)
     # Where both meet one edge the junction tells; where they meet different ones the corners may be two.
     told = (neighbours[0] == neighbours[1]) & (neighbours[0] >= 0)
-    third = (mine.neighbour >= 0) & (other.neighbour >= 0) & (neighbours[0] != neighbours[1])
+    third = corner & (neighbours[0] != neighbours[1])
     prior = np.where(third, OTHER_CORNER_PRIOR, END_PRIOR)
     prior = np.where(mine.t_junction | other.t_junction, T_PRIOR, prior)
     # Two heights speak against one point; that they agree says little, since segments that match cover the same rows.
@@ -171,12 +179,40 @@ def end_factors(seen: StereoSegments) -> Factors:
     odds = prior / (1.0 - prior) * np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * height) * SPREAD
     prior = np.clip(np.minimum(prior, odds / (1.0 + odds)), 1e-3, 0.99)
     steep = np.minimum(np.abs(run[0][..., 1]), np.abs(run[1][..., 1])) > STEEP
-    e, end = np.nonzero(~told & ~steep)
+    e, end = np.nonzero(~told & ~steep & seen.straight[:, None])
+    abscissa = np.where(corner, mine.abscissa, seen.segments[0].extent[seen.index[0]])
     return Factors.of_one(
         e,
-        np.stack([np.ones(len(e)), mine.abscissa[e, end]], axis=1),
+        np.stack([np.ones(len(e)), abscissa[e, end]], axis=1),
         (p - q)[e, end, 0],
         sigma[e, end],
         prior[e, end],
         np.full(len(e), SPREAD),
+    )
+
+
+def rounded_corner_factors(seen: StereoSegments, x: FloatArray) -> Factors:
+    """Edges whose lines cross beyond the ends of their chains, at the same ends in both images, meet there.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        n edges.
+    x : (n, 2)
+        Their unknowns, roughly.
+    """
+    loose = (seen.ends[0].neighbour < 0) | (seen.ends[1].neighbour < 0)
+    tables = line_table(seen.segments[0]), line_table(seen.segments[1])
+    pair, point = rounded_corners(tables, seen.index, seen.flip, loose & seen.straight[:, None])
+    e, f = pair.T
+    k = len(pair)
+    return Factors(
+        e,
+        f,
+        _disparity_row(seen, e, 0, point, x),
+        _disparity_row(seen, f, 0, point, x),
+        np.zeros(k),
+        np.full(k, CORNER_SIGMA),
+        np.full(k, ROUNDED_PRIOR),
+        np.full(k, SPREAD),
     )

@@ -20,10 +20,11 @@ from ..curves.curve import Curve
 from ..detection.segments import Segments
 from .factors import Factors
 from .settings import (
-    ACCIDENTS,
     CLEAR,
     DIRECTION_SIGMA,
+    FALSE_GROUPS,
     GATE,
+    GROUP_DOUBT,
     GROUP_SEEDS,
     LEAST_LEVER,
     LEAST_MEMBERS,
@@ -109,6 +110,15 @@ def _of_normal(curve: Curve) -> AnyArray:
     return flat / (curve.tilt**2 + DIRECTION_SIGMA**2)
 
 
+def _poisson_tail(mean: float, least: int) -> float:
+    """Probability of at least so many events of which the mean number is known."""
+    term, total = float(np.exp(-mean)), 0.0
+    for k in range(least):
+        total += term
+        term *= mean / (k + 1)
+    return max(1.0 - total, 0.0)
+
+
 def _groups(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray, float]]:
     """Directions that edges share: normal matrices of each edge (n, 3, 3) and of all (3, 3), others of each edge (n,).
 
@@ -136,9 +146,10 @@ def _groups(rows: _Rows, order: AnyArray, axes: AnyArray) -> list[tuple[AnyArray
             added = _squares(rows, d) * fits[:, None, None]
             total = added.sum(axis=0) + axes[same].sum(axis=0)
         others = fits.sum() - fits + 2 * same.sum()
-        # More than so many edges of any directions would agree by accident.
-        if others.max() >= max(LEAST_MEMBERS - 1, ACCIDENTS * chance[chance < CLEAR].sum()):
-            found.append((added, total, others, fits.sum() / (1.0 + (chance < CLEAR).sum())))
+        # So many edges of any directions would agree with one of all seeds by accident.
+        false_alarms = min(GROUP_SEEDS, len(order)) * _poisson_tail(chance[chance < CLEAR].sum(), int(others.max()))
+        if others.max() >= LEAST_MEMBERS - 1 and false_alarms < FALSE_GROUPS:
+            found.append((added, total, others, fits.sum() / (GROUP_DOUBT + (chance < CLEAR).sum())))
             told |= fits
             told_axes |= same
     return found
@@ -163,6 +174,8 @@ def parallel_factors(
     """
     x, covariance = known
     usable = np.flatnonzero(left.arc[index] < 0)
+    if len(usable) == 0:
+        return Factors.none()
     rows = _rows(left, index[usable], x[usable], covariance[usable], rig)
     axes = np.array([_of_normal(c) for c in sorted(curves, key=lambda c: c.tilt)]).reshape(-1, 3, 3)
     found = []

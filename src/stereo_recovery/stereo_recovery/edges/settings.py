@@ -18,6 +18,10 @@ LOOSE_END_SIGMA, HEIGHT_SIGMA = 4.0, 0.3
 JUNCTION_PRIOR, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR, T_PRIOR = 0.98, 0.75, 0.65, 0.4
 # Probability that the ends of a pair of segments are one point. [P]
 END_PRIOR = 0.8
+# Probability that lines meet that cross beyond their chains, at most so many px and this share of their lengths; by how
+# much, px, chains may overrun the crossing; and the least sine between the lines. [R]
+ROUNDED_PRIOR, ROUNDED_GAP, ROUNDED_SHARE = 0.6, 25.0, 0.5
+ROUNDED_OVERRUN, ROUNDED_SINE = 4.0, 0.15
 # Sine of the slope above which lines know disparity better than their ends do. [R]
 STEEP = 0.3
 # px: range over which the disparity of an accident is even. [R]
@@ -31,8 +35,11 @@ GATE = 3.0
 DIRECTION_SIGMA, SLOPE_SIGMA = 2e-3, 2e-4
 # An edge says what group it is of when the chance that it had any other direction is below this. [R]
 CLEAR = 0.01
-# There have to be so many members, and more than so many times what agrees by accident. [R]
-LEAST_MEMBERS, ACCIDENTS = 2, 3.0
+# There have to be so many members, and so many that accident makes less than this number of groups in a picture (A.
+# Desolneux, L. Moisan and J.-M. Morel's a-contrario reasoning). [D] one picture in twenty
+LEAST_MEMBERS, FALSE_GROUPS = 3, 0.05
+# Edges of other directions that are taken to be there beside those that are known. [R]
+GROUP_DOUBT = 10.0
 # Most groups, and seeds from which they are grown, the best known first. [R] bounds the time
 MOST_GROUPS, GROUP_SEEDS = 12, 100
 # Share of an edge's direction that is seen, below which it recedes too steeply to be told its slope. [R]

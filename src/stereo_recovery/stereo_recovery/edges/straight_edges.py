@@ -15,7 +15,7 @@ from ..matching.stereo_segments import StereoSegments
 from .corner_matching import inconsistent, matched_by_corners
 from .estimate import Estimate, estimate
 from .extents import Extents, extents
-from .factors import Factors, end_factors, junction_factors
+from .factors import Factors, end_factors, junction_factors, rounded_corner_factors
 from .junction_edges import Corners, corners, junction_edges
 from .lines3d import Lines3D
 from .own_lines import own_lines
@@ -33,10 +33,10 @@ def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig:
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
     ends = end_factors(seen)
-    factors = Factors.concatenate([junction_factors(seen, x), ends])
+    factors = Factors.concatenate([junction_factors(seen, x), rounded_corner_factors(seen, x), ends])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):
-        own = Factors.concatenate([junction_factors(seen, found.x), ends])
+        own = Factors.concatenate([junction_factors(seen, found.x), rounded_corner_factors(seen, found.x), ends])
         parallel = parallel_factors(seen.segments[0], seen.matches.left, (found.x, found.covariance), curves, rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used)

@@ -97,6 +97,8 @@ def _witnesses(seen: StereoSegments) -> tuple[FloatArray, FloatArray, FloatArray
     mine, other = seen.ends
     neighbours = seen.neighbours(0), seen.neighbours(1)
     corner = (neighbours[0] >= 0) & (neighbours[0] == neighbours[1]) & ~mine.t_junction & ~other.t_junction
+    # Parts of arcs end where their chains happen to be split.
+    corner &= seen.straight[:, None] & seen.straight[neighbours[0]]
     variance = np.zeros(corner.shape)
     for side, index, ends in ((left, i, mine), (right, j, other)):
         u, v = side.direction[index].T
@@ -104,7 +106,7 @@ def _witnesses(seen: StereoSegments) -> tuple[FloatArray, FloatArray, FloatArray
     e, end = np.nonzero(corner)
     # A level line has one height, however far apart its matched ends are.
     along, across = left.direction[i].T
-    level = np.flatnonzero((np.abs(across) < LEVEL_ROW) & (np.abs(right.direction[j, 1]) < LEVEL_ROW))
+    level = np.flatnonzero((np.abs(across) < LEVEL_ROW) & (np.abs(right.direction[j, 1]) < LEVEL_ROW) & seen.straight)
     middle = 0.5 * (left.start + left.end)[i[level]]
     column = middle[:, 0] - seen.matches.disparity[level, 1]
     u, v = right.direction[j[level]].T
@@ -146,7 +148,8 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowE
         # Student's weights: some corners are none, and some matches are wrong.
         variance = sigma**2 + single**2
         weight = 2.0 / (variance + left_over**2)
-        value = np.linalg.solve((columns * weight[:, None]).T @ columns + prior, columns.T @ (weight * off))
+        normal = (columns * weight[:, None]).T @ columns + prior
+        value = np.asarray(np.linalg.solve(normal, columns.T @ (weight * off)), np.float64)
     # What chance explains is no error: chi squared of three numbers, of which few exact rigs have so much.
     information = (columns / variance[:, None]).T @ columns if len(off) else np.zeros((3, 3))
     if value @ information @ value < ROW_CHI2:

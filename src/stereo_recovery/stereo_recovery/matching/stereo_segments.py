@@ -41,6 +41,12 @@ class StereoSegments:
         return reversed_polarity(*self.segments, *self.index)
 
     @cached_property
+    def straight(self) -> BoolArray:
+        """(n,) whether neither image shows the edge as a part of an arc."""
+        left, right = (side.arc[index] < 0 for side, index in zip(self.segments, self.index))
+        return left & right
+
+    @cached_property
     def ends(self) -> tuple[Junctions, Junctions]:
         """The junctions at the ends of the left and of the right segments, in the left segments' order."""
         here, there = self.junctions
@@ -58,6 +64,14 @@ class StereoSegments:
             for side, index, ends in zip(self.segments, self.index, self.ends)
         )
         return left, right
+
+    @cached_property
+    def chain_ends(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 2, 2) each, pixels: where the chains end, whatever they meet."""
+        left, right = (
+            np.stack([side.start[index], side.end[index]], axis=1) for side, index in zip(self.segments, self.index)
+        )
+        return left, np.where(self.flip[:, None, None], right[:, ::-1], right)
 
     @cached_property
     def edge_of(self) -> tuple[IntArray, IntArray]:
