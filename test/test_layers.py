@@ -54,6 +54,8 @@ ROOMS = {
         'closed_form',
     ),
 }
+# Rooms inside a room that belong to one module of it: nothing else, and no room beside them, imports them.
+OWNERS = {'csg_renderer.raycast.array_machine': 'csg_renderer.raycast.engine_dap'}
 ROS = (
     'rclpy',
     'sensor_msgs',
@@ -172,6 +174,18 @@ def test_no_room_imports_a_later_one(package):
         if room_number(other, package) > room_number(module_name(path), package)
     ]
     assert not against, '\n'.join(against)
+
+
+@pytest.mark.parametrize(('room', 'owner'), OWNERS.items())
+def test_a_room_that_belongs_to_one_module_is_imported_by_it_alone(room, owner):
+    package = room.split('.')[0]
+    users = {
+        module_name(path)
+        for path in sources(package)
+        if any(f'{other}.'.startswith(f'{room}.') for other in inner_imports(path, package))
+    }
+    outside = {user for user in users if not f'{user}.'.startswith(f'{room}.')}
+    assert outside == {owner}, f'{room} is imported by {sorted(outside)}'
 
 
 @pytest.mark.parametrize('package', PACKAGES)

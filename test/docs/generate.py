@@ -207,7 +207,7 @@ def config_file(found: Interface) -> str:
 
 
 def rooms() -> str:
-    """Every room with its one sentence, in the order of imports that the layer test holds."""
+    """Every room with its one sentence, in the order of imports that the layer test holds; then the rooms inside it."""
     source = ast.parse((ROOT / 'test' / 'test_layers.py').read_text(encoding='utf-8'))
     order: dict[str, tuple[str, ...]] = next(
         ast.literal_eval(node.value)
@@ -217,10 +217,11 @@ def rooms() -> str:
     lines = [ROOMS_BEGIN, '', '| room | what it is for |', '| --- | --- |']
     for package, names in order.items():
         for name in names:
-            face = ROOT / 'src' / package / package / name / '__init__.py'
-            if face.exists():
+            base = ROOT / 'src' / package / package
+            for face in sorted((base / name).rglob('__init__.py'), key=lambda face: face.parent):
                 words = ast.get_docstring(ast.parse(face.read_text(encoding='utf-8'))) or ''
-                lines.append(f'| `{package}.{name}` | {words.splitlines()[0]} |')
+                room = '.'.join(face.parent.relative_to(base.parent).parts)
+                lines.append(f'| `{room}` | {words.splitlines()[0]} |')
     return '\n'.join([*lines, '', ROOMS_END])
 
 

@@ -23,7 +23,7 @@ from thesis import (
 from csg_renderer import Frame, Scene, default_camera, load_scene, render, scene_names, scene_path
 from csg_renderer.features import thesis_counts
 from csg_renderer.raycast import engine_dap
-from csg_renderer.raycast.array_caster import Caster
+from csg_renderer.raycast.array_machine.caster import Caster
 from csg_renderer.raycast.flatten import flatten
 from csg_renderer.raycast.frame import RenderOptions, RenderStats
 from csg_renderer.raycast.program import program_of, view_of

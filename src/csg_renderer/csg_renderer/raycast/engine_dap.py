@@ -22,8 +22,8 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 from ..scene.scene import Scene
 from ..scene.solid import FACES
 from ..scene.terrain import Terrain
-from .array_caster import CODES, INFINITE, Caster, Rays, Spans
-from .array_terrain import ArrayTerrain
+from .array_machine.caster import CODES, INFINITE, Caster, Rays, Spans
+from .array_machine.terrain import ArrayTerrain
 from .engines import ViewPose
 from .frame import FACE_SLOTS, MISS, Frame, RenderOptions, RenderStats
 from .frame_buffers import ImageHits

@@ -15,7 +15,7 @@ from dap_emulator.machine.arrays import DapArray, Operand
 from dap_emulator.machine.dap import Dap
 from dap_emulator.machine.kinds import LOGICAL, Kind, integer
 
-from .settings import FAR, NEVER, SHORT_WORD_ROUNDINGS, SHORT_WORD_TINY, TINY
+from ..settings import FAR, NEVER, SHORT_WORD_ROUNDINGS, SHORT_WORD_TINY, TINY
 
 CODES = integer(4)
 INFINITE = float('inf')

@@ -18,10 +18,10 @@ from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.arrays import DapArray
 from msgs_py.numeric.typed import FloatArray
 
-from ..scene.settings import CELL_SLACK
-from ..scene.terrain import Terrain
-from .array_caster import INFINITE, Caster, Rays
-from .settings import HEIGHT_SLACK
+from ...scene.settings import CELL_SLACK
+from ...scene.terrain import Terrain
+from ..settings import HEIGHT_SLACK
+from .caster import INFINITE, Caster, Rays
 
 # A block of cells: level of the pyramid (0 is single cells), row and column in that level.
 Block: TypeAlias = tuple[int, int, int]
