@@ -14,6 +14,8 @@ import pytest
 import csg_renderer
 import model_matcher
 import stereo_recovery
+from stereo_recovery.edges import settings as edge_settings
+from stereo_recovery.matching import settings as matching_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / 'test' / 'docs'
@@ -61,6 +63,15 @@ def test_python_examples_compile_and_import_what_exists(page):
         compile(block, str(page), 'exec')
         imports = [line for line in block.splitlines() if line.startswith(('import ', 'from '))]
         exec('\n'.join(imports), {})
+
+
+def test_the_page_of_the_method_quotes_the_settings():
+    page = (ROOT / 'src/stereo_recovery/docs/method.md').read_text(encoding='utf-8')
+    quoted = re.findall(r'`([A-Z][A-Z_]+) = (-?[\d.]+)`', page)
+    assert len(quoted) > 40
+    for name, number in quoted:
+        values = [getattr(room, name) for room in (matching_settings, edge_settings) if hasattr(room, name)]
+        assert float(number) in values, f'{name}: the page says {number}, the settings {values}'
 
 
 def test_the_example_of_the_types_runs(tmp_path, monkeypatch):

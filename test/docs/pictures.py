@@ -1,4 +1,4 @@
-"""Draws the pictures of the documentation: the conventions, and the worked example step by step.
+"""Draws the pictures of the documentation: conventions, the method of recovery, and the worked example step by step.
 
 python test/docs/pictures.py [--out FOLDER]      # default: where the pages look for them
 """
@@ -15,6 +15,7 @@ import cv2
 import matplotlib
 
 matplotlib.use('Agg')
+import factor_graph
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -28,6 +29,7 @@ SOURCE = Path(__file__).resolve().parents[2] / 'src'
 EXAMPLE = SOURCE / 'model_matcher' / 'docs'
 CONVENTIONS = SOURCE / 'msgs_py' / 'docs'
 ARRAY_MACHINE = SOURCE / 'dap_emulator' / 'docs'
+METHOD = SOURCE / 'stereo_recovery' / 'docs'
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'chrome')
 # The step of the Game of Life that is shown: the masked assignment of its first generation.
 MASKED_STEP = 4
@@ -164,9 +166,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--out', type=Path, help='one folder for all pictures')
     out = parser.parse_args().out
-    for folder in (CONVENTIONS, EXAMPLE, ARRAY_MACHINE) if out is None else (out,):
+    for folder in (CONVENTIONS, EXAMPLE, ARRAY_MACHINE, METHOD) if out is None else (out,):
         folder.mkdir(parents=True, exist_ok=True)
     draw_conventions((out or CONVENTIONS) / 'conventions.png')
+    factor_graph.draw((out or METHOD) / 'factor_graph.png')
     draw_example(out or EXAMPLE)
     draw_watched_program((out or ARRAY_MACHINE) / 'watch.png')
 

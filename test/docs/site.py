@@ -44,7 +44,7 @@ GUIDES = {
     'msgs_py': (),
     'dap_emulator': (('The array machine', 'docs/dap.md'),),
     'csg_renderer': (('The modelling language', 'docs/language.md'), ('Gallery', 'docs/scenes.md')),
-    'stereo_recovery': (('Your camera', 'docs/your_camera.md'),),
+    'stereo_recovery': (('Your camera', 'docs/your_camera.md'), ('The method', 'docs/method.md')),
     'model_matcher': (),
 }
 

@@ -78,13 +78,13 @@ class RecoveryConfig(Config):
     )
     min_belief: float = parameter(
         DEFAULT.min_belief,
-        'Least belief of a match: 1 accepts only the best of all',
+        'Probability below which a pair of segments is no match',
         minimum=LIMITS['min_belief'][0],
         maximum=LIMITS['min_belief'][1],
     )
     rectification_sigma: float = parameter(
         DEFAULT.rectification_sigma,
-        'By how much corresponding rows may disagree',
+        'Least sigma of single rows; what the pair itself shows of their error is measured',
         unit='px',
         minimum=LIMITS['rectification_sigma'][0],
         maximum=LIMITS['rectification_sigma'][1],

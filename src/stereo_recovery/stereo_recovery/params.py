@@ -42,9 +42,10 @@ class RecoveryParams:
     support_radius : float
         Pixels. Neighbourhood in which matches support each other.
     min_belief : float
-        A match is kept when its strongest competitor has less than about 1 - min_belief of its strength.
+        Probability below which a pair of segments is no match.
     rectification_sigma : float
-        Pixels. By how much corresponding rows may disagree; about 0.2 for a typical calibration.
+        Pixels. Least sigma by which single rows of the two images disagree. What the pair itself shows of that, an
+        offset and a turn of the rows and what single rows differ by, is measured.
 
     Raises
     ------

@@ -6,8 +6,10 @@ is texture, dense disparity say for it. Neighbours that may lie on one surface s
 agree (Pollard, Mayhew and Frisby's disparity gradient as a density), and candidates that exclude each other compete:
 loopy belief propagation, a few rounds. What the pair's cameras make of one surface is learnt between two passes.
 
-A. Yuille and S. Grzywacz's view of stereo as inference, and S. Pollard, J. Mayhew, J. Frisby, "PMF: a stereo
-correspondence algorithm using a disparity gradient limit", Perception 14, 1985.
+References
+----------
+S. Pollard, J. Mayhew, J. Frisby, "PMF: a stereo correspondence algorithm using a disparity gradient limit", Perception
+14, 1985; A. Yuille, D. Geiger, H. Buelthoff, "Stereo integration, mean field theory and psychophysics", ECCV 1990.
 """
 
 from __future__ import annotations
