@@ -14,12 +14,14 @@ from dap_emulator import Dap
 from model_matcher import MatchParams, ModelIndex, index_model, match
 from model_matcher.interpretation_tree.absolute_pose import Validation, validate
 from model_matcher.interpretation_tree.array_tables import Phase
-from model_matcher.interpretation_tree.array_validation import TOGETHER, Limits, validate_on_array
+from model_matcher.interpretation_tree.array_validation import Limits, at_once, validate_on_array
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.interpretation_tree.tree import tree_search
 from msgs_py import FeatureKind, FeatureSet
 
 FRACDEV = 0.1
+# Interpretations that the DAP 510 validates together.
+TOGETHER = at_once(Dap.model('510'))
 # The three scenes of the profile: the smallest and the largest that the text compares, and one between.
 PROFILED = ('chipped_block_v2', 'l_shape_v1', 'computer_v1')
 PARTS = ('set-up', 'rotation', 'Jacobi', 'translation and scale', 'test')

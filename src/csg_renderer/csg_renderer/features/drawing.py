@@ -175,11 +175,10 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
     if Path(path).suffix.lower() not in ('.png', '.svg', '.pdf'):
         raise ValueError(f'{path}: expected .png, .svg or .pdf')
     # matplotlib takes half a second to import, and only drawing needs it.
-    from matplotlib import collections
-    from matplotlib import figure as figures
+    from matplotlib import collections, figure
 
-    figure = figures.Figure(figsize=(drawing.width / 100.0, drawing.height / 100.0), dpi=100)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    page = figure.Figure(figsize=(drawing.width / 100.0, drawing.height / 100.0), dpi=100)
+    axes = page.add_axes((0.0, 0.0, 1.0, 1.0))
     styles: tuple[tuple[list[np.ndarray], dict[str, Any]], ...] = (
         (drawing.hidden, {'color': '0.6', 'linewidth': 0.8, 'linestyle': (0, (4, 3))}),
         (drawing.axes, {'color': 'tab:red', 'linewidth': 0.8, 'linestyle': '-.'}),
@@ -194,7 +193,7 @@ def save_drawing(drawing: Drawing, path: str | Path, title: str = '') -> None:
     axes.axis('off')
     if title:
         axes.text(10, 20, title, fontsize=9)
-    figure.savefig(path)
+    page.savefig(path)
 
 
 def polylines(features: FeatureSet, kinds: tuple[FeatureKind, ...], samples: int = 64) -> list[np.ndarray]:

@@ -37,5 +37,3 @@ CLUTTER_DEPTH = (0.9, 1.5)
 TIMEOUT_S = 60.0
 # Seconds that the executor waits before the awaited condition is tested again.
 SPIN_S = 0.05
-# Rendering, recovery and matching of the first pair include compiling; the times reported are of the pair after it.
-WARM_PAIRS = 1

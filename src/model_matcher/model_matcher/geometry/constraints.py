@@ -232,6 +232,11 @@ def _cross(a: FloatArray, b: FloatArray) -> bool:
     return bool(abs(s) < a[6] - SMALLEST_LENGTH and abs(t) < b[6] - SMALLEST_LENGTH)
 
 
+def ranges_of_pairs(*shape: int) -> FloatArray:
+    """Room for the ranges of an array of pairs, not filled: (*shape, 11) float64, see :func:`pair_ranges`."""
+    return np.empty((*shape, 11))
+
+
 @njit
 def pair_ranges(
     a: FloatArray, b: FloatArray, error_a: float, error_b: float, cone_a: float, cone_b: float, out: FloatArray

@@ -16,8 +16,6 @@ from msgs_py.numeric.typed import BoolArray
 
 from .array_tables import ArrayTables, Phase
 
-SUPPORT = integer(2)
-
 
 def alive_for(tables: ArrayTables, size: int) -> BoolArray:
     """The pairings that may be in an interpretation of a size; none when fewer features than that have one.
@@ -57,7 +55,8 @@ def alive_for(tables: ArrayTables, size: int) -> BoolArray:
 def _supports(tables: ArrayTables, alive: list[DapArray], left: list[int]) -> list[DapArray]:
     """For each data feature a vector: how many others have a model feature that agrees with each of its pairings."""
     dap, e = tables.dap, tables.e
-    support = [f.filled(dap, 0, (e,), SUPPORT) for _ in range(tables.n)]
+    # INTEGER*2: no more than the data features are counted.
+    support = [f.filled(dap, 0, (e,), integer(2)) for _ in range(tables.n)]
     still = set(left)
     for p, (a, b) in enumerate(tables.pairs):
         if a not in still or b not in still:

@@ -19,10 +19,8 @@ from dap_emulator.machine.kinds import Kind, real
 from msgs_py.numeric.typed import FloatArray
 
 from ..geometry.settings import NO_NORMAL_SINE, NOT_ZERO, ROUNDING, SMALLEST_LENGTH
-from .settings import SHORT_WORD_LENGTH, SHORT_WORD_ROUNDING, SHORT_WORD_SINE
+from .settings import SHORT_WORD_LENGTH, SHORT_WORD_ROUNDING
 
-# Beyond all angles: where a range starts before any angle has been looked at.
-NO_ANGLE = 4.0 * np.pi
 Components = Sequence[DapArray]
 
 
@@ -50,7 +48,7 @@ class Word:
     def of(cls, real_bytes: int) -> Word:
         """The word of so many bytes."""
         if real_bytes < 8:
-            return cls(real(real_bytes), SHORT_WORD_ROUNDING, SHORT_WORD_LENGTH, SHORT_WORD_SINE)
+            return cls(real(real_bytes), SHORT_WORD_ROUNDING, SHORT_WORD_LENGTH, SHORT_WORD_ROUNDING)
         return cls(real(real_bytes), ROUNDING, SMALLEST_LENGTH, NO_NORMAL_SINE)
 
     @property
@@ -165,8 +163,8 @@ def corner_ranges(dap: Dap, word: Word, a: Segments, b: Segments, errors: Errors
     pairs = _Pairs(dap, word, a, b, errors)
     if errors is not None:
         pairs.without_uncertain_normals(errors.cone_a + errors.cone_b)
-    lows: list[DapArray] = [pairs.filled(NO_ANGLE) for _ in range(4)]
-    highs: list[DapArray] = [pairs.filled(-NO_ANGLE) for _ in range(4)]
+    lows: list[DapArray] = [pairs.filled(np.inf) for _ in range(4)]
+    highs: list[DapArray] = [pairs.filled(-np.inf) for _ in range(4)]
     for s, t in pairs.corners(a, b):
         vector = pairs.between(s, t)
         far = f.sqrt(dot(vector, vector))
@@ -237,7 +235,7 @@ def _closest(pairs: _Pairs) -> tuple[DapArray, DapArray, DapArray]:
         far = _length(pairs.between(at_s, at_t))
         if best is None:
             assert usable is not None
-            best = at_s, at_t, f.merge(far, NO_ANGLE * 1e6, usable)
+            best = at_s, at_t, f.merge(far, np.inf, usable)
             continue
         nearer = far < best[2]
         best = (f.merge(at_s, best[0], nearer), f.merge(at_t, best[1], nearer), f.merge(far, best[2], nearer))
@@ -274,7 +272,7 @@ def _stationary(pairs: _Pairs, s: DapArray) -> tuple[DapArray, DapArray]:
 
 def _direction_range(pairs: _Pairs, inner: DapArray) -> tuple[DapArray, DapArray]:
     """Range of the angle with the first feature's direction; inner : where the segments cross each other."""
-    low, high = pairs.filled(NO_ANGLE), pairs.filled(-NO_ANGLE)
+    low, high = pairs.filled(np.inf), pairs.filled(-np.inf)
     u, half, errors = pairs.a.direction, pairs.b.half, pairs.errors
     for s in (pairs.a.half, -pairs.a.half):
         between, exists = _stationary(pairs, s)
@@ -311,7 +309,7 @@ def _direction3(
     tilt = (2.0 * (f.sin(0.5 * errors.cone_a) + f.sin(0.5 * errors.cone_b))) / f.maximum(pairs.sine, NOT_ZERO)
     defined = tilt < 1.0
     turn = f.asin(f.merge(tilt, 0.0, defined))
-    low, high = pairs.filled(NO_ANGLE), pairs.filled(-NO_ANGLE)
+    low, high = pairs.filled(np.inf), pairs.filled(-np.inf)
     for angle, (_, _, distance) in zip(angles, (near, far)):
         apart = distance > errors.points
         slack = f.asin(f.merge(errors.points, 0.0, apart) / f.merge(distance, 1.0, apart)) + turn

@@ -11,9 +11,8 @@ from msgs_py.numeric.typed import BoolArray, IntArray
 
 from .ordering import curves_before_others, order_pairs
 
-COUNT = integer(4)  # matches of a pair: Fortran's INTEGER
-# Larger than any number of matches: what a pair's number becomes once the ascending sort has taken the pair.
-TAKEN = 2**30
+# The largest INTEGER: what a pair's number of matches becomes once the ascending sort has taken the pair.
+TAKEN = max(integer().range)
 
 
 def sort_pairs(dap: Dap, pairs: IntArray, sums: IntArray, ordering: str, curves: BoolArray | None = None) -> IntArray:
@@ -55,7 +54,7 @@ def sort_pairs(dap: Dap, pairs: IntArray, sums: IntArray, ordering: str, curves:
 
 def _by_count(dap: Dap, sums: IntArray, ascending: bool) -> IntArray:
     """Holder and Buxton's sort, or the opposite: the extreme of what is left, one after the other."""
-    count = dap.vector(sums, COUNT)
+    count = dap.vector(sums, integer())
     order = []
     for _ in range(len(sums)):
         position = f.eln(f.minp(count) if ascending else f.maxp(count))
@@ -66,7 +65,7 @@ def _by_count(dap: Dap, sums: IntArray, ascending: bool) -> IntArray:
 
 def _by_groups(dap: Dap, pairs: IntArray, sums: IntArray, combined: bool) -> IntArray:
     """Group by group, the pair of fewest matches first in each; Combined puts the fewest of all before them."""
-    count, second = dap.vector(sums, COUNT), dap.vector(pairs[:, 1].astype(np.int64), COUNT)
+    count, second = dap.vector(sums, integer()), dap.vector(pairs[:, 1].astype(np.int64), integer())
     order = []
     start = f.eln(f.minp(count)) if combined else 0
     if start:

@@ -28,7 +28,6 @@ from .array_ranges import Errors, Ranges, Segments, Word, corner_ranges, data_se
 from .tables import Tables, all_pairs, constraints_used
 
 SIGN_BITS = (c.SAME, c.DIFFERENT, c.A_PLUS, c.A_MINUS, c.B_PLUS, c.B_MINUS)
-LABEL = integer(4)  # Fortran's INTEGER
 
 
 class Phase(IntEnum):
@@ -305,8 +304,8 @@ class ArrayTables:
         shape = self.extents(part, with_bin)
         if part not in self._labels or self._labels[part][0].shape != shape:
             (columns, _), (rows, _) = self.parts[part].columns, self.parts[part].rows
-            first = self.dap.vector(np.arange(columns + 1, columns + 1 + shape[1]), LABEL)
-            second = self.dap.vector(np.arange(rows + 1, rows + 1 + shape[0]), LABEL)
+            first = self.dap.vector(np.arange(columns + 1, columns + 1 + shape[1]), integer())
+            second = self.dap.vector(np.arange(rows + 1, rows + 1 + shape[0]), integer())
             self._labels[part] = f.matr(first, shape[0]), f.matc(second, shape[1])
         return self._labels[part]
 

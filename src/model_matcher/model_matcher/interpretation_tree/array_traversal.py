@@ -14,18 +14,14 @@ import numpy as np
 
 from dap_emulator import DapArray
 from dap_emulator.machine import intrinsics as f
-from dap_emulator.machine.kinds import LOGICAL
+from dap_emulator.machine.kinds import LOGICAL, integer
 from msgs_py import BIN
 from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from .array_signs import ArraySigns
-from .array_sorts import COUNT
-from .array_tables import LABEL, ArrayTables, Phase
+from .array_tables import ArrayTables, Phase
 from .tables import pair_number
 from .tree import BACKTRACKS, COUNTERS, LEVELS, SIGN_CUTOFFS, TRUNCATED, UNASSIGNED, UNASSIGNED_PAIRS, Limits
-
-# Scalar operations of appendix C between ELN and the next level: loads of the pair, labels, stores, tests.
-SCALARS_OF_A_STEP = 8
 
 
 @dataclass(eq=False)
@@ -163,7 +159,7 @@ class ArrayTraversal:
             if label == UNASSIGNED:
                 continue
             sides = [part.columns if k == 0 else part.rows for part in parts]
-            begin, end = (self.dap.vector(np.array([side[j] for side in sides]), LABEL) for j in range(2))
+            begin, end = (self.dap.vector(np.array([side[j] for side in sides]), integer()) for j in range(2))
             feature = label if label >= 0 else self.e
             may = may & (begin <= feature) & (end > feature)
         return may
@@ -176,7 +172,7 @@ class ArrayTraversal:
                     0 if (plane := self.tables.table(row, part, self.with_bin)) is None else int(f.sum_(plane))
                     for part in range(len(self.tables.parts))
                 ]
-                self._counts[row] = self.dap.vector(np.array(counts), COUNT)
+                self._counts[row] = self.dap.vector(np.array(counts), integer())
         return self._counts[row]
 
     def _next_quadrant(self, level: int, entries: _Level) -> bool:
@@ -252,7 +248,8 @@ class ArrayTraversal:
                         self.counters[SIGN_CUTOFFS] += 1
                         self.group.restore(entries.signs)
                         continue
-            self.dap.charge_mcu('scalar', SCALARS_OF_A_STEP * self.dap.costs.mcu())
+            # Appendix C's scalar operations between ELN and the next level: loads of the pair, labels, stores, tests.
+            self.dap.charge_mcu('scalar', 8 * self.dap.costs.mcu())
             self.assignment[a], self.assignment[b] = (i if i < self.e else BIN), (j if j < self.e else BIN)
             self.in_bin += (i == self.e and fixed_a == UNASSIGNED) + (j == self.e and fixed_b == UNASSIGNED)
             if self.limits.look_ahead and UNASSIGNED in (fixed_a, fixed_b) and self._hopeless((a, b), (i, j), entries):

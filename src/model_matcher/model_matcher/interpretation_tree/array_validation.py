@@ -1,4 +1,4 @@
-"""Validation of interpretations as an array program (thesis 5.6, 5.9, 6.7): up to 64 of them and all edges at once.
+"""Validation of interpretations as an array program (thesis 5.6, 5.9, 6.7): many of them and all edges at once.
 
 Every interpretation has four rows of PEs and every data feature a column: a row is a component of a vector, or of a
 quaternion. 4 x 4 matrices are kept as four columns, each a vector over the rows of all interpretations, so that a step
@@ -23,9 +23,8 @@ from ..model.index import ModelIndex, feature_rows
 from .absolute_pose import Validation, proper, validate
 from .array_ranges import Word
 from .array_tables import Phase
-from .settings import JACOBI_ROUNDINGS, PIVOT_ROUNDINGS, SWEEPS, TOGETHER
+from .settings import JACOBI_ROUNDINGS, PIVOT_ROUNDINGS, SWEEPS
 
-FOUR = 4
 PHASES = (Phase.VALIDATION_SET_UP, Phase.ROTATION, Phase.JACOBI, Phase.TRANSLATION_AND_SCALE, Phase.TEST)
 
 
@@ -62,6 +61,11 @@ class ArrayValidation:
     determined: BoolArray
 
 
+def at_once(dap: Dap) -> int:
+    """Interpretations that a machine validates together: the 4 x 4 matrices that its PEs hold (thesis 5.9: 64)."""
+    return (dap.es // 4) ** 2
+
+
 def validate_on_array(
     dap: Dap,
     index: ModelIndex,
@@ -95,12 +99,12 @@ def validate_on_array(
     ----------
     Thesis 5.6, 5.9 and 6.7; O. D. Faugeras and M. Hebert (1986) for the rotation.
     """
-    word = Word.of(real_bytes)
+    word, together = Word.of(real_bytes), at_once(dap)
     batches = [
-        _Batch(dap, word, index, data, assignments[begin : begin + TOGETHER], signs[begin : begin + TOGETHER]).run(
+        _Batch(dap, word, index, data, assignments[begin : begin + together], signs[begin : begin + together]).run(
             limits
         )
-        for begin in range(0, len(assignments), TOGETHER)
+        for begin in range(0, len(assignments), together)
     ]
     return ArrayValidation(
         [pose for batch in batches for pose in batch.poses],
@@ -112,7 +116,7 @@ def validate_on_array(
 
 
 class _Batch:
-    """Up to TOGETHER interpretations: matrices (4 m, n), vectors (4 m,)."""
+    """Interpretations validated together: matrices (4 m, n), vectors (4 m,)."""
 
     def __init__(
         self, dap: Dap, word: Word, index: ModelIndex, data: FeatureSet, assignments: IntArray, signs: Int8Array
@@ -131,28 +135,28 @@ class _Batch:
 
     def _masks(self) -> None:
         """Which rows are the first, second, third and fourth of their group: vectors and matrices."""
-        place = np.arange(FOUR * self.m) % FOUR
-        self.row = [self.dap.vector(place == k) for k in range(FOUR)]
+        place = np.arange(4 * self.m) % 4
+        self.row = [self.dap.vector(place == k) for k in range(4)]
         self.rows = [f.matc(mask, self.n) for mask in self.row]
-        self.curve = f.matr(self.dap.vector(self.curves), FOUR * self.m)
+        self.curve = f.matr(self.dap.vector(self.curves), 4 * self.m)
         self.matched = self._by_group(self.matched_host)
 
     def _by_group(self, values: FloatArray | BoolArray) -> DapArray:
         """(m, n) values in all four rows of their groups."""
-        repeated = np.repeat(values, FOUR, axis=0)
+        repeated = np.repeat(values, 4, axis=0)
         kind = LOGICAL if repeated.dtype == bool else self.word.kind
         loaded = self.dap.matrix(repeated, kind)
         loaded.charge('store_element', kind, times=self.m * self.n)
         return loaded
 
     def _zeros(self) -> DapArray:
-        return f.filled(self.dap, 0.0, (FOUR * self.m, self.n), self.word.kind)
+        return f.filled(self.dap, 0.0, (4 * self.m, self.n), self.word.kind)
 
     def _components(self, points: FloatArray) -> DapArray:
         """(n, 3) data: components along the rows of every group."""
         placed = self._zeros()
         for k in range(3):
-            placed.assign(f.matr(self.dap.vector(points[:, k], self.word.kind), FOUR * self.m), self.rows[k])
+            placed.assign(f.matr(self.dap.vector(points[:, k], self.word.kind), 4 * self.m), self.rows[k])
         return placed
 
     def _place_data(self, data: FeatureSet) -> None:
@@ -178,9 +182,9 @@ class _Batch:
 
         def laid(values: FloatArray) -> DapArray:
             """(m, n, up to 3) components into the rows of the groups."""
-            out = np.zeros((self.m, FOUR, self.n))
+            out = np.zeros((self.m, 4, self.n))
             out[:, : values.shape[2]] = values.transpose(0, 2, 1)
-            loaded = self.dap.matrix(out.reshape(FOUR * self.m, self.n), self.word.kind)
+            loaded = self.dap.matrix(out.reshape(4 * self.m, self.n), self.word.kind)
             moved = self.m * self.n * values.shape[2]
             self.dap.charge('fetch', self.word.kind, (len(index),), times=moved)
             loaded.charge('store_element', self.word.kind, times=moved)
@@ -209,7 +213,7 @@ class _Batch:
     def _spread(self, x: DapArray, k: int) -> DapArray:
         """Row k of each group, in all rows of the group."""
         out = x
-        for place in range(FOUR):
+        for place in range(4):
             if place != k:
                 out = f.merge(x.neighbour(k - place), out, self._mask(x, place))
         return out
@@ -244,7 +248,7 @@ class _Batch:
         columns = self._normal_matrix()
         with self.dap.at_line(Phase.JACOBI):
             quaternion = self._smallest_eigenvector(columns)
-        w, x, y, z = (self._spread(quaternion, k) for k in range(FOUR))
+        w, x, y, z = (self._spread(quaternion, k) for k in range(4))
         xx, yy, zz = x * x, y * y, z * z
         xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
         return [
@@ -267,25 +271,25 @@ class _Batch:
             self._chosen_rows([-e[2], g[1], -g[0], 0.0]),
         ]
         entries: dict[tuple[int, int], DapArray] = {}
-        for i in range(FOUR):
-            for j in range(i, FOUR):
+        for i in range(4):
+            for j in range(i, 4):
                 entries[i, j] = entries[j, i] = self._total(self._summed(a[i] * a[j]))
-        return [self._chosen_rows([entries[i, j] for i in range(FOUR)]) for j in range(FOUR)]
+        return [self._chosen_rows([entries[i, j] for i in range(4)]) for j in range(4)]
 
     def _smallest_eigenvector(self, columns: list[DapArray]) -> DapArray:
         """Of every group's symmetric 4 x 4 matrix, by Jacobi's plane rotations; the eigenvalues are kept."""
         a = list(columns)
-        v = [self._chosen_rows([1.0 if i == j else a[0] * 0.0 for i in range(FOUR)]) for j in range(FOUR)]
+        v = [self._chosen_rows([1.0 if i == j else a[0] * 0.0 for i in range(4)]) for j in range(4)]
         beside = [~mask for mask in self.row]
         size = max(float(f.maxv(abs(column))) for column in a) or 1.0
         for _ in range(SWEEPS):
             left = max(float(f.maxv(abs(column), mask)) for column, mask in zip(a, beside))
             if left <= JACOBI_ROUNDINGS * self.word.epsilon * size:
                 break
-            for p in range(FOUR - 1):
-                for q in range(p + 1, FOUR):
+            for p in range(3):
+                for q in range(p + 1, 4):
                     self._turn(a, v, p, q)
-        values = [self._spread(a[k], k) for k in range(FOUR)]
+        values = [self._spread(a[k], k) for k in range(4)]
         best, smallest = v[0], values[0]
         for column, value in zip(v[1:], values[1:]):
             smaller = value < smallest
@@ -324,7 +328,7 @@ class _Batch:
         alike = self._total(self._turned(rotation, self.model_direction) * self.direction)
         unknown = self.sign.compare('eq', 0.0) & self.matched
         self.sign.assign(f.merge(1.0, f.filled(self.dap, -1.0, alike.shape, self.word.kind), alike >= 0.0), unknown)
-        read = self.sign.numpy()[::FOUR]
+        read = self.sign.numpy()[::4]
         self.signs_host = np.where(self.matched_host, np.sign(read), 0).astype(np.int8)
 
     # Translation and scale.
@@ -365,7 +369,7 @@ class _Batch:
         for k in range(len(columns)):
             pivot = self._spread(sides[k], k)
             usable = abs(pivot) > least
-            regular &= usable.numpy()[::FOUR]
+            regular &= usable.numpy()[::4]
             over = f.merge(1.0 / f.merge(pivot, 1.0, usable), 0.0, usable)
             factor = sides[k]
             for j in range(k + 1, len(sides)):
@@ -419,9 +423,9 @@ class _Batch:
         with dap.at_line(Phase.TEST):
             deviation, passed = self._test(rotation, motion, limits)
             f.sumc(~passed)  # how many features of each interpretation fail
-        turns = np.array([[entry.numpy()[::FOUR] for entry in row] for row in rotation]).transpose(2, 0, 1)
-        moves = motion.numpy().reshape(self.m, FOUR)
-        values = np.sort([value.numpy()[::FOUR] for value in self.eigenvalues], axis=0)
+        turns = np.array([[entry.numpy()[::4] for entry in row] for row in rotation]).transpose(2, 0, 1)
+        moves = motion.numpy().reshape(self.m, 4)
+        values = np.sort([value.numpy()[::4] for value in self.eigenvalues], axis=0)
         # With parallel edges only, two quaternions fit equally well.
         apart = values[1] - values[0] > PIVOT_ROUNDINGS * self.word.epsilon * np.maximum(values[3], 1.0)
         finite = np.isfinite(turns).all(axis=(1, 2)) & np.isfinite(moves).all(axis=1)
@@ -430,9 +434,9 @@ class _Batch:
             Pose(proper(turn.astype(float)), move[:3].astype(float), float(move[3])) if fine else Pose.identity()
             for turn, move, fine in zip(turns, moves, determined)
         ]
-        deviations = np.where(self.matched_host, deviation.numpy()[::FOUR].astype(float), np.nan)
+        deviations = np.where(self.matched_host, deviation.numpy()[::4].astype(float), np.nan)
         signs = np.where(self.matched_host, self.signs_host, self.given).astype(np.int8)
-        return ArrayValidation(poses, deviations, passed.numpy()[::FOUR], signs, determined)
+        return ArrayValidation(poses, deviations, passed.numpy()[::4], signs, determined)
 
 
 def validated_by_machine(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,16 @@ def _with_free_shift(one: Interpretation, data: FeatureSet, keep: IntArray, free
     return replace(one, free_shift=free) if (np.abs(lines @ free) > PARALLEL_COSINE).all() else one
 
 
+def _array_machine() -> tuple[Callable[..., TreeResult], Callable[..., Validation]]:
+    """The search and the validation of engine='dap'. Raises ValueError when they are not installed."""
+    # The array machine takes a fifth of a second to import, and only engine='dap' needs it.
+    try:
+        from . import array_validation, engine_dap
+    except ImportError as error:
+        raise ValueError(f"engine: 'dap' is not available: {error}") from None
+    return engine_dap.tree_search, array_validation.validated_by_machine
+
+
 def _validated(problem: Problem, result: TreeResult, params: MatchParams) -> Validation:
     """Poses of all feasible interpretations, and what agrees with them; on the machine that searched."""
     index = problem.index
@@ -101,8 +112,7 @@ def _validated(problem: Problem, result: TreeResult, params: MatchParams) -> Val
     arguments = result.assignments.astype(np.int64), result.signs
     if params.engine == 'native':
         return validate(index.features, problem.data, *arguments, *limits)
-    from .array_validation import validated_by_machine
-
+    _, validated_by_machine = _array_machine()
     return validated_by_machine(index, problem.data, *arguments, *limits, params.real_bytes)
 
 
@@ -113,12 +123,8 @@ def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResul
     """
     seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
     if params.engine == 'dap':
-        # The array machine takes a fifth of a second to import, and only engine='dap' needs it.
-        try:
-            from .engine_dap import tree_search as dap_search
-        except ImportError as error:
-            raise ValueError(f"engine: 'dap' is not available: {error}") from None
-        return dap_search(problem.index, problem.data, params, INTERPRETATIONS)
+        search_by_machine, _ = _array_machine()
+        return search_by_machine(problem.index, problem.data, params, INTERPRETATIONS)
     if params.search == 'serial':
         return serial_search(problem.index, problem.data, params, INTERPRETATIONS, seconds)
     tables = build_tables(problem.index, problem.data, params)

@@ -65,14 +65,10 @@ NOT_ZERO = float(np.finfo(float).tiny)
 # -- the array machine -----------------------------------------------------------------------------------------------
 
 # Radians or metres: what rounding may do in REAL*4 to the ranges of a pair. Places of 0.1 m are known to 1e-8 m, which
-# turns the line between two points 5 mm apart by 5e-6.
+# turns the line between two points 5 mm apart by 5e-6: lines at a smaller angle are parallel.
 SHORT_WORD_ROUNDING = 1e-5
 # Metres: points that REAL*4 cannot tell apart, a few roundings of a place some decimetres from the origin.
 SHORT_WORD_LENGTH = 1e-7
-# Sine below which REAL*4 finds two lines parallel.
-SHORT_WORD_SINE = 1e-5
-# Interpretations that the machine validates together: the 4 x 4 matrices that 32 x 32 PEs hold (thesis 5.9).
-TOGETHER = 64
 # Rounds of plane rotations through a 4 x 4 matrix (Jacobi's process) at most. Convergence is quadratic: six suffice for
 # a double.
 SWEEPS = 10

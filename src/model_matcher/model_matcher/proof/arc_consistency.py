@@ -15,13 +15,11 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..geometry.constraints import consistent_signs, entry, pair_ranges
+from ..geometry.constraints import consistent_signs, entry, pair_ranges, ranges_of_pairs
 from ..geometry.pair_bounds import ANGLE, MIDS, RELATION, margins_of, model_relations, pair_fits, relation
 from ..geometry.settings import RIGHT_ANGLE, ROUNDING
 from .feasibility import Sample
 from .settings import ANGLES
-
-RANGES = 11  # numbers that geometry.constraints.pair_ranges gives for a pair
 
 
 class PairTest(NamedTuple):
@@ -120,7 +118,7 @@ def pair_test(sample: Sample) -> PairTest:
         np.ascontiguousarray(relations[:, :, ANGLE]),
         span,
         below,
-        np.empty((e, e, RANGES)),
+        ranges_of_pairs(e, e),
         np.zeros((e, e), bool),
         np.ones(5, bool),
     )
@@ -128,7 +126,7 @@ def pair_test(sample: Sample) -> PairTest:
 
 def no_ranges(n: int) -> DataRanges:
     """Ranges of a data feature with n others, none of them known."""
-    return DataRanges(np.empty((n, RANGES)), np.zeros(n, bool))
+    return DataRanges(ranges_of_pairs(n), np.zeros(n, bool))
 
 
 def listed(possible: BoolArray) -> tuple[IntArray, IntArray]:
