@@ -21,11 +21,12 @@ from ..detection.segments import Segments
 from .settings import (
     LEVEL_DISPARITY,
     LEVEL_ROW,
-    ROW_CHI2,
+    ROW_LOG_ODDS,
     ROW_OFFSET_SIGMA,
     ROW_ROUNDS,
     ROW_SHIFT_MOST,
     ROW_TURN_SIGMA,
+    ROW_WITNESS_PRIOR,
     ROW_WITNESSES,
 )
 from .stereo_segments import StereoSegments
@@ -104,6 +105,11 @@ def _witnesses(seen: StereoSegments) -> tuple[FloatArray, FloatArray, FloatArray
         u, v = side.direction[index].T
         variance += (ends.sigma * v[:, None]) ** 2 + ((side.sigma[index, 0] * u) ** 2)[:, None]
     e, end = np.nonzero(corner)
+    # Two edges meet in one corner, which each of them shows: it is counted once, by the one that knows it better.
+    first = np.argsort(variance[e, end], kind='stable')
+    pair = np.sort(np.stack([e, neighbours[0][e, end]], axis=1), axis=1)[first]
+    kept = first[np.unique(pair, axis=0, return_index=True)[1]]
+    e, end = e[kept], end[kept]
     # A level line has one height, however far apart its matched ends are.
     along, across = left.direction[i].T
     level = np.flatnonzero((np.abs(across) < LEVEL_ROW) & (np.abs(right.direction[j, 1]) < LEVEL_ROW) & seen.straight)
@@ -150,11 +156,35 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowE
         weight = 2.0 / (variance + left_over**2)
         normal = (columns * weight[:, None]).T @ columns + prior
         value = np.asarray(np.linalg.solve(normal, columns.T @ (weight * off)), np.float64)
-    # What chance explains is no error: chi squared of three numbers, of which few exact rigs have so much.
-    information = (columns / variance[:, None]).T @ columns if len(off) else np.zeros((3, 3))
-    if value @ information @ value < ROW_CHI2:
-        value, single = np.zeros(3), _excess(off, sigma, least)
+    # What an exact rig, single rows and a few wrong corners explain as well is no error.
+    by_chance = _excess(off, sigma, least)
+    if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
+        value, single = np.zeros(3), by_chance
     return RowError(float(value[0]), value[1:], centre, half, single, len(off))
+
+
+def _log_odds(
+    columns: FloatArray, off: FloatArray, sigma: FloatArray, prior: FloatArray, fit: tuple[FloatArray, float, float]
+) -> float:
+    """Of an error of the rows against none, by Laplace's approximation.
+
+    columns, off, sigma : the k witnesses, (k, 3), (k,), (k,); prior : (3, 3) information; fit : the error and the sigma
+    of single rows about it, and about none
+    """
+    value, single, by_chance = fit
+    right, wrong = _likelihoods(off - columns @ value, sigma, single)
+    weight = right / (right + wrong) / (sigma**2 + single**2)
+    information = (columns * weight[:, None]).T @ columns
+    gain = np.log(right + wrong).sum() - np.log(np.add(*_likelihoods(off, sigma, by_chance))).sum()
+    told = np.linalg.slogdet(np.eye(3) + np.linalg.solve(prior, information))[1]
+    return float(gain - 0.5 * (value @ prior @ value + told))
+
+
+def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float) -> tuple[FloatArray, float]:
+    """Of residuals (k,), pixels: those of witnesses, and of what is none and lies anywhere in the range."""
+    variance = sigma**2 + single**2
+    right = ROW_WITNESS_PRIOR * np.exp(-0.5 * left_over**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    return right, (1.0 - ROW_WITNESS_PRIOR) / (2.0 * ROW_SHIFT_MOST)
 
 
 def _excess(left_over: FloatArray, sigma: FloatArray, least: float) -> float:
