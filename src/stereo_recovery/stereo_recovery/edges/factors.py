@@ -4,6 +4,7 @@ Along its left segment an edge has the disparity d(s) = a + b s; its unknowns ar
 statement, h x_e - g x_f = value, give or take a sigma, that holds unless an accident of the views made it:
 
 * junction: two edges that meet in an image have one disparity there;
+* collinear: two parts of an edge that is broken in an image lie on one line in both;
 * rounded corner: their lines cross beyond their chains, in both images;
 * end: both segments of an edge end at one point, whose columns give its disparity;
 * parallel: an edge runs in the direction of others, see :mod:`.parallel_groups`.
@@ -19,8 +20,10 @@ from msgs_py.numeric.typed import AnyArray, FloatArray, IntArray
 
 from ..detection.segments import line_table
 from ..matching.stereo_segments import StereoSegments
-from .rounded_kernels import rounded_corners
+from .line_pair_kernels import collinear_pairs, rounded_corners
 from .settings import (
+    COLLINEAR_PRIOR,
+    COLLINEAR_SIGMA,
     CORNER_SIGMA,
     END_PRIOR,
     HEIGHT_SIGMA,
@@ -214,5 +217,33 @@ def rounded_corner_factors(seen: StereoSegments, x: FloatArray) -> Factors:
         np.zeros(k),
         np.full(k, CORNER_SIGMA),
         np.full(k, ROUNDED_PRIOR),
+        np.full(k, SPREAD),
+    )
+
+
+def collinear_factors(seen: StereoSegments, x: FloatArray) -> Factors:
+    """Edges along the rows that continue each other are parts of one: their disparities agree along both.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+        n edges.
+    x : (n, 2)
+        Their unknowns, roughly.
+    """
+    level = np.abs(seen.segments[0].direction[seen.index[0], 1]) < STEEP
+    tables = line_table(seen.segments[0]), line_table(seen.segments[1])
+    pair, point = collinear_pairs(tables, seen.index, level & seen.straight)
+    e, f = np.repeat(pair, 2, axis=0).T
+    place = point.reshape(-1, 2)
+    k = len(e)
+    return Factors(
+        e,
+        f,
+        _disparity_row(seen, e, 0, place, x),
+        _disparity_row(seen, f, 0, place, x),
+        np.zeros(k),
+        np.full(k, COLLINEAR_SIGMA),
+        np.full(k, COLLINEAR_PRIOR),
         np.full(k, SPREAD),
     )

@@ -18,6 +18,10 @@ LOOSE_END_SIGMA, HEIGHT_SIGMA = 4.0, 0.3
 JUNCTION_PRIOR, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR, T_PRIOR = 0.98, 0.75, 0.65, 0.4
 # Probability that the ends of a pair of segments are one point. [P]
 END_PRIOR = 0.8
+# Probability that two edges that continue each other are one, and px by which their disparities differ; px by which the
+# end of either misses the other's line, sine between them, and the widest gap as a share of the shorter. [R]
+COLLINEAR_PRIOR, COLLINEAR_SIGMA = 0.8, 0.1
+COLLINEAR_MISS, COLLINEAR_SINE, COLLINEAR_GAP = 1.5, 0.06, 1.0
 # Probability that lines meet that cross beyond their chains, at most so many px and this share of their lengths; by how
 # much, px, chains may overrun the crossing; and the least sine between the lines. [R]
 ROUNDED_PRIOR, ROUNDED_GAP, ROUNDED_SHARE = 0.6, 25.0, 0.5

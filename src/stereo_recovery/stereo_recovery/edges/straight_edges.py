@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
@@ -15,12 +16,18 @@ from ..matching.stereo_segments import StereoSegments
 from .corner_matching import inconsistent, matched_by_corners
 from .estimate import Estimate, estimate
 from .extents import Extents, extents
-from .factors import Factors, end_factors, junction_factors, rounded_corner_factors
+from .factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from .junction_edges import Corners, corners, junction_edges
 from .lines3d import Lines3D
 from .own_lines import own_lines
 from .parallel_groups import parallel_factors
 from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
+
+
+def _factors(seen: StereoSegments, x: FloatArray) -> Factors:
+    """What ties the edges to each other but parallel groups; x : (n, 2) their unknowns, roughly."""
+    of_two = (junction_factors, rounded_corner_factors, collinear_factors)
+    return Factors.concatenate([*(make(seen, x) for make in of_two), end_factors(seen)])
 
 
 def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig) -> Estimate:
@@ -32,11 +39,10 @@ def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig:
     lines = own_lines(seen.matches, seen.segments, row_sigma).about(disparity[:, 1])
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
-    ends = end_factors(seen)
-    factors = Factors.concatenate([junction_factors(seen, x), rounded_corner_factors(seen, x), ends])
+    factors = _factors(seen, x)
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):
-        own = Factors.concatenate([junction_factors(seen, found.x), rounded_corner_factors(seen, found.x), ends])
+        own = _factors(seen, found.x)
         parallel = parallel_factors(seen.segments[0], seen.matches.left, (found.x, found.covariance), curves, rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used)
