@@ -75,7 +75,7 @@ def rounded_corners(
 @njit
 def _offset(a: FloatArray, u: float, v: float) -> float:
     """Distance, pixels, of a point from a line."""
-    return abs((u - a[0]) * a[3] - (v - a[1]) * a[2])
+    return float(abs((u - a[0]) * a[3] - (v - a[1]) * a[2]))
 
 
 @njit
