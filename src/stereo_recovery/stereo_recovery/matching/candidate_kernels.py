@@ -12,6 +12,7 @@ from msgs_py.numeric.typed import Float32Array, FloatArray, Int32Array
 from .settings import (
     BORDER,
     BOTH_SIDES,
+    BOTH_SIDES_REVERSED,
     END_AGREEMENT,
     END_HEIGHT,
     LEAST_COMMON_ROWS,
@@ -21,10 +22,11 @@ from .settings import (
     LEVEL_ONE,
     LIKE_ENDS,
     NO_SIDE,
+    NO_SIDE_REVERSED,
     ONE_SIDE,
+    ONE_SIDE_REVERSED,
     PROFILE_OFFSETS,
     PROFILE_SAMPLES,
-    REVERSED_ODDS,
     ROW_SCALE,
     SAME_ROW,
     SLANT_SCALE,
@@ -88,12 +90,13 @@ def profiles(image: Float32Array, table: SegmentTable) -> Float32Array:
 
 @njit
 def _photometric(
-    photometry: Photometry, i: int, start: Pair, run: Pair, normal: Pair, samples: tuple[int, int]
+    photometry: Photometry, i: int, start: Pair, run: Pair, normal: Pair, samples: tuple[int, int], reverse: bool
 ) -> float:
     """Logarithm of how much likelier the right image's grey levels are beside this edge than beside any.
 
     i : left segment; start, run : where the right image shows its start, and from there its end; normal : of the
-     left segment; samples : first and last of its profile to compare.
+     left segment; samples : first and last of its profile to compare; reverse : the contrast changes its
+    sign.
     """
     height, width = photometry.image.shape
     scale = photometry.scale
@@ -116,10 +119,18 @@ def _photometric(
                 else:
                     two += np.log(ratio)
     if count == 0:
-        return float(np.log(NO_SIDE))
+        return float(np.log(NO_SIDE * _polarity(NO_SIDE_REVERSED, reverse)))
     # What lies beside one edge is one surface: all samples of a side are worth one.
     one, two = one / (count * len(PROFILE_OFFSETS)), two / (count * len(PROFILE_OFFSETS))
-    return float(np.log(BOTH_SIDES * np.exp(one + two) + 0.5 * ONE_SIDE * (np.exp(one) + np.exp(two)) + NO_SIDE))
+    both = BOTH_SIDES * _polarity(BOTH_SIDES_REVERSED, reverse) * np.exp(one + two)
+    either = 0.5 * ONE_SIDE * _polarity(ONE_SIDE_REVERSED, reverse) * (np.exp(one) + np.exp(two))
+    return float(np.log(both + either + NO_SIDE * _polarity(NO_SIDE_REVERSED, reverse)))
+
+
+@njit
+def _polarity(reversed_share: float, reverse: bool) -> float:
+    """Probability of the contrast's sign, given the share of edges that change it."""
+    return reversed_share if reverse else 1.0 - reversed_share
 
 
 @njit
@@ -247,12 +258,10 @@ def candidates(
                 chances[i] += 1.0 / CHOICES if level else min(1.0, share)
                 # Directions that agree, against directions at random.
                 ratio += np.log(4.0 / (np.pi * SLANT_SCALE * (1.0 + (gradient / SLANT_SCALE) ** 2)))
-                if reverse:
-                    ratio += np.log(REVERSED_ODDS)
                 samples = (0, PROFILE_SAMPLES) if level else _common_samples(p, first_row, last_row)
                 start = (p[0, 0] - disparity[0], p[0, 1])
                 run = (p[1, 0] - disparity[1] - start[0], p[1, 1] - p[0, 1])
-                ratio += _photometric(photometry, i, start, run, (-tv, tu), samples)
+                ratio += _photometric(photometry, i, start, run, (-tv, tu), samples, reverse)
                 if count == len(node):
                     node = np.concatenate((node, np.empty_like(node)))
                     value = np.concatenate((value, np.empty_like(value)))

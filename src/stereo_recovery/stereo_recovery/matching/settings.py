@@ -26,8 +26,6 @@ END_AGREEMENT, END_HEIGHT = 0.6, 3.0
 LIKE_ENDS = 0.25
 # Log likelihood ratio of a level pair whose ends both are in the same rows, and of one end alone. [R]
 LEVEL_BOTH, LEVEL_ONE = 0.5, -1.0
-# Odds that the contrast of an edge changes its sign between the images. [R]
-REVERSED_ODDS = 0.05
 # px from the border of the image within which a segment ends because the picture does. [R]
 BORDER = 5.0
 
@@ -40,6 +38,8 @@ PROFILE_SAMPLES, PROFILE_OFFSETS = 8, (2.0, 3.5, 5.0)
 # Shares of edges beside which both sides, one side, and no side show the same surface to both eyes. [R] One: outlines
 # before a background; none: outlines of narrow or mirror-like faces.
 BOTH_SIDES, ONE_SIDE, NO_SIDE = 0.55, 0.38, 0.07
+# Shares of them whose contrast changes its sign between the images: what lies beside them has changed. [R]
+BOTH_SIDES_REVERSED, ONE_SIDE_REVERSED, NO_SIDE_REVERSED = 0.01, 0.2, 0.5
 # Grey levels: width of the Cauchy density of the difference of one surface's two pictures; at first, and the range that
 # the pair itself may set, from the quantisation to what exposure control leaves. [R]
 FIRST_SCALE, LEAST_SCALE, MOST_SCALE = 8.0, 2.0, 16.0
