@@ -22,6 +22,16 @@ from typing import TypeAlias
 Field: TypeAlias = list[int]
 
 
+def _full_add(x: Sequence[int], y: Sequence[int], carry: int) -> tuple[Field, int]:
+    """The sum x + y + carry of two fields of equal length, plane by plane, and the carry out."""
+    out = []
+    for a, b in zip(x, y):
+        one = a ^ b
+        out.append(one ^ carry)
+        carry = (a & b) | (carry & one)
+    return out, carry
+
+
 class Processors:
     """The PEs that hold one block of an array, all blocks at once: they take the same instructions.
 
@@ -102,50 +112,25 @@ class Processors:
     def add(self, x: Sequence[int], y: Sequence[int], carry: int = 0) -> tuple[Field, int]:
         """The sum x + y + carry of two fields of equal length, and the carry out: three instructions a plane."""
         self.cycles += 3 * len(x) + 1
-        out = []
-        for a, b in zip(x, y):
-            one = a ^ b
-            out.append(one ^ carry)
-            carry = (a & b) | (carry & one)
-        return out, carry
+        return _full_add(x, y, carry)
 
     def subtract(self, x: Sequence[int], y: Sequence[int]) -> tuple[Field, int]:
         """The difference x - y, and a carry that is true where x >= y, unsigned: the inverse of y is added."""
         self.cycles += 3 * len(x) + 1
-        carry = full = self.full
-        out = []
-        for a, b in zip(x, y):
-            b ^= full
-            one = a ^ b
-            out.append(one ^ carry)
-            carry = (a & b) | (carry & one)
-        return out, carry
+        full = self.full
+        return _full_add(x, [b ^ full for b in y], full)
 
     def add_where(self, x: Sequence[int], y: Sequence[int], active: int) -> tuple[Field, int]:
         """The sum x + y where active, x elsewhere: Q is loaded from x, y is added where A is true."""
         self.cycles += 3 * len(x) + 2
         if not active:  # a bit of a scalar that is 0: the machine adds nothing just as long
             return list(x), 0
-        carry = 0
-        out = []
-        for a, b in zip(x, y):
-            b &= active
-            one = a ^ b
-            out.append(one ^ carry)
-            carry = (a & b) | (carry & one)
-        return out, carry
+        return _full_add(x, [b & active for b in y], 0)
 
     def add_or_subtract(self, x: Sequence[int], y: Sequence[int], minus: int) -> tuple[Field, int]:
         """Subtract y where minus is true, add it elsewhere: load y with A exclusive-or, add x, store; C begins as A."""
         self.cycles += 3 * len(x) + 2
-        carry = minus
-        out = []
-        for a, b in zip(x, y):
-            b ^= minus
-            one = a ^ b
-            out.append(one ^ carry)
-            carry = (a & b) | (carry & one)
-        return out, carry
+        return _full_add(x, [b ^ minus for b in y], minus)
 
     def increment(self, x: Sequence[int], carry: int) -> tuple[Field, int]:
         """The sum x + carry, and the carry out: two instructions a plane."""
