@@ -30,7 +30,7 @@ from .edges.tangency import joined_ends
 from .matching.labelling import match
 from .matching.matches import Matches
 from .matching.merging import join_matched, split_matched
-from .matching.row_error import RowError, row_error
+from .matching.row_error import row_error
 from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
 from .settings import MOST_DISPARITY_SHARE, SWAPPED_MATCHES
@@ -140,13 +140,16 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
     matches, *merged = join_matched(matches, *segments)
     matches, *merged = split_matched(matches, merged[0], merged[1], edgels, params.sigma)
     segments = merged[0], merged[1]
-    rows = _row_error(matches, segments, rig, params)
+    junctions = find_junctions(segments[0]), find_junctions(segments[1])
+    seen = StereoSegments(matches, segments, junctions)
+    rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma)
     segments = segments[0], rows.aligned_segments(segments[1])
+    seen = StereoSegments(matches, segments, (junctions[0], find_junctions(segments[1])))
     ellipses = views[0].ellipses, rows.aligned_ellipses(views[1].ellipses)
     stereo_edgels = StereoEdgels(edgels[0], rows.aligned_edgels(edgels[1]), rig, blur_variance(edgels))
     shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels)
     watch.stage('curves')
-    lines, line_segments = _straight_lines(matches, segments, shapes, rows.sigma, rig)
+    lines, line_segments = _straight_lines(seen, shapes, rows.sigma, rig)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
@@ -195,15 +198,6 @@ def _matched(
     return match(greys, segments, _disparity_range(rig, params), params.support_radius, params.min_belief)
 
 
-def _row_error(
-    matches: Matches, segments: tuple[Segments, Segments], rig: StereoRig, params: RecoveryParams
-) -> RowError:
-    """By how much the rows of the two images disagree."""
-    junctions = find_junctions(segments[0]), find_junctions(segments[1])
-    seen = StereoSegments(matches, segments, junctions)
-    return row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma)
-
-
 def _why_no_match(
     greys: tuple[Float32Array, Float32Array],
     segments: tuple[Segments, Segments],
@@ -218,17 +212,15 @@ def _why_no_match(
 
 
 def _straight_lines(
-    matches: Matches, segments: tuple[Segments, Segments], shapes: CurvedShapes, row_sigma: float, rig: StereoRig
+    seen: StereoSegments, shapes: CurvedShapes, row_sigma: float, rig: StereoRig
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """Straight edges by their disparities, and the segments that they refer to.
 
     Occluding contours are left out, and ends that a curved surface hides count as T-junctions: neither gives depth.
     """
-    on_contour = on_contours((matches.left, matches.right), segments, shapes.surfaces, rig)
-    matches = matches.select(~on_contour)
-    junctions = find_junctions(segments[0]), find_junctions(segments[1])
-    junctions = hidden_ends(matches, segments, junctions, shapes.curves, shapes.surfaces, rig)
-    return edges(StereoSegments(matches, segments, junctions), row_sigma, shapes.reported, rig)
+    matches = seen.matches.select(~on_contours(seen.index, seen.segments, shapes.surfaces, rig))
+    junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, shapes.surfaces, rig)
+    return edges(StereoSegments(matches, seen.segments, junctions), row_sigma, shapes.reported, rig)
 
 
 def _edge_features(in_space: EdgesInSpace, kept: AnyArray, curves: list[Curve]) -> FeatureSet:

@@ -88,22 +88,22 @@ def test_lines_that_cross_beyond_their_chains_in_both_images_meet_there():
     across = ((112.0, 100.6, 40.6), (180.0, 104.0, 44.0))
     down = ((99.2, 112.0, 40.5), (95.0, 170.0, 43.0))
     pair, x = seen([across, down])
-    factors = rounded_corner_factors(pair, x)
+    factors = rounded_corner_factors(pair)
     assert len(factors) >= 1
     assert np.abs(residuals(factors, x)).max() < 0.05
     # Too far from the crossing of the lines that is no corner.
     pair, x = seen([((150.0, 102.5, 42.5), (180.0, 104.0, 44.0)), down])
-    assert len(rounded_corner_factors(pair, x)) == 0
+    assert len(rounded_corner_factors(pair)) == 0
 
 
 def test_parts_of_a_level_line_have_one_line_of_disparity():
     first, second = ((100.0, 100.0, 40.0), (150.0, 102.0, 42.0)), ((160.0, 102.4, 42.4), (200.0, 104.0, 44.0))
     pair, x = seen([first, second])
-    factors = collinear_factors(pair, x)
+    factors = collinear_factors(pair)
     assert len(factors) == 2
     assert np.abs(residuals(factors, x)).max() < 1e-6
     beside = ((160.0, 108.0, 42.4), (200.0, 109.6, 44.0))
-    assert len(collinear_factors(*seen([first, beside]))) == 0
+    assert len(collinear_factors(seen([first, beside])[0])) == 0
     # Steep parts know their own disparity.
     steep = [((100.0, 100.0, 40.0), (102.0, 150.0, 42.0)), ((102.4, 160.0, 42.4), (104.0, 200.0, 44.0))]
-    assert len(collinear_factors(*seen(steep))) == 0
+    assert len(collinear_factors(seen(steep)[0])) == 0

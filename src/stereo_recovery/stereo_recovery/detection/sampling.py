@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import Float32Array, FloatArray
+from msgs_py.numeric.typed import Float32Array
 
 from .settings import LAST_POSITION
 
@@ -42,12 +40,3 @@ def clamped(image: Float32Array, u: float, v: float) -> float:
     h, w = image.shape
     value: float = bilinear(image, min(max(u, 0.0), w - LAST_POSITION), min(max(v, 0.0), h - LAST_POSITION))
     return value
-
-
-@njit
-def at_points(image: Float32Array, points: FloatArray) -> FloatArray:
-    """(n,) float64: the image (h, w) at points (n, 2), columns and rows in pixels; outside, at the nearest position."""
-    values = np.empty(len(points))
-    for i in range(len(points)):
-        values[i] = clamped(image, points[i, 0], points[i, 1])
-    return values

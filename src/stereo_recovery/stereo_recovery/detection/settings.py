@@ -233,5 +233,3 @@ SCALES = 2
 MOST_SEGMENTS = 6000
 # Tolerance of straight segments: this many times the localisation noise, within limits, px. [R]
 TOLERANCE_NOISE, LEAST_TOLERANCE, MOST_TOLERANCE = 6.0, 0.2, 0.5
-# Edgels per px^2 above which an image is cluttered: print and texture end near true edges everywhere. [R]
-CLUTTERED_DENSITY = 0.02

@@ -17,7 +17,6 @@ from .edgels import Edgels
 from .junctions import spurious
 from .segments import Segments
 from .settings import (
-    CLUTTERED_DENSITY,
     KERNEL_RADIUS,
     LEAST_TOLERANCE,
     MOST_SEGMENTS,
@@ -48,11 +47,6 @@ class View:
     edgels: Edgels
     segments: Segments
     ellipses: list[Ellipse]
-
-    @property
-    def is_cluttered(self) -> bool:
-        """Whether print or texture is nearly everywhere."""
-        return len(self.edgels) / self.grey.size > CLUTTERED_DENSITY
 
     @property
     def matchable(self) -> Segments:

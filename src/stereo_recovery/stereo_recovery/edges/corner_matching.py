@@ -20,7 +20,7 @@ from ..detection.segments import Segments, line_table
 from ..matching.matches import Matches
 from ..matching.stereo_segments import StereoSegments
 from . import corner_kernels
-from .junction_edges import Corners
+from .junction_edges import Corners, met_corners
 from .settings import CORNER_GATE, ENDS_HEIGHT, ONE_CORNER, SAME_HEIGHT, SHORTEST_MATCH, STEEP
 
 
@@ -73,10 +73,7 @@ def _free_ends(segments: Segments, junctions: Junctions, used: AnyArray, known: 
     """Those of an image's segments of which none is ``used``."""
     free = (segments.arc < 0) & (segments.length >= SHORTEST_MATCH)
     free[used] = False
-    table = line_table(segments)
-    table[:, 4:6] = junctions.abscissa
-    own = np.ascontiguousarray(known.own[image])
-    found, value = corner_kernels.meetings(table, known.point[image], known.disparity, known.sigma, own)
+    found, value = met_corners(segments, junctions, known, image)
     segment, end = np.nonzero(found & free[:, None])
     far = segment, 1 - end
     here, away = (

@@ -14,7 +14,7 @@ W. Baarda, "A testing procedure for use in geodetic networks", 1968; H. Yang, P.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -125,19 +125,8 @@ def _statements(factors: Factors, count: int) -> Statements:
     mirrored = np.arange(len(factor)) >= len(factors)
     order = np.argsort(owner, kind='stable')
     first = np.searchsorted(owner[order], np.arange(count + 1))
-    return Statements(
-        first,
-        factor[order],
-        mirrored[order],
-        factors.edge,
-        factors.other,
-        factors.row,
-        factors.other_row,
-        factors.value,
-        factors.sigma,
-        factors.prior,
-        factors.spread,
-    )
+    arrays = (getattr(factors, f.name) for f in fields(Factors))
+    return Statements(first, factor[order], mirrored[order], *arrays)
 
 
 def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> BoolArray:

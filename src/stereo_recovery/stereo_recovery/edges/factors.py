@@ -92,19 +92,30 @@ class Factors:
         return Factors.of_one(np.zeros(0, np.int64), np.zeros((0, 2)), empty, empty, empty, empty)
 
 
-def _disparity_row(seen: StereoSegments, edge: IntArray, image: int, point: FloatArray, x: FloatArray) -> FloatArray:
-    """(k, 2) rows h so that h x is the disparity of edges where an image shows them at points (k, 2).
-
-    x : (n, 2) the edges' unknowns, by which the disparity along the right segment is made linear.
-    """
+def _left_row(seen: StereoSegments, edge: IntArray, point: FloatArray) -> FloatArray:
+    """(k, 2) rows h so that h x is the disparity of edges where the left image shows them at points (k, 2)."""
     left = seen.segments[0]
     i = seen.matches.left[edge]
     s = ((point - left.centre[i]) * left.direction[i]).sum(axis=1)
-    row = np.stack([np.ones(len(edge)), s], axis=1)
+    return np.stack([np.ones(len(edge)), s], axis=1)
+
+
+def _disparity_row(seen: StereoSegments, edge: IntArray, image: int, point: FloatArray, x: FloatArray) -> FloatArray:
+    """The same at points of either image; x : (n, 2) the edges' unknowns, roughly, for the right one."""
+    row = _left_row(seen, edge, point)
     if image == 1:
         # The left image shows it d pixels farther to the right: d = a + b (s + t_u d).
-        row /= np.clip(1.0 - x[edge, 1] * left.direction[i, 0], 0.5, 2.0)[:, None]
+        along = seen.segments[0].direction[seen.matches.left[edge], 0]
+        row /= np.clip(1.0 - x[edge, 1] * along, 0.5, 2.0)[:, None]
     return row
+
+
+def _one_disparity(
+    rows: tuple[FloatArray, FloatArray], pair: tuple[IntArray, IntArray], sigma: float, prior: FloatArray | float
+) -> Factors:
+    """Statements that two edges have one disparity: k edges each, and what :func:`_disparity_row` says of them."""
+    k = len(pair[0])
+    return Factors(*pair, *rows, np.zeros(k), np.full(k, sigma), np.broadcast_to(prior, k), np.full(k, SPREAD))
 
 
 def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
@@ -137,19 +148,8 @@ def junction_factors(seen: StereoSegments, x: FloatArray) -> Factors:
         prior = np.where(others[e, end] == f, JUNCTION_PRIOR, np.where(other < 0, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR))
         hidden = seen.ends[0].t_junction[e, end] | seen.ends[1].t_junction[e, end]
         point = seen.points[image][e, end]
-        k = len(e)
-        parts.append(
-            Factors(
-                e,
-                f,
-                _disparity_row(seen, e, image, point, x),
-                _disparity_row(seen, f, image, point, x),
-                np.zeros(k),
-                np.full(k, CORNER_SIGMA),
-                np.where(hidden, T_PRIOR, prior),
-                np.full(k, SPREAD),
-            )
-        )
+        rows = _disparity_row(seen, e, image, point, x), _disparity_row(seen, f, image, point, x)
+        parts.append(_one_disparity(rows, (e, f), CORNER_SIGMA, np.where(hidden, T_PRIOR, prior)))
     return Factors.concatenate(parts)
 
 
@@ -194,56 +194,34 @@ def end_factors(seen: StereoSegments) -> Factors:
     )
 
 
-def rounded_corner_factors(seen: StereoSegments, x: FloatArray) -> Factors:
+def rounded_corner_factors(seen: StereoSegments) -> Factors:
     """Edges whose lines cross beyond the ends of their chains, at the same ends in both images, meet there.
 
     Parameters
     ----------
     seen : StereoSegments
         n edges.
-    x : (n, 2)
-        Their unknowns, roughly.
     """
     loose = (seen.ends[0].neighbour < 0) | (seen.ends[1].neighbour < 0)
     tables = line_table(seen.segments[0]), line_table(seen.segments[1])
     pair, point = rounded_corners(tables, seen.index, seen.flip, loose & seen.straight[:, None])
     e, f = pair.T
-    k = len(pair)
-    return Factors(
-        e,
-        f,
-        _disparity_row(seen, e, 0, point, x),
-        _disparity_row(seen, f, 0, point, x),
-        np.zeros(k),
-        np.full(k, CORNER_SIGMA),
-        np.full(k, ROUNDED_PRIOR),
-        np.full(k, SPREAD),
-    )
+    rows = _left_row(seen, e, point), _left_row(seen, f, point)
+    return _one_disparity(rows, (e, f), CORNER_SIGMA, ROUNDED_PRIOR)
 
 
-def collinear_factors(seen: StereoSegments, x: FloatArray) -> Factors:
+def collinear_factors(seen: StereoSegments) -> Factors:
     """Edges along the rows that continue each other are parts of one: their disparities agree along both.
 
     Parameters
     ----------
     seen : StereoSegments
         n edges.
-    x : (n, 2)
-        Their unknowns, roughly.
     """
     level = np.abs(seen.segments[0].direction[seen.index[0], 1]) < STEEP
     tables = line_table(seen.segments[0]), line_table(seen.segments[1])
     pair, point = collinear_pairs(tables, seen.index, level & seen.straight)
     e, f = np.repeat(pair, 2, axis=0).T
     place = point.reshape(-1, 2)
-    k = len(e)
-    return Factors(
-        e,
-        f,
-        _disparity_row(seen, e, 0, place, x),
-        _disparity_row(seen, f, 0, place, x),
-        np.zeros(k),
-        np.full(k, COLLINEAR_SIGMA),
-        np.full(k, COLLINEAR_PRIOR),
-        np.full(k, SPREAD),
-    )
+    rows = _left_row(seen, e, place), _left_row(seen, f, place)
+    return _one_disparity(rows, (e, f), COLLINEAR_SIGMA, COLLINEAR_PRIOR)

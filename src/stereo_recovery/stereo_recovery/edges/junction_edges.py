@@ -138,13 +138,26 @@ def junction_edges(seen: StereoSegments, known: Corners) -> JunctionEdges | None
     return JunctionEdges((grown[0], grown[1]), extent, np.array(disparity), np.array(sigma))
 
 
-def _between(segments: Segments, junctions: Junctions, known: Corners, image: int) -> tuple[BoolArray, FloatArray]:
-    """Which segments (n,) run from one corner to another, and of both ends place, disparity and sigma (n, 2, 3)."""
+def met_corners(segments: Segments, junctions: Junctions, known: Corners, image: int) -> tuple[BoolArray, FloatArray]:
+    """The known corners that segments of an image run into, see :func:`.corner_kernels.meetings`.
+
+    Parameters
+    ----------
+    segments, junctions : of n segments
+    known : Corners
+    image : int
+        0 for the left image, 1 for the right one.
+    """
     table = line_table(segments)
     table[:, 4:6] = junctions.abscissa
-    found, value = corner_kernels.meetings(
-        table, known.point[image], known.disparity, known.sigma, np.ascontiguousarray(known.own[image])
-    )
+    own = np.ascontiguousarray(known.own[image])
+    found, value = corner_kernels.meetings(table, known.point[image], known.disparity, known.sigma, own)
+    return found, value
+
+
+def _between(segments: Segments, junctions: Junctions, known: Corners, image: int) -> tuple[BoolArray, FloatArray]:
+    """Which segments (n,) run from one corner to another, and of both ends place, disparity and sigma (n, 2, 3)."""
+    found, value = met_corners(segments, junctions, known, image)
     long = (segments.length >= SHORTEST) & (value[:, 1, 0] - value[:, 0, 0] >= SHORTEST)
     return np.asarray(found.all(axis=1) & (segments.arc < 0) & long), value
 

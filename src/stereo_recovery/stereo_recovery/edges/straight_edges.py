@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
@@ -24,12 +23,6 @@ from .parallel_groups import parallel_factors
 from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
 
 
-def _factors(seen: StereoSegments, x: FloatArray) -> Factors:
-    """What ties the edges to each other but parallel groups; x : (n, 2) their unknowns, roughly."""
-    of_two = (junction_factors, rounded_corner_factors, collinear_factors)
-    return Factors.concatenate([*(make(seen, x) for make in of_two), end_factors(seen)])
-
-
 def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig) -> Estimate:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
@@ -39,10 +32,12 @@ def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig:
     lines = own_lines(seen.matches, seen.segments, row_sigma).about(disparity[:, 1])
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
-    factors = _factors(seen, x)
+    # Only what the right image shows of junctions depends on the unknowns.
+    fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
+    factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):
-        own = _factors(seen, found.x)
+        own = Factors.concatenate([junction_factors(seen, found.x), *fixed])
         parallel = parallel_factors(seen.segments[0], seen.matches.left, (found.x, found.covariance), curves, rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used)
