@@ -16,14 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import as_finite, as_shaped
-from .numeric.typed import AnyArray, ByteArray, FloatArray
+from .numeric.covariances import as_covariances, known_covariances, pair_variances
+from .numeric.typed import AnyArray, BoolArray, ByteArray, FloatArray
 from .numeric.vectors import farthest_axis
 from .pose import Pose
+from .settings import BOUND_SIGMA
 
 # Start and sweep of a whole curve, radians.
 FULL_ARC = (0.0, 2.0 * np.pi)
-# Arrays of a FeatureSet, in the order of its arguments; a file may lack the last two.
-FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc')
+# Arrays of a FeatureSet, in the order of its arguments; a file may lack the last three.
+FIELDS = ('kind', 'start', 'end', 'radii', 'err_par', 'err_per', 'major_axis', 'arc', 'covariance')
 
 
 class FeatureKind(IntEnum):
@@ -58,12 +60,18 @@ class FeatureSet:
     radii : (n, 2) float64
         Major and minor radius of a CURVE, metres; NaN otherwise.
     err_par, err_per : (n,) float64
-        Uncertainty of the end points along and across, metres; 0 for a model.
+        Uncertainty of the end points along and across, metres, three sigma; 0 for a model. Where there is a covariance
+        they follow from it, whatever is given: of an EDGE the quadratic mean of both ends, of an AXIS the larger, of a
+        CURVE its centre along the normal and across it; across where it is largest.
     major_axis : (n, 3) float64, optional
         Unit direction of a CURVE's major radius, in its plane; NaN where unknown or no CURVE.
     arc : (n, 2) float64, optional
         Radians: where the visible arc of a CURVE starts, from major_axis about the normal, and how far it runs (2 pi:
         the whole curve); NaN when not a CURVE. From 0 when major_axis is unknown.
+    covariance : (n, 6, 6) float64, optional
+        Of both ends of an EDGE or AXIS, start's x, y, z and end's, square metres: how each end is off, and how the two
+        are off together. Of a CURVE: of its centre and of the unit normal, end - start (which has no unit). NaN
+        throughout where it is not known, and of a model.
 
     Raises
     ------
@@ -92,6 +100,7 @@ class FeatureSet:
     err_per: FloatArray
     major_axis: FloatArray = None  # type: ignore[assignment]
     arc: FloatArray = None  # type: ignore[assignment]
+    covariance: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         kind = np.array(self.kind)
@@ -123,6 +132,13 @@ class FeatureSet:
             arrays['arc'] = np.where(curve[:, None], FULL_ARC, np.nan)
         else:
             arrays['arc'] = as_shaped('arc', _rows(self.arc, n, 2), (n, 2))
+        if self.covariance is None:
+            arrays['covariance'] = np.full((n, 6, 6), np.nan)
+        else:
+            arrays['covariance'] = as_covariances('covariance', self.covariance, n)
+            known = known_covariances(arrays['covariance'])
+            bounds = _bounds(*(arrays[name][known] for name in ('kind', 'start', 'end', 'covariance')))
+            arrays['err_par'][known], arrays['err_per'][known] = bounds
         for name, array in arrays.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -136,7 +152,12 @@ class FeatureSet:
 
     @classmethod
     def from_edges(
-        cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0, err_per: ArrayLike = 0.0
+        cls,
+        start: ArrayLike,
+        end: ArrayLike,
+        err_par: ArrayLike = 0.0,
+        err_per: ArrayLike = 0.0,
+        covariance: ArrayLike | None = None,
     ) -> FeatureSet:
         """Straight edges from their end points.
 
@@ -146,6 +167,8 @@ class FeatureSet:
             Metres, any frame.
         err_par, err_per : () or (n,) array_like of float64
             Uncertainty of the end points along and across, metres.
+        covariance : (n, 6, 6) array_like of float64, optional
+            Of start and end, square metres; err_par and err_per follow from it.
         """
         start = np.asarray(start, dtype=np.float64).reshape(-1, 3)
         n = len(start)
@@ -156,6 +179,7 @@ class FeatureSet:
             np.full((n, 2), np.nan),
             np.asarray(err_par),
             np.asarray(err_per),
+            covariance=covariance,  # type: ignore[arg-type]
         )
 
     @classmethod
@@ -168,6 +192,7 @@ class FeatureSet:
         err_per: ArrayLike = 0.0,
         major_axis: ArrayLike | None = None,
         arc: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
     ) -> FeatureSet:
         """Planar curves from their centres, normals and radii.
 
@@ -185,6 +210,8 @@ class FeatureSet:
             Unit directions of the major radii.
         arc : (n, 2) array_like of float64, optional
             Start and sweep, radians; the whole curve when it is not given.
+        covariance : (n, 6, 6) array_like of float64, optional
+            Of the centre (metres) and the unit normal; err_par and err_per follow from it.
 
         Raises
         ------
@@ -208,14 +235,20 @@ class FeatureSet:
             err_per,  # type: ignore[arg-type]
             major_axis,  # type: ignore[arg-type]
             arc,  # type: ignore[arg-type]
+            covariance,  # type: ignore[arg-type]
         )
 
     @classmethod
     def from_axes(
-        cls, start: ArrayLike, end: ArrayLike, err_par: ArrayLike = 0.0, err_per: ArrayLike = 0.0
+        cls,
+        start: ArrayLike,
+        end: ArrayLike,
+        err_par: ArrayLike = 0.0,
+        err_per: ArrayLike = 0.0,
+        covariance: ArrayLike | None = None,
     ) -> FeatureSet:
         """Axes from their end points; the parameters are those of :meth:`from_edges`."""
-        edges = cls.from_edges(start, end, err_par, err_per)
+        edges = cls.from_edges(start, end, err_par, err_per, covariance)
         return replace(edges, kind=np.full(len(edges), FeatureKind.AXIS, np.uint8))
 
     @classmethod
@@ -255,6 +288,32 @@ class FeatureSet:
         middle = 0.5 * (self.start + self.end)
         return np.where((self.kind == FeatureKind.CURVE)[:, None], self.start, middle)
 
+    @property
+    def has_covariance(self) -> BoolArray:
+        """(n,) bool: whose covariance is known."""
+        return known_covariances(self.covariance)
+
+    @property
+    def start_covariance(self) -> FloatArray:
+        """Of start, (n, 3, 3) float64, square metres; NaN where it is not known."""
+        return self.covariance[:, :3, :3]
+
+    @property
+    def end_covariance(self) -> FloatArray:
+        """Of end, (n, 3, 3) float64, square metres; of the unit normal of a CURVE; NaN where it is not known."""
+        return self.covariance[:, 3:, 3:]
+
+    @property
+    def direction_covariance(self) -> FloatArray:
+        """Of the unit vector from start to end, (n, 3, 3) float64, square radians; NaN where it is not known."""
+        c = self.covariance
+        of_vector = c[:, :3, :3] + c[:, 3:, 3:] - c[:, :3, 3:] - c[:, 3:, :3]
+        of_vector = np.where((self.kind == FeatureKind.CURVE)[:, None, None], self.end_covariance, of_vector)
+        u = self.directions
+        across = np.eye(3) - u[:, :, None] * u[:, None, :]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return np.asarray(across @ of_vector @ across / self.lengths[:, None, None] ** 2)
+
     def of_kind(self, kind: FeatureKind) -> FeatureSet:
         """The features of one kind."""
         return self.select(self.kind == kind)
@@ -278,12 +337,11 @@ class FeatureSet:
         Parameters
         ----------
         pose : Pose
-            target_T_source; radii and uncertainties follow its scale.
+            target_T_source; radii, uncertainties and covariances follow its scale.
         """
         start = pose.apply(self.start)
-        end = np.where(
-            (self.kind == FeatureKind.CURVE)[:, None], start + pose.rotate(self.vectors), pose.apply(self.end)
-        )
+        curve = self.kind == FeatureKind.CURVE
+        end = np.where(curve[:, None], start + pose.rotate(self.vectors), pose.apply(self.end))
         return FeatureSet(
             self.kind,
             start,
@@ -293,7 +351,16 @@ class FeatureSet:
             self.err_per * pose.scale,
             pose.rotate(self.major_axis),
             self.arc,
+            self._turned_covariance(pose) if self.has_covariance.any() else None,  # type: ignore[arg-type]
         )
+
+    def _turned_covariance(self, pose: Pose) -> FloatArray:
+        """(n, 6, 6) in the frame that a pose leads to; unit normals keep their length."""
+        turn = np.zeros((len(self), 6, 6))
+        turn[:, :3, :3] = pose.scale * pose.rotation
+        of_end = np.where(self.kind == FeatureKind.CURVE, 1.0, pose.scale)
+        turn[:, 3:, 3:] = of_end[:, None, None] * pose.rotation
+        return np.asarray(turn @ self.covariance @ turn.swapaxes(1, 2))
 
     def polyline(self, index: int, samples: int = 64) -> FloatArray:
         """One feature as points to draw.
@@ -346,6 +413,8 @@ class FeatureSet:
     def save(self, path: str | Path) -> None:
         """Write a .npz file with one array for each field."""
         fields: dict[str, Any] = {name: getattr(self, name) for name in FIELDS}
+        if not self.has_covariance.any():
+            del fields['covariance']
         with open(path, 'wb') as file:
             np.savez_compressed(file, **fields)
 
@@ -370,6 +439,20 @@ class FeatureSet:
             raise
         except Exception as error:  # numpy raises half a dozen types for a damaged archive
             raise ValueError(f'{path}: not a feature file: {error}') from error
+
+
+def _bounds(
+    kind: ByteArray, start: FloatArray, end: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """err_par, err_per (n,), metres, of features whose covariances are known, as the class states them."""
+    along, across = pair_variances(start, end, covariance)
+    curve, axis = kind == FeatureKind.CURVE, kind == FeatureKind.AXIS
+    of_edge = (0.5 * (both[:, 0] + both[:, 1]) for both in (along, across))
+    par, per = (
+        np.where(curve, both[:, 0], np.where(axis, both.max(axis=1), mean))
+        for both, mean in zip((along, across), of_edge)
+    )
+    return BOUND_SIGMA * np.sqrt(par), BOUND_SIGMA * np.sqrt(per)
 
 
 def _rows(array: ArrayLike, n: int, columns: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Named numbers of the plain types: how much rounding a value that comes from outside may carry."""
+"""Named numbers of the plain types: how much rounding a value from outside may carry, and what a stated error is."""
 
 from __future__ import annotations
 
@@ -8,3 +8,5 @@ RECTIFIED_TOLERANCE = 1e-6
 ORTHONORMAL_TOLERANCE = 1e-6
 # Shortest norm of a quaternion that still has a direction; shorter ones are message fields that were never set.
 SHORTEST_QUATERNION = 1e-12
+# How many sigma err_par and err_per of a feature are.
+BOUND_SIGMA = 3.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ from geometry_msgs.msg import Pose as PoseMessage
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, PointField
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig, codecs
+from msgs_py.numeric.covariances import upper_triangles
 
 fast = settings(max_examples=40, deadline=None)
 finite = st.floats(-1e3, 1e3, allow_nan=False)
@@ -39,6 +41,17 @@ def images(draw):
 
 
 @st.composite
+def covariances(draw, n):
+    """Of n features, some unknown; None for all."""
+    if draw(st.booleans()):
+        return None
+    mix = draw(hnp.arrays(np.float64, (n, 6, 6), elements=st.floats(-1e-2, 1e-2)))
+    result = mix @ mix.swapaxes(1, 2)
+    result[draw(hnp.arrays(bool, (n,)))] = np.nan
+    return result
+
+
+@st.composite
 def feature_sets(draw):
     n_edges, n_curves, n_axes = (draw(st.integers(0, 4)) for _ in range(3))
 
@@ -49,9 +62,14 @@ def feature_sets(draw):
     normals = np.concatenate([rows(n_curves, 2), np.ones((n_curves, 1))], axis=1)
     return FeatureSet.concatenate(
         [
-            FeatureSet.from_edges(rows(n_edges, 3), rows(n_edges, 3), errors, errors / 2),
-            FeatureSet.from_curves(rows(n_curves, 3), normals, rows(n_curves, 2, st.floats(1e-3, 10))),
-            FeatureSet.from_axes(rows(n_axes, 3), rows(n_axes, 3)),
+            FeatureSet.from_edges(rows(n_edges, 3), rows(n_edges, 3), errors, errors / 2, draw(covariances(n_edges))),
+            FeatureSet.from_curves(
+                rows(n_curves, 3),
+                normals,
+                rows(n_curves, 2, st.floats(1e-3, 10)),
+                covariance=draw(covariances(n_curves)),
+            ),
+            FeatureSet.from_axes(rows(n_axes, 3), rows(n_axes, 3), covariance=draw(covariances(n_axes))),
         ]
     )
 
@@ -164,6 +182,56 @@ class TestFeatures:
         assert cloud.width == len(features) and cloud.header == HEADER
         assert codecs.cloud_to_features(cloud) == features
 
+    @fast
+    @given(feature_sets())
+    def test_clouds_without_covariances_are_read_and_those_with_them_by_who_knows_none(self, features):
+        cloud = codecs.features_to_cloud(features)
+        names = [field.name for field in cloud.fields]
+        assert names[:19] == ['x', 'y', 'z', 'kind', *(n for n in names[4:19] if not n.startswith('cov'))]
+        assert names[19:21] == ['cov_sx_sx', 'cov_sx_sy'] and len(names) == 40 and len(set(names)) == 40
+        cloud.fields = [field for field in cloud.fields if not field.name.startswith('cov')]
+        back = codecs.cloud_to_features(cloud)
+        assert not back.has_covariance.any()
+        assert back == replace(features, covariance=None)
+
+    @fast
+    @given(feature_sets(), st.binary(min_size=1, max_size=200), st.integers(0, 10_000))
+    def test_what_is_written_over_a_cloud_is_one_clear_error_or_features(self, features, noise, at):
+        cloud = codecs.features_to_cloud(features)
+        data = bytearray(cloud.data.tobytes())
+        at = at % (len(data) + 1)
+        data[at : at + len(noise)] = noise[: len(data) - at]
+        cloud.data = array.array('B', bytes(data))
+        try:
+            assert len(codecs.cloud_to_features(cloud)) == len(features)
+        except codecs.CodecError as error:
+            assert str(error).startswith('features.')
+
+    def test_covariances_of_32_bits_are_read(self):
+        mix = np.random.default_rng(1).normal(size=(2, 6, 6)) * 1e-3
+        features = FeatureSet.from_edges(
+            [[0, 1, 2], [3, 4, 5]], [[1, 1, 1], [2, 2, 2]], covariance=mix @ mix.swapaxes(1, 2)
+        )
+        cloud = codecs.features_to_cloud(features)
+        offset = cloud.point_step
+        rows = np.frombuffer(cloud.data, np.uint8).reshape(2, -1)
+        covariance = upper_triangles(features.covariance).astype('<f4')
+        wide = np.hstack([rows, np.ascontiguousarray(covariance).view(np.uint8).reshape(2, -1)])
+        for k, field in enumerate(f for f in cloud.fields if f.name.startswith('cov')):
+            field.offset, field.datatype = offset + 4 * k, PointField.FLOAT32
+        cloud.point_step, cloud.row_step = wide.shape[1], wide.size
+        cloud.data = array.array('B', wide.tobytes())
+        assert np.allclose(codecs.cloud_to_features(cloud).covariance, features.covariance, rtol=1e-6, atol=1e-12)
+
+    def test_a_covariance_that_is_none_is_named(self):
+        cloud = codecs.features_to_cloud(FeatureSet.from_edges([[0, 0, 0]], [[1, 0, 0]], covariance=np.eye(6)[None]))
+        offset = next(field.offset for field in cloud.fields if field.name == 'cov_sy_sy')
+        data = bytearray(cloud.data.tobytes())
+        data[offset : offset + 8] = np.float64(-1.0).tobytes()
+        cloud.data = array.array('B', bytes(data))
+        with pytest.raises(codecs.CodecError, match='features.data: covariance: feature 0: not positive semidefinite'):
+            codecs.cloud_to_features(cloud)
+
     def test_decoding_goes_by_name_with_padding_rows_and_byte_order(self):
         features = FeatureSet.from_edges([[0, 1, 2], [3, 4, 5]], [[1, 1, 1], [2, 2, 2]], 0.5, 0.25)
         cloud = codecs.features_to_cloud(features)
@@ -176,7 +244,7 @@ class TestFeatures:
             }
         )
         rows = np.frombuffer(cloud.data, dtype)
-        keep = [n for n in reversed(dtype.names) if not n.startswith(('major', 'arc'))]
+        keep = [n for n in reversed(dtype.names) if not n.startswith(('major', 'arc', 'cov'))]
         big = np.zeros((2, 1), np.dtype([(n, dtype[n].newbyteorder('>')) for n in keep]))
         for name in keep:
             big[name][:, 0] = rows[name]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -127,6 +129,99 @@ def example_features() -> FeatureSet:
             FeatureSet.from_axes([[0, 0, 0]], [[0, 2, 0]]),
         ]
     )
+
+
+def spread(rng_seed: int, n: int) -> np.ndarray:
+    """n covariances of no particular shape, square metres."""
+    mix = np.random.default_rng(rng_seed).normal(size=(n, 6, 6)) * 1e-3
+    return mix @ mix.swapaxes(1, 2)
+
+
+def certain_features() -> FeatureSet:
+    """The example with covariances of all but the second edge."""
+    covariance = spread(3, 4)
+    covariance[1] = np.nan
+    return replace(example_features(), covariance=covariance)
+
+
+class TestCovariance:
+    def test_bounds_follow_from_it_whatever_is_given(self):
+        covariance = np.diag([1.0, 4.0, 2.0, 9.0, 1.0, 16.0]) * 1e-6
+        f = FeatureSet.from_edges([[0, 0, 0]], [[1, 0, 0]], 7.0, 7.0, covariance[None])
+        assert f.err_par[0] == pytest.approx(3e-3 * np.sqrt(0.5 * (1.0 + 9.0)))
+        assert f.err_per[0] == pytest.approx(3e-3 * np.sqrt(0.5 * (4.0 + 16.0)))
+        rim = FeatureSet.from_curves([[0, 0, 1]], [[0, 1, 0]], 0.1, covariance=covariance[None])
+        assert rim.err_par[0] == pytest.approx(3e-3 * 2.0) and rim.err_per[0] == pytest.approx(3e-3 * np.sqrt(2.0))
+
+    def test_where_it_is_not_known_the_bounds_stay_as_given(self):
+        f = certain_features()
+        assert f.has_covariance.tolist() == [True, False, True, True]
+        assert (
+            f.err_per[1] == 0.003 and np.isnan(f.end_covariance[1]).all() and np.isnan(f.direction_covariance[1]).all()
+        )
+        assert not example_features().has_covariance.any()
+
+    @fast
+    @given(similarities)
+    def test_it_turns_and_grows_with_the_points(self, pose):
+        f = certain_features()
+        moved, turn = f.transformed(pose), pose.scale * pose.rotation
+        for name in ('start_covariance', 'end_covariance'):
+            assert np.allclose(getattr(moved, name)[0], turn @ getattr(f, name)[0] @ turn.T, atol=1e-12)
+        # The normal of a curve has no length, so scale does not touch it; nor any direction.
+        assert np.allclose(moved.end_covariance[2], pose.rotation @ f.end_covariance[2] @ pose.rotation.T, atol=1e-12)
+        turned = pose.rotation @ f.direction_covariance @ pose.rotation.T
+        assert np.allclose(moved.direction_covariance, turned, atol=1e-12, equal_nan=True)
+        assert np.allclose(moved.err_per, pose.scale * f.err_per) and np.allclose(moved.err_par, pose.scale * f.err_par)
+        back = moved.transformed(pose.inverse())
+        assert np.allclose(back.covariance, f.covariance, atol=1e-12, equal_nan=True)
+
+    @fast
+    @given(st.integers(0, 1000))
+    def test_of_the_direction_is_what_ends_moved_by_it_show(self, seed):
+        f = FeatureSet.from_edges([[0.1, 0.2, 0.3]], [[1.0, -0.5, 0.9]], covariance=1e-4 * spread(seed, 1))
+        moved = np.random.default_rng(seed).multivariate_normal(np.zeros(6), f.covariance[0], 4000)
+        run = f.vectors + moved[:, 3:] - moved[:, :3]
+        off = run / np.linalg.norm(run, axis=1, keepdims=True) - f.directions
+        stated = f.direction_covariance[0]
+        assert np.allclose(off.T @ off / len(off), stated, atol=0.15 * np.trace(stated))
+
+    def test_select_concatenate_and_files_keep_it(self, tmp_path):
+        f = certain_features()
+        assert FeatureSet.concatenate([f.select([0]), f.select([1, 2, 3])]) == f
+        assert FeatureSet.concatenate([f, example_features()]).has_covariance.tolist() == [
+            True,
+            False,
+            *[True] * 2,
+            *[False] * 4,
+        ]
+        f.save(tmp_path / 'features.npz')
+        assert FeatureSet.load(tmp_path / 'features.npz') == f
+        example_features().save(tmp_path / 'old.npz')
+        with np.load(tmp_path / 'old.npz') as old:
+            assert 'covariance' not in old
+        assert FeatureSet.load(tmp_path / 'old.npz') == example_features()
+
+    @pytest.mark.parametrize(
+        ('value', 'text'),
+        [
+            (np.eye(6)[None, :3], r'expected shape \(1, 6, 6\)'),
+            ('text', 'array of numbers'),
+            (-np.eye(6)[None], 'feature 0: not positive semidefinite'),
+            ((np.eye(6) + 2.0 * np.eye(6)[::-1])[None], 'feature 0: not positive semidefinite'),
+            ((np.eye(6) + np.triu(np.ones((6, 6)), 1))[None], 'feature 0: not symmetric'),
+            (np.where(np.eye(6) > 0, np.nan, 1.0)[None], 'feature 0: expected 36 finite numbers'),
+            (np.full((1, 6, 6), np.inf), 'feature 0: expected 36 finite numbers'),
+        ],
+    )
+    def test_what_is_none_is_refused_by_name(self, value, text):
+        with pytest.raises(ValueError, match=f'^covariance: .*{text}'):
+            FeatureSet.from_edges([[0, 0, 0]], [[1, 0, 0]], covariance=value)
+
+    def test_singular_ones_and_zero_are_allowed(self):
+        point = np.outer(*[np.array([1.0, 2.0, 3.0, 1.0, 2.0, 3.0])] * 2) * 1e-12
+        f = FeatureSet.from_edges([[0, 0, 0]] * 2, [[1, 0, 0]] * 2, covariance=[point, np.zeros((6, 6))])
+        assert f.err_par == pytest.approx([3e-6, 0.0])
 
 
 class TestFeatureSet:

@@ -43,7 +43,7 @@ class Recovery:
     Parameters
     ----------
     features : FeatureSet
-        Left optical frame, metres; err_par and err_per are three sigma bounds.
+        Left optical frame, metres, each with its covariance; err_par and err_per are three sigma bounds.
     edgels : (Edgels, Edgels)
         Edgels of the left and of the right image that belong to chains.
     reason : str
@@ -225,9 +225,8 @@ def _straight_lines(
 
 def _edge_features(in_space: EdgesInSpace, kept: AnyArray, curves: list[Curve]) -> FeatureSet:
     """The kept (n,) bool edges as features, ends that touch a curve put to the touching point."""
-    err_per = in_space.err_per[kept]
-    ends, err_par = joined_ends(in_space.ends[kept], in_space.err_par[kept], err_per, curves)
-    return FeatureSet.from_edges(ends[:, 0], ends[:, 1], err_par, err_per)
+    ends, covariance = joined_ends(in_space.ends[kept], in_space.covariance[kept], in_space.err_per[kept], curves)
+    return FeatureSet.from_edges(ends[:, 0], ends[:, 1], covariance=covariance)
 
 
 def compile_steps() -> tuple[CompileStep, ...]:

@@ -13,7 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from msgs_py import FeatureKind, FeatureSet, StereoRig
+from msgs_py import FeatureKind, FeatureSet, Pose, StereoRig
+from msgs_py.numeric.covariances import UPPER, upper_triangles
 from msgs_py.numeric.typed import AnyArray
 
 from .cameras.calibration import load_cameras, load_rig
@@ -35,6 +36,9 @@ COLUMNS = (
     'err along',
     'err across',
 )
+# Coordinates of both ends, in the order of the covariance's rows.
+ENDS = ('sx', 'sy', 'sz', 'ex', 'ey', 'ez')
+COVARIANCE_COLUMNS = tuple(f'cov {ENDS[a]} {ENDS[b]}' for a, b in zip(*UPPER))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -86,6 +90,23 @@ def table(features: FeatureSet) -> list[list[str]]:
             [FeatureKind(kind).name, *text, f'{1e3 * features.err_par[i]:.3f}', f'{1e3 * features.err_per[i]:.3f}']
         )
     return rows
+
+
+def covariance_table(features: FeatureSet) -> list[list[str]]:
+    """Their covariances as rows of text: the upper triangles, empty where one is not known.
+
+    Parameters
+    ----------
+    features : FeatureSet
+        Left optical frame, metres.
+
+    Returns
+    -------
+    list of list of str
+        One cell for each of COVARIANCE_COLUMNS, in square millimetres; a curve's normal has no unit.
+    """
+    values = upper_triangles(features.transformed(Pose(scale=1e3)).covariance)
+    return [[f'{x:.6g}' if np.isfinite(x) else '' for x in row] for row in values]
 
 
 def camera_record(rig: StereoRig) -> dict[str, object]:
@@ -156,8 +177,9 @@ def run(arguments: argparse.Namespace) -> int:
     cv2.imwrite(str(arguments.out / 'left.png'), left)
     (arguments.out / 'camera.json').write_text(json.dumps(camera_record(rig), indent=2) + '\n', encoding='utf-8')
     rows = table(result.features)
+    wide = [row + more for row, more in zip(rows, covariance_table(result.features))]
     with open(arguments.out / 'features.csv', 'w', encoding='utf-8') as file:
-        file.writelines(','.join(row) + '\n' for row in [list(COLUMNS), *rows])
+        file.writelines(','.join(row) + '\n' for row in [[*COLUMNS, *COVARIANCE_COLUMNS], *wide])
     for row in [list(COLUMNS), *rows]:
         print(' '.join(f'{cell:>10}' for cell in row))
     print(

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msgs_py import PinholeCamera, Pose, StereoRig
-from stereo_recovery.curves.axes import find_axes
+from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
+from stereo_recovery.curves import fit_kernels
+from stereo_recovery.curves.axes import axis_features, find_axes
 from stereo_recovery.curves.axis_constraint import AxisConstraint
-from stereo_recovery.curves.curve import Curve, camera_views, flipped, image_conic
+from stereo_recovery.curves.curve import Curve, camera_views, curve_features, flipped, image_conic
 from stereo_recovery.curves.fit import refine
 from stereo_recovery.curves.initialisation import circles_of_ellipse, mirrored
 from stereo_recovery.curves.observations import StereoEdgels
@@ -244,7 +245,7 @@ def test_the_axis_of_a_cylinder_from_one_rim_and_its_contour():
     run = axes[0].end - axes[0].start
     assert angle_between(run, rim.normal) < 0.6 * angle_between(seen.normal, rim.normal)
     assert np.linalg.norm(run) == pytest.approx(0.03, rel=0.03)
-    assert np.linalg.norm(np.cross(axes[0].end - rim.centre, rim.normal)) < axes[0].err_per
+    assert np.linalg.norm(np.cross(axes[0].end - rim.centre, rim.normal)) < axis_features(axes).err_per[0]
 
 
 def test_the_apex_of_a_cone_from_its_base_and_contours():
@@ -283,6 +284,22 @@ def test_two_rims_of_a_frustum_tell_where_its_sides_meet():
     high = replace(low, centre=low.centre + [0.0, 0.03, 0.0], radii=np.full(2, 0.01))
     _, surfaces = find_axes([low, high], (segments_of([]), segments_of([])), RIG)
     assert any(np.allclose(apex, [0.0, 0.06, 0.3, 1.0], atol=1e-9) for _, apex in surfaces)
+
+
+def test_a_curve_feature_has_the_covariance_of_its_centre_and_normal():
+    """Curves moved and tilted as their own six parameters vary."""
+    rng = np.random.default_rng(4)
+    mix = rng.normal(size=(6, 6)) * [1e-4, 2e-4, 3e-4, 2e-3, 1e-3, 1e-5]
+    given = replace(curve([0.02, 0.02, 0.25], [0.1, 1.0, -0.5]), covariance=mix.T @ mix)
+    feature = curve_features([given])
+    steps = rng.multivariate_normal(np.zeros(6), given.covariance, 20000)
+    moved = [fit_kernels.moved(given.shape, np.array([*step[:5], 0.0, 0.0, 0.0]), True) for step in steps]
+    off = np.array([[*(m.centre - given.centre), *(m.normal - given.normal)] for m in moved])
+    seen = off.T @ off / len(off)
+    size = np.sqrt(np.diag(feature.covariance[0]))
+    assert np.allclose(seen, feature.covariance[0], atol=0.05 * np.outer(size, size))
+    across = np.linalg.eigvalsh(feature.direction_covariance[0])
+    assert across == pytest.approx([0.0, *np.linalg.eigvalsh(given.covariance[3:5, 3:5])], abs=1e-12)
 
 
 def near_half() -> Curve:
@@ -354,10 +371,28 @@ def test_an_edge_that_runs_into_an_arc_ends_where_it_touches_the_circle(beyond):
     onward = -np.sin(0.5) * rim.first + np.cos(0.5) * rim.second
     edge = np.stack([touch - 0.03 * onward, touch + beyond * onward])[None]
     for ends in (edge, edge[:, ::-1]):
-        found, err_par = joined_ends(ends, np.array([2e-3]), np.array([1e-4]), [rim])
+        found, covariance = joined_ends(ends, (2e-3 / 3.0) ** 2 * np.eye(6)[None], np.array([1e-4]), [rim])
         assert min(np.linalg.norm(end - touch) for end in found[0]) < 1e-9
         assert min(np.linalg.norm(end - edge[0, 0]) for end in found[0]) < 1e-9
-        assert err_par[0] >= 2e-3
+        joined = FeatureSet.from_edges(found[:, 0], found[:, 1], covariance=covariance)
+        assert joined.err_par[0] >= 2e-3 * (1.0 - 1e-12)
+
+
+def test_an_end_put_to_a_circle_is_as_well_known_across_as_its_line_there():
+    """The line is turned about its middle, and so is every place on it."""
+    rim = curve([0.02, 0.01, 0.25], [0.0, 0.8, -0.6], 0.015, arc=(0.5, np.pi), spread=1e-6)
+    touch = rim.centre + rim.radii[0] * (np.cos(0.5) * rim.first + np.sin(0.5) * rim.second)
+    onward = -np.sin(0.5) * rim.first + np.cos(0.5) * rim.second
+    ends = np.stack([touch - 0.03 * onward, touch - 0.002 * onward])[None]
+    side = np.cross(onward, rim.normal)
+    turned = np.concatenate([-side, side])
+    covariance = 1e-8 * np.outer(turned, turned) + 1e-12 * np.eye(6)
+    found, after = joined_ends(ends, covariance[None], np.array([3e-4]), [rim])
+    share = 0.03 / 0.028
+    assert np.linalg.norm(found[0, 1] - touch) < 1e-9
+    assert side @ after[0, 3:, 3:] @ side == pytest.approx(1e-8 * (2.0 * share - 1.0) ** 2, rel=1e-3)
+    assert side @ after[0, :3, 3:] @ side == pytest.approx(-1e-8 * (2.0 * share - 1.0), rel=1e-3)
+    assert onward @ after[0, 3:, 3:] @ onward == pytest.approx(1e-12, rel=1e-3)
 
 
 @pytest.mark.parametrize(('start', 'beyond'), [(0.5 + np.pi, 0.005), (0.5, 0.02)])
@@ -366,7 +401,7 @@ def test_an_edge_that_goes_on_or_meets_no_arc_keeps_its_ends(start, beyond):
     touch = rim.centre + rim.radii[0] * (np.cos(0.5) * rim.first + np.sin(0.5) * rim.second)
     onward = -np.sin(0.5) * rim.first + np.cos(0.5) * rim.second
     edge = np.stack([touch - 0.03 * onward, touch + beyond * onward])[None]
-    assert np.array_equal(joined_ends(edge, np.array([2e-3]), np.array([1e-4]), [rim])[0], edge)
+    assert np.array_equal(joined_ends(edge, 4e-7 * np.eye(6)[None], np.array([1e-4]), [rim])[0], edge)
 
 
 def test_one_rim_found_twice_is_one_and_two_rims_are_two():

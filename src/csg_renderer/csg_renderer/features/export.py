@@ -73,6 +73,8 @@ def as_json(features: FeatureSet, found: Boundary | None = None) -> dict[str, An
                 row['major_axis'] = _list(features.major_axis[k])
         else:
             row |= {'start': _list(features.start[k]), 'end': _list(features.end[k])}
+        if features.has_covariance[k]:
+            row['covariance'] = [_list(line) for line in features.covariance[k]]
         rows.append(row)
     out: dict[str, Any] = {'unit': 'm', 'features': rows}
     if found is None:

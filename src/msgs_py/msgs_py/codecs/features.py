@@ -1,8 +1,10 @@
 """FeatureSet to and from sensor_msgs/PointCloud2: one point for each feature.
 
 Fields, in this order: x y z float32 (the feature's middle, for viewers), kind uint8, then float64 start_x..z, end_x..z,
-radius_major, radius_minor, err_par, err_per, major_x..z, arc_start, arc_sweep. Decoding goes by field name; major_*
-and arc_* may be missing, floats may be 32 or 64 bit. The round trip is exact.
+radius_major, radius_minor, err_par, err_per, major_x..z, arc_start, arc_sweep, and 21 fields cov_A_B, the upper
+triangle of the covariance of both ends: A and B are sx sy sz of start and ex ey ez of end; NaN where it is not known.
+Decoding goes by field name; major_*, arc_* and cov_* may be missing, floats may be 32 or 64 bit. The round trip is
+exact.
 """
 
 from __future__ import annotations
@@ -15,8 +17,11 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from ..features import FeatureSet
+from ..numeric.covariances import UPPER, from_upper_triangles, upper_triangles
 from .errors import CodecError
 
+# Of both ends, in the order of the covariance's rows.
+COORDINATES = ('sx', 'sy', 'sz', 'ex', 'ey', 'ez')
 # Arrays of a FeatureSet, and the fields of the cloud that hold their columns.
 VECTORS = {
     'start': ('start_x', 'start_y', 'start_z'),
@@ -26,9 +31,10 @@ VECTORS = {
     'err_per': ('err_per',),
     'major_axis': ('major_x', 'major_y', 'major_z'),
     'arc': ('arc_start', 'arc_sweep'),
+    'covariance': tuple(f'cov_{COORDINATES[a]}_{COORDINATES[b]}' for a, b in zip(*UPPER)),
 }
 # Arrays that a cloud may lack.
-OPTIONAL = ('major_axis', 'arc')
+OPTIONAL = ('major_axis', 'arc', 'covariance')
 ROW = np.dtype(
     [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('kind', 'u1'), ('pad', 'V3')]
     + [(name, '<f8') for names in VECTORS.values() for name in names]
@@ -73,7 +79,10 @@ def features_to_cloud(features: FeatureSet, header: Header | None = None) -> Poi
     rows['x'], rows['y'], rows['z'] = features.midpoints.T
     rows['kind'] = features.kind
     for attribute, names in VECTORS.items():
-        columns = getattr(features, attribute).reshape(len(features), len(names))
+        values = getattr(features, attribute)
+        if attribute == 'covariance':
+            values = upper_triangles(values)
+        columns = values.reshape(len(features), len(names))
         for column, name in zip(columns.T, names):
             rows[name] = column
     cloud = PointCloud2()
@@ -149,6 +158,8 @@ def cloud_to_features(cloud: PointCloud2) -> FeatureSet:
     }
     for attribute in ('err_par', 'err_per'):
         values[attribute] = values[attribute][:, 0]
+    if 'covariance' in values:
+        values['covariance'] = from_upper_triangles(values['covariance'])
     try:
         return FeatureSet(kind=rows['kind'].astype(np.int64), **values)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Named numbers of the numeric room: the cache of machine code, and medians of normal noise."""
+"""Named numbers of the numeric room: the cache of machine code, medians of normal noise, rounding of covariances."""
 
 from __future__ import annotations
 
@@ -18,3 +18,8 @@ NAME_CHARACTERS = 40
 NORMAL_QUARTILE = 0.6745
 # Times the median of |x| gives sigma: 1 / NORMAL_QUARTILE, rounded as in most textbooks.
 MAD_TO_SIGMA = 1.4826
+
+# By which a correlation may miss symmetry, and its least eigenvalue zero: what numbers of 32 bits round away.
+PSD_TOLERANCE = 1e-6
+# Stands for a sigma of zero where something is divided by it, in any unit.
+LEAST_SIGMA = 1e-150

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msgs_py import FeatureSet, StereoRig
+from msgs_py.numeric.covariances import semidefinite
 from msgs_py.numeric.typed import FloatArray, Int8Array
 
 from ..detection.segments import Segments
@@ -28,14 +29,13 @@ class Axis:
     ----------
     start, end : (3,) float64
         Metres. Left optical frame.
-    err_par, err_per : float
-        Metres. Three sigma along and across.
+    covariance : (6, 6) float64
+        Square metres. Of both ends.
     """
 
     start: FloatArray
     end: FloatArray
-    err_par: float
-    err_per: float
+    covariance: FloatArray
 
 
 def find_axes(
@@ -69,8 +69,7 @@ def find_axes(
                 min((curves[k] for k in end), key=lambda c: float(np.trace(c.covariance[:3, :3])))
                 for end in (low, high)
             )
-            direction = (b.centre - a.centre) / np.linalg.norm(b.centre - a.centre)
-            found.append(Axis(a.centre, b.centre, *_worse([_bounds(c.covariance, direction) for c in (a, b)])))
+            found.append(Axis(a.centre, b.centre, _independent(a.covariance, b.covariance)))
             used |= {*low, *high}
             # Of several rims at an end, the surface between the ends joins the two whose radii differ least.
             i, j = min(
@@ -136,19 +135,11 @@ def _cone_between(a: Curve, b: Curve) -> list[CurvedSurface]:
     return [CurvedSurface.cone(a, a.centre + (b.centre - a.centre) * a.radii[0] / difference)]
 
 
-def _bounds(covariance: FloatArray, direction: FloatArray) -> tuple[float, float]:
-    """Metres: bounds of a point along a direction (3,) and across it; covariance (3 or more, ...) of x, y, z first."""
-    of_point = covariance[:3, :3]
-    rest = np.eye(3) - np.outer(direction, direction)
-    return (
-        settings.AXIS_BOUND * float(np.sqrt(direction @ of_point @ direction)),
-        settings.AXIS_BOUND * float(np.sqrt(np.linalg.eigvalsh(rest @ of_point @ rest)[-1])),
-    )
-
-
-def _worse(bounds: list[tuple[float, float]]) -> tuple[float, float]:
-    """The largest bound along and the largest across."""
-    return max(b[0] for b in bounds), max(b[1] for b in bounds)
+def _independent(of_start: FloatArray, of_end: FloatArray) -> FloatArray:
+    """(6, 6), square metres: of two ends, from covariances (3 or more, ...) that have x, y, z first."""
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = of_start[:3, :3], of_end[:3, :3]
+    return settings.AXIS_VARIANCE_FACTOR * covariance
 
 
 def _cylinder_axis(curve: Curve, segments: tuple[Segments, Segments], rig: StereoRig) -> Axis | None:
@@ -164,7 +155,6 @@ def _cylinder_axis(curve: Curve, segments: tuple[Segments, Segments], rig: Stere
     step = -np.linalg.solve(information, slopes.T @ ((contours.normals @ curve.normal) / contours.sigma**2))
     direction = curve.normal + step @ frame
     direction /= np.linalg.norm(direction)
-    tilt = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(information))[-1]))
     heights = contours.abscissae(curve.centre, direction)
     farthest = heights[np.arange(len(heights)), np.abs(heights).argmax(axis=1)]
     height = float(farthest[np.abs(farthest).argmax()])
@@ -173,13 +163,12 @@ def _cylinder_axis(curve: Curve, segments: tuple[Segments, Segments], rig: Stere
     # The far end is where the contours of both sides end; where these differ, something hides it.
     reached = [np.abs(farthest[contours.sides == name]).max() for name in np.unique(contours.sides)]
     end_error = max(reached) - min(reached) if len(reached) > 1 else settings.ONE_SIDED_ERROR * abs(height)
-    along, across = _bounds(curve.covariance, direction)
-    return Axis(
-        curve.centre,
-        curve.centre + height * direction,
-        along + end_error + settings.AXIS_LENGTH_ERROR * abs(height),
-        across + settings.BOUND_SIGMA * tilt * abs(height),
-    )
+    # The far end goes with the rim, turns about it, and is as well known along the axis as the contours show it.
+    covariance = np.tile(settings.AXIS_VARIANCE_FACTOR * curve.covariance[:3, :3], (2, 2))
+    covariance[3:, 3:] += height**2 * frame.T @ np.linalg.inv(information) @ frame
+    length_sigma = (end_error + settings.AXIS_LENGTH_ERROR * abs(height)) / settings.BOUND_SIGMA
+    covariance[3:, 3:] += length_sigma**2 * np.outer(direction, direction)
+    return Axis(curve.centre, curve.centre + height * direction, covariance)
 
 
 def _cone_axis(
@@ -207,8 +196,7 @@ def _cone_axis(
         return None, None
     # The planes' distance from the apex is taken for three sigma of what their stated errors leave out.
     spread = np.linalg.inv(information) + (miss / settings.BOUND_SIGMA) ** 2 * np.eye(3)
-    direction = run / np.linalg.norm(run)
-    return Axis(apex, curve.centre, *_worse([_bounds(c, direction) for c in (spread, curve.covariance)])), apex
+    return Axis(apex, curve.centre, _independent(spread, curve.covariance)), apex
 
 
 def _apex(curve: Curve, contours: Contours) -> tuple[FloatArray, FloatArray]:
@@ -298,6 +286,5 @@ def axis_features(axes: list[Axis]) -> FeatureSet:
     """
     if not axes:
         return FeatureSet.empty()
-    return FeatureSet.from_axes(
-        [a.start for a in axes], [a.end for a in axes], [a.err_par for a in axes], [a.err_per for a in axes]
-    )
+    covariance = semidefinite(np.stack([a.covariance for a in axes]))
+    return FeatureSet.from_axes([a.start for a in axes], [a.end for a in axes], covariance=covariance)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import FeatureSet, PinholeCamera, StereoRig
+from msgs_py.numeric.covariances import semidefinite
 from msgs_py.numeric.typed import BoolArray, FloatArray
-
-from . import settings
 
 
 class CurveShape(NamedTuple):
@@ -123,6 +122,14 @@ class Curve:
     def tilt(self) -> float:
         """Radians, one sigma of the normal in its worst direction."""
         return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance[3:5, 3:5])[-1], 0.0)))
+
+    @property
+    def centre_and_normal_covariance(self) -> FloatArray:
+        """(6, 6) of the centre, metres, and of the unit normal: a tilt about first moves it along second."""
+        moved = np.zeros((6, 5))
+        moved[:3, :3] = np.eye(3)
+        moved[3:, 3], moved[3:, 4] = self.second, -self.first
+        return np.asarray(moved @ self.covariance[:5, :5] @ moved.T)
 
     @property
     def shape(self) -> CurveShape:
@@ -280,22 +287,15 @@ def curve_features(curves: list[Curve]) -> FeatureSet:
     Returns
     -------
     FeatureSet
-        In the same order; err_par and err_per are three sigma of the centre along the normal and across it, metres.
+        In the same order, with the covariance of centre and normal.
     """
     if not curves:
         return FeatureSet.empty()
-    along, across = [], []
-    for c in curves:
-        spread = c.covariance[:3, :3]
-        along.append(settings.BOUND_SIGMA * np.sqrt(c.normal @ spread @ c.normal))
-        flat = np.stack([c.first, c.second])
-        across.append(settings.BOUND_SIGMA * np.sqrt(np.linalg.eigvalsh(flat @ spread @ flat.T)[-1]))
     return FeatureSet.from_curves(
         [c.centre for c in curves],
         [c.normal for c in curves],
         [c.radii for c in curves],
-        along,
-        across,
-        [c.first for c in curves],
-        [c.arc for c in curves],
+        major_axis=[c.first for c in curves],
+        arc=[c.arc for c in curves],
+        covariance=semidefinite(np.stack([c.centre_and_normal_covariance for c in curves])),
     )

@@ -222,13 +222,13 @@ LEAST_TILT_VARIANCE = 1e-12
 LEAST_CONTOUR_COSINE = 1e-3
 # Radii: how far along the normal the second point lies whose image gives the direction of the axis.
 AXIS_STEP = 0.01
-# Factor from sigma to the stated bound of an axis' end: three sigma and a fifth more, for what moves a rim as a whole.
-AXIS_BOUND = 3.6
+# Factor of the variances of an axis' ends: sigma and a fifth more, for what moves a rim as a whole.
+AXIS_VARIANCE_FACTOR = 1.44
 # Length of the axis of a cylinder or cone, in radii: least, and of a cone most.
 LEAST_AXIS = 0.2
 LONGEST_CONE = 20.0
-# Bound of a cylinder's far end, as a share of the axis' length: beside the rim's, and where just one side's contour
-# shows the end.
+# Three sigma of a cylinder's far end, as a share of the axis' length: beside the rim's, and where just one side's
+# contour shows the end.
 AXIS_LENGTH_ERROR = 0.03
 ONE_SIDED_ERROR = 0.5
 # Contours of a cone: distance from touching the rim's image, pixels, and most with its uncertainty; distance of the

@@ -47,23 +47,30 @@ class OwnLines:
         Of the unknowns (a, b).
     extent : (n, 2) float64, pixels
         The part of each edge that counts.
+    with_line : (n, 2, 2), optional
+        Covariance of the vector with offset (pixels) and direction (radians) of the left line; none: unrelated.
     """
 
     information: FloatArray
     vector: FloatArray
     extent: FloatArray
+    with_line: FloatArray | None = None
 
     @property
     def ends(self) -> FloatArray:
         """(n, 2, 2) rows h: h x is the disparity at either end."""
         return np.stack([np.ones_like(self.extent), self.extent], axis=-1)
 
+    def covariance_with_line(self, covariance: FloatArray) -> FloatArray:
+        """(n, 2, 2) of unknowns of this covariance (n, 2, 2) with offset and direction of the left lines."""
+        return np.zeros_like(covariance) if self.with_line is None else np.asarray(covariance @ self.with_line)
+
     def about(self, rough: FloatArray) -> OwnLines:
         """With the prior that an edge lies within MATCH_SIGMA of disparities (n,), and not along the line of sight."""
         information = self.information + np.einsum('nei,nej->nij', self.ends, self.ends) / MATCH_SIGMA**2
         information[:, 1, 1] += MATCH_SLOPE**-2.0
         vector = self.vector + np.einsum('nei,n->ni', self.ends, rough) / MATCH_SIGMA**2
-        return OwnLines(information, vector, self.extent)
+        return OwnLines(information, vector, self.extent, self.with_line)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +86,8 @@ class Estimate:
         Probability of each, by what all others say.
     reliability : (n,) float64
         Probability that all hold on which an edge's depth hangs.
+    unit_variance : float
+        How much larger covariances are than the stated sigmas have them; those of x hold it.
     """
 
     x: FloatArray
@@ -86,6 +95,7 @@ class Estimate:
     used: BoolArray
     holds: FloatArray
     reliability: FloatArray
+    unit_variance: float = 1.0
 
 
 def probabilities(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
@@ -182,8 +192,9 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
         used = used | fresh
     solution = equations.solve(used)
     holds = probabilities(factors, solution, used)
-    covariance = solution.covariance * unit_variance(factors, solution, used)
-    return Estimate(solution.x, covariance, used, holds, reliability(factors, solution, used, holds, lines))
+    unit = unit_variance(factors, solution, used)
+    sure = reliability(factors, solution, used, holds, lines)
+    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, unit)
 
 
 def unit_variance(factors: Factors, solution: Solution, used: BoolArray) -> float:

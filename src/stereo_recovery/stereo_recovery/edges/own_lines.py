@@ -50,7 +50,10 @@ def own_lines(matches: Matches, segments: tuple[Segments, Segments], row_sigma: 
     inverse = np.linalg.inv(covariance)
     information = inverse * (tr[:, 1] ** 2)[:, None, None]
     vector = np.einsum('nij,nj->ni', inverse, np.stack([offset, slope], axis=1)) * tr[:, 1:2]
-    return OwnLines(information, vector, left.extent[i])
+    # Moved across by e, the left line's points lie beside the right one by -e times the cosine between the two.
+    cosine = (tl * tr).sum(axis=1)
+    with_line = -inverse * (tr[:, 1] * cosine)[:, None, None] * (sl**2)[:, None, :]
+    return OwnLines(information, vector, left.extent[i], with_line)
 
 
 def _without_common_sagitta(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py import StereoRig
+from msgs_py.numeric.typed import FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
@@ -17,16 +18,19 @@ from .estimate import Estimate, estimate
 from .extents import Extents, extents
 from .factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from .junction_edges import Corners, corners, junction_edges
-from .lines3d import Lines3D
+from .lines3d import Lines3D, line_covariance
 from .own_lines import own_lines
 from .parallel_groups import parallel_factors
 from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
 
 
-def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig) -> Estimate:
+def solved(
+    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
+) -> tuple[Estimate, FloatArray]:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
-    Parameters are those of :func:`edges`.
+    Parameters are those of :func:`edges`. Beside the estimate: (n, 2, 2) covariance of the unknowns with offset and
+    direction of the left lines.
     """
     disparity = seen.matches.disparity
     lines = own_lines(seen.matches, seen.segments, row_sigma).about(disparity[:, 1])
@@ -41,16 +45,16 @@ def solved(seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig:
         parallel = parallel_factors(seen.segments[0], seen.matches.left, (found.x, found.covariance), curves, rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used)
-    return found
+    return found, lines.covariance_with_line(found.covariance)
 
 
 def _with_corners(
     seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
-) -> tuple[Estimate, Extents, Corners]:
-    """The estimate, where the edges end, and the corners that follow."""
-    found = solved(seen, row_sigma, curves, rig)
+) -> tuple[Estimate, FloatArray, Extents, Corners]:
+    """The estimate and its covariance with the left lines, where the edges end, and the corners that follow."""
+    found, with_line = solved(seen, row_sigma, curves, rig)
     ends = extents(seen, found.x)
-    return found, ends, corners(seen, found, ends)
+    return found, with_line, ends, corners(seen, found, ends)
 
 
 def edges(
@@ -75,17 +79,17 @@ def edges(
         Of both images, that the lines refer to: with those that the other image alone shows.
     """
     given = seen.matches
-    found, ends, known = _with_corners(seen, row_sigma, curves, rig)
+    found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig)
     wrong = inconsistent(seen, known)
     if wrong.any():
         seen = replace(seen, matches=seen.matches.select(~wrong))
-        found, ends, known = _with_corners(seen, row_sigma, curves, rig)
+        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig)
     for _ in range(CORNER_ROUNDS):
         grown = matched_by_corners(seen, known)
         if grown is None:
             break
         seen = replace(seen, matches=grown)
-        found, ends, known = _with_corners(seen, row_sigma, curves, rig)
+        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig)
     matches = seen.matches
     by_corners = np.arange(len(matches)) >= len(given) - wrong.sum()
     lines = Lines3D(
@@ -94,6 +98,8 @@ def edges(
         ends.abscissa,
         found.x,
         found.covariance,
+        found.unit_variance * line_covariance(seen.segments[0], matches.left),
+        with_line,
         ends.sigma,
         ends.fixed,
         by_corners,
@@ -110,6 +116,8 @@ def edges(
         more.extent,
         more.coefficient,
         more.covariance,
+        line_covariance(more.segments[0], left),
+        np.zeros((count, 2, 2)),
         np.full((count, 2), ROUNDED),
         np.ones((count, 2), bool),
         np.ones(count, bool),

@@ -20,13 +20,19 @@ NEAR = 0.5
 
 
 def joined_ends(
-    ends: AnyArray, err_par: AnyArray, err_per: AnyArray, curves: Sequence[Curve]
+    ends: AnyArray, covariance: AnyArray, err_per: AnyArray, curves: Sequence[Curve]
 ) -> tuple[AnyArray, AnyArray]:
-    """Ends of edges (n, 2, 3), metres, with those that run into a circle put to the touching point, and err_par (n,).
+    """Ends of edges with those that run into a circle put to the touching point, and their covariance.
 
-    err_par, err_per : (n,) metres, three sigma along and across.
+    Parameters
+    ----------
+    ends : (n, 2, 3) float64, metres
+    covariance : (n, 6, 6) float64, square metres
+    err_per : (n,) float64, metres
+        Three sigma across.
+    curves : sequence of Curve
     """
-    ends, err_par = ends.copy(), err_par.copy()
+    ends, covariance = ends.copy(), covariance.copy()
     for curve in curves:
         radius = curve.radii[0]
         if radius != curve.radii[1] or len(ends) == 0:
@@ -48,8 +54,21 @@ def joined_ends(
             onward = spoke / across[k] + (along[k] if which else -along[k])
             if gap < NEAR * radius and length[k] > 2.0 * gap and _is_seen(curve, onward):
                 ends[k, which] = ends[k, 0] + place[k] * along[k]
-                err_par[k] = max(err_par[k], 3.0 * float(np.sqrt(along[k] @ curve.covariance[:3, :3] @ along[k])))
-    return ends, err_par
+                own = along[k] @ covariance[k, 3 * which : 3 * which + 3, 3 * which : 3 * which + 3] @ along[k]
+                on_curve = along[k] @ curve.covariance[:3, :3] @ along[k]
+                covariance[k] = _moved_end(covariance[k], which, place[k] / length[k], along[k], max(own, on_curve))
+    return ends, covariance
+
+
+def _moved_end(covariance: AnyArray, which: int, share: float, along: AnyArray, variance: float) -> AnyArray:
+    """(6, 6): covariance of both ends when end 0 or 1 is moved on their line to a share of it, known so well along."""
+    here = slice(3 * which, 3 * which + 3)
+    across = np.eye(3) - np.outer(along, along)
+    turn = np.eye(6)
+    turn[here] = across @ np.hstack([(1.0 - share) * np.eye(3), share * np.eye(3)])
+    moved: AnyArray = turn @ covariance @ turn.T
+    moved[here, here] += variance * np.outer(along, along)
+    return moved
 
 
 def _is_seen(curve: Curve, towards: AnyArray) -> bool:
