@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.matching import candidate_kernels, labelling_kernels
+from stereo_recovery.matching import candidate_kernels, dense_kernels, labelling_kernels
 from stereo_recovery.matching.candidate_kernels import Photometry, SegmentTable
-from stereo_recovery.matching.dense import DenseDisparity
+from stereo_recovery.matching.dense import DenseDisparity, windows
 from stereo_recovery.matching.labelling import grey_density, learnt_exposure, match
 
 WINDOW, RADIUS, BELIEF = (1.0, 200.0), 100.0, 0.5
@@ -251,6 +251,17 @@ def test_dense_disparity_speaks_for_the_true_candidate_in_texture_and_not_at_all
     assert wrong < -1.5
     even = plain((160, 260))
     assert DenseDisparity(even, even, 1.0, 60.0).log_ratio(node, value, left) == pytest.approx(0.0)
+
+
+def test_dense_disparity_says_nothing_between_places_that_look_alike():
+    # Smoothness alone has chosen between the periods of a board: 44 px, where 20 px fit as well.
+    tile = np.random.default_rng(5).uniform(0.0, 255.0, (160, 24)).astype(np.float32)
+    right = windows(np.tile(tile, (1, 11)))
+    places = np.stack(np.broadcast_arrays(130, np.arange(40, 46)[:, None]), axis=-1)[None, None].repeat(2, axis=1)
+    node = np.array([[0, 0], [0, 1], [0, 2]], np.int32)
+    along = np.repeat([[44.0], [20.0], [31.0]], 6, axis=1)
+    told = dense_kernels.log_ratios(np.full((160, 264), 44.0, np.float32), right, places.astype(np.int32), node, along)
+    assert told == pytest.approx([dense_kernels.AGREES, 0.0, dense_kernels.DIFFERS])
 
 
 def test_grey_levels_that_never_occur_are_possible():

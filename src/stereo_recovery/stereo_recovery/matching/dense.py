@@ -9,15 +9,9 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray
 
 from ..detection.edgels import gradient_noise, noise_level
 from ..detection.segments import Segments
-from .settings import (
-    DENSE_OFFSETS,
-    DENSE_PIXELS,
-    DENSE_SAMPLES,
-    DENSE_TOLERANCE,
-    DENSE_TRUE,
-    DENSE_WRONG,
-    TEXTURE_NOISE,
-)
+from . import dense_kernels
+from .dense_kernels import Windows
+from .settings import DENSE_OFFSETS, DENSE_PIXELS, DENSE_SAMPLES, TEXTURE_NOISE
 
 # Of OpenCV's semi-global matching, its manual's values: window, penalties of a step of one and of a larger one, by the
 # window's pixels; largest difference of the two directions, px; margin of the best over the second, percent.
@@ -34,6 +28,15 @@ def _textured(grey: ByteArray) -> BoolArray:
     energy = cv2.boxFilter(change * change, cv2.CV_32F, (WINDOW, WINDOW))
     limit = (TEXTURE_NOISE * gradient_noise(noise_level(grey.astype(np.float32)), SOBEL_SIGMA)) ** 2
     return np.asarray(energy > limit)
+
+
+def windows(grey: Float32Array) -> Windows:
+    """The windows that dense disparity compares, of grey levels (h, w)."""
+    # Sums of squares of small numbers keep their digits.
+    image = grey - np.float32(grey.mean())
+    mean, squares = (cv2.boxFilter(of, cv2.CV_32F, (WINDOW, WINDOW)) for of in (image, image * image))
+    contrast = WINDOW * np.sqrt(np.maximum(squares - mean * mean, 0.0))
+    return Windows(image, np.asarray(mean), np.asarray(contrast, np.float32), WINDOW // 2)
 
 
 class DenseDisparity:
@@ -84,6 +87,7 @@ class DenseDisparity:
             uniquenessRatio=UNIQUENESS,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
+        self._right = windows(np.asarray(reduced[1][:, room:], np.float32))
         raw = matcher.compute(*reduced)[:, room:]
         known = (raw >= low * FRACTION) & _textured(np.asarray(reduced[0][:, room:], np.uint8))
         self.disparity = np.where(known, raw / FRACTION, np.nan).astype(np.float32)
@@ -92,7 +96,8 @@ class DenseDisparity:
         """(k,) float64: how much likelier the surface beside a candidate's edge is if the candidate is true.
 
         The edge belongs to the nearer of the two surfaces beside it, so that one of them is enough. Where nothing is
-        known nothing is said.
+        known nothing is said; and nothing against a candidate whose place in the right image looks like the one taken,
+        since smoothness alone chose between the two, and of a board's periods it prefers the one parallel to the image.
 
         Parameters
         ----------
@@ -101,18 +106,11 @@ class DenseDisparity:
         left : Segments
         """
         share = (np.arange(DENSE_SAMPLES) + 0.5) / DENSE_SAMPLES
-        places = left.start[:, None] + share[:, None] * (left.end - left.start)[:, None]
-        across = np.stack([-left.direction[:, 1], left.direction[:, 0]], axis=1)[:, None, None]
-        offsets = np.array(DENSE_OFFSETS) / self.scale
-        beside = np.stack([places[:, None] + sign * offsets[:, None, None] * across for sign in (-1.0, 1.0)], axis=1)
+        middle = left.start[:, None] + share[:, None] * (left.end - left.start)[:, None]
+        across = np.stack([-left.direction[:, 1], left.direction[:, 0]], axis=1)[:, None, None, None]
+        offsets = np.multiply.outer([-1.0, 1.0], DENSE_OFFSETS)[:, None, :, None] / self.scale
         height, width = self.disparity.shape
-        x = np.clip(np.rint(beside[..., 0] * self.scale).astype(np.intp), 0, width - 1)
-        y = np.clip(np.rint(beside[..., 1] * self.scale).astype(np.intp), 0, height - 1)
-        of_edge = (value[:, :1] + share * (value[:, 2:3] - value[:, :1])) * self.scale
-        off = np.abs(self.disparity[y, x][node[:, 0]] - of_edge[:, None, None])
-        known = np.isfinite(off).mean(axis=(2, 3))
-        agreeing = (off < DENSE_TOLERANCE).mean(axis=(2, 3))
-        # Of each side one surface speaks, once.
-        side = agreeing * np.log(DENSE_TRUE / DENSE_WRONG)
-        side += (known - agreeing) * np.log((1.0 - DENSE_TRUE) / (1.0 - DENSE_WRONG))
-        return np.asarray(np.logaddexp(side[:, 0], side[:, 1]) - np.log(2.0))
+        beside = np.rint((middle[:, None, :, None] + offsets * across) * self.scale)
+        places = np.clip(beside, 0, [width - 1, height - 1]).astype(np.int32)
+        along = (value[:, :1] + share * (value[:, 2:3] - value[:, :1])) * self.scale
+        return np.asarray(dense_kernels.log_ratios(self.disparity, self._right, places, node, along))

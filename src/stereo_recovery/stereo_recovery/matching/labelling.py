@@ -24,7 +24,7 @@ from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Arra
 
 from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
-from . import candidate_kernels, labelling_kernels
+from . import candidate_kernels, dense_kernels, labelling_kernels
 from .candidate_kernels import Photometry, SegmentTable
 from .dense import DenseDisparity
 from .labelling_kernels import CandidateLists, Neighbours
@@ -118,8 +118,10 @@ def match(
         photometry = Photometry(seen, smooth[1], density, exposure.scale)
         node, value, chances = candidate_kernels.candidates(*tables, photometry, *window)
         own = value[:, 5] + np.log(PARTNER_ODDS / np.maximum(chances[node[:, 0]], 1.0))
-        if dense is not None and len(node):
-            own += dense.log_ratio(node, value, left)
+        if dense is not None:
+            # What it cannot bring back into the game it need not be asked of.
+            asked = own > LEAST_ODDS - dense_kernels.AGREES
+            own[asked] += dense.log_ratio(node[asked], value[asked], left)
         kept = _in_the_game(node, own, len(left), len(right))
         node, value, own = node[kept], value[kept], own[kept]
         return _labelling(node, value, own, near, met[1], (len(left), len(right)), spread, radius, rounds, least_belief)

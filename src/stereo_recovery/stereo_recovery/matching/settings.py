@@ -56,6 +56,8 @@ DENSE_PIXELS = 120_000
 DENSE_SAMPLES, DENSE_OFFSETS = 6, (1.5, 3.0)
 # Reduced px to which it agrees with a candidate; probability that it does, with a true one and with a wrong one. [R]
 DENSE_TOLERANCE, DENSE_TRUE, DENSE_WRONG = 1.5, 0.85, 0.06
+# Correlation of two windows of a row above which one may be taken for the other. [R]
+LOOK_ALIKE = 0.8
 # Slope of grey levels along the rows, in sigma of its noise, above which there is texture in the window. [R]
 TEXTURE_NOISE = 3.0
 
