@@ -31,6 +31,7 @@ ROOMS = {
         '_checks',
         'pose',
         'camera',
+        'camera_rig',
         'features',
         'interpretation',
         'codecs',

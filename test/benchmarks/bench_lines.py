@@ -1,6 +1,6 @@
 """Accuracy of recovered straight edges on random scenes, beside the bars they must reach:
 
-python test/benchmarks/bench_lines.py --seeds 100..139 [--kinds any flat aliased] [--each]
+python test/benchmarks/bench_lines.py --seeds 100..139 [--kinds any flat aliased] [--cameras 3] [--each]
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -44,15 +45,15 @@ ALIASED_BARS = {'direction median': (0.40, 0.30)}
 UNITS = {'direction': 'deg', 'across': 'mm', 'end': 'mm', 'pose rotation': 'deg', 'pose translation': 'mm'}
 
 
-def score(kind: str, seeds: Sequence[int], each: bool = False) -> LineScore:
+def score(kind: str, seeds: Sequence[int], each: bool = False, imaging: Imaging = USUAL) -> LineScore:
     """Recovery of one scene a seed against its truth."""
     total = LineScore()
     for seed in tqdm(seeds, desc=kind, unit='pair', file=sys.stderr, disable=not sys.stderr.isatty()):
-        scene = scene_of(kind, seed)
+        scene = scene_of(kind, seed, imaging)
         found = edges_of(scene)
         one = LineScore()
         for add_to in (one, total):
-            paired = add_to.add(found, scene.edges, scene.faint)
+            paired = add_to.add(found, scene.edges, scene.faint, scene.left_sees)
         error = pose_errors(found, paired, scene)
         total.poses += [error] if error else []
         if each:
@@ -71,6 +72,8 @@ def scene_of(kind: str, seed: int, imaging: Imaging = USUAL) -> StereoScene:
 
 
 def edges_of(scene: StereoScene) -> FeatureSet:
+    if len(scene.cameras) > 2:
+        return recover(scene.images, scene.cameras).features.of_kind(FeatureKind.EDGE)
     return recover(scene.left, scene.right, scene.rig).features.of_kind(FeatureKind.EDGE)
 
 
@@ -122,10 +125,11 @@ def main(arguments: list[str] | None = None) -> int:
         default=list(KINDS),
         help='any pose, many edges along the rows, or any pose with one ray a pixel',
     )
+    parser.add_argument('--cameras', type=int, choices=(2, 3), default=2, help='3: one more above the pair')
     parser.add_argument('--each', action='store_true', help='a line for every scene')
     options = parser.parse_args(arguments)
     for kind in options.kinds:
-        figures = score(kind, options.seeds, options.each).figures()
+        figures = score(kind, options.seeds, options.each, replace(USUAL, cameras=options.cameras)).figures()
         print(f'-- {kind}, seeds {options.seeds[0]}..{options.seeds[-1]}')
         for name, value in figures.items():
             bars = ALIASED_BARS if kind == 'aliased' else BARS

@@ -5,6 +5,7 @@ prints beside its own. ``--recover module:function`` runs another recover(left, 
 
     python test/benchmarks/bench_photoreal.py --quick
     python test/benchmarks/bench_photoreal.py --families real table --draw out/drawings
+    python test/benchmarks/bench_real.py --cameras 3 --no-peer        (pairs whose third eye there is: openvgr)
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import cv2
 import numpy as np
 from measure import OURS, Absent, Measurement
 from pair_scoring import drawing, score, semi_global_edges, summary
+from third_eyes import WITH_THREE, with_third_eye
 from true_pairs import (
     CACHE,
     FAMILIES,
@@ -60,29 +62,33 @@ def run(
     draw: Path | None = None,
     quick: bool = False,
     repeat: int = 1,
+    cameras: int = 2,
 ) -> list[dict[str, Any]]:
     """A row a pair: family, pair, everything of :func:`pair_scoring.score`, ms, stages, lsd_ms, in_lsd, and the peer's
     row under ``peer``. limit: pairs of each family; quick: the dozen of true_pairs.QUICK, whatever the families.
 
-    repeat: the time is the least of so many calls. An exception of ``recover`` becomes the row's ``error``, and nothing
-    is found.
+    repeat: the time is the least of so many calls. cameras: 3 for the third eye of the pair beside it. An exception of
+    ``recover`` becomes the row's ``error``, and nothing is found.
     """
     folder = data_folder(data)
     names = families_of(('all',) if quick else families)
     rows: list[dict[str, Any]] = []
     taken: dict[str, int] = {}
+    method = with_third_eye(folder) if cameras > 2 else lambda pair: recover(pair.left, pair.right, pair.rig)
     for pair in load_pairs(folder, names, list(QUICK) if quick else scenes, held):
         taken[pair.family] = taken.get(pair.family, 0) + 1
         if limit is None or taken[pair.family] <= limit:
-            rows.append(_row(pair, recover, peer, draw, repeat))
+            rows.append(_row(pair, method, peer, draw, repeat))
     return rows
 
 
-def _row(pair: TruePair, recover: Callable[..., Any], peer: bool, draw: Path | None, repeat: int) -> dict[str, Any]:
+def _row(
+    pair: TruePair, method: Callable[[TruePair], Any], peer: bool, draw: Path | None, repeat: int
+) -> dict[str, Any]:
     row: dict[str, Any] = {'family': pair.family, 'pair': pair.name}
     lsd, lsd_cpu, _ = _least(lambda: (line_segments(pair.left), line_segments(pair.right)), LSD_RUNS)
     try:
-        ms, cpu, found = _least(lambda: recover(pair.left, pair.right, pair.rig), repeat)
+        ms, cpu, found = _least(lambda: method(pair), repeat)
     except Exception as error:  # one pair that fails must not hide the others
         ms, cpu, found = float('nan'), float('nan'), FeatureSet.empty()
         row['error'] = f'{type(error).__name__}: {error}'
@@ -283,6 +289,9 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
     parser.add_argument('--quick', action='store_true', help='a dozen pairs of all families')
     parser.add_argument('--limit', type=int, metavar='N', help='pairs of each family')
     parser.add_argument('--held', action='store_true', help='with the pairs that are kept for the end')
+    parser.add_argument(
+        '--cameras', type=int, choices=(2, 3), default=2, help='3: with the third eye, where there is one'
+    )
     parser.add_argument('--no-peer', action='store_true', help='without LSD on semi-global disparity')
     parser.add_argument(
         '--draw', type=Path, metavar='FOLDER', help='left images: found green, missed red, false magenta'
@@ -293,7 +302,7 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
     parser.add_argument('--out', type=Path, default=HERE.parents[1] / 'out' / 'pairs.json', help='the JSON file')
     options = parser.parse_args(arguments)
     try:
-        families = families_of(options.families)
+        families = families_of(options.families if options.cameras == 2 else WITH_THREE)
     except ValueError as error:
         parser.error(str(error))
     warm_up()
@@ -310,11 +319,12 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
             draw=options.draw,
             quick=options.quick,
             repeat=options.repeat,
+            cameras=options.cameras,
         )
     except FileNotFoundError as error:
         print(error, file=sys.stderr)
         return 1
-    whole = not (options.scenes or options.limit or options.quick or options.held)
+    whole = options.cameras == 2 and not (options.scenes or options.limit or options.quick or options.held)
     kept = json.loads(BASELINE.read_text()) if BASELINE.exists() else {}
     print(pair_table(rows))
     print()

@@ -28,8 +28,11 @@ class LineScore:
         self.ratios: dict[str, list[float]] = {'err_per': [], 'err_par': [], 'cone': []}
         self.poses: list[tuple[float, float]] = []
 
-    def add(self, found: FeatureSet, truth: np.ndarray, faint: np.ndarray) -> np.ndarray:
-        """Edges of one scene against the true ones (n, 2, 3); faint (n,) ones count only where they are reported.
+    def add(
+        self, found: FeatureSet, truth: np.ndarray, faint: np.ndarray, also: np.ndarray | tuple[()] = ()
+    ) -> np.ndarray:
+        """Edges of one scene against the true ones (n, 2, 3); faint (n,) ones count only where they are reported. What
+        is reported on one of ``also`` (m, 2, 3) is right, and nothing more: edges that a third camera sees.
 
         Returns (len(found),) int: the true edge of each, -1: none.
         """
@@ -40,6 +43,7 @@ class LineScore:
         for k in range(len(found)):
             best = self._nearest(found.start[k], found.end[k], truth)
             if best is None:
+                self.right += self._nearest(found.start[k], found.end[k], also) is not None
                 continue
             m, angle, across, places, length = best
             paired[k] = m

@@ -3,7 +3,7 @@
 A seed decides everything: the solid (block, L-shape, wedge, chipped block, stacked boxes; 60 to 70 mm in its longest
 direction), its pose (180 to 330 mm away), the greys of its faces, the lights, the rig (baseline about a fifth of the
 distance) and the noise. 512 x 512 pixels, f = 703 px, point spread 0.5 px, noise of 2 grey levels, unless another
-Imaging is asked for.
+Imaging is asked for. A third camera stands above the pair and looks down a little.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from csg_renderer import Light, Scene, Solid, Surface, model_features, render_stereo
+from csg_renderer import Light, Scene, Solid, Surface, model_features, render, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
 from csg_renderer.visibility.hidden_lines import stereo_fragments, visible_features
-from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
+from msgs_py import CameraRig, FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 
 MM = 1e-3
 CAMERA = PinholeCamera.centred(512, 512, 703.0)
@@ -27,6 +27,8 @@ FLAT_SHARE = 0.47
 # Edges shorter than this, metres, are no truth; edges with less contrast, grey levels, are in no picture.
 SHORTEST = 4.0 * MM
 LEAST_CONTRAST = 6.0
+# Where a third camera stands, baselines from the left one, and how it is turned, radians about x, y, z.
+ABOVE, LOOKING_DOWN = (0.45, -0.9, 0.05), (-0.16, 0.02, 0.05)
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,14 @@ class Imaging:
 
     camera : of both eyes; the object is moved away as far as it takes to look as large in it as in the usual one
     depth_ratio : distance over baseline, give or take 15 %; blur : pixels, one sigma; noise : grey levels
+    cameras : 2, or 3 with one above the pair
     """
 
     camera: PinholeCamera = CAMERA
     depth_ratio: float = 5.0
     blur: float = 0.5
     noise: float = 2.0
+    cameras: int = 2
 
     @property
     def remoteness(self) -> float:
@@ -60,6 +64,8 @@ class StereoScene:
     edges : (n, 2, 3) float64, metres, left frame: edges that both eyes see; faint : (n,) bool: without contrast
     model_index : (n,) int, the edge of the model each is a part of; model : FeatureSet of edges, model frame
     pose : left_T_model; nearest : (n,) float64, pixels: in either picture, how near its middle half is to another edge
+    cameras : CameraRig; images : of each of its cameras, the pair's first; left_sees : (k, 2, 3), of three cameras, all
+        edges that the left eye sees: the third one may see them too
     """
 
     name: str
@@ -72,6 +78,9 @@ class StereoScene:
     model: FeatureSet
     pose: Pose
     nearest: np.ndarray
+    cameras: CameraRig
+    images: tuple[np.ndarray, ...]
+    left_sees: np.ndarray
 
 
 def random_scene(seed: int, kind: str = 'any', rays: int = 4, imaging: Imaging = USUAL) -> StereoScene:
@@ -105,8 +114,16 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4, imaging: Imaging =
     scene = Scene([solid.transformed(pose)], light, (rng.uniform(0.1, 0.3),) * 3, (rng.uniform(0.0, 0.7),) * 3)
     frames = render_stereo(scene, rig, antialias=rays)
     clean = [grey(frame.image) for frame in frames]
+    cameras = CameraRig.from_stereo(rig)
+    if imaging.cameras > 2:
+        cameras = with_third(rig)
+        third = render(scene, cameras.cameras[2], cameras.poses[2].inverse(), antialias=rays)
+        clean.append(grey(third.image))
+    by_each = _seen_by_each(solid, pose, rig)
     edges = np.stack([seen.start, seen.end], axis=1)
-    faint = np.minimum(*(_contrast(image, pixels) for image, pixels in zip(clean, rig.project(edges)))) < LEAST_CONTRAST
+    faint = (
+        np.minimum(*(_contrast(image, pixels) for image, pixels in zip(clean[:2], rig.project(edges)))) < LEAST_CONTRAST
+    )
     images = [
         SensorModel(imaging.blur, imaging.noise, (seed, eye)).apply(image) if rays else np.rint(image).astype(np.uint8)
         for eye, image in enumerate(clean)
@@ -114,12 +131,31 @@ def random_scene(seed: int, kind: str = 'any', rays: int = 4, imaging: Imaging =
     nearest = np.minimum(
         *(
             _nearest(pixels, eye.project(one.start), eye.project(one.end))
-            for eye, pixels, one in zip((rig.left, rig.right), rig.project(edges), _seen_by_each(solid, pose, rig))
+            for eye, pixels, one in zip((rig.left, rig.right), rig.project(edges), by_each)
         )
     )
     return StereoScene(
-        f'{shape} {seed} {kind}', images[0], images[1], rig, edges, faint, index[edge], model, pose, nearest
+        f'{shape} {seed} {kind}',
+        images[0],
+        images[1],
+        rig,
+        edges,
+        faint,
+        index[edge],
+        model,
+        pose,
+        nearest,
+        cameras,
+        tuple(images),
+        np.stack([by_each[0].start, by_each[0].end], axis=1)[: None if len(cameras) > 2 else 0],
     )
+
+
+def with_third(rig: StereoRig) -> CameraRig:
+    """The pair, and a third camera like its left one above it."""
+    pair = CameraRig.from_stereo(rig)
+    above = Pose.from_rotation_vector(LOOKING_DOWN, rig.baseline * np.array(ABOVE))
+    return CameraRig([*pair.cameras, rig.left], [*pair.poses, above])
 
 
 def _seen_by_each(solid: Solid, pose: Pose, rig: StereoRig) -> list[FeatureSet]:

@@ -4,8 +4,19 @@ Importing this package imports no ROS. ``msgs_py.codecs`` imports message classe
 """
 
 from .camera import PinholeCamera, StereoRig
+from .camera_rig import CameraRig
 from .features import FeatureKind, FeatureSet
 from .interpretation import BIN, Interpretation
 from .pose import Pose, PoseError
 
-__all__ = ['BIN', 'FeatureKind', 'FeatureSet', 'Interpretation', 'PinholeCamera', 'Pose', 'PoseError', 'StereoRig']
+__all__ = [
+    'BIN',
+    'CameraRig',
+    'FeatureKind',
+    'FeatureSet',
+    'Interpretation',
+    'PinholeCamera',
+    'Pose',
+    'PoseError',
+    'StereoRig',
+]

@@ -220,7 +220,7 @@ class StereoRig:
         ----------
         The comments in sensor_msgs/CameraInfo.msg.
         """
-        p_left, p_right = (_projection(side, info) for side, info in (('left', left), ('right', right)))
+        p_left, p_right = (projection_of(side, info) for side, info in (('left', left), ('right', right)))
         if abs(p_left[0, 3]) > RECTIFIED_TOLERANCE * p_left[0, 0]:
             hint = ' (are left and right exchanged?)' if p_right[0, 3] == 0.0 else ''
             raise ValueError(f'left camera_info: P[0,3] is {p_left[0, 3]:g}, expected 0{hint}; P =\n{p_left}')
@@ -301,8 +301,21 @@ class StereoRig:
         return self.left.rays(uv) * z[..., None]
 
 
-def _projection(side: str, info: Any) -> FloatArray:
-    """P of a CameraInfo as (3, 4) float64, checked."""
+def projection_of(side: str, info: Any) -> FloatArray:
+    """P of a CameraInfo as (3, 4) float64, checked.
+
+    Parameters
+    ----------
+    side : str
+        What the camera is called in errors.
+    info : sensor_msgs.msg.CameraInfo
+        Or any object with width, height (pixels) and the 12 elements p of P.
+
+    Raises
+    ------
+    ValueError
+        Names the camera and what is unusable.
+    """
     p = np.asarray(info.p, dtype=np.float64)
     if p.size != 12:
         raise ValueError(f'{side} camera_info: P has {p.size} elements, expected 12')

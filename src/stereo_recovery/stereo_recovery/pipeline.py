@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, overload
 
 import numpy as np
 
-from msgs_py import FeatureSet, PinholeCamera, StereoRig
+from msgs_py import CameraRig, FeatureSet, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.steps import CompileStep, run_all
 from msgs_py.numeric.typed import AnyArray, Float32Array
 
+from .cameras.pairs import CameraPair, camera_pair, main_pairs
 from .curves.axes import axis_features
 from .curves.curve import Curve, curve_features
 from .curves.curved_shapes import CurvedShapes, recover_curved_shapes
@@ -21,19 +24,22 @@ from .curves.orientation import oriented_by_faces
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.junctions import find_junctions
 from .detection.segments import Segments
-from .detection.view import detect_view, detect_views
+from .detection.turned import turned_view
+from .detection.view import View, detect_view, detect_views
+from .edges.further_views import AllViews, all_views
 from .edges.hiding import hidden_ends
 from .edges.lines3d import EdgesInSpace, Lines3D, to_space
 from .edges.selection import is_certain_beside_rims, is_edge
 from .edges.straight_edges import edges
 from .edges.tangency import joined_ends
+from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
 from .matching.matches import Matches
 from .matching.merging import join_matched, split_matched
 from .matching.row_error import row_error
 from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
-from .settings import MOST_DISPARITY_SHARE, SWAPPED_MATCHES
+from .settings import MATCHED_SHARE, MOST_DISPARITY_SHARE, SWAPPED_MATCHES
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +80,33 @@ class _Stopwatch:
     def stage(self, name: str) -> None:
         """A stage ends now; the next begins."""
         now = time.perf_counter()
-        self.milliseconds[name] = 1e3 * (now - self._since)
+        self.milliseconds[name] = self.milliseconds.get(name, 0.0) + 1e3 * (now - self._since)
         self._since = now
 
 
-def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryParams | None = None) -> Recovery:
+@overload
+def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryParams | None = None) -> Recovery: ...
+
+
+@overload
+def recover(
+    left: Sequence[AnyArray], right: CameraRig, rig: RecoveryParams | None = None, params: RecoveryParams | None = None
+) -> Recovery: ...
+
+
+def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | None = None) -> Recovery:
     """Straight edges, planar curves and axes of rotation in space.
+
+    ``recover(left, right, rig, params)`` takes a rectified pair, ``recover(images, cameras, params)`` the pictures of
+    any number of calibrated cameras, wherever these stand. Of three cameras and more, the pair that shows most gives
+    edges, curves and axes, and the others measure its edges, give depth to those that the pair shows along its rows,
+    and vote on its matches. A camera that is covered, or sees something else, changes nothing.
 
     Parameters
     ----------
     left, right : (h, w) or (h, w, 3) uint8, uint16 or float
-        Images of a rectified pair, of the rig's size.
+        Images of a rectified pair, of the rig's size. Or, as the first two arguments, ``images``, a sequence of such
+        without distortion, and ``cameras``, a CameraRig with as many cameras.
     rig : StereoRig
         The two calibrated cameras.
     params : RecoveryParams, optional
@@ -93,13 +115,14 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
     Returns
     -------
     Recovery
-        Features in the left optical frame, metres. Images in which nothing is found give an empty FeatureSet and a
-        reason.
+        Features in the optical frame of the left or first camera, metres. Images in which nothing is found give an
+        empty FeatureSet and a reason.
 
     Raises
     ------
     TypeError, ValueError
-        For arrays that are no images or not of the rig's size; the message names the argument.
+        For arrays that are no images or not of the rig's size, and for another number of images than of cameras; the
+        message names the argument.
 
     Examples
     --------
@@ -109,29 +132,69 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
     >>> plain = np.full((48, 64), 128, np.uint8)
     >>> recover(plain, plain, rig).reason
     'no texture: no edges in the left image'
+    >>> recover([plain, plain], CameraRig.from_stereo(rig)).reason
+    'no texture: no edges in the left image'
     """
-    params = params or RecoveryParams()
     watch = _Stopwatch()
+    if isinstance(right, CameraRig):
+        params = rig if isinstance(rig, RecoveryParams) else params
+        return _of_many(left, right, params or RecoveryParams(), watch)
+    params = params or RecoveryParams()
     greys = _grey_images(left, right, rig)
+    views = _detected(greys, params, watch)
+    return _features(_matched_pair(views[0], views[1], rig, params, watch), (), params, watch)
+
+
+@dataclass(frozen=True, eq=False)
+class _MatchedPair:
+    """A pair of pictures with their matched segments; a reason where there are none."""
+
+    rig: StereoRig
+    views: tuple[View, View]
+    counts: dict[str, int]
+    segments: tuple[Segments, Segments]
+    matches: Matches
+    reason: str = ''
+
+    @property
+    def edgels(self) -> tuple[Edgels, Edgels]:
+        """Of the left and of the right picture."""
+        return self.views[0].edgels, self.views[1].edgels
+
+    @property
+    def share(self) -> float:
+        """Matched share of the left picture's length of segments."""
+        length = self.segments[0].length
+        return float(length[np.unique(self.matches.left)].sum() / max(length.sum(), 1e-9))
+
+
+def _detected(greys: Sequence[Float32Array], params: RecoveryParams, watch: _Stopwatch) -> list[View]:
+    """What there is in each picture."""
     views = detect_views(greys, params.detector, params.sigma, params.low, params.high)
     watch.stage('segment')
-    edgels = views[0].edgels, views[1].edgels
+    return views
+
+
+def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParams, watch: _Stopwatch) -> _MatchedPair:
+    """Which segment is which in a rectified pair of pictures."""
+    views, greys = (left, right), (left.grey, right.grey)
+    edgels = left.edgels, right.edgels
     counts = {
         'left edgels': len(edgels[0]),
         'right edgels': len(edgels[1]),
         'left segments': len(views[0].segments),
         'right segments': len(views[1].segments),
     }
+    segments = views[0].matchable, views[1].matchable
 
-    def nothing(reason: str) -> Recovery:
-        return Recovery(FeatureSet.empty(), edgels, reason, watch.milliseconds, counts)
+    def nothing(reason: str) -> _MatchedPair:
+        return _MatchedPair(rig, views, counts, segments, Matches.empty(), reason)
 
     for name, view in zip(('left', 'right'), views):
         if len(view.segments) == 0:
             return nothing(f'no texture: no edges in the {name} image')
     if np.array_equal(greys[0], greys[1]):
         return nothing('left and right are the same picture, so nothing has a disparity')
-    segments = views[0].matchable, views[1].matchable
     matches = _matched(greys, segments, rig, params)
     counts['matches'] = len(matches)
     watch.stage('match')
@@ -139,17 +202,28 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
         return nothing(_why_no_match(greys, segments, rig, params))
     matches, *merged = join_matched(matches, *segments)
     matches, *merged = split_matched(matches, merged[0], merged[1], edgels, params.sigma)
-    segments = merged[0], merged[1]
+    return _MatchedPair(rig, views, counts, (merged[0], merged[1]), matches)
+
+
+def _features(
+    pair: _MatchedPair, further: Sequence[FurtherView], params: RecoveryParams, watch: _Stopwatch
+) -> Recovery:
+    """What follows in space from a matched pair, and from what further cameras show of it."""
+    if pair.reason:
+        return Recovery(FeatureSet.empty(), pair.edgels, pair.reason, watch.milliseconds, pair.counts)
+    rig, matches, segments = pair.rig, pair.matches, pair.segments
     junctions = find_junctions(segments[0]), find_junctions(segments[1])
     seen = StereoSegments(matches, segments, junctions)
     rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma)
     segments = segments[0], rows.aligned_segments(segments[1])
     seen = StereoSegments(matches, segments, (junctions[0], find_junctions(segments[1])))
-    ellipses = views[0].ellipses, rows.aligned_ellipses(views[1].ellipses)
-    stereo_edgels = StereoEdgels(edgels[0], rows.aligned_edgels(edgels[1]), rig, blur_variance(edgels))
+    ellipses = pair.views[0].ellipses, rows.aligned_ellipses(pair.views[1].ellipses)
+    aligned = rows.aligned_edgels(pair.edgels[1])
+    stereo_edgels = StereoEdgels(pair.edgels[0], aligned, rig, blur_variance(pair.edgels))
     shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels)
     watch.stage('curves')
-    lines, line_segments = _straight_lines(seen, shapes, rows.sigma, rig)
+    every = all_views(seen, rows.sigma, further, rig)
+    lines, line_segments = _straight_lines(every, shapes, rows.sigma, rig)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
@@ -162,30 +236,35 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
     )
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'
-    return Recovery(features, edgels, reason, watch.milliseconds, counts, tuple(curves))
+    return Recovery(features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves))
 
 
 def _grey_images(left: AnyArray, right: AnyArray, rig: StereoRig) -> tuple[Float32Array, Float32Array]:
     """(h, w) float32 each: the images as grey levels. Raises as :func:`recover` does."""
     if not isinstance(rig, StereoRig):
         raise TypeError(f'rig: expected a StereoRig, got {type(rig).__name__}')
-    greys = []
-    for name, image, camera in (('left', left, rig.left), ('right', right, rig.right)):
-        grey = as_grey(image, name)
-        if grey.shape != (camera.height, camera.width):
-            raise ValueError(
-                f'{name}: image is {grey.shape[1]} x {grey.shape[0]} pixels, the rig expects '
-                f'{camera.width} x {camera.height}'
-            )
-        greys.append(grey)
-    return greys[0], greys[1]
+    return _grey_image('left', left, rig.left), _grey_image('right', right, rig.right)
 
 
-def _disparity_range(rig: StereoRig, params: RecoveryParams) -> tuple[float, float]:
-    """Least and largest disparity, pixels; at infinity it is the difference of the principal points."""
+def _grey_image(name: str, image: AnyArray, camera: PinholeCamera) -> Float32Array:
+    """(h, w) float32: one image as grey levels; name is for messages."""
+    grey = as_grey(image, name)
+    if grey.shape != (camera.height, camera.width):
+        raise ValueError(
+            f'{name}: image is {grey.shape[1]} x {grey.shape[0]} pixels, the rig expects '
+            f'{camera.width} x {camera.height}'
+        )
+    return grey
+
+
+def _disparity_range(rig: StereoRig, params: RecoveryParams, scale: float = 1.0) -> tuple[float, float]:
+    """Least and largest disparity, pixels; at infinity it is the difference of the principal points.
+
+    scale : pixels of disparity to one of the pair that the parameters are about
+    """
     at_infinity = rig.left.cx - rig.right.cx
-    most = MOST_DISPARITY_SHARE * rig.left.width if params.max_disparity is None else params.max_disparity
-    return params.min_disparity + at_infinity, most + at_infinity
+    most = MOST_DISPARITY_SHARE * rig.left.width if params.max_disparity is None else scale * params.max_disparity
+    return scale * params.min_disparity + at_infinity, most + at_infinity
 
 
 def _matched(
@@ -212,15 +291,101 @@ def _why_no_match(
 
 
 def _straight_lines(
-    seen: StereoSegments, shapes: CurvedShapes, row_sigma: float, rig: StereoRig
+    every: AllViews, shapes: CurvedShapes, row_sigma: float, rig: StereoRig
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """Straight edges by their disparities, and the segments that they refer to.
 
     Occluding contours are left out, and ends that a curved surface hides count as T-junctions: neither gives depth.
     """
+    seen = every.seen
     matches = seen.matches.select(~on_contours(seen.index, seen.segments, shapes.surfaces, rig))
     junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, shapes.surfaces, rig)
-    return edges(StereoSegments(matches, seen.segments, junctions), row_sigma, shapes.reported, rig)
+    seen = replace(seen, matches=matches, junctions=junctions)
+    return edges(seen, row_sigma, shapes.reported, rig, every.views)
+
+
+def _of_many(images: Any, cameras: CameraRig, params: RecoveryParams, watch: _Stopwatch) -> Recovery:
+    """:func:`recover` of any number of cameras."""
+    greys = _greys_of_many(images, cameras)
+    views = _detected(greys, params, watch)
+    best: tuple[CameraPair, _MatchedPair] | None = None
+    for pair in main_pairs(cameras):
+        found = _matched_pair(*_pair_views(pair, views), pair.rig, params, watch)
+        if best is None or found.share > best[1].share:
+            best = pair, found
+        if best[1].share > MATCHED_SHARE:
+            break
+    if best is None:
+        raise ValueError('cameras: no two of them are side by side and see the same rows, so nothing has a depth')
+    pair, found = best
+    further = [] if found.reason else _further_views(views, cameras, pair, found, params, watch)
+    result = _features(found, [view for _, view in further], params, watch)
+    if len(cameras) > 2:
+        used = {f'matches of camera {k}': len(view.seen.matches) for k, view in further}
+        result.counts.update({'left camera': pair.cameras[0], 'right camera': pair.cameras[1], **used})
+    if pair.first_T_pair == Pose.identity():
+        return result
+    return replace(
+        result,
+        features=result.features.transformed(pair.first_T_pair),
+        curves=tuple(curve.transformed(pair.first_T_pair) for curve in result.curves),
+    )
+
+
+def _greys_of_many(images: Any, cameras: CameraRig) -> tuple[Float32Array, ...]:
+    """(h, w) float32 each: the images as grey levels. Raises as :func:`recover` does."""
+    if not isinstance(images, Sequence | np.ndarray):
+        raise TypeError(f'images: expected a sequence of pictures, got {type(images).__name__}')
+    if len(images) != len(cameras):
+        raise ValueError(f'images: expected one of each of {len(cameras)} cameras, got {len(images)}')
+    return tuple(
+        _grey_image(f'images[{k}]', image, camera) for k, (image, camera) in enumerate(zip(images, cameras.cameras))
+    )
+
+
+def _pair_views(pair: CameraPair, views: Sequence[View]) -> tuple[View, View]:
+    """What a pair's two pictures show, of what all cameras' do."""
+    own = views[pair.cameras[0]], views[pair.cameras[1]]
+    if pair.as_it_comes:
+        return own
+    greys = pair.pictures((own[0].grey, own[1].grey))
+    left, right = (turned_view(*each) for each in zip(own, pair.homographies, greys))
+    return left, right
+
+
+def _further_views(
+    views: Sequence[View],
+    cameras: CameraRig,
+    main: CameraPair,
+    found: _MatchedPair,
+    params: RecoveryParams,
+    watch: _Stopwatch,
+) -> list[tuple[int, FurtherView]]:
+    """The cameras beyond the main pair that form a pair with its left one, and what they show of its segments."""
+    left = main.cameras[0]
+    result = []
+    for k in range(len(cameras)):
+        pair = None if k in main.cameras else camera_pair(cameras, left, k)
+        if pair is None:
+            continue
+        view = views[k]
+        # The main pair's left picture may be turned already.
+        turn = pair.homographies[0] @ np.linalg.inv(main.homographies[0])
+        window = _disparity_range(
+            pair.rig, params, pair.rig.baseline * pair.rig.left.fx / main.rig.baseline / main.rig.left.fx
+        )
+        args = (
+            found.segments[0],
+            view.matchable,
+            pair,
+            turn,
+            pair.pictures((views[left].grey, view.grey)),
+            window,
+            params,
+        )
+        result.append((k, further_view(*args)))
+    watch.stage('further cameras')
+    return result
 
 
 def _edge_features(in_space: EdgesInSpace, kept: AnyArray, curves: list[Curve]) -> FeatureSet:

@@ -9,6 +9,9 @@ from __future__ import annotations
 MOST_DISPARITY_SHARE = 0.9
 # Matches of the exchanged images from which the two are taken to be swapped; fewer may be chance.
 SWAPPED_MATCHES = 3
+# Share of a left picture's segments, by length, that have a match when both cameras see; at less other pairs of a rig
+# are tried as well, and the one with most is the main pair.
+MATCHED_SHARE = 0.2
 
 # -- drawing -----------------------------------------------------------------------------------------------------------
 

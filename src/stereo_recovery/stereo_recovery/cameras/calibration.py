@@ -82,9 +82,10 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
     """
     path = Path(path)
     text = path.read_text(encoding='utf-8', errors='replace')
-    if text.lstrip().startswith('%YAML:') or '!!opencv-matrix' in text:
-        return _opencv(path, size)
-    documents = _documents(path, text)
+    if is_opencv(text):
+        left, right = opencv_cameras(path, size)[:2]
+        return left, right
+    documents = documents_of(path, text)
     if len(documents) == 1 and {'K', 'baseline'} <= set(documents[0]):
         return _ideal(path, documents[0], size)
     if len(documents) == 1 and {'left', 'right'} <= set(documents[0]):
@@ -96,8 +97,8 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
                 f'{path}: describes one camera; expected both (two YAML documents, or keys left and '
                 f'right), or a file named ...left... with ...right... beside it'
             )
-        documents += _documents(other, other.read_text(encoding='utf-8', errors='replace'))
-    return _ros(path, 'left', documents[0], size), _ros(path, 'right', documents[1], size)
+        documents += documents_of(other, other.read_text(encoding='utf-8', errors='replace'))
+    return ros_camera(path, 'left', documents[0], size), ros_camera(path, 'right', documents[1], size)
 
 
 def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
@@ -136,15 +137,33 @@ def load_rig(path: str | Path, size: tuple[int, int]) -> StereoRig:
         raise ValueError(f'{path}: {error}') from None
 
 
-def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
-    """Both cameras of OpenCV's YAML."""
+def is_opencv(text: str) -> bool:
+    """Whether a file's text is OpenCV's YAML."""
+    return text.lstrip().startswith('%YAML:') or '!!opencv-matrix' in text
+
+
+def opencv_cameras(path: Path, size: tuple[int, int]) -> list[CameraFile]:
+    """The cameras of OpenCV's YAML, at least two: K1, P1, K2, P2, ...
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    size : (width, height)
+        Pixels. Of the images.
+
+    Raises
+    ------
+    ValueError
+        When it is not readable, or a projection matrix is missing; the message names the file.
+    """
     try:
         matrices = _opencv_matrices(path)
     except (cv2.error, SystemError) as error:  # bindings may wrap the one in the other
         cause = error if isinstance(error, cv2.error) else error.__cause__
         raise ValueError(f'{path}: not readable as OpenCV YAML: {getattr(cause, "err", None) or error}') from None
     cameras = []
-    for number, found in zip((1, 2), matrices):
+    for number, found in enumerate(matrices, 1):
         if 'p' not in found:
             raise ValueError(f'{path}: no matrix P{number}; expected the projection matrices of stereoRectify')
         p = np.reshape(found['p'], (3, 4)) if len(found['p']) == PROJECTION_NUMBERS else np.zeros((3, 4))
@@ -153,27 +172,42 @@ def _opencv(path: Path, size: tuple[int, int]) -> tuple[CameraFile, CameraFile]:
         cameras.append(
             CameraFile(size[0], size[1], 'plumb_bob', found.get('d', []), found['k'], found['r'], found['p'])
         )
-    return cameras[0], cameras[1]
+    return cameras
 
 
 def _opencv_matrices(path: Path) -> list[dict[str, list[float]]]:
-    """What the file has for the left and the right camera, by the field names of CameraFile."""
+    """What the file has for each camera, by the field names of CameraFile; a third and further ones if it has P."""
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    cameras = []
-    for number in (1, 2):
+    cameras: list[dict[str, list[float]]] = []
+    while True:
+        number = len(cameras) + 1
         matrices: dict[str, list[float]] = {}
         for name, spellings in OPENCV_NAMES.items():
             nodes = [storage.getNode(spelling.format(number)) for spelling in spellings]
             found = [node.mat() for node in nodes if not node.empty() and node.isMap()]
             if found and found[0] is not None:
                 matrices[name] = [float(x) for x in np.asarray(found[0]).ravel()]
+        if number > 2 and 'p' not in matrices:
+            break
         cameras.append(matrices)
     storage.release()
     return cameras
 
 
-def _documents(path: Path, text: str) -> list[dict[str, Any]]:
-    """The YAML documents in a text, at least one, each a mapping."""
+def documents_of(path: Path, text: str) -> list[dict[str, Any]]:
+    """The YAML documents in a file's text, at least one, each a mapping.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    text : str
+
+    Raises
+    ------
+    ValueError
+        When there is none.
+    """
     try:
         documents = [d for d in yaml.safe_load_all(text) if d is not None]
     except yaml.YAMLError as error:
@@ -206,8 +240,25 @@ def _ideal(path: Path, document: dict[str, Any], size: tuple[int, int]) -> tuple
     return left, right
 
 
-def _ros(path: Path, side: str, document: Any, size: tuple[int, int]) -> CameraFile:
-    """The camera of one camera_info document; side, 'left' or 'right', is for messages."""
+def ros_camera(path: Path, side: str, document: Any, size: tuple[int, int]) -> CameraFile:
+    """The camera of one camera_info document.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    side : str
+        What the camera is called in messages: left, right, camera_2.
+    document : dict
+        With the names that camera_calibration_parsers writes.
+    size : (width, height)
+        Pixels. Of the images, for documents that do not say.
+
+    Raises
+    ------
+    ValueError
+        When something is missing or no numbers; the message names file and camera.
+    """
 
     def numbers(name: str, default: list[float] | None = None) -> list[float]:
         """The numbers of an entry, which may be a list or have them as its data."""

@@ -8,5 +8,20 @@ DISTORTION_MODELS = {'': 5, 'plumb_bob': 5, 'rational_polynomial': 8, 'equidista
 COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 # Least |det R| of a matrix that is taken for a rotation, for which it is 1; rounding in a file changes it by far less.
 LEAST_DETERMINANT = 0.5
+# By how much the stretches of a rotation in a file may differ from 1: three digits and more are a rotation, rounded.
+ROUNDED_ROTATION = 2e-3
 # Numbers in a projection matrix, 3 x 4.
 PROJECTION_NUMBERS = 12
+
+# -- pairs of a rig's cameras ------------------------------------------------------------------------------------------
+
+# Sine between the baseline and where a pair looks, below which one camera is in the other's picture.
+LEAST_SIDEWAYS = 0.35
+# Tangent of the angle from straight ahead up to which a turned picture is kept; and the least depth, as a share of the
+# ray, at which a pixel counts as before the camera, as its inverse.
+MOST_OBLIQUE, WIDEST_PICTURE = 1.8, 100.0
+# Rows that a pair has to have in common, pixels.
+FEWEST_ROWS = 32
+# The nearest things of interest, in baselines of the widest pair (the thesis' rig: 5), for which overlap is counted, in
+# so many depths, on a grid of so many columns and rows.
+BASELINES_AWAY, OVERLAP_DEPTHS, OVERLAP_GRID = 5.0, 4, 12

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py import FeatureSet, PinholeCamera, StereoRig
+from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.covariances import semidefinite
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
@@ -101,6 +101,18 @@ class Curve:
     arc: tuple[float, float] = (0.0, 2.0 * np.pi)
     coverage: float = 1.0
     misfit: float = 1.0
+
+    def transformed(self, pose: Pose) -> Curve:
+        """The curve in another frame, which differs by a rigid motion, target_T_source."""
+        turn = np.eye(6)
+        turn[:3, :3] = pose.rotation
+        return replace(
+            self,
+            centre=pose.apply(self.centre),
+            normal=pose.rotate(self.normal),
+            first=pose.rotate(self.first),
+            covariance=turn @ self.covariance @ turn.T,
+        )
 
     @classmethod
     def unfitted(cls, shape: CurveShape) -> Curve:

@@ -233,3 +233,8 @@ SCALES = 2
 MOST_SEGMENTS = 6000
 # Tolerance of straight segments: this many times the localisation noise, within limits, px. [R]
 TOLERANCE_NOISE, LEAST_TOLERANCE, MOST_TOLERANCE = 6.0, 0.2, 0.5
+
+# -- turned pictures ---------------------------------------------------------------------------------------------------
+
+# Cosine, about, of the angle from straight ahead at which a turned picture still shows a pixel of the one before.
+NEAREST_RAY = 0.1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -91,13 +92,10 @@ def detect_view(grey: Float32Array, detector: str, sigma: float, low: float, hig
     return View(grey, ordered, segments, ellipses)
 
 
-def detect_views(
-    greys: tuple[Float32Array, Float32Array], detector: str, sigma: float, low: float, high: float
-) -> tuple[View, View]:
-    """:func:`detect_view` of two images (h, w) at once, in two threads."""
-    with ThreadPoolExecutor(1) as other:
-        right = other.submit(detect_view, greys[1], detector, sigma, low, high)
-        return detect_view(greys[0], detector, sigma, low, high), right.result()
+def detect_views(greys: Sequence[Float32Array], detector: str, sigma: float, low: float, high: float) -> list[View]:
+    """:func:`detect_view` of images (h, w), two at once, in two threads."""
+    with ThreadPoolExecutor(2) as both:
+        return list(both.map(lambda grey: detect_view(grey, detector, sigma, low, high), greys))
 
 
 def _halved(grey: Float32Array) -> Float32Array:

@@ -46,7 +46,7 @@ def inconsistent(seen: StereoSegments, known: Corners) -> BoolArray:
             sign,
         )
     straight = [segments.arc[index] < 0 for segments, index in zip(seen.segments, seen.index)]
-    return np.asarray(wrong & straight[0] & straight[1])
+    return np.asarray(wrong & straight[0] & straight[1] & seen.paired)
 
 
 @dataclass(frozen=True, eq=False)

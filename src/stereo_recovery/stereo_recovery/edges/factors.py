@@ -182,7 +182,7 @@ def end_factors(seen: StereoSegments) -> Factors:
     odds = prior / (1.0 - prior) * np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * height) * SPREAD
     prior = np.clip(np.minimum(prior, odds / (1.0 + odds)), 1e-3, 0.99)
     steep = np.minimum(np.abs(run[0][..., 1]), np.abs(run[1][..., 1])) > STEEP
-    e, end = np.nonzero(~told & ~steep & seen.straight[:, None])
+    e, end = np.nonzero(~told & ~steep & (seen.straight & seen.paired)[:, None])
     abscissa = np.where(corner, mine.abscissa, seen.segments[0].extent[seen.index[0]])
     return Factors.of_one(
         e,
@@ -204,7 +204,7 @@ def rounded_corner_factors(seen: StereoSegments) -> Factors:
     """
     loose = (seen.ends[0].neighbour < 0) | (seen.ends[1].neighbour < 0)
     tables = line_table(seen.segments[0]), line_table(seen.segments[1])
-    pair, point = rounded_corners(tables, seen.index, seen.flip, loose & seen.straight[:, None])
+    pair, point = rounded_corners(tables, seen.index, seen.flip, loose & (seen.straight & seen.paired)[:, None])
     e, f = pair.T
     rows = _left_row(seen, e, point), _left_row(seen, f, point)
     return _one_disparity(rows, (e, f), CORNER_SIGMA, ROUNDED_PRIOR)
@@ -220,7 +220,7 @@ def collinear_factors(seen: StereoSegments) -> Factors:
     """
     level = np.abs(seen.segments[0].direction[seen.index[0], 1]) < STEEP
     tables = line_table(seen.segments[0]), line_table(seen.segments[1])
-    pair, point = collinear_pairs(tables, seen.index, level & seen.straight)
+    pair, point = collinear_pairs(tables, seen.index, level & seen.straight & seen.paired)
     e, f = np.repeat(pair, 2, axis=0).T
     place = point.reshape(-1, 2)
     rows = _left_row(seen, e, place), _left_row(seen, f, place)

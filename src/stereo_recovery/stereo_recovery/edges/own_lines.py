@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from msgs_py.numeric.typed import AnyArray
+from msgs_py.numeric.typed import AnyArray, FloatArray
 
 from ..detection.segments import Segments, reversed_polarity
 from ..detection.settings import SAGITTA_OFFSET, SAGITTA_SLOPE
@@ -13,7 +15,42 @@ from .estimate import OwnLines
 from .settings import LEAST_SHARE, SAME_EXTENT
 
 
-def own_lines(matches: Matches, segments: tuple[Segments, Segments], row_sigma: float) -> OwnLines:
+@dataclass(frozen=True, eq=False)
+class LinePairs:
+    """What the right lines of n matched segments say: rise (a + b s) is offset + slope s, give or take their errors.
+
+    Attributes
+    ----------
+    rise : (n,) float64
+        Row component of the right line's direction.
+    value : (n, 2) float64
+        Offset, pixels, and slope.
+    left_variance : (n, 2) float64
+        Of the value, for the left line's error, whose offset and slope it takes over.
+    other_covariance : (n, 2, 2) float64
+        Of the value, for the errors of the right line and of the rows.
+    cosine : (n,) float64
+        Of the angle between the lines: moved across by e, the left one lies beside the right one by so many e.
+    """
+
+    rise: FloatArray
+    value: FloatArray
+    left_variance: FloatArray
+    other_covariance: FloatArray
+    cosine: FloatArray
+
+    def own_lines(self, extent: FloatArray) -> OwnLines:
+        """The same as information of the unknowns, of edges of extents (n, 2)."""
+        covariance = self.other_covariance.copy()
+        covariance[:, 0, 0] += self.left_variance[:, 0]
+        covariance[:, 1, 1] += self.left_variance[:, 1]
+        inverse = np.linalg.inv(covariance)
+        vector = np.einsum('nij,nj->ni', inverse, self.value) * self.rise[:, None]
+        with_line = -inverse * (self.rise * self.cosine)[:, None, None] * self.left_variance[:, None, :]
+        return OwnLines(inverse * (self.rise**2)[:, None, None], vector, extent, with_line)
+
+
+def line_pairs(matches: Matches, segments: tuple[Segments, Segments], row_sigma: float) -> LinePairs:
     """What the two fitted lines of matched segments say of the disparity along the left one.
 
     The right line crosses the left one's rows, wherever the edge leaves them; an edge along the rows is hardly
@@ -42,18 +79,17 @@ def own_lines(matches: Matches, segments: tuple[Segments, Segments], row_sigma: 
     q = (tl[:, 0] - b) * tr[:, 0] + tl[:, 1] * tr[:, 1]
     sl, sr = _without_common_sagitta(left, right, i, j, b)
     covariance = np.empty((len(i), 2, 2))
-    covariance[:, 0, 0] = sl[:, 0] ** 2 + sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2 + (tr[:, 0] * row_sigma) ** 2
+    covariance[:, 0, 0] = sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2 + (tr[:, 0] * row_sigma) ** 2
     covariance[:, 0, 1] = covariance[:, 1, 0] = p * q * sr[:, 1] ** 2
     # Rows that disagree by different amounts at the two ends turn the line.
     turn = np.sqrt(2.0) * tr[:, 0] * row_sigma / np.maximum(left.length[i], 1.0)
-    covariance[:, 1, 1] = sl[:, 1] ** 2 + (q * sr[:, 1]) ** 2 + turn**2
-    inverse = np.linalg.inv(covariance)
-    information = inverse * (tr[:, 1] ** 2)[:, None, None]
-    vector = np.einsum('nij,nj->ni', inverse, np.stack([offset, slope], axis=1)) * tr[:, 1:2]
-    # Moved across by e, the left line's points lie beside the right one by -e times the cosine between the two.
-    cosine = (tl * tr).sum(axis=1)
-    with_line = -inverse * (tr[:, 1] * cosine)[:, None, None] * (sl**2)[:, None, :]
-    return OwnLines(information, vector, left.extent[i], with_line)
+    covariance[:, 1, 1] = (q * sr[:, 1]) ** 2 + turn**2
+    return LinePairs(tr[:, 1], np.stack([offset, slope], axis=1), sl**2, covariance, (tl * tr).sum(axis=1))
+
+
+def own_lines(matches: Matches, segments: tuple[Segments, Segments], row_sigma: float) -> OwnLines:
+    """:func:`line_pairs` of the same arguments as information of the edges' unknowns."""
+    return line_pairs(matches, segments, row_sigma).own_lines(segments[0].extent[matches.left])
 
 
 def _without_common_sagitta(

@@ -115,3 +115,16 @@ SHORTEST, INSIDE = 8.0, 4.0
 # Two segments show the same part of an edge when their lengths agree to this share; of the square of a line's sigma so
 # much at least is not its sagitta's. [R]
 SAME_EXTENT, LEAST_SHARE = 0.15, 0.01
+
+# -- cameras beyond the main pair --------------------------------------------------------------------------------------
+
+# Square of the difference of what two cameras say of an edge's two unknowns, in its covariance, up to which they agree:
+# chi-squared of two degrees of freedom. [D] three sigma
+VIEW_GATE = 11.8
+# Belief above which a match is no more certain. [D] one in a thousand is wrong
+BELIEF_MOST = 0.999
+# Probability that a camera is blind (covered, blinded, moved since its calibration), and that it agrees on a segment
+# whose depth it and the main pair know, if it sees and if it is blind.
+BLIND_PRIOR, SIGHTED_AGREEMENT, BLIND_AGREEMENT = 0.01, 0.85, 0.2
+# Of a left line's variance so much is not shared by the pairs it is in: its turned pictures are not quite one.
+LEAST_LEFT_SHARE = 1e-3

@@ -17,15 +17,15 @@ from .corner_matching import inconsistent, matched_by_corners
 from .estimate import Estimate, estimate
 from .extents import Extents, extents
 from .factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
+from .further_views import ViewLines, joint_lines, view_extents
 from .junction_edges import Corners, corners, junction_edges
 from .lines3d import Lines3D, line_covariance
-from .own_lines import own_lines
 from .parallel_groups import parallel_factors
 from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
 
 
 def solved(
-    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
+    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig, views: Sequence[ViewLines] = ()
 ) -> tuple[Estimate, FloatArray]:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
@@ -33,7 +33,7 @@ def solved(
     direction of the left lines.
     """
     disparity = seen.matches.disparity
-    lines = own_lines(seen.matches, seen.segments, row_sigma).about(disparity[:, 1])
+    lines = joint_lines(seen, row_sigma, views).about(disparity[:, 1])
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
     # Only what the right image shows of junctions depends on the unknowns.
@@ -49,16 +49,16 @@ def solved(
 
 
 def _with_corners(
-    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
+    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig, views: Sequence[ViewLines]
 ) -> tuple[Estimate, FloatArray, Extents, Corners]:
     """The estimate and its covariance with the left lines, where the edges end, and the corners that follow."""
-    found, with_line = solved(seen, row_sigma, curves, rig)
-    ends = extents(seen, found.x)
+    found, with_line = solved(seen, row_sigma, curves, rig, views)
+    ends = view_extents(views, seen, found.x, extents(seen, found.x))
     return found, with_line, ends, corners(seen, found, ends)
 
 
 def edges(
-    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig
+    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig, views: Sequence[ViewLines] = ()
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """All straight edges of a pair of images.
 
@@ -71,6 +71,8 @@ def edges(
     curves : sequence of Curve
         Planar curves of the pair; their normals are directions of edges as well.
     rig : StereoRig
+    views : sequence of ViewLines
+        What further cameras say of the edges.
 
     Returns
     -------
@@ -79,17 +81,17 @@ def edges(
         Of both images, that the lines refer to: with those that the other image alone shows.
     """
     given = seen.matches
-    found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig)
+    found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views)
     wrong = inconsistent(seen, known)
     if wrong.any():
         seen = replace(seen, matches=seen.matches.select(~wrong))
-        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig)
+        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views)
     for _ in range(CORNER_ROUNDS):
         grown = matched_by_corners(seen, known)
         if grown is None:
             break
         seen = replace(seen, matches=grown)
-        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig)
+        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views)
     matches = seen.matches
     by_corners = np.arange(len(matches)) >= len(given) - wrong.sum()
     lines = Lines3D(

@@ -24,11 +24,14 @@ class StereoSegments:
         n edges.
     segments : (Segments, Segments)
     junctions : (Junctions, Junctions)
+    stand_ins : int
+        So many of the right segments, the last ones, are none: they stand for what a further camera shows of an edge.
     """
 
     matches: Matches
     segments: tuple[Segments, Segments]
     junctions: tuple[Junctions, Junctions]
+    stand_ins: int = 0
 
     @property
     def index(self) -> tuple[AnyArray, AnyArray]:
@@ -45,6 +48,11 @@ class StereoSegments:
         """(n,) whether neither image shows the edge as a part of an arc."""
         left, right = (side.arc[index] < 0 for side, index in zip(self.segments, self.index))
         return left & right
+
+    @property
+    def paired(self) -> BoolArray:
+        """(n,) whether the right image itself shows the edge."""
+        return np.asarray(self.matches.right < len(self.segments[1]) - self.stand_ins)
 
     @cached_property
     def ends(self) -> tuple[Junctions, Junctions]:

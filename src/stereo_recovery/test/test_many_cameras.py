@@ -1,0 +1,210 @@
+"""recover() of any number of cameras: what a third one adds, and what a bad one must not take away."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from msgs_py import CameraRig, FeatureKind, PinholeCamera, Pose, StereoRig
+from stereo_recovery import RecoveryParams, recover
+from stereo_recovery.cameras.pairs import camera_pair, main_pairs
+
+DEPTH = 0.25
+CAMERA = PinholeCamera.centred(400, 400, 550.0)
+PAIR = StereoRig.symmetric(CAMERA, DEPTH / 5)
+# Above the pair, looking down at what it looks at, and turned a little.
+ABOVE = Pose.from_rotation_vector([-0.16, 0.03, 0.05], [0.02, -0.045, 0.002])
+RIG = CameraRig([CAMERA] * 3, [*CameraRig.from_stereo(PAIR).poses, ABOVE])
+# Edges along the rows and columns, and along the view.
+LEVEL = Pose.from_rotation_vector([0.7, 0.0, 0.0], [0.025, 0.0, DEPTH])
+LIGHT = np.array([-0.4, -0.75, -0.6])
+
+
+def picture(synthetic, solid, camera: PinholeCamera, pose: Pose, seed: int = 0) -> np.ndarray:
+    """What a camera anywhere sees."""
+    back = pose.inverse()
+    return synthetic.render(solid.at(back), camera, light=back.rotate(LIGHT), seed=seed)
+
+
+def pictures(synthetic, solid, rig: CameraRig = RIG) -> list[np.ndarray]:
+    return [picture(synthetic, solid, *each, seed=k) for k, each in enumerate(zip(rig.cameras, rig.poses))]
+
+
+def found_of(features, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each true edge (n, 2, 3) the share that is found, and of each report its angle to one, degrees; NaN: none."""
+    edges = features.of_kind(FeatureKind.EDGE)
+    run = truth[:, 1] - truth[:, 0]
+    length = np.linalg.norm(run, axis=1)
+    line = run / length[:, None]
+    ends = np.stack([edges.start, edges.end], axis=1)
+    away = ends[:, None] - truth[None, :, None, 0]
+    place = np.clip((away * line[:, None]).sum(axis=-1), 0.0, length[:, None])
+    off = np.linalg.norm(away - place[..., None] * line[:, None], axis=-1).max(axis=-1)
+    angle = np.degrees(np.arccos(np.minimum(1.0, np.abs(edges.directions @ line.T))))
+    same = (off < 0.002) & (angle < 5.0)
+    share = np.zeros(len(truth))
+    for m in range(len(truth)):
+        pieces = np.sort(place[same[:, m], m], axis=1) / length[m]
+        places = (np.arange(100)[:, None] + 0.5) / 100
+        share[m] = ((places >= pieces[:, 0]) & (places <= pieces[:, 1])).any(axis=1).mean()
+    own = np.where(same, angle, np.inf).min(axis=1)
+    return share, np.where(np.isfinite(own), own, np.nan)
+
+
+@pytest.fixture(scope='module')
+def solid(solids):
+    return solids['channel'].at(LEVEL)
+
+
+@pytest.fixture(scope='module')
+def three(synthetic, solid):
+    return pictures(synthetic, solid)
+
+
+def same_features(one, other) -> bool:
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ('kind', 'start', 'end', 'radii', 'err_par', 'err_per')
+    )
+
+
+def test_two_cameras_of_a_rig_give_what_the_pair_gives_to_the_bit(three):
+    by_rig = recover(three[:2], CameraRig.from_stereo(PAIR))
+    by_pair = recover(three[0], three[1], PAIR)
+    assert len(by_pair.features) > 5 and same_features(by_rig.features, by_pair.features)
+    assert by_rig.counts == by_pair.counts
+    # The parameters may stand in the third place or by name.
+    params = RecoveryParams(min_length=30.0)
+    fewer = recover(three[0], three[1], PAIR, params).features
+    assert same_features(recover(three[:2], CameraRig.from_stereo(PAIR), params).features, fewer)
+    assert same_features(recover(three[:2], CameraRig.from_stereo(PAIR), params=params).features, fewer)
+
+
+def test_a_third_camera_finds_level_edges_and_their_directions(synthetic, solids):
+    scenes = (
+        ('channel', (0.5, 0.0, 0.0)),
+        ('channel', (-0.6, 0.03, 0.02)),
+        ('wedge', (0.7, 0.0, 0.0)),
+        ('chipped', (-0.6, 0.03, 0.02)),
+    )
+    share: list[list[np.ndarray]] = [[], []]
+    angle: list[list[np.ndarray]] = [[], []]
+    for name, turn in scenes:
+        shape = solids[name].at(Pose.from_rotation_vector(turn, LEVEL.translation))
+        images = pictures(synthetic, shape)
+        truth = synthetic.truth_edges(shape, PAIR)
+        run = np.diff(CAMERA.project(truth), axis=1)[:, 0]
+        level = np.abs(run[:, 1]) < np.sin(np.radians(8.0)) * np.hypot(*run.T)
+        assert level.sum() >= 2
+        for k, result in enumerate((recover(images[0], images[1], PAIR), recover(images, RIG))):
+            shares, angles = found_of(result.features, truth)
+            share[k].append(shares[level])
+            angle[k].append(angles[np.isfinite(angles)])
+    two, three = (np.concatenate(each).mean() for each in share)
+    assert two < 0.8 and three > 0.95
+    off = [np.quantile(np.concatenate(each), [0.5, 0.9]) for each in angle]
+    assert (off[1] < 0.8 * off[0]).all() and off[1][0] < 0.12
+
+
+PLAIN = {
+    'black': np.zeros((400, 400), np.uint8),
+    'one grey level': np.full((400, 400), 90, np.uint8),
+    'noise': np.random.default_rng(5).integers(0, 256, (400, 400), dtype=np.uint8),
+}
+
+
+@pytest.mark.parametrize('blind', range(3))
+@pytest.mark.parametrize('name', [*PLAIN, 'another scene'])
+def test_a_blind_camera_leaves_what_the_others_see(synthetic, solids, three, blind, name):
+    if name == 'another scene':
+        shape = solids['L-block'].at(Pose.from_rotation_vector([0.3, 0.4, 0.5], LEVEL.translation))
+        bad = picture(synthetic, shape, CAMERA, RIG.poses[blind])
+    else:
+        bad = PLAIN[name]
+    others = [k for k in range(3) if k != blind]
+    first = RIG.poses[others[0]]
+    rest = CameraRig([CAMERA] * 2, [Pose.identity(), first.inverse().compose(RIG.poses[others[1]])])
+    expected = recover([three[k] for k in others], rest).features.transformed(first)
+
+    found = recover([bad if k == blind else three[k] for k in range(3)], RIG).features
+
+    assert len(found) == len(expected) > 5
+    np.testing.assert_allclose(found.start, expected.start, atol=1e-9)
+    np.testing.assert_allclose(found.err_per, expected.err_per, atol=1e-9)
+
+
+def test_of_three_blind_cameras_a_reason_is_given():
+    black = np.zeros((400, 400), np.uint8)
+    result = recover([black] * 3, RIG)
+    assert len(result.features) == 0 and 'no texture' in result.reason
+
+
+def test_a_camera_that_looks_away_changes_nothing(three):
+    away = CameraRig(RIG.cameras, [*RIG.poses[:2], Pose.from_rotation_vector([0.0, np.pi, 0.0], [0.0, -0.05, 0.0])])
+    assert same_features(recover(three, away).features, recover(three[:2], CameraRig.from_stereo(PAIR)).features)
+
+
+def test_features_are_in_the_first_cameras_frame_whatever_the_order(three):
+    """The main pair is then 1 and 2, of which neither is camera 0."""
+    order = [2, 0, 1]
+    first = RIG.poses[2]
+    turned = CameraRig([CAMERA] * 3, [Pose.identity(), *(first.inverse().compose(RIG.poses[k]) for k in (0, 1))])
+    expected = recover(three, RIG).features.transformed(first.inverse())
+    result = recover([three[k] for k in order], turned)
+    assert (result.counts['left camera'], result.counts['right camera']) == (1, 2)
+    # The same pair, turned by what rounding leaves of it.
+    assert len(result.features) == len(expected)
+    np.testing.assert_allclose(result.features.start, expected.start, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ('place', 'turn'),
+    [((0.0, -0.05, 0.0), 'quarter'), ((0.05, 0.0, 0.0), 'none'), ((-0.05, 0.0, 0.0), 'none'), ((0.03, 0.04, 0.01), '')],
+)
+def test_any_two_cameras_side_by_side_are_a_pair(place, turn):
+    pose = Pose.from_rotation_vector([0.05, -0.04, 0.02] if turn == '' else [0.0, 0.0, 0.0], place)
+    rig = CameraRig([CAMERA, PinholeCamera(300, 350, 400.0, 410.0, 140.0, 180.0)], [Pose.identity(), pose])
+    pair = main_pairs(rig)[0]
+    points = np.random.default_rng(2).uniform([-0.05, -0.05, 0.5], [0.05, 0.05, 1.0], (20, 3))
+    # What the two cameras see, taken to the pair's pictures, is what the pair sees of the same points.
+    seen = rig.project(points)
+    shown = pair.rig.project(pair.first_T_pair.inverse().apply(points))
+    for side, k in enumerate(pair.cameras):
+        image = np.column_stack([seen[k], np.ones(20)]) @ pair.homographies[side].T
+        np.testing.assert_allclose(image[:, :2] / image[:, 2:], shown[side], atol=1e-6)
+    upright = pair.first_T_pair.rotation.T @ rig.poses[pair.cameras[0]].rotation
+    # A pair is turned no farther than it must be: a camera to the left is the pair's left one.
+    assert np.trace(upright) > {'quarter': 0.9, 'none': 2.99, '': 1.0}[turn]
+
+
+def test_a_camera_in_anothers_picture_makes_no_pair(three):
+    behind = CameraRig([CAMERA] * 2, [Pose.identity(), Pose(translation=np.array([0.0, 0.0, -0.1]))])
+    assert camera_pair(behind, 0, 1) is None and not main_pairs(behind)
+    with pytest.raises(ValueError, match='cameras: no two of them are side by side'):
+        recover(three[:2], behind)
+
+
+@pytest.mark.parametrize(
+    ('images', 'error', 'message'),
+    [
+        (lambda three: three[:2], ValueError, 'images: expected one of each of 3 cameras, got 2'),
+        (lambda three: [*three, three[0]], ValueError, 'images: expected one of each of 3 cameras, got 4'),
+        (
+            lambda three: [*three[:2], three[2][:100]],
+            ValueError,
+            r'images\[2\]: image is 400 x 100 .* expects 400 x 400',
+        ),
+        (lambda three: [*three[:2], None], (TypeError, ValueError), r'images\[2\]'),
+        (lambda three: 7, TypeError, 'images: expected a sequence'),
+    ],
+)
+def test_wrong_images_are_refused_by_name(three, images, error, message):
+    with pytest.raises(error, match=message):
+        recover(images(three), RIG)
+
+
+def test_a_rig_of_another_kind_is_refused_by_name(three):
+    with pytest.raises(TypeError, match='rig: expected a StereoRig, got NoneType'):
+        recover(three[0], three[1])
+    with pytest.raises(TypeError, match='rig: expected a StereoRig, got CameraRig'):
+        recover(three[0], three[1], RIG)
