@@ -25,11 +25,8 @@ def candidates(data: list[list[int]], evidence: list[float], n: int = 10) -> tup
         np.zeros((len(data), 12)),
         assignments,
         np.zeros_like(assignments, np.int8),
-        np.zeros((len(data), 6, 6)),
         np.array([len(mine) + 0.9 for mine in data]),
         none,
-        none,
-        np.zeros((len(data), 3)),
         np.array(evidence),
     )
     matched = (assignments >= 0).astype(int)

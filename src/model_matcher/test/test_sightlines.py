@@ -10,6 +10,7 @@ from model_matcher.model.index import indexed
 from model_matcher.model.problem import make_problem
 from model_matcher.verification import acceptance
 from model_matcher.verification.interpretations import covered
+from model_matcher.verification.pose_fit import fitted_poses
 from msgs_py import FeatureSet, Pose
 
 
@@ -28,7 +29,9 @@ def seen(model: FeatureSet, truth: Pose, across: float, along: float, rng: np.ra
 def errors(across: float, along: float, plain: bool, monkeypatch) -> np.ndarray:
     """Degrees and millimetres of 20 matches."""
     if plain:
-        monkeypatch.setattr(acceptance, 'refine_along_sight', lambda *arguments: 1.0)
+        monkeypatch.setattr(
+            acceptance, 'fitted_poses', lambda *arguments: fitted_poses(*arguments[:-1], np.zeros_like(arguments[-1]))
+        )
     model, rng, result = chipped_block(), np.random.default_rng(8), []
     for _ in range(20):
         truth = Pose.from_rotation_vector(rng.normal(0.0, 1.0, 3), [*rng.uniform(-0.02, 0.02, 2), 0.3])

@@ -152,6 +152,42 @@ def best_pose_error(found: Interpretation, truth: Pose, others: Sequence[Pose] =
     return min(errors, key=lambda error: (round(error.rotation, 3), error.translation))
 
 
+def squared_deviation(found: Interpretation, truth: Pose) -> float:
+    """The error of a pose in units of its stated covariance, squared: of chi squared of six where that is true.
+
+    Parameters
+    ----------
+    found : Interpretation
+        With its covariance. Where an equal pose is nearer to the truth than its own, the truth is taken for that.
+    truth : Pose
+        camera_T_model.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        The interpretation states no covariance.
+
+    Examples
+    --------
+    >>> spread = np.diag([1e-6] * 3 + [1e-4] * 3)
+    >>> found = Interpretation('block', [0], [1], Pose.from_rotation_vector([0.02, 0, 0]), covariance=spread)
+    >>> round(squared_deviation(found, Pose.identity()), 6)
+    4.0
+    """
+    if found.covariance is None:
+        raise ValueError('found: the interpretation states no covariance')
+    near = min((found.pose, *found.symmetric_poses), key=lambda pose: pose.error_to(truth).rotation)
+    # From an equal pose back to the stated one, by the model's symmetry.
+    truth = truth.compose(near.inverse().compose(found.pose))
+    turn = Pose(found.pose.rotation @ truth.rotation.T).rotation_vector
+    error = np.concatenate([found.pose.translation - truth.translation, turn])
+    return float(error @ np.linalg.solve(found.covariance, error))
+
+
 @dataclass(frozen=True)
 class AssignmentComparison:
     """How many pairings of an interpretation are right.

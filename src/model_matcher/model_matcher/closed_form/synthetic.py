@@ -298,6 +298,68 @@ def make_scene(
     )
 
 
+def measured(
+    model: FeatureSet,
+    pose: Pose,
+    rng: np.random.Generator,
+    across: float = 1e-4,
+    along: float = 6e-4,
+    visible: float = 0.8,
+) -> FeatureSet:
+    """What a camera pair in the origin recovers of a model, off by noise whose covariance the features state.
+
+    Every feature is better or worse known than the next, along its line of sight worse than across it, and its two ends
+    are off together.
+
+    Parameters
+    ----------
+    model : FeatureSet
+        Model frame.
+    pose : Pose
+        camera_T_model.
+    rng : numpy.random.Generator
+    across, along : float
+        Metres, sigma of an end across and along its line of sight, give or take a factor of e.
+    visible : float
+        Share of the features that appear.
+
+    Returns
+    -------
+    FeatureSet
+        Camera frame; edges lack up to a seventh at either end, and run in either direction.
+    """
+    seen = model.transformed(pose)
+    seen = seen.select(np.flatnonzero(rng.random(len(seen)) < visible))
+    n, curve = len(seen), seen.kind == FeatureKind.CURVE
+    low, high = rng.uniform(0.0, 0.15, n) * ~curve, np.where(curve, 1.0, rng.uniform(0.85, 1.0, n))
+    ends = [seen.start + share[:, None] * seen.vectors for share in (low, high)]
+    # Factors of the covariance: what both ends have in common and what each has alone; a curve's normal tilts.
+    factor = np.zeros((n, 6, 6))
+    for block, points in enumerate(ends):
+        sight = points / np.linalg.norm(points, axis=1, keepdims=True)
+        spread = across * np.eye(3) + (along - across) * sight[:, :, None] * sight[:, None, :]
+        here = slice(3 * block, 3 * block + 3)
+        factor[:, here, here] = np.sqrt(0.75) * spread if block else spread
+        if block:
+            factor[:, here, :3] = 0.5 * spread
+    normal = seen.directions[curve]
+    flat = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    factor[curve, 3:, 3:] = 5e-3 * flat
+    factor[curve, 3:, :3] = flat @ rng.normal(0.0, 2e-3, (len(normal), 3, 3))
+    factor *= np.exp(rng.uniform(-1.0, 1.0, n))[:, None, None]
+    off = np.einsum('nij,nj->ni', factor, rng.normal(size=(n, 6)))
+    start, end = ends[0] + off[:, :3], ends[1] + off[:, 3:]
+    tilted = normal + off[curve, 3:]
+    end[curve] = start[curve] + tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
+    covariance = factor @ factor.swapaxes(1, 2)
+    turn = (rng.random(n) < 0.5) & ~curve
+    start[turn], end[turn] = end[turn].copy(), start[turn].copy()
+    swapped = [3, 4, 5, 0, 1, 2]
+    covariance[turn] = covariance[turn][:, swapped][:, :, swapped]
+    nothing = np.zeros(n)
+    return FeatureSet(seen.kind, start, end, seen.radii, nothing, nothing, covariance=covariance)
+
+
 def mirrored(model: FeatureSet) -> FeatureSet:
     """The mirror image in x: a decoy when the model is chiral."""
     flip = np.array([-1.0, 1.0, 1.0])

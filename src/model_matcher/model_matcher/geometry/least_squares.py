@@ -220,8 +220,7 @@ def refine(
     widths: tuple[float, ...],
     assignment: Int32Array,
     sign: Int8Array,
-    normal: FloatArray,
-) -> tuple[int, float, float, float, float, float]:
+) -> float:
     """Gauss-Newton on a pose, in place: assign with each of the given tolerance widths in turn and fit again.
 
     Parameters
@@ -235,31 +234,19 @@ def refine(
     assignment : (n,) int32
     sign : (n,) int8
         Both filled, as :func:`.back_projection.assign` has them.
-    normal : (6, 6) float64
-        Filled: the normal matrix of the last fit, about the returned centre.
 
     Returns
     -------
-    matched : int
-        Data features with a model feature.
-    rms : float
-        Metres, root mean square of the distances of end points from their lines.
-    chi : float
-        Weighted cost per equation.
-    x, y, z : float
-        Metres, camera frame: centre of the matched data.
+    float
+        Metres, root mean square of the distances of end points from their lines; 0 when nothing is matched.
 
     """
-    right = np.zeros(6)
-    step = np.zeros(6)
-    centre = np.zeros(3)
-    matched = 0
+    normal, right, step, centre = np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros(3)
     rms = 0.0
-    chi = 0.0
     for turn in range(len(widths)):
         matched = assign(motion, model, data, widths[turn], assignment, sign)
         if matched == 0:
-            return matched, 0.0, 0.0, 0.0, 0.0, 0.0
+            return 0.0
         centre[:] = 0.0
         for k in range(data.rows.shape[0]):
             if assignment[k] >= 0:
@@ -269,12 +256,9 @@ def refine(
         damp(normal)
         if solve6(normal, right, step):
             compose_small(motion, centre, step)
-        cost, equations, squares, points = normal_equations(
-            motion, model.rows, data, assignment, sign, centre, normal, right
-        )
+        _, _, squares, points = normal_equations(motion, model.rows, data, assignment, sign, centre, normal, right)
         rms = np.sqrt(squares / max(points, 1))
-        chi = cost / max(equations - 6, 1)
-    return matched, rms, chi, centre[0], centre[1], centre[2]
+    return rms
 
 
 @njit
@@ -286,9 +270,9 @@ def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: 
     Parameters
     ----------
     normals : (c, 6, 6) float64
-        About the data's centre, see :func:`refine`.
+        About the data's centre, see :func:`.weighted_fit.weighted_fit`.
     chi : (c,) float64
-        Weighted cost per equation.
+        What their inverses are multiplied by.
     levers : (c, 3) float64
         Metres, from the data's centre to the translation of the pose.
     size : float

@@ -61,3 +61,11 @@ LEAST_GAP = 0.05
 # Weight of the mean quality of fit, in [0, 1], in a score whose whole part is the number of distinct model features: it
 # is below 1, so that one feature more always counts more.
 QUALITY_WEIGHT = 0.9
+
+# -- the weighted fit ------------------------------------------------------------------------------------------------
+
+# Squared residuals of a line and of a curve in sigmas beyond which it counts as an outlier: one in a thousand of chi
+# squared of four and of five degrees of freedom. [D]
+OUTLYING_LINE, OUTLYING_CURVE = 18.47, 20.52
+# Steps of the fit, and the gain in the sum of squares below which one was the last: a thousandth of a sigma.
+MOST_STEPS, CONVERGED = 12, 1e-6

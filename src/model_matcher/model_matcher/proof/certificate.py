@@ -24,7 +24,8 @@ from ..model.index import ModelIndex, index_model
 from ..model.problem import Problem, make_problem
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams, MatchResult
-from ..verification.interpretations import as_interpretation, as_pose, pose_covariances
+from ..verification.interpretations import as_interpretation, as_pose
+from ..verification.pose_fit import fitted_poses, stated_errors
 from ..verification.refinement import Refined
 from .branch_and_bound import BranchAndBound, GivenUp, Larger, sample_of
 from .feasibility import all_fit, can_join, deviations, infeasible_subset, least_squares_pose, minimax_pose
@@ -79,7 +80,7 @@ def compile_kernels() -> None:
     can_join(motion, nodes[:3], nodes[:3], nodes, nodes, 0, sample)
     deviations(motion, nodes, nodes, sample)
     all_fit(motion, nodes, nodes, sample, problem.index.kind, problem.radius_tol)
-    least_squares_pose(motion, nodes.astype(np.int32), np.zeros(6, np.int8), sample, np.empty((6, 6)), np.empty(5))
+    least_squares_pose(motion, nodes.astype(np.int32), np.zeros(6, np.int8), sample)
     tree.joined(2, nodes[:2], nodes[3:], None)
 
 
@@ -118,7 +119,7 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
     result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
     reason = proof.reason
     if proof.assignment is not None and proof.motion is not None:
-        larger = _as_interpretation(problem, proof.assignment, proof.motion)
+        larger = _as_interpretation(problem, params, proof.assignment, proof.motion)
         distinct, known = (len(np.unique(one.assignment[one.assignment != BIN])) for one in (larger, best))
         if distinct >= known:
             best = larger
@@ -134,25 +135,19 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
     return replace(result, interpretations=(best, *result.interpretations[1:]))
 
 
-def _as_interpretation(problem: Problem, assignment: Int32Array, motion: FloatArray) -> Interpretation:
-    """A set of pairings as an interpretation, with its least-squares pose."""
+def _as_interpretation(
+    problem: Problem, params: MatchParams, assignment: Int32Array, motion: FloatArray
+) -> Interpretation:
+    """A set of pairings as an interpretation, with the pose that they determine."""
     pose, sign = motion.copy(), np.zeros(len(assignment), np.int8)
-    normal, figures = np.zeros((6, 6)), np.zeros(5)
-    least_squares_pose(pose, assignment, sign, sample_of(problem), normal, figures)
-    refined = Refined(
-        pose[None],
-        assignment[None],
-        sign[None],
-        normal[None],
-        np.zeros(1),
-        figures[:1],
-        figures[1:2],
-        figures[None, 2:],
-        np.zeros(1),
+    least_squares_pose(pose, assignment, sign, sample_of(problem))
+    nothing = np.zeros(1)
+    refined = Refined(pose[None], assignment[None], sign[None], nothing, nothing, nothing)
+    (fitted,) = fitted_poses(
+        problem, stated_errors(problem, params), pose[None], assignment[None], sign[None], np.zeros(1, bool)
     )
-    covariance = pose_covariances(problem.index, refined, [0])[0]
-    found = as_pose(pose)
-    return as_interpretation(problem, refined, 0, found, covariance, symmetric_poses(problem.index, found), None)
+    equal = symmetric_poses(problem.index, as_pose(fitted.motion))
+    return as_interpretation(problem, refined, 0, fitted, equal, None)
 
 
 def prove(

@@ -469,16 +469,11 @@ def all_fit(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample, kind_m
 
 
 @njit
-def least_squares_pose(
-    motion: FloatArray, assignment: Int32Array, sign: Int8Array, sample: Sample, normal: FloatArray, figures: FloatArray
-) -> None:
-    """Least-squares pose of an assignment (n,), in place.
-
-    Fills sign (n,), normal (6, 6) and figures: rms (metres), weighted cost per equation, centre x, y, z (metres).
-    """
+def least_squares_pose(motion: FloatArray, assignment: Int32Array, sign: Int8Array, sample: Sample) -> None:
+    """Least-squares pose of an assignment (n,), in place. Fills sign (n,)."""
     data, model = sample.data, sample.model
     n = data.shape[0]
-    right, step, centre = np.zeros(6), np.zeros(6), np.zeros(3)
+    normal, right, step, centre = np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros(3)
     matched = 0
     for k in range(n):
         if assignment[k] >= 0:
@@ -487,7 +482,7 @@ def least_squares_pose(
                 centre[axis] += data[k, axis]
     centre /= max(matched, 1)
     features = DataFeatures(data, sample.kinds, sample.tolerances, 0.0)
-    for turn in range(MINIMAX.newton + 1):
+    for _ in range(MINIMAX.newton):
         for k in range(n):
             sign[k] = 0
             if assignment[k] >= 0:
@@ -497,14 +492,8 @@ def least_squares_pose(
                     for q in range(3):
                         c += d[3 + p] * motion[3 * p + q] * m[3 + q]
                 sign[k] = 1 if c >= 0.0 else -1
-        cost, equations, squares, points = normal_equations(
-            motion, model, features, assignment, sign, centre, normal, right
-        )
-        figures[0], figures[1] = np.sqrt(squares / max(points, 1)), cost / max(equations - 6, 1)
-        if turn == MINIMAX.newton:
-            break
+        normal_equations(motion, model, features, assignment, sign, centre, normal, right)
         damp(normal)
         if not solve6(normal, right, step):
             break
         compose_small(motion, centre, step)
-    figures[2], figures[3], figures[4] = centre

@@ -1,6 +1,6 @@
 """From candidate poses to interpretations: the last step that every search shares.
 
-A candidate is refined, its data re-assigned under the refined pose, its covariance estimated; poses that explain the
+A candidate is refined and its data re-assigned under the refined pose; poses that explain the
 same data equally well are put together, competitors for the same data rejected, and so is what chance would explain.
 """
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py import BIN, Interpretation, Pose
+from msgs_py import BIN, Interpretation
 
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from ..model.problem import Problem
@@ -18,8 +18,8 @@ from ..model.settings import SAME
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
-from .interpretations import as_interpretation, as_pose, covered, pose_covariances
-from .line_of_sight import refine_along_sight
+from .interpretations import as_interpretation, as_pose, covered
+from .pose_fit import fitted_poses, stated_errors
 from .refinement import Refined
 from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, OUTDONE, SAME_COVER
 
@@ -52,7 +52,7 @@ def accept(
     problem : Problem
         Model and data.
     refined : Refined
-        The candidates; their evidence, and the poses of those accepted, are changed in place.
+        The candidates; their evidence is changed in place.
     params : MatchParams
         Of the match.
 
@@ -66,33 +66,31 @@ def accept(
     _share_evidence(refined, common)
     order = _ranked(problem, refined)
     groups = _grouped(problem, refined, order, common)
-    accepted: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
-    rejected: list[tuple[int, Pose, tuple[Pose, ...], str | None]] = []
+    accepted: list[int] = []
+    rejected: list[int] = []
+    reasons: dict[int, str | None] = {}
     for k in order:
         if len(accepted) == len(rejected) == params.max_interpretations:
             break
         if k in groups.repeated:
             continue
-        others = groups.equivalent.get(k, [])
         reason = _why_rejected(problem, refined, params, k, int(common[k, k]), groups.competitors.get(k))
-        if reason is None and params.scale == 'known':
-            for t in (k, *others):
-                motion, assignment, sign = refined.motions[t], refined.assignments[t], refined.signs[t]
-                refine_along_sight(motion, problem.model, problem.features, assignment, sign)
         target = accepted if reason is None else rejected
-        if len(target) == params.max_interpretations:
-            continue
-        pose, poses = as_pose(refined.motions[k]), tuple(as_pose(refined.motions[t]) for t in others)
-        if reason is None:
-            poses = symmetric_poses(problem.index, pose, poses)
-        target.append((k, pose, poses, reason))
-    chosen = accepted + rejected
-    covariances = pose_covariances(problem.index, refined, [k for k, _, _, _ in chosen]) if chosen else ()
-    made = tuple(
-        as_interpretation(problem, refined, k, pose, covariance, poses, reason)
-        for (k, pose, poses, reason), covariance in zip(chosen, covariances)
-    )
-    return made[: len(accepted)], made[len(accepted) :]
+        if len(target) < params.max_interpretations:
+            target.append(k)
+            reasons[k] = reason
+    chosen = [t for k in accepted + rejected for t in (k, *groups.equivalent.get(k, []))]
+    parts = refined.motions[chosen], refined.assignments[chosen], refined.signs[chosen]
+    by_sight = np.full(len(chosen), params.scale == 'known')
+    by_sight[sum(1 + len(groups.equivalent.get(k, [])) for k in accepted) :] = False
+    fitted = dict(zip(chosen, fitted_poses(problem, stated_errors(problem, params), *parts, by_sight)))
+    made = []
+    for k in accepted + rejected:
+        poses = tuple(as_pose(fitted[t].motion) for t in groups.equivalent.get(k, []))
+        if reasons[k] is None:
+            poses = symmetric_poses(problem.index, as_pose(fitted[k].motion), poses)
+        made.append(as_interpretation(problem, refined, k, fitted[k], poses, reasons[k]))
+    return tuple(made[: len(accepted)]), tuple(made[len(accepted) :])
 
 
 def _grouped(problem: Problem, refined: Refined, order: list[int], common: np.ndarray) -> _Groups:

@@ -1,4 +1,4 @@
-"""What a refined pose says: its covariance, what of the model it covers, and the interpretation to publish."""
+"""What a refined pose says: what of the model it covers, and the interpretation to publish."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import numpy as np
 
 from msgs_py import BIN, FeatureKind, Interpretation, Pose
 
-from ..geometry.least_squares import covariances
-from ..model.index import ModelIndex
 from ..model.problem import Problem
+from .pose_fit import FittedPose
 from .refinement import Refined
 from .settings import PLACES
 
@@ -52,42 +51,12 @@ def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> flo
     return float(rims + (hit.mean(axis=1) * 2.0 * model[:, 6]).sum())
 
 
-def pose_covariances(index: ModelIndex, refined: Refined, chosen: list[int]) -> np.ndarray:
-    """Covariances of refined poses, from their fits.
-
-    Parameters
-    ----------
-    index : ModelIndex
-        The model.
-    refined : Refined
-        Candidates.
-    chosen : list of int
-        Numbers of c of them.
-
-    Returns
-    -------
-    (c, 6, 6) float64
-        Of (x, y, z, rx, ry, rz), metres and radians. A direction that the data leaves free has the variance of its
-        whole range: the model's size, or a half turn.
-    """
-    # The fit turns about the data's centre; the pose's translation is that of the model's origin.
-    levers = refined.motions[chosen, 9:] - refined.centres[chosen]
-    found: np.ndarray = covariances(refined.normals[chosen], refined.costs[chosen], levers, index.size)
-    return found
-
-
 def as_interpretation(
-    problem: Problem,
-    refined: Refined,
-    k: int,
-    pose: Pose,
-    covariance: np.ndarray,
-    others: tuple[Pose, ...],
-    reason: str | None,
+    problem: Problem, refined: Refined, k: int, fitted: FittedPose, others: tuple[Pose, ...], reason: str | None
 ) -> Interpretation:
     """The interpretation that candidate k is, in numbers of all data and of the model as it was given.
 
-    covariance : (6, 6); others : poses that are equal to ``pose``; reason : why it is rejected, None when it is not
+    others : poses that are equal to the fitted one; reason : why it is rejected, None when it is not
     """
     assignment = np.full(problem.n_data, BIN, np.int32)
     sign = np.zeros(problem.n_data, np.int8)
@@ -98,9 +67,9 @@ def as_interpretation(
         problem.index.name,
         assignment,
         sign,
-        pose,
-        residual_rms=refined.residuals[k],
-        covariance=covariance,
+        as_pose(fitted.motion),
+        residual_rms=fitted.rms,
+        covariance=fitted.covariance,
         symmetric_poses=others,
         rejected_reason=reason,
     )

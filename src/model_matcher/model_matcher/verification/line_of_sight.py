@@ -1,4 +1,4 @@
-"""The last fit of a pose: errors along the line of sight are larger than those across it.
+"""Data that states no covariances: how much larger its errors are along the line of sight than across it.
 
 A camera pair sees directions well and depth badly: with a baseline of a fifth of the distance, one pixel means seven
 times as much along the line of sight as across it. A fit that takes all directions alike lets depth errors turn and
@@ -119,15 +119,15 @@ def _equations(
 
 
 @njit
-def refine_along_sight(
+def sight_ratio(
     motion: FloatArray, model: ModelFeatures, data: DataFeatures, assignment: Int32Array, sign: Int8Array
 ) -> float:
-    """Fit a pose to the data assigned to it, the line of sight weighted as the residuals tell.
+    """How unequal the errors of the data assigned to a pose are across and along the line of sight.
 
     Parameters
     ----------
     motion : (12,) float64
-        The pose, in the frame of a camera with its eye in the origin; changed in place.
+        The pose, in the frame of a camera with its eye in the origin; overwritten by fits that read the ratio off.
     model : ModelFeatures
     data : DataFeatures
     assignment : (n,) int32
@@ -138,7 +138,7 @@ def refine_along_sight(
     Returns
     -------
     float
-        The ratio of the errors across and along the line of sight; 1: the pose is as it was.
+        The ratio of the errors across and along the line of sight; 1: alike, or not to be told.
 
     """
     size = model.size
@@ -160,7 +160,6 @@ def refine_along_sight(
     normal = np.zeros((6, 6))
     right = np.zeros(6)
     step = np.zeros(6)
-    before = motion.copy()
     ratio = 1.0
     for turn in range(FITS + 1):
         sums = _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right)
@@ -169,14 +168,12 @@ def refine_along_sight(
         seen = np.sqrt(sums[0] / sums[2]) / np.sqrt(sums[1] / sums[3])
         if turn == FITS:
             if seen > ALIKE:
-                motion[:] = before
                 return 1.0
             break
         ratio = np.sqrt(min(seen, 1.0) * STEREO_RATIO)
         _equations(motion, model, data, assignment, sign, centre, ratio, unit, normal, right)
         damp(normal)
         if not solve6(normal, right, step):
-            motion[:] = before
             return 1.0
         compose_small(motion, centre, step)
     return ratio

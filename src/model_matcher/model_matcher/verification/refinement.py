@@ -31,16 +31,10 @@ class Refined(NamedTuple):
         The model feature of each usable data feature, BIN for none.
     signs : (c, n) int8
         Which way round each data feature lies on its model feature.
-    normals : (c, 6, 6) float64
-        Normal matrices of the fits, about the centres; see :func:`.least_squares.refine`.
     scores : (c,) float64
         Distinct model features and quality of fit, see :func:`.back_projection.count_matches`.
     residuals : (c,) float64
         Metres, root mean square distance of data end points from their model features.
-    costs : (c,) float64
-        Weighted cost per equation of the fits.
-    centres : (c, 3) float64
-        Metres, camera frame: what the fits turn about, the middle of the data.
     evidence : (c,) float64
         Nats.
     """
@@ -48,11 +42,8 @@ class Refined(NamedTuple):
     motions: FloatArray
     assignments: Int32Array
     signs: Int8Array
-    normals: FloatArray
     scores: FloatArray
     residuals: FloatArray
-    costs: FloatArray
-    centres: FloatArray
     evidence: FloatArray
 
 
@@ -96,11 +87,10 @@ def refine_candidates(
         if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
         motion, assignment, sign = refined.motions[k], refined.assignments[k], refined.signs[k]
-        _, rms, cost, x, y, z = refine(motion, model, data, WIDTHS, assignment, sign, refined.normals[k])
+        rms = refine(motion, model, data, WIDTHS, assignment, sign)
         assign(motion, model, data, final, assignment, sign)
         refined.scores[k] = count_matches(motion, model, data, final, stamp, k, 0.0)
-        refined.residuals[k], refined.costs[k] = rms, cost
-        refined.centres[k, 0], refined.centres[k, 1], refined.centres[k, 2] = x, y, z
+        refined.residuals[k] = rms
         refined.evidence[k] = evidence(motion, model, data, assignment, regular, planes)
         best = max(best, refined.evidence[k])
 
@@ -129,15 +119,7 @@ def refine_all(
     """
     c, n = len(scores), len(problem.rows)
     refined = Refined(
-        motions,
-        np.empty((c, n), np.int32),
-        np.empty((c, n), np.int8),
-        np.empty((c, 6, 6)),
-        np.zeros(c),
-        np.zeros(c),
-        np.zeros(c),
-        np.zeros((c, 3)),
-        np.zeros(c),
+        motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.zeros(c), np.zeros(c), np.zeros(c)
     )
     doubtful = needed_evidence(problem, params) + DOUBTFUL
     refine_candidates(scores, keep, doubtful, problem.model, problem.features, regularity(problem.index), refined)

@@ -31,6 +31,12 @@ FEWEST, FITS = 4, 4
 # Sine of the angle between an edge and the line of sight below which the edge says nothing across it.
 ALONG_SIGHT_SINE = 0.05
 
+# -- the last fit ----------------------------------------------------------------------------------------------------
+
+# In sigmas of chi squared: residuals that are so much larger than covariances have them say how much larger errors are.
+# [D] one search in a thousand
+MORE_THAN_STATED = 3.0
+
 # -- coincidences ----------------------------------------------------------------------------------------------------
 
 # Chance that an angle of a direction is what a direction of the model has, for each direction that the model has.
