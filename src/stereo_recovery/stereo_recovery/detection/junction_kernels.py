@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
-from .buckets import bucketed, near
+from .buckets import Buckets, bucketed, in_cell, near, swept
 from .line_kernels import Lines, abscissa_of, cosine_of, length_of, offset_of, point_at, sine_of, variance_at
 from .settings import (
     AT_JUNCTION,
@@ -36,6 +36,9 @@ from .settings import (
     SURE_OVERRUN,
 )
 
+# px: side of the cells in which junctions are looked for.
+CELL = 16.0
+
 
 @njit
 def _boxes(lines: Lines, margin: float) -> FloatArray:
@@ -57,16 +60,35 @@ def _outside(box: FloatArray, k: int, x: float, y: float) -> bool:
 
 
 @njit
-def _continues(lines: Lines, box: FloatArray, k: int, i: int, point: tuple[float, float], collinear: float) -> bool:
+def _cells(lines: Lines, widest: float) -> Buckets:
+    """The segments, by the cells that have places where ends may meet them.
+
+    widest : pixels, largest gap
+    """
+    # As far beyond its end as the crossing and the other's end may be; across, the gap at a square corner, since it
+    # grows no faster than the sine falls.
+    beyond, across = 2.0 * max(widest, OVERRUN), max(2.0 * SQUARE_GAP, OVERRUN, MERGED_DISTANCE, ON_CONTINUATION)
+    start, end = np.empty_like(lines.centre), np.empty_like(lines.centre)
+    for i in range(len(start)):
+        start[i, 0], start[i, 1] = point_at(lines, i, lines.extent[i, 0] - beyond)
+        end[i, 0], end[i, 1] = point_at(lines, i, lines.extent[i, 1] + beyond)
+    cells: Buckets = swept(start, end, across, CELL)
+    return cells
+
+
+@njit
+def _continues(
+    lines: Lines, box: FloatArray, close: IntArray, pair: tuple[int, int], point: tuple[float, float], collinear: float
+) -> bool:
     """Whether a segment other than i continues segment k on its line beyond a point, pixels.
 
-    box : see :func:`_boxes`; collinear : largest sine between the two
+    box : see :func:`_boxes`; close : segments near the point; pair : k and i; collinear : largest sine between the two
     """
-    x, y = point
+    (k, i), (x, y) = pair, point
     own = abscissa_of(lines, k, x, y)
     # Positive when segment k lies in its direction from the point.
     ahead = 0.5 * (lines.extent[k, 0] + lines.extent[k, 1]) - own
-    for m in range(len(box)):
+    for m in close:
         itself = (m == k) | (m == i)
         if itself or _outside(box, m, x, y):
             continue
@@ -102,13 +124,14 @@ def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array,
     t_junction = np.zeros((n, 2), np.bool_)
     sigma = np.full((n, 2), LOOSE_END_SIGMA)
     box = _boxes(lines, widest)
+    cells = _cells(lines, widest)
     for i in range(n):
         for e in range(2):
             s_end = lines.extent[i, e]
             outward = -1.0 if e == 0 else 1.0
             x, y = point_at(lines, i, s_end)
             best = np.inf
-            for k in range(n):
+            for k in in_cell(cells, x, y):
                 if k == i or _outside(box, k, x, y):
                     continue
                 sine = sine_of(lines, i, k)
@@ -147,16 +170,19 @@ def find_junctions(lines: Lines, widest: float) -> tuple[FloatArray, Int32Array,
             if k >= 0 and not t_junction[i, e]:
                 at = point_at(lines, i, abscissa[i, e])
                 # Where both lines go on, even roughly, four faces meet in a corner.
-                if _continues(lines, box, k, i, at, COLLINEAR_SINE):
-                    t_junction[i, e] = not _continues(lines, box, i, k, at, CROSSING_SINE)
-                elif _continues(lines, box, i, k, at, COLLINEAR_SINE):
-                    t_junction[i, e] = not _continues(lines, box, k, i, at, CROSSING_SINE)
-    _share_junctions(lines, abscissa, neighbour, sigma)
+                close = in_cell(cells, at[0], at[1])
+                if _continues(lines, box, close, (k, i), at, COLLINEAR_SINE):
+                    t_junction[i, e] = not _continues(lines, box, close, (i, k), at, CROSSING_SINE)
+                elif _continues(lines, box, close, (i, k), at, COLLINEAR_SINE):
+                    t_junction[i, e] = not _continues(lines, box, close, (k, i), at, CROSSING_SINE)
+    _share_junctions(lines, cells, abscissa, neighbour, sigma)
     return abscissa, neighbour, t_junction, sigma
 
 
 @njit
-def _share_junctions(lines: Lines, abscissa: FloatArray, neighbour: Int32Array, sigma: FloatArray) -> None:
+def _share_junctions(
+    lines: Lines, cells: Buckets, abscissa: FloatArray, neighbour: Int32Array, sigma: FloatArray
+) -> None:
     """Ends without a junction, of chains that are lost where they near another one, get that one's junction, in place.
 
     abscissa, neighbour, sigma : (n, 2), see :class:`.junctions.Junctions`
@@ -170,7 +196,7 @@ def _share_junctions(lines: Lines, abscissa: FloatArray, neighbour: Int32Array, 
             outward = -1.0 if e == 0 else 1.0
             x, y = point_at(lines, i, lines.extent[i, e])
             best = np.inf
-            for k in range(n):
+            for k in in_cell(cells, x, y):
                 if k == i or length_of(lines, k) < DIRECTED_LENGTH:
                     continue
                 cosine = cosine_of(lines, i, k)

@@ -7,6 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from ..detection.buckets import bucketed, near
 from .settings import ABSENT, BEFORE, BESIDE, BEYOND, CORNER_GATE, CORNER_MISS, END_SHARE, ROUNDED
 
 
@@ -23,26 +24,30 @@ def meetings(
     n, m = len(table), len(point)
     found = np.zeros((n, 2), np.bool_)
     value = np.zeros((n, 2, 3))
+    if m == 0:
+        return found, value
+    buckets = bucketed(point, max(BEYOND + BESIDE, 2.0 * BESIDE))
     for k in range(n):
         cu, cv, tu, tv = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
         length = table[k, 5] - table[k, 4]
-        far, near = min(BEYOND, END_SHARE * length), min(BEFORE, END_SHARE * length)
+        far, before = min(BEYOND, END_SHARE * length), min(BEFORE, END_SHARE * length)
         for end in range(2):
             outward = 1.0 if end == 1 else -1.0
             s = table[k, 4 + end]
             u, v = cu + s * tu, cv + s * tv
             first, least = -1, 1e30
-            for q in range(m):
+            for q in near(buckets, u, v):
                 du, dv = point[q, 0] - u, point[q, 1] - v
                 if abs(du) > far + BESIDE or abs(dv) > far + BESIDE or own[q] == k:
                     continue
                 beyond = (du * tu + dv * tv) * outward
-                if beyond < far and beyond > -near and abs(dv * tu - du * tv) < BESIDE and abs(beyond) < least:
+                if beyond < far and beyond > -before and abs(dv * tu - du * tv) < BESIDE and abs(beyond) < least:
                     first, least = q, abs(beyond)
             if first < 0:
                 continue
             weight, place, mean = 0.0, 0.0, 0.0
-            for q in range(m):
+            close = near(buckets, point[first, 0], point[first, 1])
+            for q in close:
                 if _told(point, own, first, q, k):
                     w = 1.0 / sigma[q] ** 2
                     weight += w
@@ -50,7 +55,7 @@ def meetings(
                     place += w * ((point[q, 0] - cu) * tu + (point[q, 1] - cv) * tv)
             mean /= weight
             agreed = True
-            for q in range(m):
+            for q in close:
                 if _told(point, own, first, q, k) and abs(disparity[q] - mean) > CORNER_MISS + CORNER_GATE * sigma[q]:
                     agreed = False
             found[k, end] = agreed

@@ -7,6 +7,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from ..detection.buckets import Buckets, bucketed, near
 from .settings import (
     COLLINEAR_GAP,
     COLLINEAR_MISS,
@@ -17,6 +18,9 @@ from .settings import (
     ROUNDED_SINE,
 )
 
+# px: cells in which ends are looked for that continue a segment.
+CELL = 16.0
+
 
 @njit
 def _gap(first: float, last: float, at: float, end: int) -> float:
@@ -24,6 +28,18 @@ def _gap(first: float, last: float, at: float, end: int) -> float:
     beyond = first - at if end == 0 else at - last
     most = min(ROUNDED_GAP, ROUNDED_SHARE * (last - first))
     return beyond if -ROUNDED_OVERRUN < beyond < most else np.inf
+
+
+@njit
+def _left_ends(table: FloatArray, index: IntArray) -> FloatArray:
+    """(2 n, 2) pixels: first and last end of each edge's segment in one image."""
+    ends = np.empty((2 * len(index), 2))
+    for e in range(len(index)):
+        row = table[index[e]]
+        for end in range(2):
+            ends[2 * e + end, 0] = row[0] + row[4 + end] * row[2]
+            ends[2 * e + end, 1] = row[1] + row[4 + end] * row[3]
+    return ends
 
 
 @njit
@@ -40,32 +56,37 @@ def rounded_corners(
     n = len(flip)
     pair, point = np.empty((2 * n, 2), np.int64), np.empty((2 * n, 2))
     count = 0
+    if n == 0:
+        return pair, point
+    ends = _left_ends(tables[0], index[0])
+    # Neither end is farther from the crossing than the gap.
+    buckets = bucketed(ends, 2.0 * max(ROUNDED_GAP, ROUNDED_OVERRUN))
     for e in range(n):
         for end in range(2):
             if not loose[e, end]:
                 continue
             least, found = np.inf, -1
-            for f in range(n):
-                for its in range(2):
-                    total, u, v = 0.0, 0.0, 0.0
-                    for image in range(2):
-                        a, b = tables[image][index[image][e]], tables[image][index[image][f]]
-                        sine = a[2] * b[3] - a[3] * b[2]
-                        if abs(sine) < ROUNDED_SINE:
-                            total = np.inf
-                            break
-                        du, dv = b[0] - a[0], b[1] - a[1]
-                        s, r = (du * b[3] - dv * b[2]) / sine, (du * a[3] - dv * a[2]) / sine
-                        turned = image == 1
-                        total += _gap(a[4], a[5], s, 1 - end if turned and flip[e] else end)
-                        total += _gap(b[4], b[5], r, 1 - its if turned and flip[f] else its)
-                        if not total < least:
-                            break
-                        if image == 0:
-                            u, v = a[0] + s * a[2], a[1] + s * a[3]
-                    if total < least:
-                        least, found = total, f
-                        point[count, 0], point[count, 1] = u, v
+            for one in near(buckets, ends[2 * e + end, 0], ends[2 * e + end, 1]):
+                f, its = one // 2, one % 2
+                total, u, v = 0.0, 0.0, 0.0
+                for image in range(2):
+                    a, b = tables[image][index[image][e]], tables[image][index[image][f]]
+                    sine = a[2] * b[3] - a[3] * b[2]
+                    if abs(sine) < ROUNDED_SINE:
+                        total = np.inf
+                        break
+                    du, dv = b[0] - a[0], b[1] - a[1]
+                    s, r = (du * b[3] - dv * b[2]) / sine, (du * a[3] - dv * a[2]) / sine
+                    turned = image == 1
+                    total += _gap(a[4], a[5], s, 1 - end if turned and flip[e] else end)
+                    total += _gap(b[4], b[5], r, 1 - its if turned and flip[f] else its)
+                    if not total < least:
+                        break
+                    if image == 0:
+                        u, v = a[0] + s * a[2], a[1] + s * a[3]
+                if total < least:
+                    least, found = total, f
+                    point[count, 0], point[count, 1] = u, v
             if found >= 0:
                 pair[count, 0], pair[count, 1] = e, found
                 count += 1
@@ -87,6 +108,22 @@ def _facing(a: FloatArray, b: FloatArray) -> tuple[float, float]:
 
 
 @njit
+def _continuing(row: FloatArray, buckets: Buckets) -> IntArray:
+    """Edges, each once and in rising order, one of whose ends may face an end of this segment across a gap.
+
+    row : (8,) of the left image, see :func:`.segments.line_table`; buckets : of all ends, see :func:`_left_ends`
+    """
+    reach = COLLINEAR_GAP * (row[5] - row[4]) + COLLINEAR_MISS
+    steps = int(reach / buckets.size) + 1
+    found = np.empty(0, np.int64)
+    for outward in (-1.0, 1.0):
+        for step in range(steps + 1):
+            s = (row[5] if outward > 0.0 else row[4]) + outward * (step * reach / steps)
+            found = np.concatenate((found, near(buckets, row[0] + s * row[2], row[1] + s * row[3]) // 2))
+    return np.unique(found)
+
+
+@njit
 def collinear_pairs(
     tables: tuple[FloatArray, FloatArray], index: tuple[IntArray, IntArray], eligible: BoolArray
 ) -> tuple[IntArray, FloatArray]:
@@ -100,11 +137,14 @@ def collinear_pairs(
     size = 64
     pair, point = np.empty((size, 2), np.int64), np.empty((size, 2, 2))
     count = 0
+    if n == 0:
+        return pair[:0], point[:0]
+    buckets = bucketed(_left_ends(tables[0], index[0]), CELL)
     for e in range(n):
         if not eligible[e]:
             continue
-        for f in range(e + 1, n):
-            if not eligible[f] or index[0][e] == index[0][f]:
+        for f in _continuing(tables[0][index[0][e]], buckets):
+            if f <= e or not eligible[f] or index[0][e] == index[0][f]:
                 continue
             good = True
             for image in range(2):
