@@ -14,6 +14,7 @@ import pytest
 import csg_renderer
 import model_matcher
 import stereo_recovery
+from stereo_recovery import settings as root_settings
 from stereo_recovery.edges import settings as edge_settings
 from stereo_recovery.matching import settings as matching_settings
 
@@ -70,7 +71,9 @@ def test_the_page_of_the_method_quotes_the_settings():
     quoted = re.findall(r'`([A-Z][A-Z_]+) = (-?[\d.]+)`', page)
     assert len(quoted) > 40
     for name, number in quoted:
-        values = [getattr(room, name) for room in (matching_settings, edge_settings) if hasattr(room, name)]
+        values = [
+            getattr(room, name) for room in (root_settings, matching_settings, edge_settings) if hasattr(room, name)
+        ]
         assert float(number) in values, f'{name}: the page says {number}, the settings {values}'
 
 

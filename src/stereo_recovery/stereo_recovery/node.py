@@ -1,22 +1,27 @@
-"""recovery_node: from rectified (or raw) stereo pairs to edges, curves and axes in space."""
+"""recovery_node: from rectified (or raw) images of two cameras or more to edges, curves and axes in space."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from msgs_py import FeatureKind, StereoRig
+from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers, image_to_array
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
+from msgs_py.numeric.typed import AnyArray
 
-from .cameras.rectification import Rectifier
+from .cameras.rectification import Rectifier, RigImages
+from .cameras.rig_files import load_camera_rig
 from .drawing import draw_features
 from .params import DETECTORS, LIMITS, RecoveryParams
-from .pipeline import compile_steps, recover
+from .pipeline import Recovery, compile_steps, recover
+from .settings import MOST_CAMERAS
 
 DEFAULT = RecoveryParams()
 
@@ -25,6 +30,18 @@ DEFAULT = RecoveryParams()
 class RecoveryConfig(Config):
     """Parameters of recovery_node."""
 
+    cameras: int = parameter(
+        2,
+        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...',
+        minimum=2,
+        maximum=MOST_CAMERAS,
+        read_only=True,
+    )
+    calibration: str = parameter(
+        '',
+        'File that says where three cameras and more stand; empty: parallel ones, as P of their camera_info says',
+        read_only=True,
+    )
     rectify: bool = parameter(False, 'The images are raw: undistort and rectify them with CameraInfo')
     detector: str = parameter(DEFAULT.detector, 'Edge detector', choices=DETECTORS)
     sigma: float = parameter(
@@ -105,6 +122,10 @@ class RecoveryConfig(Config):
     def validate(self) -> None:
         """Raises ValueError, naming the parameter, for values that the library refuses."""
         self.params()
+        if self.calibration and self.cameras == 2:
+            raise ValueError(
+                'parameter calibration: of two cameras camera_info says all; expected cameras to be 3 or more'
+            )
 
     def params(self) -> RecoveryParams:
         """The same as the library takes them; raises ValueError for what it refuses."""
@@ -132,10 +153,15 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self.debug_out = self.create_output(Image, 'debug_image')
         self._calibration: tuple[object, ...] = ()
         self._rectifier: Rectifier | None = None
+        self._images: RigImages | None = None
         self._reason = ''
         self._counts: dict[str, object] = {}
         self.prepare(compile_steps())
-        self.listen_stereo(self.on_pair, self.config.sync_queue_size, self.config.sync_tolerance)
+        queue = self.config.sync_queue_size, self.config.sync_tolerance
+        if self.config.cameras == 2:
+            self.listen_stereo(self.on_pair, *queue)
+        else:
+            self.listen_cameras(self.config.cameras, self.on_images, *queue)
 
     def on_pair(self, messages: StereoMessages) -> None:
         """One stereo pair. Everything published carries the left image's header."""
@@ -147,8 +173,17 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             rig = rectifier.rig
         else:
             rig = StereoRig.from_camera_info(messages.left_info, messages.right_info)
-        result = recover(left, right, rig, self.config.params())
-        header = messages.left.header
+        self._publish(recover(left, right, rig, self.config.params()), left, rig.left, messages.left.header)
+
+    def on_images(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
+        """One image of each camera. Everything published carries the first one's header."""
+        images = self._images_for([info for _, info in messages])
+        pictures = images.apply([image_to_array(image)[0] for image, _ in messages])
+        result = recover(pictures, images.rig, self.config.params())
+        self._publish(result, pictures[0], images.rig.cameras[0], messages[0][0].header)
+
+    def _publish(self, result: Recovery, picture: AnyArray, camera: PinholeCamera, header: Header) -> None:
+        """Publish what was found; the picture is that of the left or first camera."""
         self._reason = result.reason
         kinds = {f'features.{kind.name.lower()}s': int((result.features.kind == kind).sum()) for kind in FeatureKind}
         self._counts = {
@@ -160,29 +195,58 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         if self.wanted(self.markers_out):
             self.markers_out.publish(features_to_markers(result.features, header))
         if self.wanted(self.debug_out):
-            self.debug_out.publish(array_to_image(draw_features(left, result.features, rig.left), 'rgb8', header))
+            self.debug_out.publish(array_to_image(draw_features(picture, result.features, camera), 'rgb8', header))
         if result.reason:
             self.problem(f'no features: {result.reason}')
         self.done(header)
 
     def _rectifier_for(self, messages: StereoMessages) -> Rectifier:
         """The rectification maps for this calibration, made again only when it has changed."""
-        key = tuple(
-            (info.width, info.height, info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r), tuple(info.p))
-            for info in (messages.left_info, messages.right_info)
-        )
+        key = _calibration_of((messages.left_info, messages.right_info))
         if self._rectifier is None or key != self._calibration:
             self._rectifier, self._calibration = Rectifier(messages.left_info, messages.right_info), key
         return self._rectifier
 
+    def _images_for(self, infos: Sequence[CameraInfo]) -> RigImages:
+        """The same of three cameras and more, and where these stand."""
+        key = _calibration_of(infos)
+        if self._images is None or key != self._calibration:
+            self._images = RigImages(infos, self._poses(), self.config.rectify)
+            self._calibration = key
+        return self._images
+
+    def _poses(self) -> Sequence[Pose] | None:
+        """Where the calibration file says that the cameras stand; None without one."""
+        if not self.config.calibration:
+            return None
+        try:
+            # Poses need no sizes of images.
+            rig = load_camera_rig(self.config.calibration, (1, 1))
+        except (OSError, ValueError) as error:
+            raise ValueError(f'parameter calibration: {error}') from None
+        if len(rig) != self.config.cameras:
+            raise ValueError(
+                f'parameter calibration: {self.config.calibration}: has {len(rig)} cameras, expected '
+                f'{self.config.cameras}, as the parameter cameras says'
+            )
+        return rig.poses
+
     def reset(self) -> str:
         """Forget maps and counters; returns what was forgotten."""
-        self._rectifier, self._reason, self._counts = None, '', {}
+        self._rectifier, self._images, self._reason, self._counts = None, None, '', {}
         return 'rectification maps and counters'
 
     def report_values(self) -> dict[str, object]:
         """Counts, times and the reason of an empty result, for /diagnostics."""
         return {**self._counts, 'reason': self._reason}
+
+
+def _calibration_of(infos: Sequence[CameraInfo]) -> tuple[object, ...]:
+    """What of camera_info decides how images are rectified."""
+    return tuple(
+        (info.width, info.height, info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r), tuple(info.p))
+        for info in infos
+    )
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,6 +1,7 @@
 """``recover left.png right.png calibration.yaml -o out/``: features, picture and table of a stereo pair of files.
 
-For "match", which draws over it, the folder also gets the (rectified) left image and its camera.
+Of three images and more, the calibration says where each camera stands. For "match", which draws over it, the folder
+also gets the (rectified) left or first image and its camera.
 """
 
 from __future__ import annotations
@@ -13,15 +14,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from msgs_py import FeatureKind, FeatureSet, Pose, StereoRig
+from msgs_py import CameraRig, FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.covariances import UPPER, upper_triangles
 from msgs_py.numeric.typed import AnyArray
 
 from .cameras.calibration import load_cameras, load_rig
 from .cameras.rectification import Rectifier
+from .cameras.rig_files import load_camera_rig
 from .drawing import draw_features
 from .params import DETECTORS, RecoveryParams
-from .pipeline import recover
+from .pipeline import Recovery, recover
 
 COLUMNS = (
     'kind',
@@ -45,15 +47,14 @@ def parser() -> argparse.ArgumentParser:
     """The command line's arguments."""
     default = RecoveryParams()
     result = argparse.ArgumentParser(
-        prog='recover', description='Recover 3D edges, curves and axes from a stereo pair of image files.'
+        prog='recover', description='Recover 3D edges, curves and axes from image files of two cameras or more.'
     )
-    result.add_argument('left', type=Path, help='left image')
-    result.add_argument('right', type=Path, help='right image')
+    result.add_argument('images', type=Path, nargs='+', help='left and right image, or one of each camera')
     result.add_argument(
         'calibration',
         type=Path,
-        help='OpenCV YAML; ROS camera_info YAML of the left camera with '
-        'the right one beside it; or the JSON that "render --stereo --camera" writes',
+        help='OpenCV YAML; ROS camera_info YAML of the left camera with the right one beside it; the JSON that "render '
+        '--stereo --camera" writes; of more cameras also Kalibr\'s camchain, or "cameras", a list with K, R, t of each',
     )
     result.add_argument('-o', '--out', type=Path, default=Path('out'), help='folder for the results (default: out)')
     result.add_argument('--raw', action='store_true', help='the images are raw: undistort and rectify them first')
@@ -109,25 +110,30 @@ def covariance_table(features: FeatureSet) -> list[list[str]]:
     return [[f'{x:.6g}' if np.isfinite(x) else '' for x in row] for row in values]
 
 
-def camera_record(rig: StereoRig) -> dict[str, object]:
+def camera_record(rig: StereoRig | CameraRig) -> dict[str, object]:
     """The camera of left.png in the form of the renderer's files, which "match --camera" reads.
 
     Parameters
     ----------
-    rig : StereoRig
+    rig : StereoRig or CameraRig
 
     Returns
     -------
     dict
-        width, height, K and baseline.
+        width, height, K and, of a pair, baseline.
     """
-    left = rig.left
-    return {
+    left = _first(rig)
+    record = {
         'width': left.width,
         'height': left.height,
         'K': [[left.fx, 0.0, left.cx], [0.0, left.fy, left.cy], [0.0, 0.0, 1.0]],
-        'baseline': rig.baseline,
     }
+    return record | {'baseline': rig.baseline} if isinstance(rig, StereoRig) else record
+
+
+def _first(rig: StereoRig | CameraRig) -> PinholeCamera:
+    """The left or first camera."""
+    return rig.left if isinstance(rig, StereoRig) else rig.cameras[0]
 
 
 def _image(path: Path) -> AnyArray:
@@ -158,7 +164,14 @@ def run(arguments: argparse.Namespace) -> int:
     ValueError, OSError
         For unusable files.
     """
-    left, right = _image(arguments.left), _image(arguments.right)
+    images = [_image(path) for path in arguments.images]
+    params = RecoveryParams(detector=arguments.detector, sigma=arguments.sigma, min_length=arguments.min_length)
+    if len(images) > 2:
+        cameras = _cameras(arguments, images)
+        return _written(recover(images, cameras, params), images[0], cameras, arguments.out)
+    if len(images) < 2:
+        raise ValueError('expected a left and a right image, or one of each camera, before the calibration')
+    left, right = images
     size = (left.shape[1], left.shape[0])
     if arguments.raw:
         rectifier = Rectifier(*load_cameras(arguments.calibration, size))
@@ -168,23 +181,35 @@ def run(arguments: argparse.Namespace) -> int:
         rig = load_rig(arguments.calibration, size)
     if arguments.baseline is not None:
         rig = type(rig)(rig.left, rig.right, arguments.baseline)
-    params = RecoveryParams(detector=arguments.detector, sigma=arguments.sigma, min_length=arguments.min_length)
-    result = recover(left, right, rig, params)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    result.features.save(arguments.out / 'features.npz')
-    picture = draw_features(left, result.features, rig.left)
-    cv2.imwrite(str(arguments.out / 'features.png'), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    cv2.imwrite(str(arguments.out / 'left.png'), left)
-    (arguments.out / 'camera.json').write_text(json.dumps(camera_record(rig), indent=2) + '\n', encoding='utf-8')
+    return _written(recover(left, right, rig, params), left, rig, arguments.out)
+
+
+def _cameras(arguments: argparse.Namespace, images: list[AnyArray]) -> CameraRig:
+    """The cameras of three images and more."""
+    for name, given in (('--raw', arguments.raw), ('--baseline', arguments.baseline is not None)):
+        if given:
+            raise ValueError(f'{name}: goes with two images; of more the calibration has to say all')
+    cameras = load_camera_rig(arguments.calibration, (images[0].shape[1], images[0].shape[0]))
+    if len(cameras) != len(images):
+        raise ValueError(f'{arguments.calibration}: has {len(cameras)} cameras, for {len(images)} images')
+    return cameras
+
+
+def _written(result: Recovery, left: AnyArray, rig: StereoRig | CameraRig, out: Path) -> int:
+    """Write and print what was found; the exit code."""
+    out.mkdir(parents=True, exist_ok=True)
+    result.features.save(out / 'features.npz')
+    picture = draw_features(left, result.features, _first(rig))
+    cv2.imwrite(str(out / 'features.png'), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    cv2.imwrite(str(out / 'left.png'), left)
+    (out / 'camera.json').write_text(json.dumps(camera_record(rig), indent=2) + '\n', encoding='utf-8')
     rows = table(result.features)
     wide = [row + more for row, more in zip(rows, covariance_table(result.features))]
-    with open(arguments.out / 'features.csv', 'w', encoding='utf-8') as file:
+    with open(out / 'features.csv', 'w', encoding='utf-8') as file:
         file.writelines(','.join(row) + '\n' for row in [[*COLUMNS, *COVARIANCE_COLUMNS], *wide])
     for row in [list(COLUMNS), *rows]:
         print(' '.join(f'{cell:>10}' for cell in row))
-    print(
-        f'{result.features!r} in {sum(result.milliseconds.values()):.0f} ms; lengths in mm; written to {arguments.out}'
-    )
+    print(f'{result.features!r} in {sum(result.milliseconds.values()):.0f} ms; lengths in mm; written to {out}')
     if result.reason:
         print(f'nothing found: {result.reason}', file=sys.stderr)
         return 1

@@ -13,6 +13,11 @@ SWAPPED_MATCHES = 3
 # are tried as well, and the one with most is the main pair.
 MATCHED_SHARE = 0.2
 
+# -- node --------------------------------------------------------------------------------------------------------------
+
+# Cameras that one recovery_node listens to.
+MOST_CAMERAS = 16
+
 # -- drawing -----------------------------------------------------------------------------------------------------------
 
 # Sub-pixel bits of OpenCV's drawing functions; pixels: what is farther out is drawn there, so that no coordinate

@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
-from msgs_py import PinholeCamera, Pose, StereoRig  # noqa: E402
+from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig  # noqa: E402
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, cloud_to_features, image_to_array  # noqa: E402
 from stereo_recovery import recover  # noqa: E402
 from stereo_recovery.node import RecoveryConfig, RecoveryNode  # noqa: E402
@@ -45,9 +45,10 @@ class Bench:
             topic: self._collect(kind, topic)
             for kind, topic in ((PointCloud2, 'features'), (MarkerArray, 'features/markers'), (Image, 'debug_image'))
         }
+        count = parameters.get('cameras', 2)
         self.sources = [
             self.tester.create_publisher(kind, f'{side}/{name}', 10)
-            for side in ('left', 'right')
+            for side in (('left', 'right') if count == 2 else (f'camera_{k}' for k in range(count)))
             for kind, name in ((Image, 'image_rect'), (CameraInfo, 'camera_info'))
         ]
         self.until(
@@ -78,6 +79,15 @@ class Bench:
         messages = [array_to_image(left, encoding, header), infos[0], array_to_image(right, encoding, header), infos[1]]
         for source, message in zip(self.sources, messages):
             source.publish(message)
+        return header
+
+    def send_all(self, images, infos, sec: int) -> Header:
+        header = Header(frame_id='first_optical')
+        header.stamp.sec = sec
+        for k, (image, info) in enumerate(zip(images, infos)):
+            info.header = header
+            self.sources[2 * k].publish(array_to_image(image, 'mono8', header))
+            self.sources[2 * k + 1].publish(info)
         return header
 
     def close(self) -> None:
@@ -155,6 +165,82 @@ def test_unusable_camera_info_is_reported_and_the_node_lives(bench, pair):
     assert '64 x 64' in b.node.health.last_error
     b.send(*pair, RIG, 3)
     b.until(lambda: b.out['features'])
+
+
+ABOVE = Pose(translation=np.array([0.02, -0.045, 0.0]))
+TURNED = Pose.from_rotation_vector([-0.16, 0.03, 0.05], [0.02, -0.045, 0.002])
+
+
+@pytest.fixture(scope='module')
+def wedge(solids):
+    return solids['wedge'].at(Pose.from_rotation_vector([-0.6, 0.5, 0.4], [0.025, 0, 0.25]))
+
+
+def third(synthetic, wedge, pose: Pose) -> np.ndarray:
+    return synthetic.render(wedge.at(pose.inverse()), RIG.left, seed=5)
+
+
+def infos_of(x: float, y: float) -> list[CameraInfo]:
+    """Of the pair, and of a third camera at (x, y)."""
+    infos = [*camera_infos_from_rig(RIG, None), camera_infos_from_rig(RIG, None)[0]]
+    infos[2].p[3], infos[2].p[7] = -RIG.left.fx * x, -RIG.left.fy * y
+    return infos
+
+
+def test_three_cameras_are_heard_together_and_stand_where_camera_info_says(bench, synthetic, wedge, pair):
+    b = bench(cameras=3)
+    images = [*pair, third(synthetic, wedge, ABOVE)]
+    header = b.send_all(images, infos_of(*ABOVE.translation[:2]), 7)
+    b.until(lambda: all(b.out.values()))
+    rig = CameraRig([RIG.left] * 3, [*CameraRig.from_stereo(RIG).poses, ABOVE])
+    expected = recover(images, rig).features
+    found = cloud_to_features(b.out['features'][0])
+    assert b.out['features'][0].header == b.out['debug_image'][0].header == header
+    assert len(found) == len(expected) > 3
+    assert np.allclose(found.start, expected.start, atol=1e-6)
+    assert int(b.node.report_values()['matches of camera 2']) > 3
+
+
+def test_a_calibration_file_says_where_cameras_stand_that_are_not_parallel(bench, synthetic, wedge, pair, tmp_path):
+    places = [*CameraRig.from_stereo(RIG).poses, TURNED]
+    k = RIG.left.matrix.tolist()
+    back = [pose.inverse() for pose in places]
+    file = tmp_path / 'rig.yaml'
+    file.write_text(str({'cameras': [{'K': k, 'R': p.rotation.tolist(), 't': p.translation.tolist()} for p in back]}))
+    b = bench(cameras=3, calibration=str(file), rectify=True)
+    images = [*pair, third(synthetic, wedge, TURNED)]
+    b.send_all(images, infos_of(0.0, 0.0), 7)
+    b.until(lambda: b.out['features'])
+    expected = recover(images, CameraRig([RIG.left] * 3, places)).features
+    found = cloud_to_features(b.out['features'][0])
+    assert len(found) == len(expected) > 3
+    # Maps of cameras without distortion change nothing but the border.
+    assert np.allclose(found.start, expected.start, atol=1e-4)
+
+
+def test_what_is_wrong_with_three_cameras_is_named_once_and_the_node_lives(bench, synthetic, wedge, pair, tmp_path):
+    b = bench(cameras=3)
+    images = [*pair, third(synthetic, wedge, ABOVE)]
+    b.send_all(images, infos_of(0.0, 0.0), 1)
+    b.until(lambda: b.node.health.dropped == 1)
+    assert 'camera_2 camera_info: P[0,3] and P[1,3] are 0' in b.node.health.last_error
+    b.send_all([*images[:2], images[2][:64]], infos_of(*ABOVE.translation[:2]), 2)
+    b.until(lambda: b.node.health.dropped == 2)
+    assert 'images[2]: image is 256 x 64' in b.node.health.last_error
+    b.send_all(images, infos_of(*ABOVE.translation[:2]), 3)
+    b.until(lambda: b.out['features'])
+
+
+def test_a_calibration_file_for_other_cameras_is_named(bench, pair, tmp_path):
+    file = tmp_path / 'pair.json'
+    file.write_text('{"K": [[350, 0, 127.5], [0, 350, 127.5], [0, 0, 1]], "baseline": 0.05}')
+    b = bench(cameras=3, calibration=str(file))
+    b.send_all([*pair, pair[0]], infos_of(0.0, 0.0), 1)
+    b.until(lambda: b.node.health.dropped == 1)
+    assert 'parameter calibration: ' in b.node.health.last_error
+    assert 'pair.json: has 2 cameras, expected 3' in b.node.health.last_error
+    with pytest.raises(ValueError, match='parameter calibration: of two cameras'):
+        RecoveryConfig(calibration=str(file))
 
 
 def test_parameters_are_checked_before_they_are_used(bench):

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from msgs_py import Pose
+from msgs_py import CameraRig, FeatureSet, PinholeCamera, Pose
+from stereo_recovery import recover
 from stereo_recovery.cameras.rig_files import load_camera_rig
+from stereo_recovery.recover_cli import main
 
 SIZE = (640, 480)
 K = [[700.0, 0.0, 310.0], [0.0, 710.0, 245.0], [0.0, 0.0, 1.0]]
@@ -105,3 +108,33 @@ def test_what_a_file_lacks_is_named(tmp_path, change, message):
     short = {key: value for key, value in entry(TURNED).items() if key != 't'}
     with pytest.raises(ValueError, match=r'rig.json: camera 1: t is missing'):
         load_camera_rig(ours(tmp_path, short), SIZE)
+
+
+def test_command_line_takes_an_image_of_each_camera(tmp_path, synthetic, solids, capsys):
+    camera = PinholeCamera(320, 240, 350.0, 350.0, 155.0, 122.0)
+    rig = CameraRig([camera] * 3, PARALLEL)
+    solid = solids['wedge'].at(Pose.from_rotation_vector([-0.6, 0.5, 0.4], [0.05, -0.03, 0.45]))
+    images = [synthetic.render(solid, camera, pose.translation, seed=k) for k, pose in enumerate(PARALLEL)]
+    files = [str(tmp_path / f'{k}.png') for k in range(3)]
+    for file, image in zip(files, images):
+        cv2.imwrite(file, image)
+    matrix = camera.matrix.tolist()
+    calibration = tmp_path / 'rig.json'
+    calibration.write_text(
+        json.dumps({'cameras': [{**entry(pose), 'K': matrix, 'width': 320, 'height': 240} for pose in PARALLEL]})
+    )
+    assert main([*files, str(calibration), '-o', str(tmp_path / 'found')]) == 0
+    expected = recover(images, rig).features
+    found = FeatureSet.load(tmp_path / 'found' / 'features.npz')
+    assert len(found) == len(expected) > 3
+    np.testing.assert_allclose(found.start, expected.start, atol=1e-9)
+    assert 'baseline' not in json.loads((tmp_path / 'found' / 'camera.json').read_text())
+    for arguments, message in (
+        ([*files, files[0]], 'rig.json: has 3 cameras, for 4 images'),
+        ([*files, '--raw'], '--raw: goes with two images'),
+        (files[:1], 'expected a left and a right image'),
+    ):
+        capsys.readouterr()
+        names = [name for name in arguments if name != '--raw']
+        assert main([*names, str(calibration), *[a for a in arguments if a == '--raw'], '-o', str(tmp_path)]) == 2
+        assert message in capsys.readouterr().err

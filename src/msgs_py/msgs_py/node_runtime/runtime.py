@@ -488,19 +488,71 @@ class GraphNode(Node, Generic[_C]):
         tolerance_s : float
             Largest difference of stamps inside a set, seconds.
         """
-        on_set = self._when_prepared('stereo pair', callback)
-        self._sync = sync = StampSync(STEREO_TOPICS, queue_size, round(tolerance_s * NANOSECONDS))
+
+        def on_set(messages: dict[str, Any]) -> None:
+            callback(StereoMessages(*(messages[name] for name in STEREO_TOPICS)))
+
+        self.listen_together('stereo pair', STEREO_TOPICS, on_set, queue_size, tolerance_s)
+
+    def listen_cameras(
+        self,
+        count: int,
+        callback: Callable[[Sequence[tuple[Image, CameraInfo]]], None],
+        queue_size: int = PENDING_SETS,
+        tolerance_s: float = 0.0,
+    ) -> None:
+        """Subscribe to the topics of any number of cameras: camera_0/image_rect, camera_0/camera_info, camera_1/...
+
+        Parameters
+        ----------
+        count : int
+            Of cameras.
+        callback : callable
+            Takes image and camera_info of each camera, of one stamp.
+        queue_size, tolerance_s
+            As for :meth:`listen_stereo`.
+        """
+        topics = [f'camera_{k}/{name}' for k in range(count) for name in ('image_rect', 'camera_info')]
+
+        def on_set(messages: dict[str, Any]) -> None:
+            callback([(messages[image], messages[info]) for image, info in zip(topics[::2], topics[1::2])])
+
+        self.listen_together('set of images', topics, on_set, queue_size, tolerance_s)
+
+    def listen_together(
+        self,
+        source: str,
+        topics: Sequence[str],
+        callback: Callable[[dict[str, Any]], None],
+        queue_size: int,
+        tolerance_s: float,
+    ) -> None:
+        """Subscribe to topics of images and camera_info that belong together.
+
+        Parameters
+        ----------
+        source : str
+            What a set of them is called in messages.
+        topics : sequence of str
+            Those that end in camera_info carry one, the others images.
+        callback : callable
+            Takes the messages of one stamp by their topics.
+        queue_size, tolerance_s
+            As for :meth:`listen_stereo`.
+        """
+        on_set = self._when_prepared(source, callback)
+        self._sync = sync = StampSync(topics, queue_size, round(tolerance_s * NANOSECONDS))
 
         def joined(topic: str) -> Callable[[Any], None]:
             def on_message(message: Any) -> None:
                 stamp = message.header.stamp
                 complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
                 if complete is not None:
-                    on_set(StereoMessages(*(complete[name] for name in STEREO_TOPICS)))
+                    on_set(complete)
 
             return on_message
 
-        for topic in STEREO_TOPICS:
+        for topic in topics:
             self._subscribe(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
 
     def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:

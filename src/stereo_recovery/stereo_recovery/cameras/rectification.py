@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 
-from msgs_py import StereoRig
+from msgs_py import CameraRig, Pose, StereoRig
 from msgs_py.numeric.typed import AnyArray, FloatArray
 
 from .settings import COEFFICIENTS, DISTORTION_MODELS, LEAST_DETERMINANT
@@ -94,8 +95,57 @@ class Calibration:
         return cls(int(info.width), int(info.height), model, distortion, arrays['k'], arrays['r'], arrays['p'])
 
 
+class Straightener:
+    """Undistortion and rectification of one camera's images, by maps that are made once.
+
+    Parameters
+    ----------
+    side : str
+        What the camera is called in messages: left, right, camera_0.
+    info : CameraInfo
+        The message, or an object with its fields.
+
+    Raises
+    ------
+    ValueError
+        For an unusable calibration; the message names what is wrong with it.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd edition, section 11.12.
+    """
+
+    def __init__(self, side: str, info: Any) -> None:
+        self.side = side
+        calibration = Calibration.from_camera_info(side, info)
+        self.rotation = calibration.rotation
+        self._size = size = (calibration.width, calibration.height)
+        new = np.ascontiguousarray(calibration.projection[:, :3])
+        if calibration.model == 'equidistant':
+            distortion = np.resize(calibration.distortion, 4) if len(calibration.distortion) else np.zeros(4)
+            maps = cv2.fisheye.initUndistortRectifyMap(
+                calibration.matrix, distortion.reshape(4, 1), calibration.rotation, new, size, cv2.CV_32FC1
+            )
+        else:
+            distortion = calibration.distortion if len(calibration.distortion) else np.zeros(5)
+            maps = cv2.initUndistortRectifyMap(
+                calibration.matrix, distortion, calibration.rotation, new, size, cv2.CV_32FC1
+            )
+        self._maps = np.asarray(maps[0]), np.asarray(maps[1])
+
+    def apply(self, image: AnyArray) -> AnyArray:
+        """The rectified image, (h, w) or (h, w, 3), of the same element type. Raises ValueError for another size."""
+        if image.shape[1::-1] != self._size:
+            raise ValueError(
+                f'{self.side} image: {image.shape[1]} x {image.shape[0]} pixels, its camera_info says '
+                f'{self._size[0]} x {self._size[1]}'
+            )
+        # Lanczos keeps edges where they are; linear interpolation would blur them by their sub-pixel position.
+        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
+
+
 class Rectifier:
-    """Undistortion and rectification of one pair of cameras, by maps that are made once.
+    """Undistortion and rectification of one pair of cameras.
 
     Parameters
     ----------
@@ -111,32 +161,11 @@ class Rectifier:
     ------
     ValueError
         For an unusable calibration; the message names what is wrong with it.
-
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd edition, section 11.12.
     """
 
     def __init__(self, left: Any, right: Any) -> None:
         self.rig = StereoRig.from_camera_info(left, right)
-        self._maps: list[tuple[AnyArray, AnyArray]] = []
-        self._sizes: list[tuple[int, int]] = []
-        for side, info in (('left', left), ('right', right)):
-            calibration = Calibration.from_camera_info(side, info)
-            size = (calibration.width, calibration.height)
-            new = np.ascontiguousarray(calibration.projection[:, :3])
-            if calibration.model == 'equidistant':
-                distortion = np.resize(calibration.distortion, 4) if len(calibration.distortion) else np.zeros(4)
-                maps = cv2.fisheye.initUndistortRectifyMap(
-                    calibration.matrix, distortion.reshape(4, 1), calibration.rotation, new, size, cv2.CV_32FC1
-                )
-            else:
-                distortion = calibration.distortion if len(calibration.distortion) else np.zeros(5)
-                maps = cv2.initUndistortRectifyMap(
-                    calibration.matrix, distortion, calibration.rotation, new, size, cv2.CV_32FC1
-                )
-            self._maps.append((np.asarray(maps[0]), np.asarray(maps[1])))
-            self._sizes.append(size)
+        self._sides = Straightener('left', left), Straightener('right', right)
 
     def apply(self, left: AnyArray, right: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Rectified images.
@@ -156,13 +185,44 @@ class Rectifier:
         ValueError
             When an image is not of the calibration's size.
         """
-        result = []
-        for side, image, maps, size in zip(('left', 'right'), (left, right), self._maps, self._sizes):
-            if image.shape[1::-1] != size:
-                raise ValueError(
-                    f'{side} image: {image.shape[1]} x {image.shape[0]} pixels, its camera_info says '
-                    f'{size[0]} x {size[1]}'
-                )
-            # Lanczos keeps edges where they are; linear interpolation would blur them by their sub-pixel position.
-            result.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
-        return result[0], result[1]
+        return self._sides[0].apply(left), self._sides[1].apply(right)
+
+
+class RigImages:
+    """What takes messages of any number of cameras to images without distortion, and to their rig.
+
+    Parameters
+    ----------
+    infos : sequence of CameraInfo
+        The messages, or objects with their fields.
+    poses : sequence of Pose, optional
+        first_T_camera of the cameras whose images come; by default those that P says.
+    raw : bool
+        Whether the images are raw: they are undistorted, and turned as R says.
+
+    Attributes
+    ----------
+    rig : CameraRig
+        Of the images without distortion.
+
+    Raises
+    ------
+    ValueError
+        For an unusable calibration; the message names camera and field.
+    """
+
+    def __init__(self, infos: Sequence[Any], poses: Sequence[Pose] | None = None, raw: bool = False) -> None:
+        self._sides = [Straightener(f'camera_{k}', info) for k, info in enumerate(infos)] if raw else []
+        if poses is not None and raw and len(poses) == len(infos):
+            # The poses are those of the raw cameras, and R turns each about its centre.
+            turns = [Pose(side.rotation) for side in self._sides]
+            poses = [turns[0].compose(pose).compose(turn.inverse()) for pose, turn in zip(poses, turns)]
+            poses[0] = Pose.identity()
+        self.rig = CameraRig.from_camera_info(infos, poses)
+
+    def apply(self, images: Sequence[AnyArray]) -> list[AnyArray]:
+        """Images without distortion, of one raw or rectified image of each camera, (h, w) or (h, w, 3).
+
+        Raises ValueError when one is not of its calibration's size.
+        """
+        return [side.apply(image) for side, image in zip(self._sides, images)] if self._sides else list(images)
