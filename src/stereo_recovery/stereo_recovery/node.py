@@ -106,6 +106,13 @@ class RecoveryConfig(Config):
         minimum=LIMITS['rectification_sigma'][0],
         maximum=LIMITS['rectification_sigma'][1],
     )
+    time_limit: float = parameter(
+        0.0,
+        'Time for one pair; what would begin too late is left out, and diagnostics say what; 0: no limit',
+        unit='s',
+        minimum=0.0,
+        maximum=LIMITS['time_limit'][1],
+    )
     sync_queue_size: int = parameter(
         5, 'Pairs that may wait for their other half', name='sync.queue_size', minimum=1, maximum=100, read_only=True
     )
@@ -140,6 +147,7 @@ class RecoveryConfig(Config):
             self.support_radius,
             self.min_belief,
             self.rectification_sigma,
+            self.time_limit or None,
         )
 
 
@@ -190,6 +198,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             **kinds,
             **result.counts,
             **{f'milliseconds.{name}': f'{value:.1f}' for name, value in result.milliseconds.items()},
+            'left_out': '; '.join(result.left_out),
         }
         self.features_out.publish(features_to_cloud(result.features, header))
         if self.wanted(self.markers_out):

@@ -18,6 +18,7 @@ LIMITS = {
     'min_belief': (0.0, 1.0),
     'rectification_sigma': (0.0, 5.0),
     'min_disparity': (-1e5, 1e5),
+    'time_limit': (0.001, 3600.0),
 }
 
 
@@ -46,6 +47,9 @@ class RecoveryParams:
     rectification_sigma : float
         Pixels. Least sigma by which single rows of the two images disagree. What the pair itself shows of that, an
         offset and a turn of the rows and what single rows differ by, is measured.
+    time_limit : float, optional
+        Seconds. What would begin too late is left out, and the result says what that was; the rest is the best so far.
+        Detection, a first matching and a first estimate always run, and no step is broken off.
 
     Raises
     ------
@@ -72,13 +76,14 @@ class RecoveryParams:
     support_radius: float = 100.0
     min_belief: float = 0.5
     rectification_sigma: float = 0.01
+    time_limit: float | None = None
 
     def __post_init__(self) -> None:
         if self.detector not in DETECTORS:
             raise ValueError(f'detector: expected one of {", ".join(DETECTORS)}, got {self.detector!r}')
         for name, (low, high) in LIMITS.items():
             value = getattr(self, name)
-            if not low <= value <= high:
+            if value is not None and not low <= value <= high:
                 raise ValueError(f'{name}: expected {low:g} to {high:g}, got {value}')
         if self.high < self.low:
             raise ValueError(f'high: expected at least low = {self.low:g}, got {self.high:g}')

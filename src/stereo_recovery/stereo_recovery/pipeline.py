@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
@@ -39,7 +38,8 @@ from .matching.merging import join_matched, split_matched
 from .matching.row_error import row_error
 from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
-from .settings import MATCHED_SHARE, MOST_DISPARITY_SHARE, SWAPPED_MATCHES
+from .settings import CURVES_SHARE, EDGES_SHARE, LABELLING_SHARE, MATCHED_SHARE, MOST_DISPARITY_SHARE, SWAPPED_MATCHES
+from .stopwatch import Late, Stopwatch, never
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +60,8 @@ class Recovery:
         Of edgels, segments and matches.
     curves : tuple of Curve
         The CURVE features in their order, with the covariance of centre, normal and radius.
+    left_out : tuple of str
+        What was not done to keep to the time limit.
     """
 
     features: FeatureSet
@@ -68,20 +70,7 @@ class Recovery:
     milliseconds: dict[str, float] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
-
-
-class _Stopwatch:
-    """Milliseconds of the stages that have ended, by name."""
-
-    def __init__(self) -> None:
-        self.milliseconds: dict[str, float] = {}
-        self._since = time.perf_counter()
-
-    def stage(self, name: str) -> None:
-        """A stage ends now; the next begins."""
-        now = time.perf_counter()
-        self.milliseconds[name] = self.milliseconds.get(name, 0.0) + 1e3 * (now - self._since)
-        self._since = now
+    left_out: tuple[str, ...] = ()
 
 
 @overload
@@ -135,11 +124,12 @@ def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | Non
     >>> recover([plain, plain], CameraRig.from_stereo(rig)).reason
     'no texture: no edges in the left image'
     """
-    watch = _Stopwatch()
-    if isinstance(right, CameraRig):
-        params = rig if isinstance(rig, RecoveryParams) else params
-        return _of_many(left, right, params or RecoveryParams(), watch)
+    many = isinstance(right, CameraRig)
+    params = rig if many and isinstance(rig, RecoveryParams) else params
     params = params or RecoveryParams()
+    watch = Stopwatch(params.time_limit)
+    if many:
+        return _of_many(left, right, params, watch)
     greys = _grey_images(left, right, rig)
     views = _detected(greys, params, watch)
     return _features(_matched_pair(views[0], views[1], rig, params, watch), (), params, watch)
@@ -168,14 +158,14 @@ class _MatchedPair:
         return float(length[np.unique(self.matches.left)].sum() / max(length.sum(), 1e-9))
 
 
-def _detected(greys: Sequence[Float32Array], params: RecoveryParams, watch: _Stopwatch) -> list[View]:
+def _detected(greys: Sequence[Float32Array], params: RecoveryParams, watch: Stopwatch) -> list[View]:
     """What there is in each picture."""
     views = detect_views(greys, params.detector, params.sigma, params.low, params.high)
     watch.stage('segment')
     return views
 
 
-def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParams, watch: _Stopwatch) -> _MatchedPair:
+def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParams, watch: Stopwatch) -> _MatchedPair:
     """Which segment is which in a rectified pair of pictures."""
     views, greys = (left, right), (left.grey, right.grey)
     edgels = left.edgels, right.edgels
@@ -195,7 +185,8 @@ def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParam
             return nothing(f'no texture: no edges in the {name} image')
     if np.array_equal(greys[0], greys[1]):
         return nothing('left and right are the same picture, so nothing has a disparity')
-    matches = _matched(greys, segments, rig, params)
+    late = watch.late_after(LABELLING_SHARE, 'matching: second pass, with dense disparity')
+    matches = _matched(greys, segments, rig, params, late)
     counts['matches'] = len(matches)
     watch.stage('match')
     if len(matches) == 0:
@@ -205,12 +196,13 @@ def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParam
     return _MatchedPair(rig, views, counts, (merged[0], merged[1]), matches)
 
 
-def _features(
-    pair: _MatchedPair, further: Sequence[FurtherView], params: RecoveryParams, watch: _Stopwatch
-) -> Recovery:
+def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: RecoveryParams, watch: Stopwatch) -> Recovery:
     """What follows in space from a matched pair, and from what further cameras show of it."""
     if pair.reason:
-        return Recovery(FeatureSet.empty(), pair.edgels, pair.reason, watch.milliseconds, pair.counts)
+        left_out = tuple(watch.left_out)
+        return Recovery(
+            FeatureSet.empty(), pair.edgels, pair.reason, watch.milliseconds, pair.counts, left_out=left_out
+        )
     rig, matches, segments = pair.rig, pair.matches, pair.segments
     junctions = find_junctions(segments[0]), find_junctions(segments[1])
     seen = StereoSegments(matches, segments, junctions)
@@ -220,10 +212,12 @@ def _features(
     ellipses = pair.views[0].ellipses, rows.aligned_ellipses(pair.views[1].ellipses)
     aligned = rows.aligned_edgels(pair.edgels[1])
     stereo_edgels = StereoEdgels(pair.edgels[0], aligned, rig, blur_variance(pair.edgels))
-    shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels)
+    late = watch.late_after(CURVES_SHARE, 'curves: arcs that were not looked at')
+    shapes = recover_curved_shapes(matches, segments, ellipses, stereo_edgels, late)
     watch.stage('curves')
     every = all_views(seen, rows.sigma, further, rig)
-    lines, line_segments = _straight_lines(every, shapes, rows.sigma, rig)
+    late = watch.late_after(EDGES_SHARE, 'edges: parallel groups and what corners match')
+    lines, line_segments = _straight_lines(every, shapes, rows.sigma, rig, late)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
@@ -236,7 +230,9 @@ def _features(
     )
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'
-    return Recovery(features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves))
+    return Recovery(
+        features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves), tuple(watch.left_out)
+    )
 
 
 def _grey_images(left: AnyArray, right: AnyArray, rig: StereoRig) -> tuple[Float32Array, Float32Array]:
@@ -272,9 +268,10 @@ def _matched(
     segments: tuple[Segments, Segments],
     rig: StereoRig,
     params: RecoveryParams,
+    late: Late = never,
 ) -> Matches:
     """The segments of the two images that show one edge."""
-    return match(greys, segments, _disparity_range(rig, params), params.support_radius, params.min_belief)
+    return match(greys, segments, _disparity_range(rig, params), params.support_radius, params.min_belief, late)
 
 
 def _why_no_match(
@@ -291,7 +288,7 @@ def _why_no_match(
 
 
 def _straight_lines(
-    every: AllViews, shapes: CurvedShapes, row_sigma: float, rig: StereoRig
+    every: AllViews, shapes: CurvedShapes, row_sigma: float, rig: StereoRig, late: Late
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """Straight edges by their disparities, and the segments that they refer to.
 
@@ -301,19 +298,20 @@ def _straight_lines(
     matches = seen.matches.select(~on_contours(seen.index, seen.segments, shapes.surfaces, rig))
     junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, shapes.surfaces, rig)
     seen = replace(seen, matches=matches, junctions=junctions)
-    return edges(seen, row_sigma, shapes.reported, rig, every.views)
+    return edges(seen, row_sigma, shapes.reported, rig, every.views, late)
 
 
-def _of_many(images: Any, cameras: CameraRig, params: RecoveryParams, watch: _Stopwatch) -> Recovery:
+def _of_many(images: Any, cameras: CameraRig, params: RecoveryParams, watch: Stopwatch) -> Recovery:
     """:func:`recover` of any number of cameras."""
     greys = _greys_of_many(images, cameras)
     views = _detected(greys, params, watch)
     best: tuple[CameraPair, _MatchedPair] | None = None
+    late = watch.late_after(LABELLING_SHARE, 'other pairs of cameras')
     for pair in main_pairs(cameras):
         found = _matched_pair(*_pair_views(pair, views), pair.rig, params, watch)
         if best is None or found.share > best[1].share:
             best = pair, found
-        if best[1].share > MATCHED_SHARE:
+        if best[1].share > MATCHED_SHARE or late():
             break
     if best is None:
         raise ValueError('cameras: no two of them are side by side and see the same rows, so nothing has a depth')
@@ -359,14 +357,15 @@ def _further_views(
     main: CameraPair,
     found: _MatchedPair,
     params: RecoveryParams,
-    watch: _Stopwatch,
+    watch: Stopwatch,
 ) -> list[tuple[int, FurtherView]]:
     """The cameras beyond the main pair that form a pair with its left one, and what they show of its segments."""
     left = main.cameras[0]
     result = []
+    late = watch.late_after(LABELLING_SHARE, 'further cameras')
     for k in range(len(cameras)):
         pair = None if k in main.cameras else camera_pair(cameras, left, k)
-        if pair is None:
+        if pair is None or late():
             continue
         view = views[k]
         # The main pair's left picture may be turned already.

@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -61,6 +62,8 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument('--baseline', type=float, help='baseline in metres, for a calibration in other units')
     result.add_argument('--detector', choices=DETECTORS, default=default.detector)
     result.add_argument('--sigma', type=float, default=default.sigma, help='smoothing, pixels')
+    result.add_argument('--time-limit', type=float, metavar='S', help='seconds; what would begin too late is left out')
+    result.add_argument('--profile', action='store_true', help='run twice, and say what each stage takes when warm')
     result.add_argument('--min-length', type=float, default=default.min_length, help='shortest edge, pixels')
     return result
 
@@ -108,6 +111,23 @@ def covariance_table(features: FeatureSet) -> list[list[str]]:
     """
     values = upper_triangles(features.transformed(Pose(scale=1e3)).covariance)
     return [[f'{x:.6g}' if np.isfinite(x) else '' for x in row] for row in values]
+
+
+def profile(result: Recovery) -> list[str]:
+    """What each stage took, what it made, and what was left out, a line each.
+
+    Parameters
+    ----------
+    result : Recovery
+
+    Returns
+    -------
+    list of str
+    """
+    total = sum(result.milliseconds.values())
+    lines = [f'{name:<10} {ms:8.1f} ms {ms / max(total, 1e-9):5.0%}' for name, ms in result.milliseconds.items()]
+    lines += [f'{"all":<10} {total:8.1f} ms', *(f'{count} {name}' for name, count in result.counts.items())]
+    return lines + [f'left out: {what}' for what in result.left_out]
 
 
 def camera_record(rig: StereoRig | CameraRig) -> dict[str, object]:
@@ -165,10 +185,15 @@ def run(arguments: argparse.Namespace) -> int:
         For unusable files.
     """
     images = [_image(path) for path in arguments.images]
-    params = RecoveryParams(detector=arguments.detector, sigma=arguments.sigma, min_length=arguments.min_length)
+    params = RecoveryParams(
+        detector=arguments.detector,
+        sigma=arguments.sigma,
+        min_length=arguments.min_length,
+        time_limit=arguments.time_limit,
+    )
     if len(images) > 2:
         cameras = _cameras(arguments, images)
-        return _written(recover(images, cameras, params), images[0], cameras, arguments.out)
+        return _written(_found(arguments, images, cameras, params), images[0], cameras, arguments.out)
     if len(images) < 2:
         raise ValueError('expected a left and a right image, or one of each camera, before the calibration')
     left, right = images
@@ -181,7 +206,16 @@ def run(arguments: argparse.Namespace) -> int:
         rig = load_rig(arguments.calibration, size)
     if arguments.baseline is not None:
         rig = type(rig)(rig.left, rig.right, arguments.baseline)
-    return _written(recover(left, right, rig, params), left, rig, arguments.out)
+    return _written(_found(arguments, left, right, rig, params), left, rig, arguments.out)
+
+
+def _found(arguments: argparse.Namespace, *given: Any) -> Recovery:
+    """What :func:`recover` finds; with a profile, of its second run, printed."""
+    result: Recovery = recover(*given)
+    if arguments.profile:
+        result = recover(*given)
+        print('\n'.join(profile(result)))
+    return result
 
 
 def _cameras(arguments: argparse.Namespace, images: list[AnyArray]) -> CameraRig:

@@ -13,6 +13,10 @@ SWAPPED_MATCHES = 3
 # are tried as well, and the one with most is the main pair.
 MATCHED_SHARE = 0.2
 
+# Shares of the time limit after which no second labelling begins, nor the look into a further camera; no search for
+# another curve; no further estimate of straight edges. The rest is for what comes then.
+LABELLING_SHARE, CURVES_SHARE, EDGES_SHARE = 0.4, 0.6, 0.8
+
 # -- node --------------------------------------------------------------------------------------------------------------
 
 # Cameras that one recovery_node listens to.

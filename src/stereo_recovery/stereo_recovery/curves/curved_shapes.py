@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
 from ..matching.matches import Matches
+from ..stopwatch import Late, never
 from .axes import Axis, find_axes
 from .curve import Curve
 from .curve_search import is_reported
@@ -47,6 +48,7 @@ def recover_curved_shapes(
     segments: tuple[Segments, Segments],
     ellipses: tuple[list[Ellipse], list[Ellipse]],
     edgels: StereoEdgels,
+    late: Late = never,
 ) -> CurvedShapes:
     """Find all curves, their axes and surfaces.
 
@@ -60,13 +62,15 @@ def recover_curved_shapes(
         The arcs of the images, by the numbers in the segments' field ``arc``.
     edgels : StereoEdgels
         All edgels of chains, in the order to which the segments refer.
+    late : callable
+        Whether it is too late to look for another curve.
 
     Returns
     -------
     CurvedShapes
     """
-    curves = recover_curves(matches, segments, ellipses, edgels)
-    curves = distinct(with_opposite_rims(curves, segments, edgels))
+    curves = recover_curves(matches, segments, ellipses, edgels, late)
+    curves = distinct(curves if late() else with_opposite_rims(curves, segments, edgels))
     rims = without_spheres(curves, edgels)
     reported = [curve for curve in rims if is_reported(curve)]
     axes, surfaces = find_axes(reported, segments, edgels.rig)

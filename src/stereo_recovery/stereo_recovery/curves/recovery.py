@@ -16,6 +16,7 @@ from msgs_py.numeric.typed import FloatArray
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
 from ..matching.matches import Matches
+from ..stopwatch import Late, never
 from . import settings
 from .constrained_fit import AxisOf, axes_of, circle_on_axis, directions_of, made_parallel, refitted_on_axes
 from .curve import Curve
@@ -74,6 +75,7 @@ def recover_curves(
     segments: tuple[Segments, Segments],
     ellipses: tuple[list[Ellipse], list[Ellipse]],
     edgels: StereoEdgels,
+    late: Late = never,
 ) -> list[Curve]:
     """All planar curves of a pair; none shares half of its edgels with another one that was found before.
 
@@ -91,6 +93,8 @@ def recover_curves(
         The arcs of the images, by the numbers in the segments' field ``arc``.
     edgels : StereoEdgels
         All edgels of chains, in the order to which the segments refer.
+    late : callable
+        Whether it is too late to look at another arc.
 
     Returns
     -------
@@ -101,6 +105,8 @@ def recover_curves(
     found: list[Curve] = []
     undetermined: list[_ArcPair] = []
     for pair in sorted(pairs, key=lambda p: -int(p.masks[0].sum())):
+        if late():
+            break
         if pair.is_explained_by(found):
             continue
         curve = _curve_of_arcs(pair, edgels)
@@ -110,17 +116,19 @@ def recover_curves(
             undetermined.append(pair)
     axes = axes_of(found)
     for pair in undetermined:
-        if not pair.is_explained_by(found):
+        if not late() and not pair.is_explained_by(found):
             found += _best_fit(_on_axes(pair, axes, edgels))
     for is_right in (False, True):
         arcs = segments[is_right].arc
         for arc in sorted(set(arcs[arcs >= 0].tolist())):
+            if late():
+                break
             found += _best_fit(
                 _curves_of_one_arc(arc, is_right, ellipses[is_right][arc], matches, segments, found, edgels)
             )
     directions = directions_of(found)
     for pair in undetermined:
-        if directions and not pair.is_explained_by(found):
+        if directions and not late() and not pair.is_explained_by(found):
             found += _best_fit(
                 curve
                 for curve in _on_axes(pair, directions, edgels)

@@ -13,6 +13,7 @@ from msgs_py.numeric.typed import FloatArray
 from ..curves.curve import Curve
 from ..detection.segments import Segments
 from ..matching.stereo_segments import StereoSegments
+from ..stopwatch import Late, never
 from .corner_matching import inconsistent, matched_by_corners
 from .estimate import Estimate, estimate
 from .extents import Extents, extents
@@ -25,7 +26,12 @@ from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
 
 
 def solved(
-    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig, views: Sequence[ViewLines] = ()
+    seen: StereoSegments,
+    row_sigma: float,
+    curves: Sequence[Curve],
+    rig: StereoRig,
+    views: Sequence[ViewLines] = (),
+    late: Late = never,
 ) -> tuple[Estimate, FloatArray]:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
@@ -41,6 +47,8 @@ def solved(
     factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):
+        if late():
+            break
         own = Factors.concatenate([junction_factors(seen, found.x), *fixed])
         parallel = parallel_factors(seen.segments[0], seen.matches.left, (found.x, found.covariance), curves, rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
@@ -49,16 +57,26 @@ def solved(
 
 
 def _with_corners(
-    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig, views: Sequence[ViewLines]
+    seen: StereoSegments,
+    row_sigma: float,
+    curves: Sequence[Curve],
+    rig: StereoRig,
+    views: Sequence[ViewLines],
+    late: Late,
 ) -> tuple[Estimate, FloatArray, Extents, Corners]:
     """The estimate and its covariance with the left lines, where the edges end, and the corners that follow."""
-    found, with_line = solved(seen, row_sigma, curves, rig, views)
+    found, with_line = solved(seen, row_sigma, curves, rig, views, late)
     ends = view_extents(views, seen, found.x, extents(seen, found.x))
     return found, with_line, ends, corners(seen, found, ends)
 
 
 def edges(
-    seen: StereoSegments, row_sigma: float, curves: Sequence[Curve], rig: StereoRig, views: Sequence[ViewLines] = ()
+    seen: StereoSegments,
+    row_sigma: float,
+    curves: Sequence[Curve],
+    rig: StereoRig,
+    views: Sequence[ViewLines] = (),
+    late: Late = never,
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """All straight edges of a pair of images.
 
@@ -73,6 +91,8 @@ def edges(
     rig : StereoRig
     views : sequence of ViewLines
         What further cameras say of the edges.
+    late : callable
+        Whether it is too late for one more estimate.
 
     Returns
     -------
@@ -81,17 +101,17 @@ def edges(
         Of both images, that the lines refer to: with those that the other image alone shows.
     """
     given = seen.matches
-    found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views)
+    found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views, late)
     wrong = inconsistent(seen, known)
     if wrong.any():
         seen = replace(seen, matches=seen.matches.select(~wrong))
-        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views)
+        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views, late)
     for _ in range(CORNER_ROUNDS):
-        grown = matched_by_corners(seen, known)
+        grown = None if late() else matched_by_corners(seen, known)
         if grown is None:
             break
         seen = replace(seen, matches=grown)
-        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views)
+        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views, late)
     matches = seen.matches
     by_corners = np.arange(len(matches)) >= len(given) - wrong.sum()
     lines = Lines3D(

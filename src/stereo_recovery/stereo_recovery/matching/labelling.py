@@ -24,6 +24,7 @@ from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Arra
 
 from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
+from ..stopwatch import Late, never
 from . import candidate_kernels, dense_kernels, labelling_kernels
 from .candidate_kernels import Photometry, SegmentTable
 from .dense import DenseDisparity
@@ -82,6 +83,7 @@ def match(
     window: tuple[float, float],
     radius: float,
     least_belief: float,
+    late: Late = never,
 ) -> Matches:
     """Pairs of segments that show one edge.
 
@@ -96,6 +98,8 @@ def match(
         Neighbourhood of support.
     least_belief : float
         Probability below which a pair is no match.
+    late : callable
+        Whether it is too late for the second pass, with dense disparity; then what the first has found is the result.
 
     Returns
     -------
@@ -127,9 +131,15 @@ def match(
         return _labelling(node, value, own, near, met[1], (len(left), len(right)), spread, radius, rounds, least_belief)
 
     first = labelled(Exposure(), None, FIRST_ROUNDS)
+    if late():
+        return _matches(first)
     exposure = learnt_exposure(profiles, first.node[first.chosen])
     dense = DenseDisparity(*greys, *_range(first.value[first.chosen], window))
-    found = labelled(exposure, dense, ROUNDS)
+    return _matches(labelled(exposure, dense, ROUNDS))
+
+
+def _matches(found: Labelling) -> Matches:
+    """The candidates that are chosen."""
     node, value = found.node[found.chosen], found.value[found.chosen]
     return Matches(node[:, 0], node[:, 1], value[:, :3], value[:, 3:5], found.belief[found.chosen])
 
