@@ -87,6 +87,16 @@ def test_sparse_normal_equations_are_the_dense_ones(problem):
     np.testing.assert_allclose(found.variance, np.einsum('ki,ij,kj->k', rows, inverse, rows), atol=1e-9)
 
 
+@pytest.mark.parametrize('side', [10, 40])
+def test_a_grid_of_edges_stays_sparse(side):
+    at = np.arange(side * side).reshape(side, side)
+    links = np.concatenate([np.stack([at[:, 1:], at[:, :-1]], -1), np.stack([at[1:], at[:-1]], -1).swapaxes(0, 1)])
+    factors = tied([(int(e), 50.0, int(f), -50.0) for e, f in links.reshape(-1, 2)])
+    equations = NormalEquations(np.tile(np.eye(2), (side * side, 1, 1)), np.zeros((side * side, 2)), factors)
+    # A band would be as wide as the grid.
+    assert len(equations.pattern.row) < 15 * side * side
+
+
 def test_two_edges_that_meet_share_what_they_know():
     lines = measured([(10.0, 10.2), (10.1, 12.0)], [0.1, 0.1])
     found = solved(lines, tied([(0, 50.0, 1, -50.0)]))
