@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 from ..detection.settings import CORRELATION_LENGTH
 from . import fit_kernels, settings
 from .axis_constraint import AxisConstraint
-from .curve import CameraView, Curve, CurveShape, angles, cross
+from .curve import CameraView, Curve, CurveShape, cross
 from .observations import ImagePoints, StereoEdgels
 
 
@@ -82,7 +82,10 @@ def refine(
             matrix[:5, :5] += prior * settings.CORRELATED_EDGELS
         variance_factor = max(1.0, float(weights @ (distance * distance)) / max(count - len(matrix), 1))
         covariance = _covariance(
-            matrix, prior, variance_factor, _common_part(rows, weights, edgels.bias, sigma, _sectors(shape, edgels))
+            matrix,
+            prior,
+            variance_factor,
+            _common_part(rows, weights, edgels.bias, sigma, fit_kernels.sectors(shape, seen)),
         )
     except np.linalg.LinAlgError:
         return None
@@ -160,14 +163,6 @@ def _major_first(shape: CurveShape, covariance: FloatArray) -> tuple[CurveShape,
     turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
     other = shape._replace(first=cross(shape.normal, shape.first), radii=shape.radii[::-1].copy())
     return other, turn @ covariance @ turn.T
-
-
-def _sectors(shape: CurveShape, edgels: StereoEdgels) -> IntArray:
-    """(n,) int64: which image and which sector of the curve edgels are of; those of the right image count on."""
-    around = np.concatenate([angles(shape, side.position, view) for side, view in edgels.sides])
-    sector = np.floor(around / (2.0 * np.pi) * settings.SECTORS).astype(np.int64) % settings.SECTORS
-    sector[len(edgels.left) :] += settings.SECTORS
-    return sector
 
 
 def distances(curve: Curve, points: FloatArray, view: CameraView, blur: float) -> FloatArray:

@@ -27,6 +27,7 @@ from .settings import (
     LEAST_DAMPING,
     LEAST_GAIN,
     MOST_CURVATURE_BIAS,
+    SECTORS,
 )
 
 
@@ -374,6 +375,25 @@ def minimise(
         if gained < LEAST_GAIN * cost:
             break
     return True, shape
+
+
+@njit
+def sectors(shape: CurveShape, seen: ImagePoints) -> IntArray:
+    """(n,) int64: which of SECTORS of the curve pixels are in; those of the right image count on."""
+    second = _second(shape.normal, shape.first)
+    sector = np.empty(len(seen.points), np.int64)
+    for k in range(len(sector)):
+        camera = seen.camera_left if k < seen.left_count else seen.camera_right
+        origin = 0.0 if k < seen.left_count else seen.baseline
+        x, y = (seen.points[k, 0] - camera[2]) / camera[0], (seen.points[k, 1] - camera[3]) / camera[1]
+        n, c = shape.normal, shape.centre
+        depth = ((c[0] - origin) * n[0] + c[1] * n[1] + c[2] * n[2]) / (x * n[0] + y * n[1] + n[2])
+        dx, dy, dz = origin + x * depth - c[0], y * depth - c[1], depth - c[2]
+        along = (dx * shape.first[0] + dy * shape.first[1] + dz * shape.first[2]) / shape.radii[0]
+        across = (dx * second[0] + dy * second[1] + dz * second[2]) / shape.radii[1]
+        turn = np.arctan2(across, along) / (2.0 * np.pi)
+        sector[k] = int(np.floor(turn * SECTORS)) % SECTORS + (0 if k < seen.left_count else SECTORS)
+    return sector
 
 
 @njit

@@ -6,9 +6,8 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
-from ..detection.conics import sampson
 from ..detection.edgels import Edgels
-from . import settings
+from . import inlier_kernels, settings
 from .curve import CameraView, Curve, angles, conic_gradient, image_conic
 from .fit import distances, predicted_variance
 from .observations import StereoEdgels
@@ -62,10 +61,8 @@ def inliers(
         occluding contour that starts on a rim is still near it where it is a contour already.
     """
     conic = image_conic(curve, view)
-    index = np.flatnonzero(np.abs(sampson(conic, edgels.position)) < settings.INLIER_DISTANCE)
-    belongs = np.zeros(len(edgels), bool)
-    belongs[index[across_conic(conic, edgels.position[index], edgels.direction[index])]] = True
-    index = np.flatnonzero(_without_ends(belongs, edgels.position))
+    belongs = inlier_kernels.on_conic(conic, edgels.position, edgels.direction)
+    index = inlier_kernels.without_ends(belongs, edgels.position)
     if len(index) == 0:
         return belongs, belongs
     distance = distances(curve, edgels.position[index], view, blur)
@@ -78,27 +75,6 @@ def inliers(
     measures = np.zeros(len(edgels), bool)
     measures[index[np.abs(distance) < limit]] = True
     return belongs, measures
-
-
-def _without_ends(mask: BoolArray, position: FloatArray) -> BoolArray:
-    """(n,) bool: a mask whose runs of neighbours in chain order have lost CORNER_EDGELS edgels at either end.
-
-    Short runs go altogether. position : (n, 2) float64, pixels.
-    """
-    index = np.flatnonzero(mask)
-    if len(index) < 2:
-        return np.zeros(len(mask), bool)
-    step = np.hypot(*(position[index[1:]] - position[index[:-1]]).T)
-    breaks = (np.diff(index) > 1) | (step > settings.RUN_GAP)
-    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1])
-    ends = np.concatenate([starts[1:], [len(index)]])
-    kept = np.zeros(len(mask), bool)
-    for a, b in zip(starts, ends):
-        gap = np.hypot(*(position[index[a]] - position[index[b - 1]]))
-        closed = b - a > settings.CLOSED_EDGELS and gap < settings.RUN_GAP
-        cut = 0 if closed else settings.CORNER_EDGELS
-        kept[index[a + cut : b - cut]] = True
-    return kept
 
 
 def visible_arc(curve: Curve, edgels: StereoEdgels) -> tuple[tuple[float, float], float]:

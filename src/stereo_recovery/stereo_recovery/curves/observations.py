@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -72,18 +73,18 @@ class StereoEdgels:
         """Those that the masks of the two images allow."""
         return StereoEdgels(self.left.select(masks[0]), self.right.select(masks[1]), self.rig, self.blur)
 
-    @property
+    @cached_property
     def sigma(self) -> FloatArray:
         """(n,) float64, pixels: sigma across the edge, localisation bias included; the left image's first."""
         sigma: FloatArray = np.hypot(np.concatenate([self.left.sigma_position, self.right.sigma_position]), self.bias)
         return sigma
 
-    @property
+    @cached_property
     def bias(self) -> FloatArray:
         """(n,) float64, pixels: localisation bias; the left image's first."""
         return np.concatenate([self.left.bias, self.right.bias])
 
-    @property
+    @cached_property
     def points(self) -> ImagePoints:
         """For the compiled functions."""
         left, right = camera_views(self.rig)

@@ -1,0 +1,61 @@
+"""Compiled search for the edgels of a curve among all of an image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+
+from ..detection.settings import LEAST_DIVISOR
+from .settings import ACROSS_COSINE, CLOSED_EDGELS, CORNER_EDGELS, INLIER_DISTANCE, RUN_GAP
+
+
+@njit
+def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray) -> BoolArray:
+    """(n,) bool: edgels within INLIER_DISTANCE of a conic, whose gradients are square to it up to ACROSS_COSINE.
+
+    conic : (3, 3), symmetric; position : (n, 2) pixels; direction : (n,) radians, of the gradients
+    """
+    belongs = np.zeros(len(position), np.bool_)
+    for k in range(len(position)):
+        x, y = position[k, 0], position[k, 1]
+        # Half the conic's gradient, and its value, to first order their ratio times two is the distance.
+        gx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
+        gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
+        value = gx * x + gy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
+        square = gx * gx + gy * gy
+        if value * value >= (2.0 * INLIER_DISTANCE) ** 2 * max(square, LEAST_DIVISOR**2):
+            continue
+        cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
+        belongs[k] = cosine > ACROSS_COSINE * np.sqrt(square)
+    return belongs
+
+
+@njit
+def without_ends(mask: BoolArray, position: FloatArray) -> IntArray:
+    """(k,) int64: edgels of a mask whose runs of neighbours in chain order have lost CORNER_EDGELS at either end.
+
+    Short runs go altogether. position : (n, 2) pixels
+    """
+    index = np.flatnonzero(mask)
+    kept = np.empty(len(index), np.int64)
+    count, first = 0, 0
+    if len(index) < 2:
+        return kept[:0]
+    for k in range(1, len(index) + 1):
+        if k < len(index) and index[k] == index[k - 1] + 1 and _step(position, index[k - 1], index[k]) <= RUN_GAP:
+            continue
+        closed = k - first > CLOSED_EDGELS and _step(position, index[first], index[k - 1]) < RUN_GAP
+        cut = 0 if closed else CORNER_EDGELS
+        for m in range(first + cut, k - cut):
+            kept[count] = index[m]
+            count += 1
+        first = k
+    return kept[:count]
+
+
+@njit
+def _step(position: FloatArray, a: int, b: int) -> float:
+    """Distance of two edgels, pixels."""
+    return float(np.hypot(position[a, 0] - position[b, 0], position[a, 1] - position[b, 1]))

@@ -1,0 +1,40 @@
+"""Edgels of a curve: near its conic with a gradient across it, and not at the ends of runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stereo_recovery.curves import inlier_kernels
+from stereo_recovery.curves.settings import CORNER_EDGELS
+
+CIRCLE = np.diag([1.0, 1.0, -400.0])
+
+
+def around(count: int, radius: float = 20.0, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Edgels round a circle about the origin, with gradients along the radius."""
+    angle = np.linspace(0.0, 2.0 * np.pi * share, count, endpoint=False)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), angle
+
+
+def test_edgels_belong_by_distance_and_by_gradient():
+    position, direction = around(60)
+    assert inlier_kernels.on_conic(CIRCLE, position, direction).all()
+    assert inlier_kernels.on_conic(CIRCLE, position, direction + np.pi).all()
+    assert not inlier_kernels.on_conic(CIRCLE, position, direction + 0.5).any()
+    for radius, near in ((20.6, True), (19.4, True), (20.8, False), (19.2, False)):
+        assert (inlier_kernels.on_conic(CIRCLE, *around(60, radius)) == near).all()
+
+
+def test_runs_lose_their_ends_and_short_ones_go():
+    position, _ = around(40, share=0.5)
+    mask = np.zeros(40, bool)
+    # A single edgel, a run of three, and one of ten.
+    mask[[0, 5, 6, 7, *range(12, 22)]] = True
+    kept = inlier_kernels.without_ends(mask, position)
+    assert kept.tolist() == list(range(12 + CORNER_EDGELS, 22 - CORNER_EDGELS))
+
+
+def test_a_closed_run_has_no_ends():
+    position, _ = around(60)
+    assert len(inlier_kernels.without_ends(np.ones(60, bool), position)) == 60
+    assert len(inlier_kernels.without_ends(np.zeros(60, bool), position)) == 0
