@@ -1,0 +1,191 @@
+"""Compiled loops over edges that may run in one direction, for :mod:`.parallel_groups`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+
+from .settings import CLEAR, DIRECTION_SIGMA, GATE, LEAST_LEVER, LEAST_MEMBERS, SLOPE_SIGMA
+
+
+class Rows(NamedTuple):
+    """What n edges say of their direction d (unit, left frame): image @ d = 0 and depth @ d = 0, each row (n, 3).
+
+    middle, along : (n, 2), the lines in units of the focal length; sigma : (n, 2), of place and of direction; disparity
+    : (n,) over the focal length; covariance : (n, 2, 2) of that and of its slope
+    """
+
+    image: FloatArray
+    depth: FloatArray
+    middle: FloatArray
+    along: FloatArray
+    sigma: FloatArray
+    disparity: FloatArray
+    covariance: FloatArray
+
+
+@njit
+def _lever(rows: Rows, i: int, d: FloatArray) -> float:
+    """How much edge i's disparity slopes for a direction d, along its line."""
+    u, v = d[0] - d[2] * rows.middle[i, 0], d[1] - d[2] * rows.middle[i, 1]
+    return float(u * rows.along[i, 0] + v * rows.along[i, 1])
+
+
+@njit
+def _variances(rows: Rows, i: int, d: FloatArray) -> tuple[float, float]:
+    """Of edge i's two rows' products with a direction d."""
+    lever, w, c = _lever(rows, i, d), d[2], rows.covariance[i]
+    image = (lever * rows.sigma[i, 1]) ** 2 + (w * rows.sigma[i, 0]) ** 2 + DIRECTION_SIGMA**2
+    return image, w * (c[0, 0] * w + c[0, 1] * lever) + lever * (c[1, 0] * w + c[1, 1] * lever)
+
+
+@njit
+def _product(a: FloatArray, b: FloatArray) -> float:
+    """Of two vectors (3,)."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@njit
+def _form(matrix: FloatArray, a: FloatArray) -> float:
+    """a^T M a, of a matrix (3, 3)."""
+    total = 0.0
+    for r in range(3):
+        total += a[r] * (matrix[r, 0] * a[0] + matrix[r, 1] * a[1] + matrix[r, 2] * a[2])
+    return total
+
+
+@njit
+def _add_squares(rows: Rows, i: int, d: FloatArray, to: FloatArray) -> None:
+    """Add the squares of edge i's two rows by their weights to a normal matrix (3, 3)."""
+    image, depth = _variances(rows, i, d)
+    for r in range(3):
+        for c in range(3):
+            to[r, c] += rows.image[i, r] * rows.image[i, c] / image + rows.depth[i, r] * rows.depth[i, c] / depth
+
+
+@njit
+def direction(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Direction (3,) and covariance (3, 3) by least squares, given the rows' normal matrix (3, 3)."""
+    values, vectors = np.linalg.eigh(information)
+    spread = np.zeros((3, 3))
+    for k in range(1, 3):
+        weight = 1.0 / max(values[k], 1e-9)
+        for r in range(3):
+            for c in range(3):
+                spread[r, c] += vectors[r, k] * weight * vectors[c, k]
+    return np.ascontiguousarray(vectors[:, 0]), spread
+
+
+@njit
+def squares_by_themselves(rows: Rows) -> FloatArray:
+    """(n, 3, 3): the rows' squares by their weights, of each edge in its own direction."""
+    squares = np.zeros((len(rows.image), 3, 3))
+    own = np.empty(3)
+    for i in range(len(squares)):
+        a, b = rows.image[i], rows.depth[i]
+        for c in range(3):
+            own[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3]
+        own /= max(np.sqrt(_product(own, own)), 1e-12)
+        _add_squares(rows, i, own, squares[i])
+    return squares
+
+
+@njit
+def grown(
+    rows: Rows, seed: FloatArray, axes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, BoolArray]:
+    """The group that a seed's normal matrix (3, 3) finds.
+
+    axes : (k, 3, 3) normal matrices of axes of circles
+
+    Returns its direction (3,), the normal matrix (3, 3) that its edges make in that direction, of each edge the chance
+    (n,) to agree with it by accident, whether it fits (n,), and which axes do (k,).
+    """
+    n = len(rows.image)
+    d, total, chance = np.zeros(3), seed, np.empty(n)
+    fits, same = np.empty(n, np.bool_), np.empty(len(axes), np.bool_)
+    for _ in range(2):
+        d, spread = direction(total)
+        total = np.zeros((3, 3))
+        for i in range(n):
+            image, depth = _variances(rows, i, d)
+            image += _form(spread, rows.image[i])
+            depth += _form(spread, rows.depth[i])
+            chance[i] = _chance(image, _run(rows, i, d)) * _chance(depth, abs(rows.disparity[i]))
+            fits[i] = _product(rows.image[i], d) ** 2 < GATE**2 * image
+            fits[i] &= _product(rows.depth[i], d) ** 2 < GATE**2 * depth
+            fits[i] &= chance[i] < CLEAR
+            if fits[i]:
+                _add_squares(rows, i, d, total)
+        for k in range(len(axes)):
+            product = 0.0
+            for r in range(3):
+                product += _product(axes[k, r], spread[:, r])
+            same[k] = _form(axes[k], d) < GATE**2 * (1.0 + product)
+            if same[k]:
+                total += axes[k]
+    return d, total, chance, fits, same
+
+
+@njit
+def _run(rows: Rows, i: int, d: FloatArray) -> float:
+    """How far the picture of a direction d is from edge i's middle."""
+    return float(np.hypot(d[0] - d[2] * rows.middle[i, 0], d[1] - d[2] * rows.middle[i, 1]))
+
+
+@njit
+def _chance(variance: float, scale: float) -> float:
+    """Probability that a row of any edge would agree as well, where its products reach this scale."""
+    return float(min(2.0 / np.pi * GATE * np.sqrt(variance) / max(scale, 1e-6), 1.0))
+
+
+@njit
+def told(
+    rows: Rows, total: FloatArray, before: FloatArray, member: BoolArray, others: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """What a group says of each edge: w and lever of its direction (n, 2), variance and chance (n,), and to whom (n,).
+
+    total : (3, 3) of the group; before : (3,), the direction in which its edges were added; member : (n,) bool; others
+    : (n,) how many the group has beside each edge. A member is told by the rest, and not by itself.
+    """
+    n = len(member)
+    by, noise, chance, good = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n, np.bool_)
+    common, common_spread = direction(total)
+    for i in range(n):
+        d, spread = common, common_spread
+        if member[i]:
+            own = np.zeros((3, 3))
+            _add_squares(rows, i, before, own)
+            d, spread = direction(total - own)
+        lever = _lever(rows, i, d)
+        image = _variances(rows, i, d)[0] + _form(spread, rows.image[i])
+        good[i] = _product(rows.image[i], d) ** 2 < GATE**2 * image
+        good[i] &= others[i] >= LEAST_MEMBERS - 1 and abs(lever) > LEAST_LEVER
+        chance[i] = _chance(image, _run(rows, i, d))
+        by[i, 0], by[i, 1] = d[2], lever if good[i] else 1.0
+        noise[i] = _form(spread, rows.depth[i]) / by[i, 1] ** 2 + SLOPE_SIGMA**2
+    return by, noise, chance, good
+
+
+@njit
+def without_repetition(edge: IntArray, off: FloatArray, sigma: FloatArray, order: IntArray, count: int) -> BoolArray:
+    """(k,) bool: statements without those that say what a better known one says of the same edge.
+
+    edge, off, sigma : (k,) of ``count`` edges, what the edge misses the statement by, and its sigma; order : best first
+    """
+    kept = np.zeros(len(edge), np.bool_)
+    last, before = np.full(count, -1, np.int64), np.empty(len(edge), np.int64)
+    for k in order:
+        m, fresh = last[edge[k]], True
+        while m >= 0 and fresh:
+            fresh = abs(off[k] - off[m]) >= GATE * np.hypot(sigma[k], sigma[m])
+            m = before[m]
+        if fresh:
+            kept[k] = True
+            before[k] = last[edge[k]]
+            last[edge[k]] = k
+    return kept
