@@ -25,7 +25,7 @@ from .detection.junctions import find_junctions
 from .detection.segments import Segments
 from .detection.turned import turned_view
 from .detection.view import View, detect_view, detect_views
-from .edges.further_views import AllViews, all_views
+from .edges.all_views import AllViews, all_views
 from .edges.hiding import hidden_ends
 from .edges.lines3d import EdgesInSpace, Lines3D, to_space
 from .edges.selection import is_certain_beside_rims, is_edge

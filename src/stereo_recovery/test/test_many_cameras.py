@@ -106,6 +106,54 @@ def test_a_third_camera_finds_level_edges_and_their_directions(synthetic, solids
     assert (off[1] < 0.8 * off[0]).all() and off[1][0] < 0.12
 
 
+def fence(synthetic, count: int, pitch: float, height: float):
+    """Slats side by side in the plane z = 0, each half a pitch wide."""
+    shape = synthetic.Shape()
+    outline = np.array([(-0.25, -0.1), (0.25, -0.1), (0.25, 0.1), (-0.25, 0.1)]) * pitch
+    for k in range(count):
+        place = np.array([(k - 0.5 * (count - 1)) * pitch, 0.5 * height, 0.0])
+        shape = shape + synthetic.prism(outline, height).at(Pose.from_rotation_vector([0.5 * np.pi, 0.0, 0.0], place))
+    return shape
+
+
+def test_a_third_camera_outvotes_matches_of_another_period(synthetic):
+    pose = Pose.from_rotation_vector([0.1, 0.6, 0.05], LEVEL.translation)
+    images = pictures(synthetic, fence(synthetic, 14, 5e-3, 50e-3).at(pose))
+    off = []
+    for result in (recover(images[0], images[1], PAIR), recover(images, RIG)):
+        edges = result.features.of_kind(FeatureKind.EDGE)
+        depth = np.abs(pose.inverse().apply(np.concatenate([edges.start, edges.end]))[:, 2])
+        off.append(np.mean(depth > 3e-3))
+        assert len(edges) > 20
+    # A period is 16 mm of depth here.
+    assert off[0] > 0.5 and off[1] < 0.1
+
+
+def test_cameras_that_converge_find_rims_and_edges(synthetic, solids):
+    """No two of them are a rectified pair as they come."""
+    at = LEVEL.translation
+
+    def looking_at_it(place: np.ndarray, roll: float) -> Pose:
+        z = (at - place) / np.linalg.norm(at - place)
+        x = np.cross([0.0, 1.0, 0.0], z) / np.linalg.norm(np.cross([0.0, 1.0, 0.0], z))
+        turn = Pose.from_rotation_vector([0.0, 0.0, roll]).rotation
+        return Pose(np.stack([x, np.cross(z, x), z], axis=1) @ turn, place)
+
+    first = looking_at_it(np.array([0.0, 0.0, 0.0]), 0.02)
+    poses = [first, looking_at_it(np.array([0.05, 0.0, 0.0]), -0.03), looking_at_it(np.array([0.02, -0.045, 0.0]), 0.1)]
+    rig = CameraRig([CAMERA] * 3, [Pose.identity(), *(first.inverse().compose(pose) for pose in poses[1:])])
+    can = solids['cylinder'].at(Pose.from_rotation_vector([-0.9, 0.0, 0.1], at))
+    images = [picture(synthetic, can, CAMERA, pose, seed=k) for k, pose in enumerate(poses)]
+    result = recover(images, rig)
+    rims = result.features.of_kind(FeatureKind.CURVE).transformed(first)
+    assert len(rims) == 2 and np.abs(rims.radii[:, 0] - 0.015).max() < 5e-5
+    centres = np.array([centre for centre, *_ in can.rims])
+    away = np.linalg.norm(rims.start[:, None] - centres, axis=2).min(axis=1)
+    assert (away < 1e-4).all() and (away < rims.err_per).all()
+    # The curves themselves are in that frame, too.
+    np.testing.assert_allclose([c.centre for c in result.curves], result.features.of_kind(FeatureKind.CURVE).start)
+
+
 PLAIN = {
     'black': np.zeros((400, 400), np.uint8),
     'one grey level': np.full((400, 400), 90, np.uint8),
@@ -208,3 +256,29 @@ def test_a_rig_of_another_kind_is_refused_by_name(three):
         recover(three[0], three[1])
     with pytest.raises(TypeError, match='rig: expected a StereoRig, got CameraRig'):
         recover(three[0], three[1], RIG)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_any_rig_and_any_images_give_features_or_a_reason(synthetic, solids, seed):
+    rng = np.random.default_rng(seed)
+    cameras, poses = [], [Pose.identity()]
+    spread = 1.0 if seed % 2 else 0.1
+    for k in range(rng.integers(2, 6)):
+        size, focal = rng.integers(100, 260, 2), rng.uniform(100, 400, 2)
+        cameras.append(PinholeCamera(*size, *focal, *(0.5 * size + rng.uniform(-40, 40, 2))))
+        if k:
+            poses.append(Pose.from_rotation_vector(rng.normal(0, spread, 3), rng.normal(0, 0.05, 3)))
+    rig = CameraRig(cameras, poses)
+    shape = solids['L-block'].at(Pose.from_rotation_vector(rng.normal(0, 1, 3), [0.0, 0.0, 0.3]))
+    images = [
+        rng.integers(0, 256, (camera.height, camera.width), dtype=np.uint8)
+        if rng.random() < 0.2
+        else synthetic.render(shape.at(pose.inverse()), camera, ss=1, seed=k)
+        for k, (camera, pose) in enumerate(zip(cameras, poses))
+    ]
+    if not main_pairs(rig):
+        with pytest.raises(ValueError, match='no two of them'):
+            recover(images, rig)
+        return
+    result = recover(images, rig)
+    assert np.isfinite(result.features.start).all() and (len(result.features) > 0 or result.reason)

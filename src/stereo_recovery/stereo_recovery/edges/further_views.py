@@ -20,44 +20,16 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..detection.junctions import Junctions
-from ..detection.segments import Segments
 from ..matching.further_views import FurtherView
-from ..matching.matches import Matches, match_of
+from ..matching.matches import match_of
 from ..matching.stereo_segments import StereoSegments
 from .estimate import OwnLines
 from .extents import Extents, extents
 from .own_lines import LinePairs, line_pairs
-from .settings import (
-    BELIEF_MOST,
-    BLIND_AGREEMENT,
-    BLIND_PRIOR,
-    LEAST_LEFT_SHARE,
-    OPEN_SIGMA,
-    SIGHTED_AGREEMENT,
-    VIEW_GATE,
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Hypotheses:
-    """What one camera's matches say of n left segments of the main pair.
-
-    Attributes
-    ----------
-    known : (n,) bool
-    x, covariance : (n, 2), (n, 2, 2)
-        Disparity a + b s, pixels of the main pair, of those it knows.
-    log_odds : (n,) float64
-        That its match is right; 0 where there is none.
-    """
-
-    known: BoolArray
-    x: FloatArray
-    covariance: FloatArray
-    log_odds: FloatArray
+from .settings import LEAST_LEFT_SHARE
+from .view_votes import Hypotheses, by_left
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +42,8 @@ class ViewLines:
         With m matches.
     match : (n,) int64
         The match of each of the main pair's left segments, or -1.
+    stand_in : (k,) int64
+        The match of each edge that stands in for one of the right image, or -1.
     pairs : LinePairs
         What the matches' lines say of their own unknowns, x'.
     turn, shift : (m, 2, 2), (m, 2)
@@ -80,43 +54,42 @@ class ViewLines:
 
     view: FurtherView
     match: IntArray
+    stand_in: IntArray
     pairs: LinePairs
     turn: FloatArray
     shift: FloatArray
     left_turn: FloatArray
 
-    def hypotheses(self) -> Hypotheses:
-        """What each match alone says, and roughly its place."""
+    def estimates(self) -> tuple[FloatArray, FloatArray]:
+        """(m, 2), (m, 2, 2): what each match alone, and roughly its place, says of the main pair's unknowns."""
         matches, left = self.view.seen.matches, self.view.seen.segments[0]
         own = self.pairs.own_lines(left.extent[matches.left]).about(matches.disparity[:, 1])
         covariance = np.linalg.inv(own.information)
         back = np.linalg.inv(self.turn)
         x = np.einsum('nij,nj->ni', back, np.einsum('nij,nj->ni', covariance, own.vector) - self.shift)
-        covariance = np.einsum('nij,njk,nlk->nil', back, covariance, back)
-        return _by_left(self.match, x, covariance, matches.belief)
+        return x, np.einsum('nij,njk,nlk->nil', back, covariance, back)
 
-    def restricted(self, kept: BoolArray) -> ViewLines:
-        """The same of some of the left segments, (n,) bool, only."""
-        return replace(self, match=np.where(kept, self.match, -1))
+    def hypotheses(self) -> Hypotheses:
+        """The same by left segments."""
+        return by_left(self.match, *self.estimates(), self.view.seen.matches.belief)
 
-    def extents(self, left: IntArray, x: FloatArray) -> Extents:
-        """Where edges end by this view: of left segments (k,) that it matches, with disparities (k, 2)."""
-        own = self.match[left]
-        its = self.hypotheses()
-        of_match = its.x[self._left_of_match()]
-        of_match[own] = x
-        found = extents(self.view.seen, np.einsum('nij,nj->ni', self.turn, of_match) + self.shift)
-        along = self.view.turned.along[self.view.seen.matches.left[own]]
+    def match_of(self, seen: StereoSegments) -> IntArray:
+        """(n,) the match of each edge of the main pair, or -1."""
+        result = self.match[seen.matches.left]
+        stand_in = seen.matches.right - (len(seen.segments[1]) - seen.stand_ins)
+        result[~seen.paired] = self.stand_in[stand_in[~seen.paired]]
+        return np.asarray(result)
+
+    def extents(self, own: IntArray, x: FloatArray) -> Extents:
+        """Where edges of disparities (k, 2) end by this view's matches (k,)."""
+        seen = self.view.seen
+        its = np.einsum('nij,nj->ni', self.turn[own], x) + self.shift[own]
+        found = extents(replace(seen, matches=seen.matches.select(own)), its)
+        along = self.view.turned.along[seen.matches.left[own]]
         w, p, q = along[:, :, 0], along[:, :1, 1], along[:, 1:, 1]
-        place = found.abscissa[own]
-        below = q - place * w[:, 1:]
-        abscissa = (place * w[:, :1] - p) / below
-        sigma = found.sigma[own] * np.abs(w[:, :1] * q - p * w[:, 1:]) / below**2
-        return Extents(abscissa, sigma, found.fixed[own], found.in_both[own])
-
-    def _left_of_match(self) -> IntArray:
-        """(m,) the main pair's left segment of each match."""
-        return self.view.left[self.view.seen.matches.left]
+        below = q - found.abscissa * w[:, 1:]
+        sigma = found.sigma * np.abs(w[:, :1] * q - p * w[:, 1:]) / below**2
+        return replace(found, abscissa=(found.abscissa * w[:, :1] - p) / below, sigma=sigma)
 
 
 def view_lines(view: FurtherView, main: StereoRig, count: int) -> ViewLines:
@@ -133,7 +106,8 @@ def view_lines(view: FurtherView, main: StereoRig, count: int) -> ViewLines:
     match = np.full(count, -1)
     match[view.left] = match_of(i, len(seen.segments[0]))
     shift = np.einsum('nij,nj->ni', inverse, rest)
-    return ViewLines(view, match, pairs, np.asarray(ratio * inverse), shift, scale[:, None, None] * inverse)
+    none = np.zeros(0, np.int64)
+    return ViewLines(view, match, none, pairs, np.asarray(ratio * inverse), shift, scale[:, None, None] * inverse)
 
 
 def joint_lines(seen: StereoSegments, row_sigma: float, views: Sequence[ViewLines]) -> OwnLines:
@@ -153,12 +127,10 @@ def joint_lines(seen: StereoSegments, row_sigma: float, views: Sequence[ViewLine
     pairs = line_pairs(seen.matches, seen.segments, row_sigma)
     left = seen.matches.left
     own = pairs.own_lines(seen.segments[0].extent[left])
-    told = np.zeros(len(left), bool)
-    for view in views:
-        told |= view.match[left] >= 0
-    if not told.any():
+    of_views = [view.match_of(seen) for view in views]
+    e = np.flatnonzero(np.any([match >= 0 for match in of_views], axis=0)) if views else np.zeros(0, np.int64)
+    if len(e) == 0:
         return own
-    e = np.flatnonzero(told)
     normal, vector = np.zeros((len(e), 4, 4)), np.zeros((len(e), 4))
     prior = np.zeros((len(e), 2, 2))
     eye = np.eye(2)
@@ -166,10 +138,9 @@ def joint_lines(seen: StereoSegments, row_sigma: float, views: Sequence[ViewLine
     at = e[shown]
     prior[shown] = pairs.left_variance[at, :, None] * eye
     _add((normal, vector), shown, (pairs, at), pairs.rise[at, None, None] * eye, pairs.value[at], eye)
-    for view in views:
-        match = view.match[left[e]]
-        k = np.flatnonzero(match >= 0)
-        m = match[k]
+    for view, match in zip(views, of_views):
+        k = np.flatnonzero(match[e] >= 0)
+        m = match[e[k]]
         back = np.linalg.inv(view.left_turn[m])
         fresh = ~prior[k].any(axis=(1, 2))
         prior[k[fresh]] = np.einsum('nij,nj,nkj->nik', back, view.pairs.left_variance[m], back)[fresh]
@@ -210,191 +181,6 @@ def _add(
     vector[at] += np.einsum('nij,nj->ni', weighted, value)
 
 
-# -- which cameras agree -----------------------------------------------------------------------------------------------
-
-
-def _by_left(match: IntArray, x: FloatArray, covariance: FloatArray, belief: FloatArray) -> Hypotheses:
-    """What matches say, by left segment: match (n,) is the one of each, or -1."""
-    known = match >= 0
-    row = np.where(known, match, 0)
-    if len(x) == 0:
-        n = len(match)
-        return Hypotheses(known, np.zeros((n, 2)), np.tile(np.eye(2), (n, 1, 1)), np.zeros(n))
-    certain = np.clip(belief, 1.0 - BELIEF_MOST, BELIEF_MOST)
-    odds = np.where(known, np.log(certain / (1.0 - certain))[row], 0.0)
-    return Hypotheses(known, x[row], covariance[row], odds)
-
-
-def main_hypotheses(seen: StereoSegments, row_sigma: float) -> Hypotheses:
-    """What the main pair's matches say, each alone, of its left segments."""
-    matches, left = seen.matches, seen.segments[0]
-    own = line_pairs(matches, seen.segments, row_sigma).own_lines(left.extent[matches.left])
-    own = own.about(matches.disparity[:, 1])
-    covariance = np.asarray(np.linalg.inv(own.information), np.float64)
-    x = np.einsum('nij,nj->ni', covariance, own.vector)
-    return _by_left(match_of(matches.left, len(left)), x, covariance, matches.belief)
-
-
-def agreement(hypotheses: Sequence[Hypotheses]) -> BoolArray:
-    """(v, v, n) bool: whether two cameras know a segment and what they say of it may be one edge."""
-    count = len(hypotheses)
-    result = np.zeros((count, count, len(hypotheses[0].known)), bool)
-    for a in range(count):
-        for b in range(count):
-            one, other = hypotheses[a], hypotheses[b]
-            off = one.x - other.x
-            square = np.einsum('ni,nij,nj->n', off, np.linalg.inv(one.covariance + other.covariance), off)
-            result[a, b] = one.known & other.known & (square < VIEW_GATE)
-    return result
-
-
-def sighted(hypotheses: Sequence[Hypotheses], extent: FloatArray) -> BoolArray:
-    """(v,) bool: cameras that see the scene that the first one, the main pair, sees; a covered one does not.
-
-    Each common segment whose depth both know is a witness: cameras that see agree on most of them, and one that is
-    blind on few, by accident.
-
-    Parameters
-    ----------
-    hypotheses : sequence of Hypotheses
-        Of the main pair, and of each further camera.
-    extent : (n, 2) float64, pixels
-        Of the left segments.
-    """
-    rows = np.stack([np.ones_like(extent), extent], axis=-1)
-    sharp = [
-        each.known & (np.einsum('nei,nij,nej->ne', rows, each.covariance, rows).max(axis=1) < OPEN_SIGMA**2)
-        for each in hypotheses
-    ]
-    agree = agreement(hypotheses)
-    result = np.ones(len(hypotheses), bool)
-    for v in range(1, len(hypotheses)):
-        both = sharp[0] & sharp[v]
-        yes, no = int((both & agree[0, v]).sum()), int((both & ~agree[0, v]).sum())
-        odds = np.log((1.0 - BLIND_PRIOR) / BLIND_PRIOR)
-        odds += yes * np.log(SIGHTED_AGREEMENT / BLIND_AGREEMENT)
-        odds += no * np.log((1.0 - SIGHTED_AGREEMENT) / (1.0 - BLIND_AGREEMENT))
-        result[v] = odds > 0.0
-    return result
-
-
-def elected(hypotheses: Sequence[Hypotheses]) -> BoolArray:
-    """(v, n) bool: the cameras whose matches of a segment count: of those that agree, the likeliest together."""
-    agree = agreement(hypotheses)
-    odds = np.stack([each.log_odds for each in hypotheses])
-    votes = np.einsum('abn,bn->an', agree, odds)
-    known = np.stack([each.known for each in hypotheses])
-    best = np.where(known, votes, -np.inf).argmax(axis=0)
-    return np.asarray(agree[best, :, np.arange(len(best))].T & known)
-
-
-# -- one set of edges --------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class AllViews:
-    """The edges of a pair as all cameras show them.
-
-    Attributes
-    ----------
-    seen : StereoSegments
-        With those that the right image does not show, or not rightly, last; stand-ins take its place.
-    views : tuple of ViewLines
-        Of the further cameras that see the scene, only what counts.
-    """
-
-    seen: StereoSegments
-    views: tuple[ViewLines, ...] = ()
-
-
-def all_views(seen: StereoSegments, row_sigma: float, further: Sequence[FurtherView], rig: StereoRig) -> AllViews:
-    """The edges of a pair with what further cameras say of them.
-
-    Parameters
-    ----------
-    seen : StereoSegments
-        Matched segments of the main pair.
-    row_sigma : float, pixels
-        By which its single rows disagree.
-    further : sequence of FurtherView
-    rig : StereoRig
-        The main pair.
-    """
-    if not further:
-        return AllViews(seen)
-    left = seen.segments[0]
-    views = [view_lines(view, rig, len(left)) for view in further]
-    hypotheses = [main_hypotheses(seen, row_sigma), *(view.hypotheses() for view in views)]
-    kept = np.flatnonzero(sighted(hypotheses, left.extent))
-    views, hypotheses = [views[k - 1] for k in kept[1:]], [hypotheses[k] for k in kept]
-    if not views:
-        return AllViews(seen)
-    chosen = elected(hypotheses)
-    views = [view.restricted(mine) for view, mine in zip(views, chosen[1:])]
-    told_of = np.any(chosen[1:], axis=0)
-    right = chosen[0][seen.matches.left] | ~told_of[seen.matches.left]
-    alone = np.flatnonzero(told_of & ~chosen[0])
-    # Of several cameras the one that knows the segment best says roughly where it is.
-    spread = np.stack(
-        [np.where(each.known & mine, _spread(each, left.extent), np.inf) for each, mine in zip(hypotheses, chosen)]
-    )[:, alone]
-    x = np.stack([each.x[alone] for each in hypotheses])[spread.argmin(axis=0), np.arange(len(alone))]
-    votes = np.where(chosen, np.stack([each.log_odds for each in hypotheses]), 0.0)[:, alone].sum(axis=0)
-    belief = 1.0 / (1.0 + np.exp(-votes))
-    seen = replace(seen, matches=seen.matches.select(right))
-    return AllViews(_with_stand_ins(seen, alone, x, belief), tuple(views))
-
-
-def _spread(hypotheses: Hypotheses, extent: FloatArray) -> FloatArray:
-    """(n,) variance of disparity at the worse end, pixels squared."""
-    rows = np.stack([np.ones_like(extent), extent], axis=-1)
-    return np.asarray(np.einsum('nei,nij,nej->ne', rows, hypotheses.covariance, rows).max(axis=1))
-
-
-def _with_stand_ins(seen: StereoSegments, alone: IntArray, x: FloatArray, belief: FloatArray) -> StereoSegments:
-    """The pair with edges of left segments (k,) that it does not match, of disparities (k, 2) and beliefs (k,)."""
-    left, right = seen.segments
-    junctions = seen.junctions[1]
-    own = left.select(alone)
-    disparity = x[:, :1] + x[:, 1:] * np.stack([own.extent[:, 0], own.extent.mean(axis=1), own.extent[:, 1]], axis=1)
-    ends = np.stack([own.start, own.end], axis=1)
-    ends[..., 0] -= disparity[:, [0, 2]]
-    run = ends[:, 1] - ends[:, 0]
-    length = np.maximum(np.hypot(run[:, 0], run[:, 1]), 1e-6)
-    stand_ins = replace(
-        own,
-        bounds=np.zeros_like(own.bounds),
-        centre=ends.mean(axis=1),
-        direction=run / length[:, None],
-        extent=length[:, None] * [-0.5, 0.5],
-    )
-    loose = Junctions(
-        stand_ins.extent,
-        np.full((len(alone), 2), -1, np.int32),
-        np.zeros((len(alone), 2), bool),
-        np.zeros((len(alone), 2)),
-    )
-    added = Matches(
-        alone.astype(np.int32),
-        (len(right) + np.arange(len(alone))).astype(np.int32),
-        disparity,
-        np.sort(np.stack([own.start[:, 1], own.end[:, 1]], axis=1), axis=1),
-        belief,
-    )
-    return replace(
-        seen,
-        matches=Matches.concatenate([seen.matches, added]),
-        segments=(left, Segments(*(_joined(right, stand_ins, f.name) for f in fields(Segments)))),
-        junctions=(seen.junctions[0], Junctions(*(_joined(junctions, loose, f.name) for f in fields(Junctions)))),
-        stand_ins=len(alone),
-    )
-
-
-def _joined(first: object, second: object, name: str) -> AnyArray:
-    """One attribute of both."""
-    return np.concatenate([getattr(first, name), getattr(second, name)])
-
-
 def view_extents(views: Sequence[ViewLines], seen: StereoSegments, x: FloatArray, found: Extents) -> Extents:
     """Where edges end: as the pair shows them, and of those it does not match, as a further camera does.
 
@@ -409,13 +195,21 @@ def view_extents(views: Sequence[ViewLines], seen: StereoSegments, x: FloatArray
         Of the pair.
     """
     arrays = {f.name: getattr(found, f.name).copy() for f in fields(Extents)}
-    left = seen.matches.left
     open_edges = ~seen.paired
     for view in views:
-        e = np.flatnonzero(open_edges & (view.match[left] >= 0))
+        own = view.match_of(seen)
+        e = np.flatnonzero(open_edges & (own >= 0))
         if len(e):
-            more = view.extents(left[e], x[e])
+            more = view.extents(own[e], x[e])
             for name, values in arrays.items():
                 values[e] = getattr(more, name)
             open_edges[e] = False
     return Extents(**arrays)
+
+
+def seen_further(views: Sequence[ViewLines], seen: StereoSegments) -> BoolArray:
+    """(n,) bool: edges of the pair that a further camera shows."""
+    result = np.zeros(len(seen.matches), bool)
+    for view in views:
+        result |= view.match_of(seen) >= 0
+    return result

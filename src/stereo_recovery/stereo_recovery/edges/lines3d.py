@@ -39,7 +39,7 @@ class Lines3D:
     fixed : (n, 2) bool
         The end is a corner.
     strut : (n,) bool
-        The edge runs from one known corner to another, and one image shows it.
+        The edge runs from one known corner to another, and one image shows it, or a further camera measures it.
     reliability : (n,) float64
         Probability that all hold on which the edge's depth hangs.
     """

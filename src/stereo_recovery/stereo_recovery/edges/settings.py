@@ -124,7 +124,12 @@ VIEW_GATE = 11.8
 # Belief above which a match is no more certain. [D] one in a thousand is wrong
 BELIEF_MOST = 0.999
 # Probability that a camera is blind (covered, blinded, moved since its calibration), and that it agrees on a segment
-# whose depth it and the main pair know, if it sees and if it is blind.
+# whose depth it and the main pair know, if it sees and if it is blind. [R]
 BLIND_PRIOR, SIGHTED_AGREEMENT, BLIND_AGREEMENT = 0.01, 0.85, 0.2
+# px: sigma of a prediction's place in another picture beyond that of the lines; share of it that a segment there has to
+# cover. [R] Of matches that contradict each other, the probability that a right one is confirmed so, and that a wrong
+# one is. [P]
+PREDICTION_SIGMA, PREDICTION_SHARE = 0.3, 0.5
+CONFIRMED_RIGHT, CONFIRMED_WRONG = 0.6, 0.12
 # Of a left line's variance so much is not shared by the pairs it is in: its turned pictures are not quite one.
 LEAST_LEFT_SHARE = 1e-3

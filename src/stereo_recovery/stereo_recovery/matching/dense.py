@@ -65,7 +65,8 @@ class DenseDisparity:
         scale = min(1.0, float(np.sqrt(DENSE_PIXELS / (height * width))))
         size = (max(FRACTION, round(width * scale)), max(FRACTION, round(height * scale)))
         self.scale = size[0] / width
-        low = int(np.floor(lowest * self.scale)) - 1
+        # At a disparity beyond the picture's width no column has a partner, which OpenCV does not survive.
+        low = int(np.clip(np.floor(lowest * self.scale) - 1, WINDOW - size[0], size[0]))
         count = max(1, -(-(int(np.ceil(highest * self.scale)) + 2 - low) // FRACTION)) * FRACTION
         # Without room at its left the columns whose partner may lie outside the right image would be lost.
         room = max(low + count, 0)
