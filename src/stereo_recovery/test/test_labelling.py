@@ -45,13 +45,9 @@ def plain(shape=(120, 240), level=80.0):
     return np.full(shape, level, np.float32)
 
 
-def photometry(left, image, density=None, scale=4.0):
-    return Photometry(candidate_kernels.profiles(image, left), image, np.full(256, 1 / 256), scale)
-
-
 def candidates(left, right, image=None):
     image = plain() if image is None else image
-    return candidate_kernels.candidates(left, right, photometry(left, image), -1000.0, 1000.0)
+    return candidate_kernels.candidates(left, right, image.shape, -1000.0, 1000.0)
 
 
 def bars(columns, levels, shape=(100, 240), rows=(20, 80)):
@@ -67,14 +63,14 @@ def test_an_edge_may_recede_steeply_but_hardly_turn_around(slope, found):
     """Upright in the left image; in the right one it leans by this slope: disparity gradients 0, 1.1, 1.8 and 1.94."""
     left = table(((100.0, 10.0), (100.0, 50.0)))
     right = table(((40.0, 10.0), (40.0 + 40.0 * slope, 50.0)))
-    node, _, _ = candidates(left, right)
+    node = candidates(left, right).node
     assert bool(len(node)) == found
 
 
 def test_disparity_is_told_at_start_middle_end_and_where_the_common_rows_begin_and_end():
     left = table(((100.0, 10.0), (120.0, 50.0)))
     right = table(((60.0, 10.0), (60.0, 30.0)))
-    _, value, chances = candidates(left, right)
+    _, value, _, _, chances = candidates(left, right)
     # In row y the left line is at 100 + (y - 10) / 2.
     assert value[0, :3] == pytest.approx([40.0, 50.0, 60.0])
     assert value[0, 3:5] == pytest.approx([10.0, 30.0])
@@ -85,7 +81,7 @@ def test_disparity_is_told_at_start_middle_end_and_where_the_common_rows_begin_a
 def test_a_level_pair_has_the_disparities_of_both_ends_and_of_either():
     left = table(((100.0, 40.0), (160.0, 40.0)))
     right = table(((70.0, 40.0), (140.0, 40.0)))
-    _, value, _ = candidates(left, right)
+    value = candidates(left, right).value
     assert value[:, [0, 2]].tolist() == [[30.0, 20.0], [30.0, 30.0], [20.0, 20.0]]
     assert value[0, 5] > value[1, 5]
 
@@ -109,7 +105,8 @@ def test_one_side_that_stays_is_enough_and_a_rare_grey_level_says_more():
         seen[:, 101:], image[:, 61:] = 150.0, 150.0
         told = Photometry(candidate_kernels.profiles(seen, left), image, density, 4.0)
         other = Photometry(candidate_kernels.profiles(seen, left), plain(level=100.0), density, 4.0)
-        same, wrong = (candidate_kernels.candidates(left, right, p, 0.0, 200.0)[1][0, 5] for p in (told, other))
+        found = candidates(left, right)
+        same, wrong = (candidate_kernels.photometric(p, left, found)[0] for p in (told, other))
         ratios.append(same - wrong)
     assert ratios[0] > 1.0
     assert ratios[0] > ratios[1]
@@ -127,7 +124,7 @@ def test_one_side_that_stays_is_enough_and_a_rare_grey_level_says_more():
 def test_two_segments_match_one_only_if_they_can_be_one_edge(second, both):
     left = table(((100.0, 10.0), (100.0, 50.0)), second)
     right = table(((40.0, 10.0), (40.0, 90.0)))
-    node, value, _ = candidates(left, right)
+    node, value, *_ = candidates(left, right)
     chosen = labelling_kernels.unique(node, value, np.arange(len(node)))
     assert list(chosen) == ([0, 1] if both else [0])
 

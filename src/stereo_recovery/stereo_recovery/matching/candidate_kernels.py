@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import Float32Array, FloatArray, Int32Array
+from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Array
 
 from .settings import (
     BORDER,
@@ -64,6 +64,23 @@ class Photometry(NamedTuple):
     scale: float
 
 
+class Candidates(NamedTuple):
+    """k pairs of segments that could be one edge, ordered by the left one.
+
+    node : (k, 2) int32, segments; value : (k, 8) float64: disparity at the left segment's start, middle and end, first
+    and last common row, log likelihood ratio of the geometry against a pair at random, disparity in the first and in
+    the last common row; samples : (k, 2) int32, first and last of the left segment's profile that the right one covers;
+    reverse : (k,) bool, the contrast changes its sign; chances : (n,) float64, how many pairs geometry alone offers
+    along each left segment
+    """
+
+    node: Int32Array
+    value: FloatArray
+    samples: Int32Array
+    reverse: BoolArray
+    chances: FloatArray
+
+
 @njit
 def _pixel(image: Float32Array, x: float, y: float) -> float:
     """Grey level of the pixel of (h, w) image that is nearest to column x, row y."""
@@ -89,18 +106,45 @@ def profiles(image: Float32Array, table: SegmentTable) -> Float32Array:
 
 
 @njit
-def _photometric(
-    photometry: Photometry, i: int, start: Pair, run: Pair, normal: Pair, samples: tuple[int, int], reverse: bool
-) -> float:
-    """Logarithm of how much likelier the right image's grey levels are beside this edge than beside any.
+def photometric(photometry: Photometry, table: SegmentTable, found: Candidates) -> FloatArray:
+    """(k,) logarithm of how much likelier the right image's grey levels are beside candidates than beside any edge.
 
-    i : left segment; start, run : where the right image shows its start, and from there its end; normal : of the
-     left segment; samples : first and last of its profile to compare; reverse : the contrast changes its
+    table : of the left segments
+    """
+    ratio = np.empty(len(found.node))
+    # Of each grey level, the density that a Cauchy density has at zero over its own.
+    rarity = -np.log(np.pi * photometry.scale * photometry.density)
+    for k in range(len(ratio)):
+        i = found.node[k, 0]
+        start = (table.start[i, 0] - found.value[k, 0], table.start[i, 1])
+        run = (table.end[i, 0] - found.value[k, 2] - start[0], table.end[i, 1] - start[1])
+        normal = (-table.direction[i, 1], table.direction[i, 0])
+        samples = (found.samples[k, 0], found.samples[k, 1])
+        ratio[k] = _photometric(photometry, rarity, i, start, run, normal, samples, found.reverse[k])
+    return ratio
+
+
+@njit
+def _photometric(
+    photometry: Photometry,
+    rarity: FloatArray,
+    i: int,
+    start: Pair,
+    run: Pair,
+    normal: Pair,
+    samples: tuple[int, int],
+    reverse: bool,
+) -> float:
+    """:func:`photometric` of one candidate.
+
+    rarity : (256,); i : left segment; start, run : where the right image shows its start, and from there its end;
+    normal : of the left segment; samples : first and last of its profile to compare; reverse : the contrast changes its
     sign.
     """
     height, width = photometry.image.shape
-    scale = photometry.scale
     one, two, count = 0.0, 0.0, 0
+    # Products of what the logarithms are of; a side has at most 24 factors.
+    near, far = 1.0, 1.0
     for k in range(samples[0], samples[1]):
         s = (k + 0.5) / PROFILE_SAMPLES
         x, y = start[0] + s * run[0], start[1] + s * run[1]
@@ -111,17 +155,19 @@ def _photometric(
             for o in range(len(PROFILE_OFFSETS)):
                 t = PROFILE_OFFSETS[o] if side == 1 else -PROFILE_OFFSETS[o]
                 seen = _pixel(photometry.image, x + t * normal[0], y + t * normal[1])
-                off = (seen - photometry.profile[i, k, side, o]) / scale
+                off = (seen - photometry.profile[i, k, side, o]) / photometry.scale
                 # A Cauchy density, since shading and highlights differ more than noise does.
-                ratio = 1.0 / (np.pi * scale * (1.0 + off * off) * photometry.density[min(max(int(seen), 0), 255)])
                 if side == 0:
-                    one += np.log(ratio)
+                    one += rarity[min(max(int(seen), 0), 255)]
+                    near *= 1.0 + off * off
                 else:
-                    two += np.log(ratio)
+                    two += rarity[min(max(int(seen), 0), 255)]
+                    far *= 1.0 + off * off
     if count == 0:
         return float(np.log(NO_SIDE * _polarity(NO_SIDE_REVERSED, reverse)))
     # What lies beside one edge is one surface: all samples of a side are worth one.
-    one, two = one / (count * len(PROFILE_OFFSETS)), two / (count * len(PROFILE_OFFSETS))
+    one = (one - np.log(near)) / (count * len(PROFILE_OFFSETS))
+    two = (two - np.log(far)) / (count * len(PROFILE_OFFSETS))
     both = BOTH_SIDES * _polarity(BOTH_SIDES_REVERSED, reverse) * np.exp(one + two)
     either = 0.5 * ONE_SIDE * _polarity(ONE_SIDE_REVERSED, reverse) * (np.exp(one) + np.exp(two))
     return float(np.log(both + either + NO_SIDE * _polarity(NO_SIDE_REVERSED, reverse)))
@@ -134,21 +180,21 @@ def _polarity(reversed_share: float, reverse: bool) -> float:
 
 
 @njit
-def _at_border(x: float, y: float, image: Float32Array) -> bool:
-    """Whether a segment ends where the picture does, which says nothing about the edge's end."""
-    return bool(min(min(x, y), min(image.shape[1] - 1 - x, image.shape[0] - 1 - y)) < BORDER)
+def _at_border(x: float, y: float, shape: tuple[int, int]) -> bool:
+    """Whether a segment ends where the picture does, (h, w), which says nothing about the edge's end."""
+    return bool(min(min(x, y), min(shape[1] - 1 - x, shape[0] - 1 - y)) < BORDER)
 
 
 @njit
-def _ends_ratio(p: FloatArray, q: FloatArray, spans: float, image: Float32Array) -> float:
+def _ends_ratio(p: FloatArray, q: FloatArray, spans: float, shape: tuple[int, int]) -> float:
     """Log likelihood ratio of the heights of two steep segments' ends.
 
-    p, q : (2, 2) ends in the left and in the right image; spans : rows that the two cover, together.
+    p, q : (2, 2) ends in the left and in the right image; spans : rows that the two cover, together; shape : (h, w).
     """
     by_chance = min(0.9, max(LIKE_ENDS, 4.0 * END_HEIGHT / spans))
     ratio = 0.0
     for e in range(2):
-        if _at_border(p[e, 0], p[e, 1], image) or _at_border(q[e, 0], q[e, 1], image):
+        if _at_border(p[e, 0], p[e, 1], shape) or _at_border(q[e, 0], q[e, 1], shape):
             continue
         if abs(p[e, 1] - q[e, 1]) < END_HEIGHT:
             ratio += np.log(END_AGREEMENT / by_chance)
@@ -196,18 +242,15 @@ def _common_samples(p: FloatArray, top: float, bottom: float) -> tuple[int, int]
 
 @njit
 def candidates(
-    left: SegmentTable, right: SegmentTable, photometry: Photometry, lowest: float, highest: float
-) -> tuple[Int32Array, FloatArray, FloatArray]:
-    """All pairs of segments that could be one edge, and how likely each is by itself.
+    left: SegmentTable, right: SegmentTable, shape: tuple[int, int], lowest: float, highest: float
+) -> Candidates:
+    """All pairs of segments that could be one edge, and how likely each is by its geometry.
 
-    left, right : SegmentTable; photometry : Photometry; lowest, highest : allowed disparity, pixels.
-
-    Returns node (k, 2) int32, segments, ordered by the left one; value (k, 8) float64: disparity at the left segment's
-    start, middle and end, first and last common row, log likelihood ratio against a pair at random, disparity in the
-    first and in the last common row; chances (n,) float64: how many pairs geometry alone offers along a left segment.
+    shape : (h, w) of the images; lowest, highest : allowed disparity, pixels.
     """
     count = 0
     node, value = np.empty((1024, 2), np.int32), np.empty((1024, 8))
+    compared, reversed_ = np.empty((1024, 2), np.int32), np.empty(1024, np.bool_)
     chances = np.zeros(len(left.start))
     tops = np.minimum(right.start[:, 1], right.end[:, 1])
     order = np.argsort(tops)
@@ -249,7 +292,7 @@ def candidates(
                     gradient = abs(slope - right_slope) / np.sqrt(1.0 + 0.25 * (slope + right_slope) ** 2)
                     for e in range(2):
                         disparity[e] = p[e, 0] - (q[0, 0] + (p[e, 1] - q[0, 1]) * right_slope)
-                    ratio = _ends_ratio(p, q, bottom - top + abs(q[1, 1] - q[0, 1]), photometry.image)
+                    ratio = _ends_ratio(p, q, bottom - top + abs(q[1, 1] - q[0, 1]), shape)
                 middle = 0.5 * (disparity[0] + disparity[1])
                 if ratio == -np.inf or gradient > STEEPEST or middle < lowest or middle > highest:
                     continue
@@ -258,13 +301,13 @@ def candidates(
                 chances[i] += 1.0 / CHOICES if level else min(1.0, share)
                 # Directions that agree, against directions at random.
                 ratio += np.log(4.0 / (np.pi * SLANT_SCALE * (1.0 + (gradient / SLANT_SCALE) ** 2)))
-                samples = (0, PROFILE_SAMPLES) if level else _common_samples(p, first_row, last_row)
-                start = (p[0, 0] - disparity[0], p[0, 1])
-                run = (p[1, 0] - disparity[1] - start[0], p[1, 1] - p[0, 1])
-                ratio += _photometric(photometry, i, start, run, (-tv, tu), samples, reverse)
                 if count == len(node):
                     node = np.concatenate((node, np.empty_like(node)))
                     value = np.concatenate((value, np.empty_like(value)))
+                    compared = np.concatenate((compared, np.empty_like(compared)))
+                    reversed_ = np.concatenate((reversed_, np.empty_like(reversed_)))
+                samples = (0, PROFILE_SAMPLES) if level else _common_samples(p, first_row, last_row)
+                compared[count, 0], compared[count, 1], reversed_[count] = samples[0], samples[1], reverse
                 node[count, 0], node[count, 1] = i, j
                 value[count, 0], value[count, 1], value[count, 2] = disparity[0], middle, disparity[1]
                 value[count, 3], value[count, 4], value[count, 5] = first_row, last_row, ratio
@@ -272,4 +315,4 @@ def candidates(
                 value[count, 6] = disparity[0] + per_row * (first_row - p[0, 1])
                 value[count, 7] = disparity[0] + per_row * (last_row - p[0, 1])
                 count += 1
-    return node[:count], value[:count], chances
+    return Candidates(node[:count], value[:count], compared[:count], reversed_[:count], chances)

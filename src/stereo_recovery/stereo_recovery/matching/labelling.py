@@ -117,11 +117,14 @@ def match(
     near = labelling_kernels.neighbours(tables[0], met[0], radius)
     spread = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
 
+    every = candidate_kernels.candidates(*tables, greys[0].shape, *window)
+    chance = np.log(PARTNER_ODDS / np.maximum(every.chances[every.node[:, 0]], 1.0))
+
     def labelled(exposure: Exposure, dense: DenseDisparity | None, rounds: int) -> Labelling:
         seen = (exposure.gain * profiles[0] + exposure.shift).astype(np.float32)
         photometry = Photometry(seen, smooth[1], density, exposure.scale)
-        node, value, chances = candidate_kernels.candidates(*tables, photometry, *window)
-        own = value[:, 5] + np.log(PARTNER_ODDS / np.maximum(chances[node[:, 0]], 1.0))
+        node, value = every.node, every.value
+        own = value[:, 5] + candidate_kernels.photometric(photometry, tables[0], every) + chance
         if dense is not None:
             # What it cannot bring back into the game it need not be asked of.
             asked = own > LEAST_ODDS - dense_kernels.AGREES

@@ -13,6 +13,7 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
+from ..detection.buckets import Buckets, in_cell, swept
 from .candidate_kernels import SegmentTable
 from .settings import (
     BESIDE,
@@ -34,6 +35,9 @@ from .settings import (
     SAME_SURFACE,
     SUPPORT_REACH,
 )
+
+# px: least side of the cells in which neighbours are looked for.
+LEAST_CELL = 32.0
 
 
 class Neighbours(NamedTuple):
@@ -92,6 +96,25 @@ def _disparity(value: FloatArray, a: int, share: float) -> float:
 
 
 @njit
+def _near_any(cells: Buckets, points: FloatArray, out: IntArray) -> int:
+    """Put what the cells of three points (3, 2) have into ``out``, each once, in rising order; how many there are."""
+    a = in_cell(cells, points[0, 0], points[0, 1])
+    b = in_cell(cells, points[1, 0], points[1, 1])
+    c = in_cell(cells, points[2, 0], points[2, 1])
+    p, q, r, count = 0, 0, 0, 0
+    while p < len(a) or q < len(b) or r < len(c):
+        least = a[p] if p < len(a) else len(out)
+        least = min(least, b[q]) if q < len(b) else least
+        least = min(least, c[r]) if r < len(c) else least
+        p += p < len(a) and a[p] == least
+        q += q < len(b) and b[q] == least
+        r += r < len(c) and c[r] == least
+        out[count] = least
+        count += 1
+    return count
+
+
+@njit
 def neighbours(table: SegmentTable, met: Int32Array, radius: float) -> Neighbours:
     """The NEIGHBOURS of each segment within ``radius`` pixels that weigh most: long ones that are near.
 
@@ -111,19 +134,16 @@ def neighbours(table: SegmentTable, met: Int32Array, radius: float) -> Neighbour
         points[i, 1] = 0.5 * (table.start[i] + table.end[i])
         length[i] = np.hypot(table.end[i, 0] - table.start[i, 0], table.end[i, 1] - table.start[i, 1])
     order = np.argsort(points[:, 1, 1])
-    rows = points[:, 1, 1][order]
-    longest = np.max(length)
+    cells = swept(points[order, 0], points[order, 2], radius, max(radius, LEAST_CELL))
+    close = np.empty(n, np.int64)
     for i in range(n):
-        most = radius + 0.5 * length[i] + 0.5 * longest
-        for rank in range(np.searchsorted(rows, points[i, 1, 1] - most), n):
-            if rows[rank] > points[i, 1, 1] + most:
-                break
+        for rank in close[: _near_any(cells, points[i], close)]:
             k = order[rank]
             between = radius + 0.5 * (length[i] + length[k])
             if (
                 k == i
                 or abs(points[k, 1, 0] - points[i, 1, 0]) > between
-                or abs(rows[rank] - points[i, 1, 1]) > between
+                or abs(points[k, 1, 1] - points[i, 1, 1]) > between
             ):
                 continue
             best, own, its = 1e30, 0, 0
