@@ -1,25 +1,38 @@
-"""Whether the stated errors of straight edges are true: by their causes, and under other conditions than the usual:
+"""Whether stated errors are true: of rendered edges, curves and axes, and of pairs of cameras and of a path tracer:
 
     python test/benchmarks/bounds.py --seeds 100..119 [--kinds any flat aliased] [--conditions usual noisy ...]
+    python test/benchmarks/bounds.py --curves 1900..1901 --pairs photoreal real
 
-A row a group: how many, the share inside the stated bound (bar 95 %), and how many times too wide the bound is in the
-median (bar 2), for err_per and the cone of directions of its edges, or err_par of its ends.
+Of rendered edges a row a group: how many, the share inside the stated bound (bar 95 %), and how many times too wide the
+bound is in the median (bar 2), for err_per and the cone of directions of its edges, or err_par of its ends. Then, of
+all, squared errors in units of their covariances over their degrees of freedom: mean (1 where covariances are true),
+median over chi squared's, and the share inside the 95 % region.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from bench_lines import KINDS, edges_of, scene_of
+from curve_scenes import KINDS as CURVE_KINDS
+from curve_scenes import Imaging as Rendering
+from curve_scenes import curved_view
+from curve_scoring import CurveScore
 from line_scoring import HALF_NORMAL, LineScore
 from measure import seed_range
+from normalised_errors import NormalisedErrors, add_axis, add_circle, add_edges
+from pair_scoring import matched_circles, true_lines
 from stereo_scenes import USUAL, Imaging, StereoScene
 from tqdm import tqdm
+from true_pairs import data_folder, families_of, load_pairs
 
-from msgs_py import PinholeCamera
+from model_matcher import index_model, match
+from model_matcher.closed_form.comparison import best_pose_error, squared_deviation
+from msgs_py import FeatureKind, PinholeCamera, StereoRig
+from stereo_recovery import recover
 
 CONDITIONS = {
     'usual': USUAL,
@@ -39,15 +52,22 @@ BESIDE, NEAR = 2.5, 6.0
 SHORT = 30.0
 # An end of a visible piece this near to one of the model's edge is a corner, metres; elsewhere something hides it.
 CORNER = 0.2e-3
+# Degrees: a pose farther off is a wrong one, and no sample of its covariance.
+MOST_POSE_DEG = 5.0
 Groups = dict[str, dict[str, list[float]]]
 
 
-def add(groups: Groups, head: str, scene: StereoScene) -> None:
-    """The ratios of errors to stated bounds of one scene, by groups."""
+def add(groups: Groups, head: str, scene: StereoScene, normalised: NormalisedErrors) -> None:
+    """The ratios of errors to stated bounds of one scene, by groups, and its errors in units of their covariances."""
     score = LineScore()
     found = edges_of(scene)
     paired = score.add(found, scene.edges, scene.faint)
     true = paired[paired >= 0]
+    add_edges(normalised, found.select(paired >= 0), scene.edges[true], _pixels_per_metre(scene.rig, scene.edges[true]))
+    best = match(index_model(scene.model), found).best
+    if best is not None and best_pose_error(best, scene.pose).rotation_deg < MOST_POSE_DEG:
+        normalised.squared.setdefault('poses', []).append(squared_deviation(best, scene.pose))
+        normalised.freedom['poses'] = 6
     run = np.diff(scene.rig.left.project(scene.edges), axis=1)[:, 0]
     length = np.maximum(np.hypot(*run.T), 1e-9)
     sine = np.abs(run[:, 1]) / length
@@ -78,6 +98,53 @@ def add(groups: Groups, head: str, scene: StereoScene) -> None:
         _extend(groups, head + name, 'err_par', np.array(score.ratios['err_par']).reshape(-1, 2)[mask])
 
 
+def _pixels_per_metre(rig: StereoRig, lines: np.ndarray) -> np.ndarray:
+    """(n,): how long a metre along lines (n, 2, 3) is in the left picture, on average."""
+    run = np.diff(rig.left.project(lines), axis=1)[:, 0]
+    return np.linalg.norm(run, axis=1) / np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+
+
+def of_curves(seeds: Iterable[int]) -> NormalisedErrors:
+    """Circles, ellipses and axes of rendered views."""
+    result = NormalisedErrors()
+    for kind in CURVE_KINDS:
+        for seed in seeds:
+            view = curved_view(kind, seed, Rendering())
+            score = CurveScore()
+            recovery = recover(view.left, view.right, view.rig)
+            score.add(recovery, view)
+            for i, j in score.pairs:
+                rim = view.rims[i]
+                add_circle(result, recovery.curves[j], rim.centre, rim.normal, rim.radii[0])
+            axes = recovery.features.of_kind(FeatureKind.AXIS)
+            for k, ends in score.axis_pairs:
+                add_axis(result, axes, k, ends)
+    return result
+
+
+def of_pairs(families: list[str]) -> Iterator[tuple[str, NormalisedErrors]]:
+    """Edges and circles of pairs with truth, by family."""
+    for family in families_of(families):
+        result = NormalisedErrors()
+        for pair in load_pairs(data_folder(), [family]):
+            recovery = recover(pair.left, pair.right, pair.rig)
+            edges = recovery.features.of_kind(FeatureKind.EDGE)
+            own, lines = true_lines(pair, edges)
+            add_edges(result, edges.select(own), lines, _pixels_per_metre(pair.rig, lines))
+            if len(pair.circle) and recovery.curves:
+                curves = recovery.features.of_kind(FeatureKind.CURVE)
+                for i, j in matched_circles(pair, curves)[0].items():
+                    true = pair.circle[i]
+                    add_circle(result, recovery.curves[j], true[:3], true[3:6], true[6:8].max())
+        yield family, result
+
+
+def normalised_rows(head: str, normalised: NormalisedErrors) -> Iterator[str]:
+    for name, count, mean, median, inside in normalised.rows():
+        figures = f'mean {mean:7.2f}  median {median:5.2f}  inside 95 %: {100 * inside:5.1f} %'
+        yield f'{head + name:<44} {count:>5}  {figures}'
+
+
 def _extend(groups: Groups, group: str, what: str, ratios: np.ndarray) -> None:
     groups.setdefault(group, {}).setdefault(what, []).extend(ratios.ravel().tolist())
 
@@ -104,18 +171,32 @@ def main(arguments: list[str] | None = None) -> int:
         choices=list(CONDITIONS),
         help='cameras, rigs and noise; without a name: all; only their sums are shown',
     )
+    parser.add_argument('--curves', type=seed_range, metavar='A..B', help='seeds of views with circles and axes')
+    parser.add_argument(
+        '--pairs', nargs='*', metavar='FAMILY', help='pairs with truth: photoreal, real, or one of them'
+    )
     options = parser.parse_args(arguments)
+    if options.curves is not None or options.pairs is not None:
+        if options.curves is not None:
+            print('\n'.join(normalised_rows('rendered: ', of_curves(options.curves))), flush=True)
+        for family, of_family in of_pairs(options.pairs or []):
+            print('\n'.join(normalised_rows(f'{family}: ', of_family)), flush=True)
+        return 0
     names = ['usual'] if options.conditions is None else options.conditions or list(CONDITIONS)
     groups: Groups = {}
+    normalised: dict[str, NormalisedErrors] = {}
     for name in names:
         for kind in options.kinds:
+            into = normalised.setdefault(f'{name}, {kind}: ', NormalisedErrors())
             for seed in tqdm(
                 options.seeds, desc=f'{name} {kind}', unit='pair', file=sys.stderr, disable=not sys.stderr.isatty()
             ):
-                add(groups, f'{name}, {kind}: ', scene_of(kind, seed, CONDITIONS[name]))
+                add(groups, f'{name}, {kind}: ', scene_of(kind, seed, CONDITIONS[name]), into)
     if options.conditions is not None:
         groups = {name: columns for name, columns in groups.items() if ': all ' in name}
     print('\n'.join(rows(groups)))
+    for head, of_kind in normalised.items():
+        print('\n'.join(normalised_rows(head, of_kind)))
     return 0
 
 

@@ -85,6 +85,9 @@ class CurveScore:
     faint: int = 0
     large: list[float] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    # Of the view added last: true rim and reported curve; reported axis and the ends (2, 3) of the true one.
+    pairs: list[tuple[int, int]] = field(default_factory=list)
+    axis_pairs: list[tuple[int, np.ndarray]] = field(default_factory=list)
 
     def add(self, recovery: Recovery, view: CurvedView) -> None:
         features = recovery.features
@@ -140,6 +143,7 @@ class CurveScore:
             if cost[i, j] < 1.0 and int(i) not in pair and int(j) not in taken:
                 pair[int(i)] = int(j)
                 taken.add(int(j))
+        self.pairs = list(pair.items())
         for j, curve in enumerate(curves):
             if j not in taken:
                 self.false_curves += 1
@@ -202,6 +206,7 @@ class CurveScore:
         axes = recovery.features.of_kind(FeatureKind.AXIS)
         self.reported_axes += len(axes)
         used: set[int] = set()
+        self.axis_pairs = []
         for (low, high), rims in zip(view.axes, view.seen_rims):
             true = (high - low) / np.linalg.norm(high - low)
             best = None
@@ -223,6 +228,7 @@ class CurveScore:
                 continue
             k, angle, off, ends, _ = best
             used.add(k)
+            self.axis_pairs.append((k, np.stack([low, high])))
             into.found += 1
             into.angle.append(float(np.degrees(angle)))
             into.across.append(float(off.max()) / MM)

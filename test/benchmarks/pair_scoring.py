@@ -158,18 +158,34 @@ def judged_samples(pair: TruePair, mine: dict[str, np.ndarray]) -> tuple[np.ndar
     return right, ~right & (off > GROSS_PX + pair.slack), judged, on_edge
 
 
+def true_lines(pair: TruePair, edges: FeatureSet) -> tuple[np.ndarray, np.ndarray]:
+    """The reported edges (m,) that belong to a true one, and the ends of that (m, 2, 3)."""
+    if len(edges) == 0 or len(pair.edges) == 0:
+        return np.zeros(0, int), np.zeros((0, 2, 3))
+    mine = _samples(pair, edges)
+    own, best = _belonging(pair, edges, mine, judged_samples(pair, mine)[3])
+    return own, pair.edges[best]
+
+
+def _belonging(
+    pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], on_edge: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The reported edges (m,) most samples of which lie on one true edge, and that edge's number (m,)."""
+    count = np.bincount(mine['owner'], minlength=len(edges))
+    key = mine['owner'] * (len(pair.edges) + 1) + on_edge + 1
+    votes = np.bincount(key, minlength=len(edges) * (len(pair.edges) + 1)).reshape(len(edges), -1)[:, 1:]
+    best = votes.argmax(axis=1)
+    own = np.flatnonzero(votes[np.arange(len(edges)), best] >= np.maximum(BELONGS * count, 1))
+    return own, best[own]
+
+
 def _precision(pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], on_edge: np.ndarray) -> dict[str, Any]:
     """How near the reported edges are to the true ones they belong to, and whether the stated bounds hold."""
     names = ('angle_deg', 'across_mm', 'along_mm', 'end_mm')
     empty: dict[str, Any] = {name: [] for name in names} | {'inside_per': [], 'inside_par': []}
     if len(edges) == 0 or len(pair.edges) == 0:
         return empty
-    count = np.bincount(mine['owner'], minlength=len(edges))
-    key = mine['owner'] * (len(pair.edges) + 1) + on_edge + 1
-    votes = np.bincount(key, minlength=len(edges) * (len(pair.edges) + 1)).reshape(len(edges), -1)[:, 1:]
-    best = votes.argmax(axis=1)
-    own = np.flatnonzero(votes[np.arange(len(edges)), best] >= np.maximum(BELONGS * count, 1))
-    best = best[own]
+    own, best = _belonging(pair, edges, mine, on_edge)
     a, b = pair.edges[best, 0], pair.edges[best, 1]
     true_length = np.linalg.norm(b - a, axis=1)
     line = (b - a) / true_length[:, None]
@@ -197,13 +213,10 @@ def _precision(pair: TruePair, edges: FeatureSet, mine: dict[str, np.ndarray], o
     }
 
 
-def _circles(pair: TruePair, curves: FeatureSet) -> dict[str, Any]:
-    """True circles found, found twice, and curves that lie on nothing at all."""
-    true, wanted = pair.circle, pair.circle[:, 11] > 0.0
-    result: dict[str, Any] = {'circles': int(wanted.sum()), 'circles_found': 0, 'circles_twice': 0}
-    result |= {'curves': len(curves), 'curves_on_nothing': 0, 'radius_percent': [], 'normal_deg': []}
-    if len(curves) == 0:
-        return result
+def matched_circles(pair: TruePair, curves: FeatureSet) -> tuple[dict[int, int], np.ndarray, np.ndarray, np.ndarray]:
+    """Which reported curve (by number) is which true circle; for all pairs (c, m) how unlike they are, below 1 one, the
+    difference of radii, metres, and of normals, degrees."""
+    true = pair.circle
     turn = np.degrees(np.arccos(np.minimum(1.0, np.abs(true[:, 3:6] @ curves.directions.T))))
     away = curves.start[None] - true[:, None, :3]
     # Along the line of sight a pixel of disparity is allowed.
@@ -228,6 +241,18 @@ def _circles(pair: TruePair, curves: FeatureSet) -> dict[str, Any]:
         i, j = (int(x) for x in np.unravel_index(k, cost.shape))
         if cost[i, j] < 1.0 and i not in pairs and j not in pairs.values():
             pairs[i] = j
+    return pairs, cost, size, turn
+
+
+def _circles(pair: TruePair, curves: FeatureSet) -> dict[str, Any]:
+    """True circles found, found twice, and curves that lie on nothing at all."""
+    true, wanted = pair.circle, pair.circle[:, 11] > 0.0
+    result: dict[str, Any] = {'circles': int(wanted.sum()), 'circles_found': 0, 'circles_twice': 0}
+    result |= {'curves': len(curves), 'curves_on_nothing': 0, 'radius_percent': [], 'normal_deg': []}
+    if len(curves) == 0:
+        return result
+    pairs, cost, size, turn = matched_circles(pair, curves)
+    radius = true[:, 6:7]
     result['circles_found'] = sum(bool(wanted[i]) for i in pairs)
     for i, j in pairs.items():
         if wanted[i]:
