@@ -11,6 +11,8 @@ from msgs_py import FeatureSet, Pose
 # An edge counts as true when its direction and both its ends are this near to a true one.
 SAME_ANGLE, SAME_PLACE = np.radians(10.0), 3e-3
 # Median of the absolute value of a standard normal.
+# Metres: no end is known better, of a pose to which edges are fitted.
+LEAST_SIGMA = 1e-6
 HALF_NORMAL = 0.6745
 SAMPLES = (np.arange(200) + 0.5) / 200
 
@@ -124,14 +126,19 @@ class LineScore:
 
 def pose_errors(found: FeatureSet, paired: np.ndarray, scene: StereoScene) -> tuple[float, float] | None:
     """Degrees, and mm at the model's centre, of the pose that brings the model's lines nearest to the paired edges,
-    each weighed by its stated bound; None when the edges do not fix a pose."""
+    each weighed by its stated covariance across them; None when the edges do not fix a pose."""
     keep = paired >= 0
     if keep.sum() < 3:
         return None
     model = scene.model_index[paired[keep]]
     start, way = scene.model.start[model], scene.model.directions[model]
     ends = np.stack([found.start[keep], found.end[keep]], axis=1)
-    weight = 1.0 / np.maximum(found.err_per[keep] / 3.0, 1e-6)
+    # Rows across each true line, whitened: (k, 4, 6).
+    flat = np.linalg.svd(scene.pose.rotate(way)[:, None, :])[2][:, 1:]
+    both = np.zeros((len(model), 4, 6))
+    both[:, :2, :3], both[:, 2:, 3:] = flat, flat
+    spread = both @ found.covariance[keep] @ both.swapaxes(1, 2) + LEAST_SIGMA**2 * np.eye(4)
+    white = np.linalg.solve(np.linalg.cholesky(spread), both)
     middle = scene.pose.apply(0.5 * (scene.model.start.min(axis=0) + scene.model.start.max(axis=0)))
 
     def moved(step: np.ndarray) -> Pose:
@@ -142,7 +149,8 @@ def pose_errors(found: FeatureSet, paired: np.ndarray, scene: StereoScene) -> tu
         pose = moved(step)
         line = (way @ pose.rotation.T)[:, None]
         run = ends - pose.apply(start)[:, None]
-        return ((run - (run * line).sum(-1, keepdims=True) * line) * weight[:, None, None]).ravel()
+        across = run - (run * line).sum(-1, keepdims=True) * line
+        return np.einsum('kij,kj->ki', white, across.reshape(-1, 6)).ravel()
 
     solution = least_squares(misses, np.zeros(6), x_scale=(1e-3,) * 3 + (1e-4,) * 3)
     if np.linalg.eigvalsh(solution.jac.T @ solution.jac)[0] < 1e-6:

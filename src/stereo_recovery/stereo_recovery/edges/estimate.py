@@ -197,6 +197,14 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
     return Estimate(solution.x, solution.covariance * unit, used, holds, sure, unit)
 
 
+def by_factors(lines: OwnLines, factors: Factors, used: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Unknowns (n, 2) and covariance (n, 2, 2) of edges by given factors that are taken to hold, (k,) bool."""
+    if len(lines.extent) == 0:
+        return lines.vector, lines.information
+    solution = NormalEquations(lines.information, lines.vector, factors).solve(used)
+    return solution.x, solution.covariance * unit_variance(factors, solution, used)
+
+
 def unit_variance(factors: Factors, solution: Solution, used: BoolArray) -> float:
     """Variance of unit weight: how much larger squared residuals are than the stated sigmas have them, at least 1.
 

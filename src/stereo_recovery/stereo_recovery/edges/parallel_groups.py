@@ -87,12 +87,13 @@ def _poisson_tail(mean: float, least: int) -> float:
     return max(1.0 - total, 0.0)
 
 
-def _groups(rows: Rows, order: IntArray, axes: FloatArray) -> list[_Group]:
+def _groups(rows: Rows, bare: Rows, order: IntArray, axes: FloatArray) -> list[_Group]:
     """Directions that edges share.
 
+    rows, bare : who is of a group is asked by all that is known, what it says is told by what no group has told
     order : seeds, the best known edge first; axes : (k, 3, 3) what axes of circles say, the best known first
     """
-    alone = parallel_kernels.squares_by_themselves(rows)
+    alone = parallel_kernels.squares_by_themselves(bare)
     told = np.zeros(len(order), bool)
     told_axes = np.zeros(len(axes), bool)
     found: list[_Group] = []
@@ -103,7 +104,7 @@ def _groups(rows: Rows, order: IntArray, axes: FloatArray) -> list[_Group]:
         if len(found) == MOST_GROUPS or tried == GROUP_SEEDS:
             break
         tried += 1
-        direction, total, chance, fits, same = parallel_kernels.grown(rows, seed[k], axes)
+        direction, total, chance, fits, same = parallel_kernels.grown(rows, bare, seed[k], axes)
         others = fits.sum() - fits + 2 * same.sum()
         # So many edges of any directions would agree with one of all seeds by accident.
         false_alarms = min(GROUP_SEEDS, len(order)) * _poisson_tail(chance[chance < CLEAR].sum(), int(others.max()))
@@ -116,7 +117,12 @@ def _groups(rows: Rows, order: IntArray, axes: FloatArray) -> list[_Group]:
 
 
 def parallel_factors(
-    left: Segments, index: AnyArray, known: tuple[AnyArray, AnyArray], curves: Sequence[Curve], rig: StereoRig
+    left: Segments,
+    index: AnyArray,
+    known: tuple[AnyArray, AnyArray],
+    alone: tuple[AnyArray, AnyArray],
+    curves: Sequence[Curve],
+    rig: StereoRig,
 ) -> Factors:
     """Statements that edges run in the direction of a parallel group.
 
@@ -127,7 +133,9 @@ def parallel_factors(
     index : (n,) int
         The edges' segments.
     known : (n, 2), (n, 2, 2)
-        Their disparities a + b s, and covariances.
+        Their disparities a + b s, and covariances, by all that is known.
+    alone : (n, 2), (n, 2, 2)
+        The same without any parallel group: else what a group told its edges would come back as their own.
     curves : sequence of Curve
         Their normals are directions of the object as well.
     rig : StereoRig
@@ -136,12 +144,14 @@ def parallel_factors(
     usable = np.flatnonzero(left.arc[index] < 0)
     if len(usable) == 0:
         return Factors.none()
-    rows = _rows(left, index[usable], x[usable], covariance[usable], rig)
+    rows, bare = (_rows(left, index[usable], a[usable], b[usable], rig) for a, b in (known, alone))
     axes = np.array([_of_normal(c) for c in sorted(curves, key=lambda c: c.tilt)]).reshape(-1, 3, 3)
     found = []
     length = left.length[index[usable]]
-    for group in _groups(rows, np.argsort(covariance[usable, 1, 1]), axes):
-        by, noise, chance, good = parallel_kernels.told(rows, group.total, group.direction, group.fits, group.others)
+    for group in _groups(rows, bare, np.argsort(covariance[usable, 1, 1]), axes):
+        by, noise, chance, good = parallel_kernels.told(
+            rows, bare, group.total, group.direction, group.fits, group.others
+        )
         k = np.flatnonzero(good)
         row = np.stack([by[:, 0] / rig.left.fx / by[:, 1], np.ones(len(by))], axis=1)
         at_infinity = row[k, 0] * (rig.left.cx - rig.right.cx)

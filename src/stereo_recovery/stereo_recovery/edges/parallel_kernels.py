@@ -96,10 +96,11 @@ def squares_by_themselves(rows: Rows) -> FloatArray:
 
 @njit
 def grown(
-    rows: Rows, seed: FloatArray, axes: FloatArray
+    rows: Rows, bare: Rows, seed: FloatArray, axes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, BoolArray]:
     """The group that a seed's normal matrix (3, 3) finds.
 
+    rows, bare : by all that is known, which says who belongs to it, and without any group, which makes the direction
     axes : (k, 3, 3) normal matrices of axes of circles
 
     Returns its direction (3,), the normal matrix (3, 3) that its edges make in that direction, of each edge the chance
@@ -120,7 +121,7 @@ def grown(
             fits[i] &= _product(rows.depth[i], d) ** 2 < GATE**2 * depth
             fits[i] &= chance[i] < CLEAR
             if fits[i]:
-                _add_squares(rows, i, d, total)
+                _add_squares(bare, i, d, total)
         for k in range(len(axes)):
             product = 0.0
             for r in range(3):
@@ -145,7 +146,7 @@ def _chance(variance: float, scale: float) -> float:
 
 @njit
 def told(
-    rows: Rows, total: FloatArray, before: FloatArray, member: BoolArray, others: IntArray
+    rows: Rows, bare: Rows, total: FloatArray, before: FloatArray, member: BoolArray, others: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """What a group says of each edge: w and lever of its direction (n, 2), variance and chance (n,), and to whom (n,).
 
@@ -159,7 +160,7 @@ def told(
         d, spread = common, common_spread
         if member[i]:
             own = np.zeros((3, 3))
-            _add_squares(rows, i, before, own)
+            _add_squares(bare, i, before, own)
             d, spread = direction(total - own)
         lever = _lever(rows, i, d)
         image = _variances(rows, i, d)[0] + _form(spread, rows.image[i])
