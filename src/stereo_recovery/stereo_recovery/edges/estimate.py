@@ -86,6 +86,8 @@ class Estimate:
         Probability of each, by what all others say.
     reliability : (n,) float64
         Probability that all hold on which an edge's depth hangs.
+    misfit : (k,) float64
+        By how many sigma each factor that holds misses what all others say; NaN where they do not say it.
     unit_variance : float
         How much larger covariances are than the stated sigmas have them; those of x hold it.
     """
@@ -95,6 +97,7 @@ class Estimate:
     used: BoolArray
     holds: FloatArray
     reliability: FloatArray
+    misfit: FloatArray
     unit_variance: float = 1.0
 
 
@@ -159,7 +162,7 @@ def _end_sigma(covariance: FloatArray, lines: OwnLines) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum('nei,nij,nej->ne', lines.ends, covariance, lines.ends)))
 
 
-def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
+def estimate(lines: OwnLines, factors: Factors, used: BoolArray, telling: int | None = None) -> Estimate:
     """The disparities of all edges.
 
     Parameters
@@ -170,11 +173,13 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
         What ties them to each other.
     used : (k,) bool
         Factors that were found to hold before.
+    telling : int, optional
+        The unit variance is told by so many of the factors, the first; by all when it is not given.
     """
     count = len(lines.extent)
     if count == 0:
         none = np.zeros(0)
-        return Estimate(lines.vector, lines.information, used, none, none)
+        return Estimate(lines.vector, lines.information, used, none, none, none)
     equations = NormalEquations(lines.information, lines.vector, factors)
     used = _start(equations, lines, used)
     removed = np.zeros(len(factors), np.int64)
@@ -192,31 +197,44 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray) -> Estimate:
         used = used | fresh
     solution = equations.solve(used)
     holds = probabilities(factors, solution, used)
-    unit = unit_variance(factors, solution, used)
+    misses = misfit(factors, solution, used)
+    unit = unit_variance(misses[:telling])
     sure = reliability(factors, solution, used, holds, lines)
-    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, unit)
+    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, misses, unit)
 
 
-def by_factors(lines: OwnLines, factors: Factors, used: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Unknowns (n, 2) and covariance (n, 2, 2) of edges by given factors that are taken to hold, (k,) bool."""
+def by_factors(
+    lines: OwnLines, factors: Factors, used: BoolArray, unit_variance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Unknowns (n, 2) and covariance (n, 2, 2) of edges by given factors that are taken to hold, (k,) bool.
+
+    unit_variance : how much larger covariances are than the stated sigmas have them, see :class:`Estimate`
+    """
     if len(lines.extent) == 0:
         return lines.vector, lines.information
     solution = NormalEquations(lines.information, lines.vector, factors).solve(used)
-    return solution.x, solution.covariance * unit_variance(factors, solution, used)
+    return solution.x, solution.covariance * unit_variance
 
 
-def unit_variance(factors: Factors, solution: Solution, used: BoolArray) -> float:
-    """Variance of unit weight: how much larger squared residuals are than the stated sigmas have them, at least 1.
-
-    By the median of residuals; the sigmas' own word is worth REDUNDANCY of them.
-    """
+def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
+    """(k,) by how many sigma each factor that is used misses what all others say; NaN where they do not say it."""
     own = factors.sigma**2
     share = np.where(used, 1.0 - solution.variance / own, 1.0)
     told = used & (share > 0.05)
-    if not told.any():
-        return 1.0
+    result = np.full(len(factors), np.nan)
     spread = solution.variance[told] / share[told] + own[told]
-    off = np.abs(solution.residual[told] / share[told]) / np.sqrt(spread)
+    result[told] = np.abs(solution.residual[told] / share[told]) / np.sqrt(spread)
+    return result
+
+
+def unit_variance(misses: FloatArray) -> float:
+    """Variance of unit weight: how much larger squared residuals are than the stated sigmas have them, at least 1.
+
+    By the median of residuals in sigmas, NaN left out; the sigmas' own word is worth REDUNDANCY of them.
+    """
+    off = misses[~np.isnan(misses)]
+    if len(off) == 0:
+        return 1.0
     scale = float(np.median(off)) / NORMAL_QUARTILE
     return max(1.0, (scale * len(off) + REDUNDANCY) / (len(off) + REDUNDANCY)) ** 2
 

@@ -15,7 +15,7 @@ from ..detection.segments import Segments
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
 from .corner_matching import inconsistent, matched_by_corners
-from .estimate import Estimate, by_factors, estimate
+from .estimate import Estimate, by_factors, estimate, unit_variance
 from .extents import Extents, extents
 from .factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from .further_views import ViewLines, joint_lines, seen_further, view_extents
@@ -50,11 +50,16 @@ def solved(
         if late():
             break
         own = Factors.concatenate([junction_factors(seen, found.x), *fixed])
-        alone = by_factors(lines, own, found.used[: len(own)])
+        alone = by_factors(lines, own, found.used[: len(own)], found.unit_variance)
         known = found.x, found.covariance
         parallel = parallel_factors(seen.segments[0], seen.matches.left, known, alone, curves, rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
-        found = estimate(lines, Factors.concatenate([own, parallel]), used)
+        found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own))
+        # Groups whose edges miss them by more than their sigmas say are told with larger ones, and no other factor.
+        scatter = unit_variance(found.misfit[len(own) :])
+        if scatter > 1.0:
+            parallel = replace(parallel, sigma=np.sqrt(scatter) * parallel.sigma)
+            found = estimate(lines, Factors.concatenate([own, parallel]), found.used, len(own))
     return found, lines.covariance_with_line(found.covariance)
 
 
