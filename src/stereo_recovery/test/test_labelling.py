@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.matching import candidate_kernels, dense_kernels, labelling_kernels
+from stereo_recovery.matching import candidate_kernels, dense_kernels, labelling, labelling_kernels
 from stereo_recovery.matching.candidate_kernels import Photometry, SegmentTable
 from stereo_recovery.matching.dense import DenseDisparity, windows
 from stereo_recovery.matching.labelling import grey_density, learnt_exposure, match
@@ -203,6 +203,17 @@ def test_the_end_of_a_row_of_like_bars_tells_their_period():
     found = match((left[0], right[0]), (left[1], right[1]), (1.0, 100.0), RADIUS, BELIEF)
     assert len(found) >= 12
     assert np.allclose(found.disparity, 17.0)
+
+
+@pytest.mark.parametrize(('levels', 'asked'), [([90.0, 150.0, 40.0, 200.0, 110.0], False), ([140.0, 60.0] * 5, True)])
+def test_dense_disparity_is_asked_only_where_something_is_open(monkeypatch, levels, asked):
+    columns = 70.0 + (24.0 if len(levels) == 5 else 12.0) * np.arange(len(levels))
+    (image, left), (other, right) = (bars(columns - shift, levels) for shift in (0.0, 17.0))
+    made = []
+    monkeypatch.setattr(labelling, 'DenseDisparity', lambda *given: made.append(given) or DenseDisparity(*given))
+    found = match((image, other), (left, right), (1.0, 100.0), RADIUS, BELIEF)
+    assert len(found) > 0
+    assert bool(made) == asked
 
 
 def test_what_is_left_over_in_both_images_is_no_match_far_from_all_others():

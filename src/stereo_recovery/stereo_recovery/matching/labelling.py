@@ -47,6 +47,7 @@ from .settings import (
     ROOM,
     ROOM_SHARE,
     ROUNDS,
+    SETTLED,
     SHIFT_SIGMA,
 )
 
@@ -137,7 +138,8 @@ def match(
     if late():
         return _matches(first)
     exposure = learnt_exposure(profiles, first.node[first.chosen])
-    dense = DenseDisparity(*greys, *_range(first.value[first.chosen], window))
+    settled = bool((np.minimum(first.belief, 1.0 - first.belief) < SETTLED).all())
+    dense = None if settled else DenseDisparity(*greys, *_range(first.value[first.chosen], window))
     return _matches(labelled(exposure, dense, ROUNDS))
 
 

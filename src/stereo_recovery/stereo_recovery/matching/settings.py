@@ -85,6 +85,9 @@ RANDOM_SHARE = 0.25
 PARTNER_ODDS = 4.0
 # Candidates of a segment that stay in the game, and the least log odds that one has by itself. [R] bounds the time
 MOST_CANDIDATES, LEAST_ODDS = 8, -6.0
+# Belief nearer than this to 0 or 1 is settled: where the first pass settles all, dense disparity is not asked. [R]
+# bounds the time
+SETTLED = 0.02
 # Rounds of belief propagation, in the first pass and in the second; share of a new belief that is taken. [R]
 FIRST_ROUNDS, ROUNDS, DAMPING = 3, 8, 0.7
 # Log odds beyond which nothing is more certain. [D] keeps the exponential finite
