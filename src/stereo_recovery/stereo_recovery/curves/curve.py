@@ -211,11 +211,12 @@ def image_conic(curve: Curve, view: CameraView) -> FloatArray:
     True
     """
     major, minor = curve.radii[0] * curve.first, curve.radii[1] * curve.second
-    plane = view.matrix @ np.stack([major, minor, curve.centre - [view.x, 0.0, 0.0]], axis=1)
-    inverse = np.linalg.inv(plane)
-    conic: FloatArray = inverse.T @ np.diag([1.0, 1.0, -1.0]) @ inverse
+    a, b, c = (view.matrix @ part for part in (major, minor, curve.centre - [view.x, 0.0, 0.0]))
+    # Rows of the homography's inverse, up to its determinant.
+    rows = np.array([cross(b, c), cross(c, a), cross(a, b)])
+    conic: FloatArray = rows[:2].T @ rows[:2] - np.outer(rows[2], rows[2])
     conic = conic / np.abs(conic).max()
-    return -conic if np.trace(conic[:2, :2]) < 0.0 else conic
+    return -conic if conic[0, 0] + conic[1, 1] < 0.0 else conic
 
 
 def conic_gradient(conic: FloatArray, points: FloatArray) -> FloatArray:

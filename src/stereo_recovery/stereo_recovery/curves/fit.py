@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from msgs_py.numeric.robust import sigma_from_median
-from msgs_py.numeric.typed import FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray
 
-from ..detection.settings import CORRELATION_LENGTH
 from . import fit_kernels, settings
 from .axis_constraint import AxisConstraint
 from .curve import CameraView, Curve, CurveShape, cross
@@ -50,11 +49,9 @@ def refine(
     if circle:
         curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
     seen = edgels.points
-    count = len(seen.points)
     sigma = edgels.sigma
-    if count < settings.LEAST_POINTS:
+    if len(seen.points) < settings.LEAST_POINTS:
         return None
-    distance, bias = np.empty(count), np.empty(count)
     information = np.zeros((0, 0)) if axis is None else np.linalg.inv(axis.covariance(curve.centre))
     try:
         good, shape = fit_kernels.minimise(
@@ -69,24 +66,14 @@ def refine(
         if not good:
             return None
         shape = CurveShape(*shape)
-        matrix, _, cost, weights, rows = fit_kernels.equations(shape, circle, seen, sigma, distance, bias)
-        if not np.isfinite(cost):
-            return None
-        rms = float(np.sqrt(np.mean(np.minimum(distance * distance, settings.MOST_SQUARED_RESIDUAL))))
         if rough and circle:
-            return replace(curve.with_shape(shape), rms=rms)
+            rms = fit_kernels.truncated_rms(shape, seen)
+            return replace(curve.with_shape(shape), rms=rms) if np.isfinite(rms) else None
         prior = np.zeros((0, 0))
         if axis is not None:
             slope = axis.jacobian(shape.normal, shape.first)
             prior = slope.T @ information @ slope
-            matrix[:5, :5] += prior * settings.CORRELATED_EDGELS
-        variance_factor = max(1.0, float(weights @ (distance * distance)) / max(count - len(matrix), 1))
-        covariance = _covariance(
-            matrix,
-            prior,
-            variance_factor,
-            _common_part(rows, weights, edgels.bias, sigma, fit_kernels.sectors(shape, seen)),
-        )
+        covariance, rms, off = fit_kernels.fitted(shape, circle, seen, sigma, edgels.bias, prior)
     except np.linalg.LinAlgError:
         return None
     if not circle and not _is_oblong(shape, covariance):
@@ -97,53 +84,7 @@ def refine(
     if not (np.isfinite(covariance).all() and np.isfinite(rms) and (np.diag(covariance) >= 0.0).all()):
         return None
     shape, covariance = _major_first(shape, covariance)
-    misfit = sigma_from_median(float(np.median(np.abs(distance) / sigma)))
-    return replace(curve.with_shape(shape), covariance=covariance, rms=rms, misfit=misfit)
-
-
-def _common_part(
-    rows: FloatArray, weights: FloatArray, bias: FloatArray, sigma: FloatArray, sector: IntArray
-) -> FloatArray:
-    """(p, p) float64: variance of the normal equations' right side by displacements that neighbouring edgels share.
-
-    Such displacements do not average out over the edgels. rows : (n, p) jacobian; weights, bias, sigma, sector : (n,).
-    """
-    within_sectors: FloatArray = fit_kernels.common_displacement(
-        rows,
-        weights,
-        np.hypot(bias, settings.COMMON_SIGMA + settings.COMMON_SHARE * sigma),
-        sector,
-        2 * settings.SECTORS,
-    )
-    within_sectors += fit_kernels.common_displacement(
-        rows, weights, settings.OVERALL_SIGMA + settings.OVERALL_SHARE * sigma, np.zeros(len(rows), np.int64), 1
-    )
-    return within_sectors
-
-
-def _covariance(matrix: FloatArray, prior: FloatArray, variance_factor: float, common: FloatArray) -> FloatArray:
-    """(p, p) float64: covariance of the parameters, M^-1 S M^-1 (the sandwich estimator).
-
-    matrix : (p, p), M, normal matrix with the constraint's part CORRELATED_EDGELS * prior; prior : (5, 5) information
-    of an axis constraint, or (0, 0); variance_factor : mean squared weighted residual, at least 1; common : (p, p).
-    """
-    inverse = np.linalg.inv(matrix)
-    correlated = CORRELATION_LENGTH * variance_factor
-    spread = matrix * correlated + common
-    if len(prior):
-        # The constraint is part of M with the factor CORRELATED_EDGELS; its own variance has that factor squared.
-        size = len(matrix)
-        factor = settings.CORRELATED_EDGELS
-        spread -= _widened(prior * factor * correlated, size) - _widened(prior * factor**2, size)
-    covariance: FloatArray = inverse @ spread @ inverse
-    return covariance
-
-
-def _widened(matrix: FloatArray, size: int) -> FloatArray:
-    """(size, size) float64: a smaller matrix in the upper left corner, else 0."""
-    result = np.zeros((size, size))
-    result[: len(matrix), : len(matrix)] = matrix
-    return result
+    return replace(curve.with_shape(shape), covariance=covariance, rms=rms, misfit=sigma_from_median(off))
 
 
 def _is_oblong(shape: CurveShape, covariance: FloatArray) -> bool:

@@ -12,10 +12,13 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import MAD_TO_SIGMA
 from msgs_py.numeric.typed import FloatArray, IntArray
 
-from ..detection.settings import CAUCHY, SMALLEST
+from ..detection.settings import CAUCHY, CORRELATION_LENGTH, SMALLEST
 from .curve import CurveShape
 from .observations import ImagePoints
 from .settings import (
+    COMMON_SHARE,
+    COMMON_SIGMA,
+    CORRELATED_EDGELS,
     CURVATURE_VARIANCE_SHARE,
     DAMPING_ATTEMPTS,
     DAMPING_FACTOR,
@@ -27,6 +30,9 @@ from .settings import (
     LEAST_DAMPING,
     LEAST_GAIN,
     MOST_CURVATURE_BIAS,
+    MOST_SQUARED_RESIDUAL,
+    OVERALL_SHARE,
+    OVERALL_SIGMA,
     SECTORS,
 )
 
@@ -375,6 +381,62 @@ def minimise(
         if gained < LEAST_GAIN * cost:
             break
     return True, shape
+
+
+@njit
+def truncated_rms(shape: CurveShape, seen: ImagePoints) -> float:
+    """Root mean square of distances, pixels, of which none counts more than MOST_SQUARED_RESIDUAL."""
+    distance, bias = np.empty(len(seen.points)), np.empty(len(seen.points))
+    residuals(shape, seen, distance, bias)
+    return float(np.sqrt(np.mean(np.minimum(distance * distance, MOST_SQUARED_RESIDUAL))))
+
+
+@njit
+def fitted(
+    shape: CurveShape, circle: bool, seen: ImagePoints, sigma: FloatArray, shared: FloatArray, prior: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """How well a fit knows its curve. Raises LinAlgError when the equations cannot be solved.
+
+    Parameters
+    ----------
+    shape : CurveShape
+    circle : bool
+    seen : ImagePoints
+    sigma, shared : (n,) float64, pixels
+        Of the edgels; the localisation bias, which neighbours have in common.
+    prior : (5, 5) float64
+        Information of an axis constraint; (0, 0) for a fit without one.
+
+    Returns
+    -------
+    covariance : (p, p) float64
+        Of the parameters of :func:`moved`, M^-1 S M^-1 (the sandwich estimator).
+    rms : float
+        Pixels, see :func:`truncated_rms`; not finite where the curve is none.
+    off : float
+        Median of |distance| / sigma.
+    """
+    distance, bias = np.empty(len(sigma)), np.empty(len(sigma))
+    matrix, _, cost, weights, rows = equations(shape, circle, seen, sigma, distance, bias)
+    size = len(matrix)
+    if not np.isfinite(cost):
+        return np.zeros((size, size)), np.inf, np.inf
+    if len(prior):
+        matrix[:5, :5] += prior * CORRELATED_EDGELS
+    variance_factor = max(1.0, (weights * distance * distance).sum() / max(len(sigma) - size, 1))
+    # Displacements that edgels have in common do not average out: those of a sector, and those of all.
+    of_sector = np.hypot(shared, COMMON_SIGMA + COMMON_SHARE * sigma)
+    common = common_displacement(rows, weights, of_sector, sectors(shape, seen), 2 * SECTORS)
+    of_all = OVERALL_SIGMA + OVERALL_SHARE * sigma
+    common += common_displacement(rows, weights, of_all, np.zeros(len(sigma), np.int64), 1)
+    correlated = CORRELATION_LENGTH * variance_factor
+    spread = matrix * correlated + common
+    if len(prior):
+        # The constraint is part of M with the factor CORRELATED_EDGELS; its own variance has that factor squared.
+        spread[:5, :5] -= prior * CORRELATED_EDGELS * correlated - prior * CORRELATED_EDGELS**2
+    inverse = np.linalg.inv(matrix)
+    rms = np.sqrt(np.mean(np.minimum(distance * distance, MOST_SQUARED_RESIDUAL)))
+    return inverse @ spread @ inverse, float(rms), float(np.median(np.abs(distance) / sigma))
 
 
 @njit
