@@ -31,17 +31,28 @@ class Windows(NamedTuple):
 
 @njit
 def look_alike(windows: Windows, row: int, one: int, other: int) -> bool:
-    """Whether the windows about two columns of a row correlate by more than LOOK_ALIKE. Columns may lie outside."""
+    """Whether the window about a column correlates by more than LOOK_ALIKE with that about another, give or take one.
+
+    row : of both; columns may lie outside of the image
+    """
     image, half = windows.image, windows.half
     height, width = image.shape
     row = min(max(row, half), height - 1 - half)
-    one, other = min(max(one, half), width - 1 - half), min(max(other, half), width - 1 - half)
-    both = np.float32(0.0)
+    one, other = min(max(one, half), width - 1 - half), min(max(other, half + 1), width - 2 - half)
+    # Three sums at a time, none of which waits for the others.
+    before, at, behind = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for y in range(row - half, row + half + 1):
         for x in range(-half, half + 1):
-            both += image[y, one + x] * image[y, other + x]
-    both -= (2 * half + 1) ** 2 * windows.mean[row, one] * windows.mean[row, other]
-    return bool(both > LOOK_ALIKE * windows.contrast[row, one] * windows.contrast[row, other])
+            level = image[y, one + x]
+            before += level * image[y, other + x - 1]
+            at += level * image[y, other + x]
+            behind += level * image[y, other + x + 1]
+    mean, contrast = (2 * half + 1) ** 2 * windows.mean[row, one], LOOK_ALIKE * windows.contrast[row, one]
+    return bool(
+        before - mean * windows.mean[row, other - 1] > contrast * windows.contrast[row, other - 1]
+        or at - mean * windows.mean[row, other] > contrast * windows.contrast[row, other]
+        or behind - mean * windows.mean[row, other + 1] > contrast * windows.contrast[row, other + 1]
+    )
 
 
 @njit
@@ -71,10 +82,7 @@ def log_ratios(
                         continue
                     taken, own = int(np.rint(column - dense)), int(np.rint(column - along[k, m]))
                     # Where the picture repeats itself along the row, dense disparity is any of the repeats.
-                    repeated = look_alike(right, row, taken, own)
-                    repeated = repeated or look_alike(right, row, taken, own - 1)
-                    repeated = repeated or look_alike(right, row, taken, own + 1)
-                    if not repeated:
+                    if not look_alike(right, row, taken, own):
                         side[s] += DIFFERS
             # Of each side one surface speaks, once.
             side[s] /= samples * offsets
