@@ -5,8 +5,9 @@
 
 Of rendered edges a row a group: how many, the share inside the stated bound (bar 95 %), and how many times too wide the
 bound is in the median (bar 2), for err_per and the cone of directions of its edges, or err_par of its ends. Then, of
-all, squared errors in units of their covariances over their degrees of freedom: mean (1 where covariances are true),
-median over chi squared's, and the share inside the 95 % region.
+all, squared errors in units of their covariances over their degrees of freedom: the share that no noise makes, the mean
+of the others (1 where covariances are true), the median over chi squared's, and the share of all inside the 95 %
+region.
 """
 
 from __future__ import annotations
@@ -140,8 +141,10 @@ def of_pairs(families: list[str]) -> Iterator[tuple[str, NormalisedErrors]]:
 
 
 def normalised_rows(head: str, normalised: NormalisedErrors) -> Iterator[str]:
-    for name, count, mean, median, inside in normalised.rows():
-        figures = f'mean {mean:7.2f}  median {median:5.2f}  inside 95 %: {100 * inside:5.1f} %'
+    for name, count, mistaken, mean, median, inside in normalised.rows():
+        figures = (
+            f'mistakes {100 * mistaken:4.1f} %  mean {mean:5.2f}  median {median:5.2f}  inside {100 * inside:5.1f} %'
+        )
         yield f'{head + name:<44} {count:>5}  {figures}'
 
 

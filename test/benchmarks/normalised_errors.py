@@ -18,6 +18,8 @@ from stereo_recovery.curves.curve import Curve
 # Pixels: an end this near to a true one, along the edge in the picture, claims to be it.
 CORNER_PX = 2.5
 SHARE = 0.95
+# Chance below which an error is no noise but a mistake: a wrong match, another edge beside the true one.
+MISTAKEN = 1e-6
 
 
 @dataclass
@@ -43,14 +45,17 @@ class NormalisedErrors:
         self.freedom[name] = error.shape[1]
         self.squared.setdefault(name, []).extend((error * white).sum(axis=1).tolist())
 
-    def rows(self) -> Iterator[tuple[str, int, float, float, float]]:
-        """Name, number, mean of the squares over their freedom, the same of the median, share inside 95 %."""
+    def rows(self) -> Iterator[tuple[str, int, float, float, float, float]]:
+        """Name, number, share that are mistakes; of the rest the mean of the squares over their freedom; of all the
+        median over that of chi squared, and the share inside 95 %."""
         for name, values in self.squared.items():
             law, squares = chi2(self.freedom[name]), np.array(values)
+            noise = squares < law.isf(MISTAKEN)
             yield (
                 name,
                 len(squares),
-                float(squares.mean()) / self.freedom[name],
+                float(1.0 - noise.mean()),
+                float(squares[noise].mean()) / self.freedom[name] if noise.any() else float('nan'),
                 float(np.median(squares) / law.median()),
                 float((squares <= law.ppf(SHARE)).mean()),
             )

@@ -180,7 +180,8 @@ def squared_deviation(found: Interpretation, truth: Pose) -> float:
     """
     if found.covariance is None:
         raise ValueError('found: the interpretation states no covariance')
-    near = min((found.pose, *found.symmetric_poses), key=lambda pose: pose.error_to(truth).rotation)
+    poses = (found.pose, *found.symmetric_poses)
+    near = min(poses, key=lambda pose: (round(pose.error_to(truth).rotation, 3), pose.error_to(truth).translation))
     # From an equal pose back to the stated one, by the model's symmetry.
     truth = truth.compose(near.inverse().compose(found.pose))
     turn = Pose(found.pose.rotation @ truth.rotation.T).rotation_vector

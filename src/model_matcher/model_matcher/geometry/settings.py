@@ -67,5 +67,6 @@ QUALITY_WEIGHT = 0.9
 # Squared residuals of a line and of a curve in sigmas beyond which it counts as an outlier: one in a thousand of chi
 # squared of four and of five degrees of freedom. [D]
 OUTLYING_LINE, OUTLYING_CURVE = 18.47, 20.52
-# Steps of the fit, and the gain in the sum of squares below which one was the last: a thousandth of a sigma.
-MOST_STEPS, CONVERGED = 12, 1e-6
+# Steps of the fit, the first of them with Huber's weights, and the gain in the sum of squares below which one was the
+# last: a thousandth of a sigma. [D]
+MOST_STEPS, HUBER_STEPS, CONVERGED = 12, 3, 1e-6

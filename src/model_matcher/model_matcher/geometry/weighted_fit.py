@@ -16,7 +16,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from .features import CURVE, FeatureRows
 from .least_squares import damp, solve6
 from .rigid_motion import compose_small, perpendiculars, transform_line
-from .settings import CONVERGED, MOST_STEPS, OUTLYING_CURVE, OUTLYING_LINE
+from .settings import CONVERGED, HUBER_STEPS, MOST_STEPS, OUTLYING_CURVE, OUTLYING_LINE
 
 
 class Fit(NamedTuple):
@@ -166,7 +166,8 @@ def weighted_fit(
     """Fit a pose to the data assigned to it, each feature by its covariance, in place.
 
     Both ends of an edge or axis lie on the model's line, anywhere along it; a curve's centre and normal on the model's.
-    A feature farther off than its covariance has it in one of a thousand counts as much less (Huber's weights).
+    A feature farther off than its covariance has it in one of a thousand counts less, the more the farther: by Huber's
+    weights until the pose is near, then by its square, so that a wrong one adds a constant.
 
     Parameters
     ----------
@@ -202,7 +203,7 @@ def weighted_fit(
                 centre[i] += data.rows[k, i]
     centre /= max(matched, 1)
     total, residuals, rms = 0.0, 0, 0.0
-    for _ in range(MOST_STEPS):
+    for turn in range(MOST_STEPS):
         normal[:], right[:] = 0.0, 0.0
         total, residuals, points, distances = 0.0, 0, 0, 0.0
         for k in range(len(assignment)):
@@ -218,7 +219,7 @@ def weighted_fit(
             for i in range(count):
                 d2 += block[i, 6] * block[i, 6]
             limit = OUTLYING_CURVE if is_curve else OUTLYING_LINE
-            weight = 1.0 if d2 <= limit else np.sqrt(limit / d2)
+            weight = 1.0 if d2 <= limit else np.sqrt(limit / d2) if turn < HUBER_STEPS else limit / d2
             for i in range(count):
                 for p in range(6):
                     right[p] += weight * block[i, p] * block[i, 6]
@@ -233,7 +234,7 @@ def weighted_fit(
         if not solve6(normal, right, step):
             break
         compose_small(motion, centre, step)
-        if (step * right).sum() < CONVERGED:
+        if turn >= HUBER_STEPS and (step * right).sum() < CONVERGED:
             break
     for p in range(6):
         for q in range(p):
