@@ -15,8 +15,10 @@ from ..detection.segments import Segments
 from ..matching.further_views import FurtherView
 from ..matching.matches import Matches, match_of
 from ..matching.stereo_segments import StereoSegments
+from .column_error import with_columns
 from .further_views import ViewLines, view_lines
 from .own_lines import line_pairs
+from .settings import LOST_SIGMA
 from .transfer import confirmations
 from .view_votes import Hypotheses, by_left, elected, sighted
 
@@ -53,8 +55,12 @@ def all_views(seen: StereoSegments, row_sigma: float, further: Sequence[FurtherV
     if not further:
         return AllViews(seen)
     left = seen.segments[0]
+    of_pair = _main_hypotheses(seen, row_sigma)
     views = [view_lines(view, rig, len(left)) for view in further]
-    hypotheses = [_main_hypotheses(seen, row_sigma), *(view.hypotheses() for view in views)]
+    aligned = [with_columns(view, of_pair, left, rig) for view in views]
+    calibrated = [view for view in aligned if max(view.row_sigma, view.column_sigma) < LOST_SIGMA]
+    views = [view_lines(view, rig, len(left)) for view in calibrated]
+    hypotheses = [of_pair, *(view.hypotheses() for view in views)]
     confirmed = confirmations(seen, rig, views, hypotheses)
     kept = np.flatnonzero(sighted(hypotheses, left.extent, confirmed))
     views, hypotheses = [views[k - 1] for k in kept[1:]], [hypotheses[k] for k in kept]

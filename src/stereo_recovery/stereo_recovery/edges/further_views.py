@@ -95,7 +95,7 @@ class ViewLines:
 def view_lines(view: FurtherView, main: StereoRig, count: int) -> ViewLines:
     """A further view's lines as information of the main pair's ``count`` left segments."""
     seen = view.seen
-    pairs = line_pairs(seen.matches, seen.segments, view.row_sigma)
+    pairs = line_pairs(seen.matches, seen.segments, view.row_sigma, view.column_sigma)
     i = seen.matches.left
     along, scale = view.turned.along[i], view.turned.scale[i]
     inverse = np.linalg.inv(along)

@@ -50,7 +50,9 @@ class LinePairs:
         return OwnLines(inverse * (self.rise**2)[:, None, None], vector, extent, with_line)
 
 
-def line_pairs(matches: Matches, segments: tuple[Segments, Segments], row_sigma: float) -> LinePairs:
+def line_pairs(
+    matches: Matches, segments: tuple[Segments, Segments], row_sigma: float, column_sigma: float = 0.0
+) -> LinePairs:
     """What the two fitted lines of matched segments say of the disparity along the left one.
 
     The right line crosses the left one's rows, wherever the edge leaves them; an edge along the rows is hardly
@@ -62,8 +64,9 @@ def line_pairs(matches: Matches, segments: tuple[Segments, Segments], row_sigma:
         n edges.
     segments : (Segments, Segments)
         Of the left and the right image.
-    row_sigma : float, pixels
-        By which single rows of the two images disagree.
+    row_sigma, column_sigma : float, pixels
+        By which single rows of the two images disagree, and columns, of two that a third camera holds against each
+        other.
     """
     left, right = segments
     i, j = matches.left, matches.right
@@ -80,6 +83,7 @@ def line_pairs(matches: Matches, segments: tuple[Segments, Segments], row_sigma:
     sl, sr = _without_common_sagitta(left, right, i, j, b)
     covariance = np.empty((len(i), 2, 2))
     covariance[:, 0, 0] = sr[:, 0] ** 2 + (p * sr[:, 1]) ** 2 + (tr[:, 0] * row_sigma) ** 2
+    covariance[:, 0, 0] += (tr[:, 1] * column_sigma) ** 2
     covariance[:, 0, 1] = covariance[:, 1, 0] = p * q * sr[:, 1] ** 2
     # Rows that disagree by different amounts at the two ends turn the line.
     turn = np.sqrt(2.0) * tr[:, 0] * row_sigma / np.maximum(left.length[i], 1.0)

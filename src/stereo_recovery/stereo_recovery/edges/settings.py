@@ -125,7 +125,10 @@ VIEW_GATE = 11.8
 BELIEF_MOST = 0.999
 # Probability that a camera is blind (covered, blinded, moved since its calibration), and that it agrees on a segment
 # whose depth it and the main pair know, if it sees and if it is blind. [R]
-BLIND_PRIOR, SIGHTED_AGREEMENT, BLIND_AGREEMENT = 0.01, 0.85, 0.2
+BLIND_PRIOR, SIGHTED_AGREEMENT, BLIND_AGREEMENT = 0.05, 0.85, 0.2
+# px: sigma of single rows or columns above which a camera is not where its calibration says; of rows that have nothing
+# to do with each other half a dozen witnesses give 1.4. [R]
+LOST_SIGMA = 0.8
 # px: sigma of a prediction's place in another picture beyond that of the lines; share of it that a segment there has to
 # cover. [R] Of matches that contradict each other, the probability that a right one is confirmed so, and that a wrong
 # one is. [P]

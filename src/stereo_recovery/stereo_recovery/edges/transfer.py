@@ -82,15 +82,31 @@ def confirmations(
                 ends[..., 0] -= d
                 found = on_segments(ends, spread, seen.segments[1])
             else:
-                found = on_segments(*_in_view(views[b - 1], rig, asked, d, spread), views[b - 1].view.seen.segments[1])
+                found = on_segments(*seen_by(views[b - 1], rig, asked, d, spread), views[b - 1].view.seen.segments[1])
             result[a, b, asked] = np.where(found, 1.0, -1.0)
     return result
 
 
-def _in_view(
+def seen_by(
     lines: ViewLines, main: StereoRig, left: IntArray, d: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Where a further camera sees the ends of left segments (k,) of disparities (k, 2), and the columns' sigma."""
+    """Where a further camera sees the ends of left segments.
+
+    Parameters
+    ----------
+    lines : ViewLines
+        Of the camera.
+    main : StereoRig
+    left : (k,) int
+        Left segments of the main pair that the camera's own pair shows.
+    d, spread : (k, 2) float64, pixels
+        Disparity at their ends, and its sigma.
+
+    Returns
+    -------
+    (k, 2, 2), (k, 2) float64, pixels
+        The ends in the camera's turned picture, and the sigma of their columns.
+    """
     view = lines.view
     own = np.searchsorted(view.left, left)
     segments, along = view.seen.segments[0], view.turned.along[own]

@@ -83,8 +83,8 @@ def sharp(hypotheses: Hypotheses, extent: FloatArray) -> BoolArray:
 def sighted(hypotheses: Sequence[Hypotheses], extent: FloatArray, confirmed: FloatArray) -> BoolArray:
     """(v,) bool: cameras that see the scene that the first one, the main pair, sees; a covered one does not.
 
-    Each common segment whose depth both know is a witness: of cameras that see, most agree, or one of the two is
-    confirmed by the picture of the other and not the reverse; of one that is blind few are, by accident.
+    Each common segment whose depth both know is a witness: a camera that sees agrees on most, or says better where the
+    pair is wrong, which the pair's own picture confirms and not the reverse; one that is blind does so by accident.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def sighted(hypotheses: Sequence[Hypotheses], extent: FloatArray, confirmed: Flo
     result = np.ones(len(hypotheses), bool)
     for v in range(1, len(hypotheses)):
         both = sharp(hypotheses[0], extent) & sharp(hypotheses[v], extent)
-        one_scene = agree[0, v] | (confirmed[0, v] != confirmed[v, 0])
+        one_scene = agree[0, v] | (confirmed[v, 0] > confirmed[0, v])
         yes, no = int((both & one_scene).sum()), int((both & ~one_scene).sum())
         odds = np.log((1.0 - BLIND_PRIOR) / BLIND_PRIOR)
         odds += yes * np.log(SIGHTED_AGREEMENT / BLIND_AGREEMENT)

@@ -40,6 +40,8 @@ class FurtherView:
         The two cameras, turned.
     row_sigma : float, pixels
         By which single rows of the two disagree.
+    column_sigma : float, pixels
+        By which single columns disagree with the depths that the main pair has.
     """
 
     seen: StereoSegments
@@ -47,6 +49,7 @@ class FurtherView:
     turned: TurnedSegments
     rig: StereoRig
     row_sigma: float
+    column_sigma: float = 0.0
 
 
 def further_view(

@@ -36,6 +36,8 @@ from .stereo_segments import StereoSegments
 class RowError:
     """Pixels by which the right image's rows lie below the left's: offset + turn . (point - centre) / half size.
 
+    Or by which its columns lie to the right of where another camera has them.
+
     Attributes
     ----------
     offset : float, pixels
@@ -47,6 +49,8 @@ class RowError:
         Of what single rows differ from that.
     count : int
         Corners and edges that it was fitted to.
+    axis : int
+        1 of rows, 0 of columns.
     """
 
     offset: float
@@ -55,19 +59,20 @@ class RowError:
     half: FloatArray
     sigma: float
     count: int
+    axis: int = 1
 
     def at(self, points: FloatArray) -> FloatArray:
         """(...) float64, pixels: the error at points (..., 2) of the right image."""
         return np.asarray(self.offset + ((points - self.centre) / self.half) @ self.turn)
 
     def without(self, points: FloatArray) -> FloatArray:
-        """(..., 2) float64, pixels: points of the right image at the left image's rows."""
+        """(..., 2) float64, pixels: points of the right image where they are without the error."""
         moved = points.copy()
-        moved[..., 1] -= self.at(points)
+        moved[..., self.axis] -= self.at(points)
         return moved
 
     def aligned_segments(self, right: Segments) -> Segments:
-        """The right image's segments at the left image's rows."""
+        """The right image's segments without the error."""
         if len(right) == 0:
             return right
         start, end, centre = (self.without(points) for points in (right.start, right.end, right.centre))
@@ -139,9 +144,28 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowE
     least : float, pixels
         Least sigma of single rows.
     """
+    return fitted_error(_witnesses(seen), size, least)
+
+
+def fitted_error(
+    witnesses: tuple[FloatArray, FloatArray, FloatArray], size: tuple[int, int], least: float, axis: int = 1
+) -> RowError:
+    """The error that witnesses tell, some of which are none.
+
+    Parameters
+    ----------
+    witnesses : (k, 2), (k,), (k,) float64, pixels
+        Points of the right image, by how much they are off, and its sigma.
+    size : (int, int), pixels
+        Width and height of the right image.
+    least : float, pixels
+        Least sigma of single rows or columns.
+    axis : int
+        1 of rows, 0 of columns.
+    """
     half = 0.5 * np.array(size, float)
     centre = half - 0.5
-    point, off, sigma = _witnesses(seen)
+    point, off, sigma = witnesses
     near = np.abs(off) < ROW_SHIFT_MOST
     point, off, sigma = point[near], off[near], sigma[near]
     columns = np.column_stack([np.ones(len(point)), (point - centre) / half])
@@ -160,7 +184,7 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowE
     by_chance = _excess(off, sigma, least)
     if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
         value, single = np.zeros(3), by_chance
-    return RowError(float(value[0]), value[1:], centre, half, single, len(off))
+    return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
 
 
 def _log_odds(
