@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from msgs_py import PinholeCamera
 from stereo_recovery.curves import inlier_kernels
+from stereo_recovery.curves.curve import CameraView, Curve, CurveShape
+from stereo_recovery.curves.curve_search import is_line
 from stereo_recovery.curves.settings import CORNER_EDGELS
 
 CIRCLE = np.diag([1.0, 1.0, -400.0])
@@ -38,3 +42,15 @@ def test_a_closed_run_has_no_ends():
     position, _ = around(60)
     assert len(inlier_kernels.without_ends(np.ones(60, bool), position)) == 60
     assert len(inlier_kernels.without_ends(np.zeros(60, bool), position)) == 0
+
+
+@pytest.mark.parametrize(('degrees', 'line'), [(0.0, True), (1.0, True), (3.0, False), (30.0, False), (90.0, False)])
+def test_a_circle_seen_edge_on_is_a_line(degrees, line):
+    """A radius of 20 mm at 1 m, f = 1000 pixels: 20 pixels, times the sine of the angle from which its face is seen."""
+    angle = np.radians(degrees)
+    centre, normal = np.array([0.0, 0.0, 1.0]), np.array([np.cos(angle), 0.0, np.sin(angle)])
+    curve = Curve.unfitted(CurveShape(centre, normal, np.array([0.0, 1.0, 0.0]), np.full(2, 0.02)))
+    camera = PinholeCamera.centred(640, 480, 1000.0)
+    assert is_line(curve, CameraView(camera, 0.0)) == line
+    # From the side the other camera sees its face.
+    assert not is_line(curve, CameraView(camera, 0.3))

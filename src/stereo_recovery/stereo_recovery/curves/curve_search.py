@@ -8,7 +8,7 @@ import numpy as np
 
 from . import settings
 from .axis_constraint import AxisConstraint
-from .curve import Curve
+from .curve import CameraView, Curve
 from .fit import refine
 from .inliers import inliers, visible_arc
 from .observations import EdgelMasks, StereoEdgels
@@ -34,7 +34,7 @@ def recover_curve(
     Returns
     -------
     Curve or None
-        With its edgels, arc, coverage and a normal out of its face; None when it does not fit.
+        With its edgels, arc, coverage and a normal out of its face; None when it does not fit, or looks like a line.
     """
     curve_edgels = edgels.select(chosen)
     curve = _first_fit(start, curve_edgels, axis)
@@ -59,7 +59,7 @@ def recover_curve(
         curve = replace(again, left=on_left, right=on_right)
         if axis is None and curve.is_circle:
             curve = _perhaps_ellipse(curve, curve_edgels)
-    if curve.rms > settings.WORST_RMS:
+    if curve.rms > settings.WORST_RMS or any(is_line(curve, view) for _, view in edgels.sides):
         return None
     arc, coverage = visible_arc(curve, curve_edgels)
     return outward(replace(curve, arc=arc, coverage=coverage))
@@ -87,6 +87,24 @@ def _perhaps_ellipse(circle: Curve, curve_edgels: StereoEdgels) -> Curve:
     ):
         return ellipse
     return circle
+
+
+def is_line(curve: Curve, view: CameraView) -> bool:
+    """Whether a camera sees a curve so flat that all edgels of a straight line would belong to it.
+
+    Parameters
+    ----------
+    curve : Curve
+    view : CameraView
+
+    Returns
+    -------
+    bool
+    """
+    sight = curve.centre - view.centre
+    distance = float(np.linalg.norm(sight))
+    width = view.camera.fx * curve.radii[0] * abs(float(curve.normal @ sight)) / distance**2
+    return bool(width < settings.INLIER_DISTANCE)
 
 
 def is_determined(curve: Curve) -> bool:
