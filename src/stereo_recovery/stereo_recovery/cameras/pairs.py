@@ -12,6 +12,7 @@ Hartley and Zisserman, Multiple View Geometry, 2nd edition, sections 8.4.2 and 1
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import cv2
@@ -23,7 +24,9 @@ from msgs_py.settings import RECTIFIED_TOLERANCE
 
 from .settings import (
     BASELINES_AWAY,
+    BORDER_SAMPLES,
     FEWEST_ROWS,
+    KEPT_RIGS,
     LEAST_SIDEWAYS,
     MOST_OBLIQUE,
     OVERLAP_DEPTHS,
@@ -121,7 +124,8 @@ def camera_pair(rig: CameraRig, left: int, right: int) -> CameraPair | None:
     )
 
 
-def main_pairs(rig: CameraRig) -> list[CameraPair]:
+@lru_cache(maxsize=KEPT_RIGS)
+def main_pairs(rig: CameraRig) -> tuple[CameraPair, ...]:
     """All pairs of a rig, the likeliest to show most, most exactly, first.
 
     That is by the share of the left picture that the right camera sees as well, times the baseline.
@@ -136,7 +140,7 @@ def main_pairs(rig: CameraRig) -> list[CameraPair]:
         upright = min(pairs, key=lambda pair: float(-np.trace(_turn(rig, pair))))
         found.append((_overlap(rig, upright, BASELINES_AWAY * widest) * upright.rig.baseline, upright))
     # The order of the cameras decides between equals.
-    return [pair for _, pair in sorted(found, key=lambda entry: -round(entry[0] / widest, 6))]
+    return tuple(pair for _, pair in sorted(found, key=lambda entry: -round(entry[0] / widest, 6)))
 
 
 def _as_it_comes(left: PinholeCamera, right: PinholeCamera, between: Pose) -> StereoRig | None:
@@ -162,12 +166,11 @@ def _window(camera: PinholeCamera, turn: FloatArray, focal: float) -> FloatArray
 
     What is seen too far from straight ahead would be drawn out beyond measure, and is cut off.
     """
-    w, h = camera.width, camera.height
-    # The border's pixels: a turned picture's farthest point is one of them.
-    u, v = np.arange(w), np.arange(h)
+    # Corners are the farthest points of a turned picture unless they are cut off.
+    u, v = (np.linspace(0.0, size - 1.0, BORDER_SAMPLES) for size in (camera.width, camera.height))
     border = np.concatenate(
-        [np.stack([u, np.full(w, at)], axis=1) for at in (0, h - 1)]
-        + [np.stack([np.full(h, at), v], axis=1) for at in (0, w - 1)]
+        [np.stack([u, np.full_like(u, at)], axis=1) for at in v[[0, -1]]]
+        + [np.stack([np.full_like(v, at), v], axis=1) for at in u[[0, -1]]]
     )
     rays = camera.rays(border) @ turn.T
     seen = rays[:, :2] / np.maximum(rays[:, 2:], 1.0 / WIDEST_PICTURE)

@@ -20,6 +20,9 @@ LEAST_SIDEWAYS = 0.35
 # Tangent of the angle from straight ahead up to which a turned picture is kept; and the least depth, as a share of the
 # ray, at which a pixel counts as before the camera, as its inverse.
 MOST_OBLIQUE, WIDEST_PICTURE = 1.8, 100.0
+# Points of each side of a picture's border that are looked at for where it lies when turned; and rigs whose pairs are
+# kept for the next set of images.
+BORDER_SAMPLES, KEPT_RIGS = 33, 4
 # Rows that a pair has to have in common, pixels.
 FEWEST_ROWS = 32
 # The nearest things of interest, in baselines of the widest pair (the thesis' rig: 5), for which overlap is counted, in
