@@ -79,7 +79,10 @@ def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryPar
 
 @overload
 def recover(
-    left: Sequence[AnyArray], right: CameraRig, rig: RecoveryParams | None = None, params: RecoveryParams | None = None
+    left: Sequence[AnyArray],
+    right: CameraRig | StereoRig,
+    rig: RecoveryParams | None = None,
+    params: RecoveryParams | None = None,
 ) -> Recovery: ...
 
 
@@ -95,7 +98,7 @@ def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | Non
     ----------
     left, right : (h, w) or (h, w, 3) uint8, uint16 or float
         Images of a rectified pair, of the rig's size. Or, as the first two arguments, ``images``, a sequence of such
-        without distortion, and ``cameras``, a CameraRig with as many cameras.
+        without distortion, and ``cameras``, a CameraRig with as many cameras (or a StereoRig).
     rig : StereoRig
         The two calibrated cameras.
     params : RecoveryParams, optional
@@ -124,6 +127,8 @@ def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | Non
     >>> recover([plain, plain], CameraRig.from_stereo(rig)).reason
     'no texture: no edges in the left image'
     """
+    if isinstance(right, StereoRig):
+        right = CameraRig.from_stereo(right)
     many = isinstance(right, CameraRig)
     params = rig if many and isinstance(rig, RecoveryParams) else params
     params = params or RecoveryParams()

@@ -73,6 +73,7 @@ def test_two_cameras_of_a_rig_give_what_the_pair_gives_to_the_bit(three):
     by_pair = recover(three[0], three[1], PAIR)
     assert len(by_pair.features) > 5 and same_features(by_rig.features, by_pair.features)
     assert by_rig.counts == by_pair.counts
+    assert same_features(recover(three[:2], PAIR).features, by_pair.features)
     # The parameters may stand in the third place or by name.
     params = RecoveryParams(min_length=30.0)
     fewer = recover(three[0], three[1], PAIR, params).features
