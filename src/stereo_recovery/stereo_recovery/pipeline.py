@@ -20,6 +20,7 @@ from .curves.observations import StereoEdgels
 from .curves.occluding_contours import on_contours
 from .curves.opposite_rims import hidden_opposite_rims
 from .curves.orientation import oriented_by_faces
+from .detection.conics import sampson
 from .detection.edgels import Edgels, as_grey, blur_variance
 from .detection.junctions import find_junctions
 from .detection.segments import Segments
@@ -31,6 +32,7 @@ from .edges.lines3d import EdgesInSpace, Lines3D, to_space
 from .edges.selection import is_certain_beside_rims, is_edge
 from .edges.straight_edges import edges
 from .edges.tangency import joined_ends
+from .matching.dense import DenseDisparity
 from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
 from .matching.matches import Matches
@@ -411,10 +413,17 @@ def compile_steps() -> tuple[CompileStep, ...]:
     def one_image() -> None:
         detect_view(as_grey(disc, 'left'), params.detector, params.sigma, params.low, params.high)
 
+    def not_for_every_pair() -> None:
+        grey = as_grey(disc, 'left')
+        segments = detect_view(grey, params.detector, params.sigma, params.low, params.high).segments
+        DenseDisparity(grey, grey, 0.0, 16.0).log_ratio(np.zeros((1, 2), np.int32), np.zeros((1, 8)), segments)
+        sampson(np.diag([1.0, 1.0, -1.0]), np.zeros((1, 2)))
+
     return (
         CompileStep('edges of one image', one_image),
         CompileStep('straight edges in space', lambda: recover(square, np.roll(square, -12, axis=1), rig)),
         CompileStep('curves in space', lambda: recover(disc, np.roll(disc, -12, axis=1), rig)),
+        CompileStep('what not every pair needs', not_for_every_pair),
     )
 
 
