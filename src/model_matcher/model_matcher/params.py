@@ -43,7 +43,7 @@ class MatchParams:
         Degrees, the cone of a curve's normal (thesis 6.5).
     fracdev : float
         A data end point must lie within this times the largest distance between model vertices of its model feature,
-        or within its own stated error if that is larger (thesis 5.6).
+        its own stated error taken in as well: the quadratic sum of both (thesis 5.6 takes the larger).
     curvedev : float
         The same for radii, as a fraction of the largest model radius (thesis 6.7).
     err_scale : float

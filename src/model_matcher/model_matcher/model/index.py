@@ -218,15 +218,15 @@ def data_tolerances(data: FeatureSet, rows: np.ndarray, size: float, params: Mat
     Returns
     -------
     (n, 3) float64
-        Across (metres): the stated error, or fracdev x size where that is larger; along (metres): the same with the
-        overhang; half cone angle (radians): thesis 5.4, with the errors at both ends, at most max_cone_deg
-        (curve_cone_deg for curves).
+        Across (metres): the stated error and fracdev x size, which are independent: the root of the sum of their
+        squares; along (metres): the same with the overhang; half cone angle (radians): thesis 5.4, with the errors at
+        both ends, at most max_cone_deg (curve_cone_deg for curves).
     """
     floor = params.fracdev * size
     tolerances = np.empty((len(rows), 3))
-    tolerances[:, 0] = np.maximum(data.err_per * params.err_scale, floor)
+    tolerances[:, 0] = np.hypot(data.err_per * params.err_scale, floor)
     half = rows[:, 6]
-    tolerances[:, 1] = np.maximum(data.err_par * params.err_scale, floor) + params.overhang * 2.0 * half
+    tolerances[:, 1] = np.hypot(data.err_par * params.err_scale, floor) + params.overhang * 2.0 * half
     room = np.maximum(2.0 * half - 2.0 * data.err_par * params.err_scale, NOT_ZERO)
     cone = np.arctan2(2.0 * tolerances[:, 0], room)
     tolerances[:, 2] = np.minimum(cone, np.radians(params.max_cone_deg))
