@@ -26,12 +26,14 @@ from .detection.junctions import find_junctions
 from .detection.segments import Segments
 from .detection.turned import turned_view
 from .detection.view import View, detect_view, detect_views
-from .edges.all_views import AllViews, all_views
+from .edges.all_views import all_views
 from .edges.hiding import hidden_ends
-from .edges.lines3d import EdgesInSpace, Lines3D, to_space
+from .edges.joining import join_parts
+from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
 from .edges.selection import is_certain_beside_rims, is_edge
-from .edges.straight_edges import edges
+from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
+from .edges.texture import Texture, texture_rows
 from .matching.dense import DenseDisparity
 from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
@@ -40,7 +42,15 @@ from .matching.merging import join_matched, split_matched
 from .matching.row_error import row_error
 from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
-from .settings import CURVES_SHARE, EDGES_SHARE, LABELLING_SHARE, MATCHED_SHARE, MOST_DISPARITY_SHARE, SWAPPED_MATCHES
+from .settings import (
+    COLUMNS_OVER_ROWS,
+    CURVES_SHARE,
+    EDGES_SHARE,
+    LABELLING_SHARE,
+    MATCHED_SHARE,
+    MOST_DISPARITY_SHARE,
+    SWAPPED_MATCHES,
+)
 from .stopwatch import Late, Stopwatch, never
 
 
@@ -151,6 +161,7 @@ class _MatchedPair:
     counts: dict[str, int]
     segments: tuple[Segments, Segments]
     matches: Matches
+    dense: DenseDisparity | None = None
     reason: str = ''
 
     @property
@@ -185,7 +196,7 @@ def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParam
     segments = views[0].matchable, views[1].matchable
 
     def nothing(reason: str) -> _MatchedPair:
-        return _MatchedPair(rig, views, counts, segments, Matches.empty(), reason)
+        return _MatchedPair(rig, views, counts, segments, Matches.empty(), reason=reason)
 
     for name, view in zip(('left', 'right'), views):
         if len(view.segments) == 0:
@@ -193,14 +204,14 @@ def _matched_pair(left: View, right: View, rig: StereoRig, params: RecoveryParam
     if np.array_equal(greys[0], greys[1]):
         return nothing('left and right are the same picture, so nothing has a disparity')
     late = watch.late_after(LABELLING_SHARE, 'matching: second pass, with dense disparity')
-    matches = _matched(greys, segments, rig, params, late)
+    matches, dense = _matched(greys, segments, rig, params, late)
     counts['matches'] = len(matches)
     watch.stage('match')
     if len(matches) == 0:
         return nothing(_why_no_match(greys, segments, rig, params))
     matches, *merged = join_matched(matches, *segments)
     matches, *merged = split_matched(matches, merged[0], merged[1], edgels, params.sigma)
-    return _MatchedPair(rig, views, counts, (merged[0], merged[1]), matches)
+    return _MatchedPair(rig, views, counts, (merged[0], merged[1]), matches, dense)
 
 
 def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: RecoveryParams, watch: Stopwatch) -> Recovery:
@@ -213,7 +224,9 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     rig, matches, segments = pair.rig, pair.matches, pair.segments
     junctions = find_junctions(segments[0]), find_junctions(segments[1])
     seen = StereoSegments(matches, segments, junctions)
-    rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma)
+    texture = None if pair.dense is None else Texture.of((pair.views[0].grey, pair.views[1].grey), pair.dense)
+    beside_edges = None if texture is None else texture_rows(seen, texture)
+    rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma, beside_edges)
     segments = segments[0], rows.aligned_segments(segments[1])
     seen = StereoSegments(matches, segments, (junctions[0], find_junctions(segments[1])))
     ellipses = pair.views[0].ellipses, rows.aligned_ellipses(pair.views[1].ellipses)
@@ -224,7 +237,8 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     watch.stage('curves')
     every = all_views(seen, rows.sigma, further, rig)
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups and what corners match')
-    lines, line_segments = _straight_lines(every, shapes, rows.sigma, rig, late)
+    beside = Beside(rig, rows.sigma, shapes.reported, texture, every.views, late)
+    lines, line_segments = _straight_lines(every.seen, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
@@ -232,8 +246,10 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     curves = oriented_by_faces(shapes.reported, in_space.ends[kept], in_space.err_per[kept])
     if shapes.rims:
         kept &= is_certain_beside_rims(in_space)
+    in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
+    parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))
     features = FeatureSet.concatenate(
-        [_edge_features(in_space, kept, [*curves, *hidden_rims]), curve_features(curves), axis_features(shapes.axes)]
+        [_edge_features(parts, [*curves, *hidden_rims]), curve_features(curves), axis_features(shapes.axes)]
     )
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'
@@ -276,8 +292,8 @@ def _matched(
     rig: StereoRig,
     params: RecoveryParams,
     late: Late = never,
-) -> Matches:
-    """The segments of the two images that show one edge."""
+) -> tuple[Matches, DenseDisparity | None]:
+    """The segments of the two images that show one edge, and dense disparity."""
     return match(greys, segments, _disparity_range(rig, params), params.support_radius, params.min_belief, late)
 
 
@@ -288,24 +304,22 @@ def _why_no_match(
     params: RecoveryParams,
 ) -> str:
     """The reason when no segment has a match: the images may be exchanged."""
-    swapped = _matched((greys[1], greys[0]), (segments[1], segments[0]), rig, params)
+    swapped, _ = _matched((greys[1], greys[0]), (segments[1], segments[0]), rig, params)
     if len(swapped) >= SWAPPED_MATCHES:
         return 'edges match only with left and right exchanged: are the images swapped?'
     return 'no edge of the left image has a match in the right one'
 
 
 def _straight_lines(
-    every: AllViews, shapes: CurvedShapes, row_sigma: float, rig: StereoRig, late: Late
+    seen: StereoSegments, shapes: CurvedShapes, beside: Beside
 ) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """Straight edges by their disparities, and the segments that they refer to.
 
     Occluding contours are left out, and ends that a curved surface hides count as T-junctions: neither gives depth.
     """
-    seen = every.seen
-    matches = seen.matches.select(~on_contours(seen.index, seen.segments, shapes.surfaces, rig))
-    junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, shapes.surfaces, rig)
-    seen = replace(seen, matches=matches, junctions=junctions)
-    return edges(seen, row_sigma, shapes.reported, rig, every.views, late)
+    matches = seen.matches.select(~on_contours(seen.index, seen.segments, shapes.surfaces, beside.rig))
+    junctions = hidden_ends(matches, seen.segments, seen.junctions, shapes.curves, shapes.surfaces, beside.rig)
+    return edges(replace(seen, matches=matches, junctions=junctions), beside)
 
 
 def _of_many(images: Any, cameras: CameraRig, params: RecoveryParams, watch: Stopwatch) -> Recovery:
@@ -394,9 +408,9 @@ def _further_views(
     return result
 
 
-def _edge_features(in_space: EdgesInSpace, kept: AnyArray, curves: list[Curve]) -> FeatureSet:
-    """The kept (n,) bool edges as features, ends that touch a curve put to the touching point."""
-    ends, covariance = joined_ends(in_space.ends[kept], in_space.covariance[kept], in_space.err_per[kept], curves)
+def _edge_features(in_space: EdgesInSpace, curves: list[Curve]) -> FeatureSet:
+    """Edges as features, ends that touch a curve put to the touching point."""
+    ends, covariance = joined_ends(in_space.ends, in_space.covariance, in_space.err_per, curves)
     return FeatureSet.from_edges(ends[:, 0], ends[:, 1], covariance=covariance)
 
 

@@ -8,7 +8,7 @@ import pytest
 from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.straight_edges import edges
+from stereo_recovery.edges.straight_edges import Beside, edges
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
 
@@ -52,7 +52,7 @@ def pair(lines: list) -> tuple[Matches, Segments, Segments]:
 def found(matches: Matches, left: Segments, right: Segments) -> list[tuple[np.ndarray, np.ndarray]]:
     """Left ends (2, 2) of the edges, and their disparities (2,)."""
     seen = StereoSegments(matches, (left, right), (find_junctions(left), find_junctions(right)))
-    lines, (shown, _) = edges(seen, 0.05, [], RIG)
+    lines, (shown, _) = edges(seen, Beside(RIG, 0.05))
     return [
         (shown.centre[i] + extent[:, None] * shown.direction[i], a + b * extent)
         for i, extent, (a, b) in zip(lines.left, lines.extent, lines.coefficient)

@@ -200,7 +200,7 @@ def test_the_end_of_a_row_of_like_bars_tells_their_period():
     columns = 40.0 + 12.0 * np.arange(13)
     levels = [60.0 if k % 2 else 140.0 for k in range(12)] + [220.0]
     left, right = (bars(columns - shift, levels) for shift in (0.0, 17.0))
-    found = match((left[0], right[0]), (left[1], right[1]), (1.0, 100.0), RADIUS, BELIEF)
+    found, _ = match((left[0], right[0]), (left[1], right[1]), (1.0, 100.0), RADIUS, BELIEF)
     assert len(found) >= 12
     assert np.allclose(found.disparity, 17.0)
 
@@ -220,7 +220,7 @@ def test_what_is_left_over_in_both_images_is_no_match_far_from_all_others():
     """A face with two edges that only one eye sees each: they are not one edge behind the face."""
     left = bars([100.0, 104.0, 130.0, 160.0, 190.0], [90.0, 120.0, 150.0, 180.0, 210.0])
     right = bars([60.0, 86.0, 90.0, 120.0, 150.0], [120.0, 135.0, 150.0, 180.0, 210.0])
-    found = match((left[0], right[0]), (left[1], right[1]), WINDOW, RADIUS, BELIEF)
+    found, _ = match((left[0], right[0]), (left[1], right[1]), WINDOW, RADIUS, BELIEF)
     assert not (found.disparity[:, 1] < 30.0).any()
 
 
@@ -229,7 +229,7 @@ def test_cameras_that_expose_differently_are_matched_and_their_exposures_learnt(
     left = bars(columns, levels)
     image, right = bars(columns - 25.0, levels)
     other = 0.8 * image + 25.0
-    found = match((left[0], other), (left[1], right), (1.0, 100.0), RADIUS, BELIEF)
+    found, _ = match((left[0], other), (left[1], right), (1.0, 100.0), RADIUS, BELIEF)
     assert len(found) == 8
     assert np.allclose(found.disparity, 25.0)
     profiles = [
@@ -243,8 +243,8 @@ def test_cameras_that_expose_differently_are_matched_and_their_exposures_learnt(
 def test_nothing_in_one_image_matches_nothing():
     image, some = bars([50.0], [90.0])
     none = some.select(np.zeros(1, bool))
-    assert len(match((image, image), (some, none), WINDOW, RADIUS, BELIEF)) == 0
-    assert len(match((image, image), (none, some), WINDOW, RADIUS, BELIEF)) == 0
+    assert len(match((image, image), (some, none), WINDOW, RADIUS, BELIEF)[0]) == 0
+    assert len(match((image, image), (none, some), WINDOW, RADIUS, BELIEF)[0]) == 0
 
 
 def test_dense_disparity_speaks_for_the_true_candidate_in_texture_and_not_at_all_on_plain_faces():

@@ -15,7 +15,7 @@ from msgs_py import StereoRig
 from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
 from ..matching.further_views import FurtherView
-from ..matching.row_error import fitted_error
+from ..matching.row_error import RowWitnesses, fitted_error
 from .further_views import ViewLines
 from .transfer import seen_by
 from .view_votes import Hypotheses, sharp
@@ -42,7 +42,7 @@ def with_columns(lines: ViewLines, of_pair: Hypotheses, left: Segments, main: St
     ends, sigma = seen_by(lines, main, both, np.einsum('nei,ni->ne', rows, of_pair.x[both]), np.sqrt(variance))
     shown, _ = seen_by(lines, main, both, np.einsum('nei,ni->ne', rows, own.x[both]), np.sqrt(variance))
     # Of the two ends of a line the mean; they are no two witnesses.
-    witnesses = shown.mean(axis=1), (shown - ends)[..., 0].mean(axis=1), sigma.max(axis=1)
+    witnesses = RowWitnesses(shown.mean(axis=1), (shown - ends)[..., 0].mean(axis=1), sigma.max(axis=1))
     error = fitted_error(witnesses, (view.rig.right.width, view.rig.right.height), 0.0, axis=0)
     right = seen.segments[1]
     middle = 0.5 * (right.start + right.end)[seen.matches.right]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray
 
 from .factors import Factors
 from .normal_equations import NormalEquations, Solution
@@ -90,6 +90,8 @@ class Estimate:
         By how many sigma each factor that holds misses what all others say; NaN where they do not say it.
     unit_variance : float
         How much larger covariances are than the stated sigmas have them; those of x hold it.
+    off, variance : (k,) float64, pixels, and its square
+        What each factor's statement misses by all others, and what they know it to; without its own sigma.
     """
 
     x: FloatArray
@@ -98,18 +100,25 @@ class Estimate:
     holds: FloatArray
     reliability: FloatArray
     misfit: FloatArray
-    unit_variance: float = 1.0
+    unit_variance: float
+    off: FloatArray
+    variance: FloatArray
+
+
+def without_itself(factors: Factors, solution: Solution, used: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) each: residuals of factors and the variances of their products, in a least squares of all others."""
+    # Taking a used factor out of a least squares.
+    share = np.where(used, np.maximum(1.0 - solution.variance / factors.sigma**2, 1e-6), 1.0)
+    return solution.residual / share, solution.variance / share
 
 
 def probabilities(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
     """(k,) that each factor holds, by what all but itself say."""
-    own, residual, variance = factors.sigma**2, solution.residual, solution.variance
-    # Taking a used factor out of a least squares.
-    share = np.where(used, np.maximum(1.0 - variance / own, 1e-6), 1.0)
-    off, spread = residual / share, variance / share + own
+    off, variance = without_itself(factors, solution, used)
+    spread = variance + factors.sigma**2
     inlier = factors.prior * np.exp(-0.5 * off**2 / spread) / np.sqrt(2.0 * np.pi * spread)
     # An accident is anywhere in a range, and in what the others leave open beyond that.
-    outlier = (1.0 - factors.prior) / np.sqrt(factors.spread**2 + 2.0 * np.pi * variance / share)
+    outlier = (1.0 - factors.prior) / np.sqrt(factors.spread**2 + 2.0 * np.pi * variance)
     return np.asarray(inlier / (inlier + outlier))
 
 
@@ -150,14 +159,14 @@ def _start(equations: NormalEquations, lines: OwnLines, used: BoolArray) -> Bool
     own = lines.information, np.einsum('nij,nj->ni', covariance, lines.vector), covariance
     for _ in range(START_ROUNDS):
         solution = equations.solve(used)
-        open_edges = _end_sigma(solution.covariance, lines).max(axis=1) >= WELL_MEASURED
+        open_edges = end_sigma(solution.covariance, lines).max(axis=1) >= WELL_MEASURED
         so_far = solution.x, solution.covariance
         if not likeliest(statements, np.flatnonzero(open_edges), ~open_edges, so_far, own, used):
             break
     return used
 
 
-def _end_sigma(covariance: FloatArray, lines: OwnLines) -> FloatArray:
+def end_sigma(covariance: AnyArray, lines: OwnLines) -> FloatArray:
     """(n, 2) sigma of disparity at the edges' ends, pixels."""
     return np.asarray(np.sqrt(np.einsum('nei,nij,nej->ne', lines.ends, covariance, lines.ends)))
 
@@ -179,7 +188,7 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray, telling: int | 
     count = len(lines.extent)
     if count == 0:
         none = np.zeros(0)
-        return Estimate(lines.vector, lines.information, used, none, none, none)
+        return Estimate(lines.vector, lines.information, used, none, none, none, 1.0, none, none)
     equations = NormalEquations(lines.information, lines.vector, factors)
     used = _start(equations, lines, used)
     removed = np.zeros(len(factors), np.int64)
@@ -200,7 +209,8 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray, telling: int | 
     misses = misfit(factors, solution, used)
     unit = unit_variance(misses[:telling])
     sure = reliability(factors, solution, used, holds, lines)
-    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, misses, unit)
+    alone = without_itself(factors, solution, used)
+    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, misses, unit, *alone)
 
 
 def by_factors(

@@ -137,3 +137,22 @@ def to_space(lines: Lines3D, left: Segments, rig: StereoRig) -> EdgesInSpace:
     covariance[known] = semidefinite(covariance[known])
     covariance[~known] = np.nan
     return EdgesInSpace(points, covariance)
+
+
+def with_rig_error(edges: EdgesInSpace, sigma: float, rig: StereoRig) -> EdgesInSpace:
+    """Edges with what calibration leaves in the places of their ends in either image.
+
+    sigma : pixels, of the difference between the two images; each has half of the variance, in columns as in rows
+    """
+    z = edges.ends[..., 2]
+    zero = np.zeros_like(z)
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+        by_disparity = -edges.ends * (z / (rig.left.fx * rig.baseline))[..., None]
+        by_column = np.stack([z / rig.left.fx, zero, zero], axis=-1)
+        by_row = np.stack([zero, z / rig.left.fy, zero], axis=-1)
+        covariance = edges.covariance.copy()
+        for end in range(2):
+            block = slice(3 * end, 3 * end + 3)
+            for each in (by_column + by_disparity, by_disparity, by_row):
+                covariance[:, block, block] += 0.5 * sigma**2 * each[:, end, :, None] * each[:, end, None, :]
+    return EdgesInSpace(edges.ends, covariance)

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 # px: disparity by which two edges miss each other at a corner they share (rounded corners, blur). [P]
 CORNER_SIGMA = 0.03
+# px: the largest by which they do, at rounded ones. [R]
+MOST_CORNER_SIGMA = 1.0
 # px: where a chain stops without a corner, and by which heights of one corner in the two images differ. [P]
 LOOSE_END_SIGMA, HEIGHT_SIGMA = 4.0, 0.3
 # Probabilities that edges that meet in an image meet in space: the same two meet in the other image; there the end is
@@ -136,3 +138,44 @@ PREDICTION_SIGMA, PREDICTION_SHARE = 0.3, 0.5
 CONFIRMED_RIGHT, CONFIRMED_WRONG = 0.6, 0.12
 # Of a left line's variance so much is not shared by the pairs it is in: its turned pictures are not quite one.
 LEAST_LEFT_SHARE = 1e-3
+
+# -- texture beside edges ----------------------------------------------------------------------------------------------
+
+# px of a level of the image pyramid: nearest and farthest line of a strip beside an edge; most samples along it. [R]
+STRIP_NEAR, STRIP_FAR, STRIP_SAMPLES = 2, 12, 100
+# Rounds of the alignment, and px that it moves by when it has ended.
+STRIP_ROUNDS, STRIP_CONVERGED = 12, 0.02
+# Sigma of disparity's gradients on surfaces, px a pixel. [R]
+STRIP_SLOPE_SIGMA = 0.15
+# Share of a strip's variance that its alignment has to explain. [R]
+STRIP_LEAST_SHARE = 0.5
+# Sigma of the gain between the two strips, and of the shift, grey levels; grey levels: what residuals differ by at
+# least. [R]
+STRIP_GAIN_SIGMA, STRIP_SHIFT_SIGMA, STRIP_LEAST_SCALE = 0.5, 100.0, 0.3
+# Width of Cauchy's weights, in sigmas. [D] 95 % as efficient as least squares where nothing is wrong
+CAUCHY = 2.385
+# px: sigma of rows at least; share of a strip where dense disparity must be known; rounds of the line through it; and
+# the coarsest level, over the size of the dense disparity.
+STRIP_LEAST_ROW, STRIP_LEAST_KNOWN, STRIP_FITS, STRIP_COARSEST = 0.2, 0.15, 6, 0.75
+# px: smoothing of each level of the pyramid.
+STRIP_LEVEL_SIGMA = 0.8
+# Places along a strip, and reduced px from the edge, where dense disparity is asked.
+STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
+# px: by which a surface's disparity beside an edge misses the edge's, beyond what its alignment has. [R]
+STRIP_SIGMA = 0.2
+# px: sigma of rows up to which a strip is a witness of them. [R]
+STRIP_ROW_SIGMA = 0.4
+# Probability that an edge belongs to the surface on one of its sides. [R]
+STRIP_PRIOR = 0.7
+# Pixels of a strip that share one error: what smoothing makes of noise, and what no plane and no gain explain. [P]
+STRIP_CORRELATION = 16.0
+
+# -- parts of one edge -------------------------------------------------------------------------------------------------
+
+# px: by which parts of one edge miss the line through all of them in an image, and their disparities the line through
+# them. [R] folds of cards
+JOINED_MISS, JOINED_SIGMA = 1.0, 0.2
+# px, and share of both parts' lengths: the widest gap between them; and px below which it is none. [R]
+JOINED_REACH, JOINED_SHARE, SMALL_GAP = 60.0, 0.3, 4.0
+# px from the line where grey levels are compared, and share of the parts' contrast that the gap between them has. [R]
+GAP_OFFSET, GAP_SHARE = 2.0, 0.4

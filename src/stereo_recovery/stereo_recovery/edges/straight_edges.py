@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,44 +15,79 @@ from ..detection.segments import Segments
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
 from .corner_matching import inconsistent, matched_by_corners
-from .estimate import Estimate, by_factors, estimate, unit_variance
+from .estimate import Estimate, by_factors, end_sigma, estimate, unit_variance
 from .extents import Extents, extents
 from .factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from .further_views import ViewLines, joint_lines, seen_further, view_extents
 from .junction_edges import Corners, corners, junction_edges
 from .lines3d import Lines3D, line_covariance
 from .parallel_groups import parallel_factors
-from .settings import CORNER_ROUNDS, GROUP_ROUNDS, ROUNDED
+from .settings import CORNER_ROUNDS, GROUP_ROUNDS, MOST_CORNER_SIGMA, ROUNDED, WELL_MEASURED
+from .texture import Texture, texture_factors
 
 
-def solved(
-    seen: StereoSegments,
-    row_sigma: float,
-    curves: Sequence[Curve],
-    rig: StereoRig,
-    views: Sequence[ViewLines] = (),
-    late: Late = never,
-) -> tuple[Estimate, FloatArray]:
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What is known of a pair's edges beside their segments.
+
+    Attributes
+    ----------
+    rig : StereoRig
+    row_sigma : float, pixels
+        By which single rows of the two images disagree.
+    curves : sequence of Curve
+        Planar curves of the pair; their normals are directions of edges as well.
+    texture : Texture, optional
+        Of the images.
+    views : sequence of ViewLines
+        What further cameras say of the edges.
+    late : callable
+        Whether it is too late for one more estimate.
+    """
+
+    rig: StereoRig
+    row_sigma: float
+    curves: Sequence[Curve] = ()
+    texture: Texture | None = None
+    views: Sequence[ViewLines] = ()
+    late: Late = never
+
+
+def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
+    """Statements that edges meet, with the sigma that each shows: most corners are sharp, some are rounded.
+
+    The residual of a corner has a heavy tail, Student's with one degree of freedom; this is its weight.
+    """
+    count = len(factors)
+    excess = np.clip(found.off[:count] ** 2 - found.variance[:count], 0.0, MOST_CORNER_SIGMA**2)
+    heavy = np.sqrt(0.5 * (factors.sigma**2 + np.maximum(excess, factors.sigma**2)))
+    return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
+
+
+def solved(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray]:
     """The disparities of all edges: first without parallel groups, which known edges show, then with them.
 
-    Parameters are those of :func:`edges`. Beside the estimate: (n, 2, 2) covariance of the unknowns with offset and
+    Parameters are those of :func:`edges`. Besides the estimate: (n, 2, 2) covariance of the unknowns with offset and
     direction of the left lines.
     """
     disparity = seen.matches.disparity
-    lines = joint_lines(seen, row_sigma, views).about(disparity[:, 1])
+    lines = joint_lines(seen, beside.row_sigma, beside.views).about(disparity[:, 1])
+    known = end_sigma(np.linalg.inv(lines.information), lines).max(axis=1) < WELL_MEASURED
     slope = (disparity[:, 2] - disparity[:, 0]) / np.maximum(np.diff(lines.extent)[:, 0], 1.0)
     x = np.stack([disparity[:, 1] - slope * lines.extent.mean(axis=1), slope], axis=1)
     # Only what the right image shows of junctions depends on the unknowns.
     fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
+    open_edges = np.flatnonzero(~known & seen.straight)
+    fixed.append(texture_factors(seen, open_edges, beside.texture, beside.row_sigma))
     factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):
-        if late():
+        if beside.late():
             break
-        own = Factors.concatenate([junction_factors(seen, found.x), *fixed])
+        own = _as_they_meet(Factors.concatenate([junction_factors(seen, found.x), *fixed]), found)
         alone = by_factors(lines, own, found.used[: len(own)], found.unit_variance)
-        known = found.x, found.covariance
-        parallel = parallel_factors(seen.segments[0], seen.matches.left, known, alone, curves, rig)
+        so_far = found.x, found.covariance
+        parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
         found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own))
         # Groups whose edges miss them by more than their sigmas say are told with larger ones, and no other factor.
@@ -63,43 +98,21 @@ def solved(
     return found, lines.covariance_with_line(found.covariance)
 
 
-def _with_corners(
-    seen: StereoSegments,
-    row_sigma: float,
-    curves: Sequence[Curve],
-    rig: StereoRig,
-    views: Sequence[ViewLines],
-    late: Late,
-) -> tuple[Estimate, FloatArray, Extents, Corners]:
+def _with_corners(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray, Extents, Corners]:
     """The estimate and its covariance with the left lines, where the edges end, and the corners that follow."""
-    found, with_line = solved(seen, row_sigma, curves, rig, views, late)
-    ends = view_extents(views, seen, found.x, extents(seen, found.x))
+    found, with_line = solved(seen, beside)
+    ends = view_extents(beside.views, seen, found.x, extents(seen, found.x))
     return found, with_line, ends, corners(seen, found, ends)
 
 
-def edges(
-    seen: StereoSegments,
-    row_sigma: float,
-    curves: Sequence[Curve],
-    rig: StereoRig,
-    views: Sequence[ViewLines] = (),
-    late: Late = never,
-) -> tuple[Lines3D, tuple[Segments, Segments]]:
+def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments, Segments]]:
     """All straight edges of a pair of images.
 
     Parameters
     ----------
     seen : StereoSegments
         Matched segments.
-    row_sigma : float, pixels
-        By which single rows of the two images disagree.
-    curves : sequence of Curve
-        Planar curves of the pair; their normals are directions of edges as well.
-    rig : StereoRig
-    views : sequence of ViewLines
-        What further cameras say of the edges.
-    late : callable
-        Whether it is too late for one more estimate.
+    beside : Beside
 
     Returns
     -------
@@ -108,20 +121,20 @@ def edges(
         Of both images, that the lines refer to: with those that the other image alone shows.
     """
     given = seen.matches
-    found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views, late)
+    found, with_line, ends, known = _with_corners(seen, beside)
     wrong = inconsistent(seen, known)
     if wrong.any():
         seen = replace(seen, matches=seen.matches.select(~wrong))
-        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views, late)
+        found, with_line, ends, known = _with_corners(seen, beside)
     for _ in range(CORNER_ROUNDS):
-        grown = None if late() else matched_by_corners(seen, known)
+        grown = None if beside.late() else matched_by_corners(seen, known)
         if grown is None:
             break
         seen = replace(seen, matches=grown)
-        found, with_line, ends, known = _with_corners(seen, row_sigma, curves, rig, views, late)
+        found, with_line, ends, known = _with_corners(seen, beside)
     matches = seen.matches
     # What another eye measures may be steep for these two.
-    by_corners = (np.arange(len(matches)) >= len(given) - wrong.sum()) | seen_further(views, seen)
+    by_corners = (np.arange(len(matches)) >= len(given) - wrong.sum()) | seen_further(beside.views, seen)
     lines = Lines3D(
         matches.left,
         matches.right,

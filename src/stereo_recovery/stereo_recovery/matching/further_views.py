@@ -81,7 +81,7 @@ def further_view(
     shown = [in_view(side, h, size) for side, h in ((left, turn), (right, pair.homographies[1]))]
     own = turned(left.select(shown[0]), turn)
     segments = own.segments, turned(right.select(shown[1]), pair.homographies[1]).segments
-    matches = match(greys, segments, window, params.support_radius, params.min_belief)
+    matches, _ = match(greys, segments, window, params.support_radius, params.min_belief)
     junctions = find_junctions(segments[0]), find_junctions(segments[1])
     seen = StereoSegments(matches, segments, junctions)
     rows = row_error(seen, size, params.rectification_sigma)

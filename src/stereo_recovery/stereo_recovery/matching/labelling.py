@@ -85,7 +85,7 @@ def match(
     radius: float,
     least_belief: float,
     late: Late = never,
-) -> Matches:
+) -> tuple[Matches, DenseDisparity | None]:
     """Pairs of segments that show one edge.
 
     Parameters
@@ -106,10 +106,12 @@ def match(
     -------
     Matches
         Best first; a part of a segment is in one pair only.
+    DenseDisparity or None
+        Of the pair; None when an image has no segments.
     """
     left, right = segments
     if len(left) == 0 or len(right) == 0:
-        return Matches.empty()
+        return Matches.empty(), None
     tables = _table(left), _table(right)
     smooth = [np.asarray(cv2.GaussianBlur(grey, (0, 0), PROFILE_SIGMA), np.float32) for grey in greys]
     profiles = [candidate_kernels.profiles(image, table) for image, table in zip(smooth, tables)]
@@ -136,11 +138,11 @@ def match(
 
     first = labelled(Exposure(), None, FIRST_ROUNDS)
     if late():
-        return _matches(first)
+        return _matches(first), None
     exposure = learnt_exposure(profiles, first.node[first.chosen])
     settled = bool((np.minimum(first.belief, 1.0 - first.belief) < SETTLED).all())
     dense = None if settled else DenseDisparity(*greys, *_range(first.value[first.chosen], window))
-    return _matches(labelled(exposure, dense, ROUNDS))
+    return _matches(labelled(exposure, dense, ROUNDS)), dense
 
 
 def _matches(found: Labelling) -> Matches:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import FloatArray
 
 from ..detection.conics import Ellipse
@@ -21,13 +21,16 @@ from ..detection.segments import Segments
 from .settings import (
     LEVEL_DISPARITY,
     LEVEL_ROW,
+    ROW_LEAST_SIGMA,
     ROW_LOG_ODDS,
     ROW_OFFSET_SIGMA,
     ROW_ROUNDS,
     ROW_SHIFT_MOST,
+    ROW_SIGMA,
+    ROW_SIGMA_SPREAD,
+    ROW_SIGMAS,
     ROW_TURN_SIGMA,
     ROW_WITNESS_PRIOR,
-    ROW_WITNESSES,
 )
 from .stereo_segments import StereoSegments
 
@@ -95,8 +98,24 @@ class RowError:
         return [replace(ellipse, conic=back.T @ ellipse.conic @ back) for ellipse in right]
 
 
-def _witnesses(seen: StereoSegments) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points (k, 2) of the right image, by how much they are lower than in the left one (k,), sigma (k,); pixels."""
+class RowWitnesses(NamedTuple):
+    """Places that both images show, and should show at one height.
+
+    Attributes
+    ----------
+    point : (k, 2) float64, pixels
+        Of the right image.
+    off, sigma : (k,) float64, pixels
+        By how much they are lower than in the left one.
+    """
+
+    point: FloatArray
+    off: FloatArray
+    sigma: FloatArray
+
+
+def _witnesses(seen: StereoSegments) -> RowWitnesses:
+    """Corners that both images show, and edges along the rows."""
     left, right = seen.segments
     i, j = seen.index
     p, q = seen.points
@@ -125,14 +144,14 @@ def _witnesses(seen: StereoSegments) -> tuple[FloatArray, FloatArray, FloatArray
     level_variance = (
         left.sigma[i[level], 0] ** 2 + right.sigma[j[level], 0] ** 2 + (across[level] * LEVEL_DISPARITY) ** 2
     )
-    return (
+    return RowWitnesses(
         np.concatenate([q[e, end], np.stack([column, row], axis=1)]),
         np.concatenate([(q - p)[e, end, 1], row - middle[:, 1]]),
         np.sqrt(np.concatenate([variance[e, end], level_variance])),
     )
 
 
-def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowError:
+def row_error(seen: StereoSegments, size: tuple[int, int], least: float, more: RowWitnesses | None = None) -> RowError:
     """The rows' error of a pair.
 
     Parameters
@@ -143,19 +162,21 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float) -> RowE
         Width and height of the right image.
     least : float, pixels
         Least sigma of single rows.
+    more : RowWitnesses, optional
+        Beside corners and level edges.
     """
-    return fitted_error(_witnesses(seen), size, least)
+    witnesses = _witnesses(seen)
+    if more is not None:
+        witnesses = RowWitnesses(*(np.concatenate(both) for both in zip(witnesses, more)))
+    return fitted_error(witnesses, size, least)
 
 
-def fitted_error(
-    witnesses: tuple[FloatArray, FloatArray, FloatArray], size: tuple[int, int], least: float, axis: int = 1
-) -> RowError:
+def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, axis: int = 1) -> RowError:
     """The error that witnesses tell, some of which are none.
 
     Parameters
     ----------
-    witnesses : (k, 2), (k,), (k,) float64, pixels
-        Points of the right image, by how much they are off, and its sigma.
+    witnesses : RowWitnesses
     size : (int, int), pixels
         Width and height of the right image.
     least : float, pixels
@@ -174,14 +195,14 @@ def fitted_error(
     single = least
     for _ in range(ROW_ROUNDS):
         left_over = off - columns @ value
-        single = _excess(left_over, sigma, least)
+        single = _single(left_over, sigma, least)
         # Student's weights: some corners are none, and some matches are wrong.
         variance = sigma**2 + single**2
         weight = 2.0 / (variance + left_over**2)
         normal = (columns * weight[:, None]).T @ columns + prior
         value = np.asarray(np.linalg.solve(normal, columns.T @ (weight * off)), np.float64)
     # What an exact rig, single rows and a few wrong corners explain as well is no error.
-    by_chance = _excess(off, sigma, least)
+    by_chance = _single(off, sigma, least)
     if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
         value, single = np.zeros(3), by_chance
     return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
@@ -211,20 +232,11 @@ def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float) -> tup
     return right, (1.0 - ROW_WITNESS_PRIOR) / (2.0 * ROW_SHIFT_MOST)
 
 
-def _excess(left_over: FloatArray, sigma: FloatArray, least: float) -> float:
-    """Sigma, pixels, by which residuals exceed their own sigma: by their median, found by halving the interval."""
-    low, high = least, ROW_SHIFT_MOST
-    if len(sigma) == 0:
-        return least
-
-    def explained(single: float) -> bool:
-        ratio = np.abs(left_over) / np.sqrt(sigma**2 + single**2)
-        return bool(np.median(ratio) < NORMAL_QUARTILE)
-
-    if explained(low):
-        return least
-    for _ in range(ROW_ROUNDS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if explained(middle) else (middle, high)
-    # Few residuals say little: they are added to so many that say that there is no such error.
-    return float(np.sqrt(least**2 + high**2 * len(sigma) / (len(sigma) + ROW_WITNESSES)))
+def _single(left_over: FloatArray, sigma: FloatArray, least: float) -> float:
+    """Sigma, pixels, of single rows: by the residuals of witnesses, and by what real rigs have; the mean of all."""
+    tried = np.geomspace(max(least, ROW_LEAST_SIGMA), ROW_SHIFT_MOST, ROW_SIGMAS)
+    log_odds = -0.5 * (np.log(tried / ROW_SIGMA) / ROW_SIGMA_SPREAD) ** 2
+    for k, single in enumerate(tried):
+        log_odds[k] += np.log(np.add(*_likelihoods(left_over, sigma, float(single)))).sum()
+    probability = np.exp(log_odds - log_odds.max())
+    return float((probability * tried).sum() / probability.sum())

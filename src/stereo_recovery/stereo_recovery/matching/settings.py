@@ -106,14 +106,16 @@ OUTLYING, ROOM, ROOM_SHARE = 0.02, 8.0, 0.25
 # -- rows --------------------------------------------------------------------------------------------------------------
 
 # Sines below which a line is level, and px to which its disparity is known, for the heights that it shows. [R]
-LEVEL_ROW, LEVEL_DISPARITY = 0.05, 3.0
+LEVEL_ROW, LEVEL_DISPARITY = 0.05, 1.0
 # px: sigma of the rows' error in the middle of a rig's images, and of what it gains towards the border; the largest
 # that a corner may show. [R] what real rigs have, in bench_real.py
 ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_SHIFT_MOST = 0.5, 0.4, 3.0
-# Witnesses that the prior of an exact rig is worth; rounds of the robust fit.
-ROW_WITNESSES, ROW_ROUNDS = 10, 15
-# Probability that a corner or level edge that both images show at nearly one height is one. [P] 0.94 in the scenes
-# that come with csg_renderer
-ROW_WITNESS_PRIOR = 0.95
+# px: what single rows of rigs disagree by: median, and standard deviation of its logarithm; the least that is tried,
+# and how many are. [R]
+ROW_SIGMA, ROW_SIGMA_SPREAD, ROW_LEAST_SIGMA, ROW_SIGMAS = 0.01, 1.5, 0.002, 30
+# Rounds of the robust fit.
+ROW_ROUNDS = 15
+# Probability that a corner, level edge or strip of texture that both images show at nearly one height is one. [R]
+ROW_WITNESS_PRIOR = 0.8
 # Log odds below which the rows' error is taken to be none. [D] one exact rig in twenty
 ROW_LOG_ODDS = 3.0

@@ -1,0 +1,165 @@
+"""Parts of one edge made one edge: in both images they lie on one line, at one depth, and the picture goes on between.
+
+Card folds, worn corners and what stands before an edge break its line in the image, and a part says less of an object
+than the whole: neither where the edge ends nor how long it is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py import StereoRig
+from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
+
+from .settings import GAP_OFFSET, GAP_SHARE, GATE, JOINED_MISS, JOINED_REACH, JOINED_SHARE, JOINED_SIGMA, SMALL_GAP
+
+
+class _Shown(NamedTuple):
+    """Edges as the pair shows them.
+
+    pixel : (n, 2, 2) float64, ends in the left image; disparity, sigma : (n, 2) float64, pixels, at the ends
+    """
+
+    pixel: FloatArray
+    disparity: FloatArray
+    sigma: FloatArray
+
+
+def join_parts(
+    ends: FloatArray, covariance: FloatArray, rig: StereoRig, grey: Float32Array
+) -> tuple[FloatArray, FloatArray]:
+    """Edges in space, parts of one edge as one.
+
+    Parameters
+    ----------
+    ends : (n, 2, 3) float64, metres
+        With the bright side on one hand.
+    covariance : (n, 6, 6) float64, square metres
+        Of both ends together.
+    rig : StereoRig
+    grey : (h, w) float32, grey levels
+        The left image.
+
+    Returns
+    -------
+    (m, 2, 3), (m, 6, 6)
+        As given. What parts say of their edge hangs on the same neighbours, so that the edge is known as well as one of
+        them, and not better.
+    """
+    shown = _shown(ends, covariance, rig)
+    group = np.arange(len(ends))
+    pairs = _candidates(shown.pixel)
+    length = np.hypot(*(shown.pixel[:, 1] - shown.pixel[:, 0]).T)
+    pairs = pairs[np.argsort(-np.minimum(*length[pairs].T), kind='stable')] if len(pairs) else pairs
+    for e, f in pairs:
+        members = np.flatnonzero((group == group[e]) | (group == group[f]))
+        if group[e] != group[f] and _goes_on(shown.pixel[[e, f]], grey) and _one_line(shown, members):
+            group[members] = members[0]
+    heads, count = np.unique(group, return_counts=True)
+    if (count == 1).all():
+        return ends, covariance
+    ends, covariance = ends.copy(), covariance.copy()
+    for head in heads[count > 1]:
+        members = np.flatnonzero(group == head)
+        ends[head], covariance[head] = _whole(ends[members], covariance[members])
+    return ends[heads], covariance[heads]
+
+
+def _shown(ends: FloatArray, covariance: FloatArray, rig: StereoRig) -> _Shown:
+    """Edges as the pair shows them."""
+    points = ends.reshape(-1, 3)
+    left, right = (image.reshape(-1, 2, 2) for image in rig.project(points))
+    depth = ends[..., 2]
+    variance = np.stack([covariance[:, 2, 2], covariance[:, 5, 5]], axis=1)
+    return _Shown(left, (left - right)[..., 0], rig.left.fx * rig.baseline / depth**2 * np.sqrt(variance))
+
+
+def _candidates(pixel: FloatArray) -> IntArray:
+    """(k, 2) pairs of edges, the second of which begins near where the first ends."""
+    order = np.argsort(pixel[:, 0, 0], kind='stable')
+    column = pixel[order, 0, 0]
+    first = np.searchsorted(column, pixel[:, 1, 0] - JOINED_REACH)
+    last = np.searchsorted(column, pixel[:, 1, 0] + JOINED_REACH)
+    count = last - first
+    e = np.repeat(np.arange(len(pixel)), count)
+    f = order[np.arange(len(e)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)]
+    run = pixel[:, 1] - pixel[:, 0]
+    length = np.hypot(run[:, 0], run[:, 1])
+    gap = pixel[f, 0] - pixel[e, 1]
+    along = (gap * run[e]).sum(axis=1) / length[e]
+    near = (e != f) & (np.hypot(gap[:, 0], gap[:, 1]) < JOINED_REACH)
+    near &= along < JOINED_SHARE * (length[e] + length[f])
+    near &= (run[e] * run[f]).sum(axis=1) > 0.9 * length[e] * length[f]
+    # The second goes on beyond the first.
+    near &= ((pixel[f, 1] - pixel[e, 1]) * run[e]).sum(axis=1) > 0.5 * length[f] * length[e]
+    near &= ((pixel[f, 0] - pixel[e, 0]) * run[e]).sum(axis=1) > 0.0
+    return np.stack([e[near], f[near]], axis=1)
+
+
+def _goes_on(pixel: FloatArray, grey: Float32Array) -> bool:
+    """Whether the picture between two edges (2, 2, 2) has the contrast that they have."""
+    if np.hypot(*(pixel[1, 0] - pixel[0, 1])) < SMALL_GAP:
+        return True
+    if (pixel[1, 0] - pixel[0, 1]) @ (pixel[0, 1] - pixel[0, 0]) < 0.0:
+        return True
+    gap, *own = (_contrast(grey, *line) for line in ((pixel[0, 1], pixel[1, 0]), *pixel))
+    weaker = min(own, key=abs)
+    return bool(gap * weaker > 0.0 and abs(gap) > GAP_SHARE * abs(weaker))
+
+
+def _contrast(grey: Float32Array, start: FloatArray, end: FloatArray) -> float:
+    """Mean difference of grey levels across the line between two places, pixels."""
+    run = end - start
+    length = max(float(np.hypot(*run)), 1.0)
+    share = (np.arange(int(length) + 1) + 0.5) / (int(length) + 1)
+    places = start + share[:, None] * run
+    across = GAP_OFFSET * np.array([-run[1], run[0]]) / length
+    height, width = grey.shape
+    sides = []
+    for sign in (1.0, -1.0):
+        column, row = np.rint(places + sign * across).astype(np.intp).T
+        sides.append(float(grey[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].mean()))
+    return sides[0] - sides[1]
+
+
+def _one_line(shown: _Shown, members: IntArray) -> bool:
+    """Whether edges lie on one line in both images, and their disparities on one along it."""
+    pixel, disparity = shown.pixel[members].reshape(-1, 2), shown.disparity[members].ravel()
+    weight = np.repeat(np.hypot(*(shown.pixel[members, 1] - shown.pixel[members, 0]).T), 2)
+    right = pixel - np.stack([disparity, np.zeros(len(pixel))], axis=1)
+    along: FloatArray = np.zeros(0)
+    for points in (right, pixel):
+        away = points - np.average(points, axis=0, weights=weight)
+        axis = np.linalg.eigh((away * weight[:, None]).T @ away)[1][:, 1]
+        if np.abs(away @ [-axis[1], axis[0]]).max() > JOINED_MISS:
+            return False
+        along = away @ axis
+    sigma = np.hypot(shown.sigma[members].ravel(), JOINED_SIGMA)
+    columns = np.stack([np.ones_like(sigma), along], axis=1) / sigma[:, None]
+    value = disparity / sigma
+    fit = np.linalg.lstsq(columns, value, rcond=None)[0]
+    return bool(np.abs(value - columns @ fit).max() < GATE)
+
+
+def _whole(ends: FloatArray, covariance: FloatArray) -> tuple[AnyArray, AnyArray]:
+    """The edge (2, 3) of k parts from the first to the last of their ends, and its covariance (6, 6)."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    points = ends.reshape(-1, 3)
+    middle = np.average(points, axis=0, weights=np.repeat(length, 2))
+    axis = np.average((ends[:, 1] - ends[:, 0]) / length[:, None], axis=0, weights=length)
+    axis /= np.linalg.norm(axis)
+    place = (ends - middle) @ axis
+    outer = np.array([place.min(), place.max()])
+    # Each part's line at both ends of the whole: linear in its own ends.
+    share = (outer - place[:, :1]) / (place[:, 1:] - place[:, :1])
+    blend = np.stack([1.0 - share, share], axis=2)
+    carried = np.einsum('nab,nbi->nai', blend, ends).reshape(-1, 6)
+    turn = np.einsum('nab,ij->naibj', blend, np.eye(3)).reshape(-1, 6, 6)
+    each = turn @ covariance @ turn.swapaxes(1, 2)
+    floor = np.trace(each, axis1=1, axis2=2).min() * 1e-9 * np.eye(6)
+    information = np.linalg.inv(each + floor)
+    total = np.linalg.inv(information.sum(axis=0))
+    value = total @ np.einsum('nij,nj->i', information, carried)
+    return value.reshape(2, 3), len(ends) * total
