@@ -10,6 +10,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -29,10 +30,11 @@ ROTATION_DEG, OF_DEPTH = 0.6, 0.004
 BOX_MM = (165, 80, 68)
 BOX = 'UNITS MM;\ntea_box = BLOCK ({}, {}, {});\nDRAW tea_box;\n'.format(*BOX_MM)
 TEA_BOX_EDGES = 5
-# In the second pair of the tea box the two cameras disagree by up to a pixel: its edges are little evidence for the
-# default rate of false alarms, and who looks for it says that it is there. The box's reference itself is trusted to a
-# millimetre, 0.25 % of depth.
-EXPECTED, DOUBTFUL, OF_DEPTH_OF_BOX = 1.0, 'tea box 005', 0.005
+# The box's reference itself is trusted to a millimetre, 0.25 % of depth.
+OF_DEPTH_OF_BOX = 0.005
+# px: the second pair's reference is off by more than this from what its pictures show, which is why no pose is judged
+# by it, see :func:`test_the_second_tea_box_is_not_where_its_reference_is`; recovered edges are off by less.
+CONTRADICTION, AGREEMENT = 0.6, 0.5
 
 
 def _scoring():
@@ -48,7 +50,7 @@ def _scoring():
 scoring = _scoring()
 BOARDS = {pair.name: pair for pair in scoring.chessboards()}
 BOXES = {pair.name: pair for pair in scoring.teaboxes()}
-NAMES = [*(f'chessboard {k:02d}' for k in range(1, 8)), 'tea box 000', 'tea box 005']
+NAMES = [*(f'chessboard {k:02d}' for k in range(1, 8)), 'tea box 000']
 
 
 @dataclass
@@ -104,15 +106,13 @@ def test_the_right_pose_of_a_real_object(name):
     real = case(name)
     features = recover(real.left, real.right, real.rig).features
     params = MatcherConfig().match_params().replace(time_limit_s=20.0)
-    if name == DOUBTFUL:
-        params = params.replace(false_alarm_rate=EXPECTED)
     best = match(real.model, features, params).best
     assert best is not None
     rotation, share = real.error_of(best.pose)
     assert rotation < ROTATION_DEG and share < (OF_DEPTH_OF_BOX if name in BOXES else OF_DEPTH)
 
 
-@pytest.mark.parametrize('name', [name for name in NAMES if name.startswith('tea')])
+@pytest.mark.parametrize('name', ['tea box 000'])
 def test_most_edges_of_the_tea_box_are_recovered(name):
     real = case(name)
     score = scoring.score_box(BOXES[name], recover(real.left, real.right, real.rig).features)
@@ -120,6 +120,74 @@ def test_most_edges_of_the_tea_box_are_recovered(name):
     assert found.sum() >= TEA_BOX_EDGES
     assert np.median(score.angle[found]) < 1.5
     assert np.median(score.across[found]) < 2.5e-3
+
+
+def printed_disparity(pair) -> tuple[np.ndarray, np.ndarray]:
+    """Places (k, 2) of the left image on the box's printed top, and their disparities (k,), pixels, by OpenCV alone."""
+    left, right = (image.astype(np.uint8) for image in (pair.left, pair.right))
+    share = np.stack(np.meshgrid(np.linspace(0.08, 0.92, 22), np.linspace(0.1, 0.9, 14)), axis=-1).reshape(-1, 2)
+    top = np.column_stack([share[:, 0] * BOX_MM[0], np.zeros(len(share)), share[:, 1] * BOX_MM[2]]) * 1e-3
+    places, disparities = [], []
+    for u, v in zip(*pair.rig.project(pair.left_T_object.apply(top))):
+        patch = cv2.getRectSubPix(left, (17, 17), tuple(u.tolist()))
+        if patch.std() < 12.0:
+            continue
+        window = cv2.getRectSubPix(right, (33, 23), tuple(v.tolist()))
+        score = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
+        row, column = np.unravel_index(score.argmax(), score.shape)
+        if score.max() < 0.9 or not 0 < column < score.shape[1] - 1:
+            continue
+        a, b, c = score[row, column - 1 : column + 2]
+        places.append(u)
+        disparities.append(u[0] - v[0] - (column - 8 + 0.5 * (a - c) / (a - 2.0 * b + c)))
+    return np.array(places), np.array(disparities)
+
+
+def plane_of(places: np.ndarray, disparities: np.ndarray) -> np.ndarray:
+    """(3,) disparity's plane, of u, v and one, by robust least squares."""
+    rows = np.column_stack([places, np.ones(len(places))])
+    weight = np.ones(len(rows))
+    for _ in range(20):
+        plane = np.linalg.lstsq(rows * weight[:, None], disparities * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(1.0 + ((disparities - rows @ plane) / 0.3) ** 2)
+    return plane
+
+
+def test_the_second_tea_box_is_not_where_its_reference_is():
+    """Between its two exposures something moved: its print says so, by OpenCV's template matching."""
+    name = 'tea box 005'
+    if name not in BOXES:
+        pytest.skip('no tea box in STEREO_REAL_DATA or beside the project (../shared/real)')
+    pair = BOXES[name]
+    places, disparities = printed_disparity(pair)
+    top = pair.left_T_object.apply(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) * 0.05)
+    left, right = pair.rig.project(top)
+    stated = plane_of(left, (left - right)[:, 0])
+    off = disparities - np.column_stack([places, np.ones(len(places))]) @ stated
+    assert len(off) > 100
+    assert np.median(off) > CONTRADICTION
+
+
+@pytest.mark.parametrize('name', [name for name in ('tea box 000', 'tea box 005') if name in BOXES])
+def test_the_edges_of_the_tea_boxes_lie_where_their_print_is(name):
+    pair = BOXES[name]
+    plane = plane_of(*printed_disparity(pair))
+    features = recover(pair.left, pair.right, pair.rig).features
+    corners = pair.left_T_object.apply(np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]) * 1e-3 * np.array(BOX_MM))
+    shown = pair.rig.left.project(corners)
+    off = []
+    for a, b in zip(shown, np.roll(shown, -1, axis=0)):
+        across = np.array([a[1] - b[1], b[0] - a[0]]) / np.hypot(*(b - a))
+        for start, end in zip(features.start, features.end):
+            ends, there = pair.rig.project(np.stack([start, end]))
+            along = (ends - a) @ (b - a) / ((b - a) @ (b - a))
+            beside = np.abs((ends - a) @ across).max() < 3.0 and along.min() > -0.1 and along.max() < 1.1
+            if beside and np.hypot(*(ends[1] - ends[0])) > 20.0:
+                off += ((ends - there)[:, 0] - np.column_stack([ends, np.ones(2)]) @ plane).tolist()
+    assert len(off) >= 8, 'four edges of the top or more'
+    # Folds of card are rounded, so that single ends lie before or behind the print by up to two millimetres.
+    assert abs(np.median(off)) < AGREEMENT
+    assert np.median(np.abs(off)) < 2.0 * AGREEMENT
 
 
 @pytest.mark.parametrize('factor', [0.5, 2.0])
