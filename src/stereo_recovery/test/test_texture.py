@@ -1,0 +1,87 @@
+"""Texture beside edges, where the answer is known: pictures of one slanted surface, drawn from a formula."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_recovery.detection.junctions import find_junctions
+from stereo_recovery.detection.segments import Segments
+from stereo_recovery.edges.texture import Texture, texture_factors, texture_rows
+from stereo_recovery.matching.dense import DenseDisparity
+from stereo_recovery.matching.matches import Matches
+from stereo_recovery.matching.stereo_segments import StereoSegments
+
+SIZE = (320, 240)
+# Disparity of the surface: at the origin, along columns, along rows.
+PLANE = 30.0, 0.02, 0.04
+
+
+def pictures(gain: float = 1.0, shift: float = 0.0, lower: float = 0.0, plain: bool = False) -> tuple:
+    """The left and the right picture of a surface with a random pattern; the right one's rows lower by some pixels."""
+    rng = np.random.default_rng(7)
+    pattern = np.asarray(cv2.GaussianBlur(rng.normal(size=(SIZE[1], SIZE[0] + 100)), (0, 0), 2.0), np.float32)
+    pattern *= 0.0 if plain else 40.0 / pattern.std()
+    v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]].astype(np.float32)
+    # The left picture's column of what the right one shows at (u, v): u' = u + d(u', v').
+    row = v - np.float32(lower)
+    left_u = (u + PLANE[0] + PLANE[2] * row) / (1.0 - PLANE[1])
+    left = 120.0 + pattern[:, : SIZE[0]]
+    right = cv2.remap(pattern, left_u, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    return left.astype(np.float32), (gain * (120.0 + right) + shift).astype(np.float32)
+
+
+def seen_along(ends: np.ndarray) -> StereoSegments:
+    """One matched edge between two places of the left picture, its match 6 px off."""
+    disparity = PLANE[0] + ends @ np.array(PLANE[1:]) + 6.0
+    there = ends - np.stack([disparity, np.zeros(2)], axis=1)
+    segments = Segments.between(ends[None], 0.05), Segments.between(there[None], 0.05)
+    one = np.zeros(1, np.int32)
+    three = np.array([[disparity[0], disparity.mean(), disparity[1]]])
+    matches = Matches(one, one, three, np.sort(ends[:, 1])[None], np.ones(1))
+    return StereoSegments(matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])))
+
+
+@pytest.mark.parametrize(('gain', 'shift', 'lower'), [(1.0, 0.0, 0.0), (0.8, 15.0, 0.0), (1.2, -20.0, 0.3)])
+def test_a_level_edge_has_the_disparity_of_the_surface_beside_it(gain, shift, lower):
+    greys = pictures(gain, shift, lower)
+    ends = np.array([[120.0, 130.0], [260.0, 132.0]])
+    seen = seen_along(ends)
+    texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
+    factors = texture_factors(seen, np.array([0]), texture, 0.3)
+    assert len(factors) == 4, 'of both sides a place and a slope'
+    segment = seen.segments[0]
+    along = PLANE[1] * segment.direction[0, 0] + PLANE[2] * segment.direction[0, 1]
+    middle = PLANE[0] + segment.centre[0] @ np.array(PLANE[1:])
+    x = np.array([middle, along])
+    off = factors.value - factors.row @ x
+    assert (np.abs(off) < 3.0 * factors.sigma).all()
+    assert (np.abs(off[:2]) < 0.5).all(), 'the match is six pixels off'
+    assert (factors.sigma[:2] < 1.0).all()
+
+
+def test_a_plain_surface_says_nothing():
+    greys = pictures(plain=True)
+    seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
+    texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
+    assert len(texture_factors(seen, np.array([0]), texture, 0.3)) == 0
+    assert len(texture_rows(seen, texture).off) == 0
+
+
+def test_without_texture_or_open_edges_nothing_is_said():
+    greys = pictures()
+    seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
+    texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
+    assert len(texture_factors(seen, np.array([0]), None, 0.3)) == 0
+    assert len(texture_factors(seen, np.zeros(0, np.int64), texture, 0.3)) == 0
+
+
+@pytest.mark.parametrize('lower', [-0.6, 0.0, 0.4])
+def test_strips_tell_how_much_lower_the_right_rows_are(lower):
+    greys = pictures(lower=lower)
+    seen = seen_along(np.array([[150.0, 60.0], [170.0, 190.0]]))
+    rows = texture_rows(seen, Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0)))
+    assert len(rows.off) == 2
+    np.testing.assert_allclose(rows.off, lower, atol=0.1)
+    assert (np.abs(rows.off - lower) < 3.0 * rows.sigma).all()
