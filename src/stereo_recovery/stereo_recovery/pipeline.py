@@ -33,7 +33,7 @@ from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
 from .edges.selection import is_certain_beside_rims, is_edge
 from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
-from .edges.texture import Texture, texture_rows
+from .edges.texture import Texture, seen_by_texture, texture_rows
 from .matching.dense import DenseDisparity
 from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
@@ -238,7 +238,8 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     every = all_views(seen, rows.sigma, further, rig)
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups and what corners match')
     beside = Beside(rig, rows.sigma, shapes.reported, texture, every.views, late)
-    lines, line_segments = _straight_lines(every.seen, shapes, beside)
+    shown = every.seen if every.views or texture is None else seen_by_texture(every.seen, texture)
+    lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)

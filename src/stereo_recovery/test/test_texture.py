@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.texture import Texture, texture_factors, texture_rows
+from stereo_recovery.edges.texture import Texture, seen_by_texture, texture_factors, texture_rows
 from stereo_recovery.matching.dense import DenseDisparity
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
@@ -85,3 +87,31 @@ def test_strips_tell_how_much_lower_the_right_rows_are(lower):
     assert len(rows.off) == 2
     np.testing.assert_allclose(rows.off, lower, atol=0.1)
     assert (np.abs(rows.off - lower) < 3.0 * rows.sigma).all()
+
+
+def test_an_edge_without_a_match_is_where_its_texture_is():
+    greys = pictures()
+    # A dark line on the surface, that both pictures show.
+    ends = np.array([[140.0, 100.0], [180.0, 180.0]])
+    seen = seen_along(np.array([[120.0, 30.0], [260.0, 32.0]]))
+    there = ends - np.stack([PLANE[0] + ends @ np.array(PLANE[1:]), np.zeros(2)], axis=1)
+    for grey, line in zip(greys, (ends, there)):
+        left_of, below = (line[0] + np.array([-40.0, 0.0])), line[1] + np.array([-40.0, 0.0])
+        patch = np.array([left_of, line[0], line[1], below])
+        mask = np.zeros(grey.shape, np.uint8)
+        cv2.fillConvexPoly(mask, np.rint(16.0 * patch).astype(np.int32), 1, shift=4)
+        grey[mask > 0] -= 60.0
+    free = Segments.between(np.stack([seen.segments[0].start, seen.segments[0].end], axis=1).repeat(2, axis=0), 0.05)
+    free.centre[1], free.direction[1] = ends.mean(axis=0), (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+    free.extent[1] = np.array([-0.5, 0.5]) * np.hypot(*(ends[1] - ends[0]))
+    seen = replace(seen, segments=(free, seen.segments[1]), junctions=(find_junctions(free), seen.junctions[1]))
+    texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
+    grown = seen_by_texture(seen, texture)
+    assert (len(grown.matches), grown.stand_ins) == (2, 1)
+    assert grown.paired.tolist() == [True, False]
+    np.testing.assert_allclose(
+        grown.matches.disparity[1, 1], PLANE[0] + ends.mean(axis=0) @ np.array(PLANE[1:]), atol=0.5
+    )
+    plain = texture.levels[0][0], np.full_like(texture.levels[0][1], 120.0)
+    blind = replace(texture, levels=(*texture.levels[:-1], plain))
+    assert len(seen_by_texture(seen, blind).matches) == 1, 'what the right picture does not show is no edge'

@@ -109,7 +109,7 @@ def _with_stand_ins(
     all_matches = np.concatenate(match, axis=1)
     views = tuple(replace(view, stand_in=mine) for view, mine in zip(views, all_matches))
     where = np.concatenate(owner)
-    return AllViews(_joined_segments(seen, where, np.concatenate(x), belief[where]), views)
+    return AllViews(with_stand_ins(seen, where, np.concatenate(x), belief[where]), views)
 
 
 def _spread(view: ViewLines, extent: FloatArray) -> FloatArray:
@@ -120,7 +120,7 @@ def _spread(view: ViewLines, extent: FloatArray) -> FloatArray:
     return np.where(known.known, variance, np.inf)
 
 
-def _joined_segments(seen: StereoSegments, alone: IntArray, x: FloatArray, belief: FloatArray) -> StereoSegments:
+def with_stand_ins(seen: StereoSegments, alone: IntArray, x: FloatArray, belief: FloatArray) -> StereoSegments:
     """The pair with edges of left segments (k,), of disparities (k, 2) and beliefs (k,), as stand-ins."""
     left, right = seen.segments
     junctions = seen.junctions[1]

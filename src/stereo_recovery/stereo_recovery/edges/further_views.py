@@ -129,8 +129,13 @@ def joint_lines(seen: StereoSegments, row_sigma: float, views: Sequence[ViewLine
     own = pairs.own_lines(seen.segments[0].extent[left])
     of_views = [view.match_of(seen) for view in views]
     e = np.flatnonzero(np.any([match >= 0 for match in of_views], axis=0)) if views else np.zeros(0, np.int64)
+    # A stand-in of the right image says nothing.
+    mask = seen.paired[:, None, None]
+    information, right, with_line = (
+        np.where(mask, each, 0.0) for each in (own.information, own.vector[..., None], np.asarray(own.with_line))
+    )
     if len(e) == 0:
-        return own
+        return OwnLines(information, right[..., 0], own.extent, with_line)
     normal, vector = np.zeros((len(e), 4, 4)), np.zeros((len(e), 4))
     prior = np.zeros((len(e), 2, 2))
     eye = np.eye(2)
@@ -149,11 +154,6 @@ def joint_lines(seen: StereoSegments, row_sigma: float, views: Sequence[ViewLine
         _add((normal, vector), k, (view.pairs, m), rows, value, view.left_turn[m])
     normal[:, 2:, 2:] += np.linalg.inv(prior)
     gain = np.einsum('nij,njk->nik', normal[:, :2, 2:], np.linalg.inv(normal[:, 2:, 2:]))
-    # A stand-in of the right image says nothing.
-    information, right, with_line = (
-        np.where(seen.paired[:, None, None], each, 0.0)
-        for each in (own.information, own.vector[..., None], np.asarray(own.with_line))
-    )
     information[e] = normal[:, :2, :2] - np.einsum('nij,nkj->nik', gain, normal[:, :2, 2:])
     right[e, :, 0] = vector[:, :2] - np.einsum('nij,nj->ni', gain, vector[:, 2:])
     with_line[e] = gain

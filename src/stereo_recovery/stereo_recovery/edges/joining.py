@@ -104,12 +104,12 @@ def _goes_on(pixel: FloatArray, grey: Float32Array) -> bool:
         return True
     if (pixel[1, 0] - pixel[0, 1]) @ (pixel[0, 1] - pixel[0, 0]) < 0.0:
         return True
-    gap, *own = (_contrast(grey, *line) for line in ((pixel[0, 1], pixel[1, 0]), *pixel))
+    gap, *own = (contrast_across(grey, *line) for line in ((pixel[0, 1], pixel[1, 0]), *pixel))
     weaker = min(own, key=abs)
     return bool(gap * weaker > 0.0 and abs(gap) > GAP_SHARE * abs(weaker))
 
 
-def _contrast(grey: Float32Array, start: FloatArray, end: FloatArray) -> float:
+def contrast_across(grey: Float32Array, start: FloatArray, end: FloatArray) -> float:
     """Mean difference of grey levels across the line between two places, pixels."""
     run = end - start
     length = max(float(np.hypot(*run)), 1.0)

@@ -165,6 +165,8 @@ STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
 STRIP_SIGMA = 0.2
 # px: sigma of rows up to which a strip is a witness of them. [R]
 STRIP_ROW_SIGMA = 0.4
+# px: the shortest segment that texture alone matches. [R]
+STRIP_SHORTEST = 12.0
 # Probability that an edge belongs to the surface on one of its sides. [R]
 STRIP_PRIOR = 0.7
 # Pixels of a strip that share one error: what smoothing makes of noise, and what no plane and no gain explain. [P]
