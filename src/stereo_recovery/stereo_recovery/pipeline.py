@@ -30,7 +30,7 @@ from .edges.all_views import all_views
 from .edges.hiding import hidden_ends
 from .edges.joining import join_parts
 from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
-from .edges.selection import is_certain_beside_rims, is_edge
+from .edges.selection import is_edge
 from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
 from .edges.texture import Texture, seen_by_texture, texture_rows
@@ -245,8 +245,6 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
     kept = is_edge(lines, in_space, line_segments, shapes, hidden_rims, params.min_length, rig)
     curves = oriented_by_faces(shapes.reported, in_space.ends[kept], in_space.err_per[kept])
-    if shapes.rims:
-        kept &= is_certain_beside_rims(in_space)
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
     parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))
     features = FeatureSet.concatenate(

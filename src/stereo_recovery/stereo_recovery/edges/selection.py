@@ -16,7 +16,7 @@ from ..curves.settings import SHARED_EDGELS
 from ..detection.segments import Segments
 from ..matching.settings import STEEPEST
 from .lines3d import EdgesInSpace, Lines3D
-from .settings import LEAST_RELIABILITY, MOST_ERR_PER, MOST_ERR_PER_BESIDE_RIMS
+from .settings import LEAST_RELIABILITY, MOST_ERR_PER
 
 
 def lengths(edges: EdgesInSpace) -> FloatArray:
@@ -108,9 +108,3 @@ def is_edge(
         & ~on_contours((lines.left, lines.right), segments, shapes.surfaces, rig)
     )
     return selected
-
-
-def is_certain_beside_rims(edges: EdgesInSpace) -> BoolArray:
-    """(n,) bool: edges whose direction is known so well that they are no parts of a rim."""
-    certain: BoolArray = edges.err_per < MOST_ERR_PER_BESIDE_RIMS * lengths(edges)
-    return certain

@@ -75,9 +75,8 @@ REDUNDANCY = 10.0
 
 # Least probability that all holds on which the depth of a reported edge hangs. [D] more likely than not
 LEAST_RELIABILITY = 0.5
-# Largest three sigma bound across an edge, as a share of its length; and beside rims, of which a short edge may well be
-# a part. [R]
-MOST_ERR_PER, MOST_ERR_PER_BESIDE_RIMS = 0.25, 0.16
+# Largest three sigma bound across an edge, as a share of its length. [R]
+MOST_ERR_PER = 0.25
 
 # -- where edges end ---------------------------------------------------------------------------------------------------
 
