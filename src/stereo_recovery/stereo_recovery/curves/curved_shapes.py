@@ -26,18 +26,15 @@ class CurvedShapes:
     ----------
     curves : list of Curve
         All that were found, contours of spheres included, which explain edgels.
-    rims : list of Curve
-        Those that are curves of the object.
     reported : list of Curve
-        The rims that are known well enough to be features.
+        Those that are curves of the object, and known well enough to be features.
     axes : list of Axis
-        Of the reported rims.
+        Of the reported ones.
     surfaces : list of CurvedSurface
         That any rim may bound.
     """
 
     curves: list[Curve]
-    rims: list[Curve]
     reported: list[Curve]
     axes: list[Axis]
     surfaces: list[CurvedSurface]
@@ -75,4 +72,4 @@ def recover_curved_shapes(
     reported = [curve for curve in rims if is_reported(curve)]
     axes, surfaces = find_axes(reported, segments, edgels.rig)
     surfaces += [CurvedSurface.cylinder(curve) for curve in rims if not is_reported(curve)]
-    return CurvedShapes(curves, rims, reported, axes, surfaces)
+    return CurvedShapes(curves, reported, axes, surfaces)
