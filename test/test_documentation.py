@@ -16,6 +16,7 @@ import model_matcher
 import stereo_recovery
 from stereo_recovery import settings as root_settings
 from stereo_recovery.edges import settings as edge_settings
+from stereo_recovery.estimation import settings as estimation_settings
 from stereo_recovery.matching import settings as matching_settings
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -72,7 +73,9 @@ def test_the_page_of_the_method_quotes_the_settings():
     assert len(quoted) > 40
     for name, number in quoted:
         values = [
-            getattr(room, name) for room in (root_settings, matching_settings, edge_settings) if hasattr(room, name)
+            getattr(room, name)
+            for room in (root_settings, matching_settings, estimation_settings, edge_settings)
+            if hasattr(room, name)
         ]
         assert float(number) in values, f'{name}: the page says {number}, the settings {values}'
 

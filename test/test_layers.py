@@ -39,7 +39,7 @@ ROOMS = {
     ),
     'dap_emulator': ('bit_planes', 'machine', 'fortran_plus', 'service', 'watch'),
     'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
-    'stereo_recovery': ('params', 'stopwatch', 'cameras', 'detection', 'matching', 'curves', 'edges'),
+    'stereo_recovery': ('params', 'stopwatch', 'cameras', 'detection', 'matching', 'curves', 'estimation', 'edges'),
     'model_matcher': (
         'params',
         'settings',

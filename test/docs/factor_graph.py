@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from stereo_recovery.edges import settings
+from stereo_recovery.estimation import settings
 
 INK, PALE = '#333333', '#c8ccd0'
 JUNCTION, ROUNDED, END = '#2471a3', '#8e44ad', '#e67e22'

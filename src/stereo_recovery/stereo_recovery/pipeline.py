@@ -33,7 +33,8 @@ from .edges.lines3d import EdgesInSpace, Lines3D, to_space, with_rig_error
 from .edges.selection import is_edge
 from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
-from .edges.texture import Texture, seen_by_texture, texture_rows
+from .edges.texture_matching import seen_by_texture
+from .estimation.texture import Texture, texture_rows
 from .matching.dense import DenseDisparity
 from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match

@@ -13,7 +13,7 @@ from stereo_recovery.detection.chains import chains_of
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.detection.splitting import split
 from stereo_recovery.edges.lines3d import Lines3D, line_covariance, to_space
-from stereo_recovery.edges.own_lines import own_lines
+from stereo_recovery.estimation.own_lines import own_lines
 from stereo_recovery.matching.matches import Matches
 
 SIZE = 96

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_recovery.edges.estimate import OwnLines, estimate, first_of_edges, probabilities
-from stereo_recovery.edges.factors import Factors
-from stereo_recovery.edges.normal_equations import NormalEquations
+from stereo_recovery.estimation.estimate import OwnLines, estimate, first_of_edges, probabilities
+from stereo_recovery.estimation.factors import Factors
+from stereo_recovery.estimation.normal_equations import NormalEquations
 
 
 def tied(pairs: list[tuple[int, float, int, float]], prior: float = 0.98, sigma: float = 0.03) -> Factors:

@@ -7,14 +7,14 @@ import pytest
 
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.factors import (
+from stereo_recovery.estimation.factors import (
     Factors,
     collinear_factors,
     end_factors,
     junction_factors,
     rounded_corner_factors,
 )
-from stereo_recovery.edges.settings import JUNCTION_PRIOR, OTHER_CORNER_PRIOR, SEEN_ONCE_PRIOR, T_PRIOR
+from stereo_recovery.estimation.settings import JUNCTION_PRIOR, OTHER_CORNER_PRIOR, SEEN_ONCE_PRIOR, T_PRIOR
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
 

@@ -7,9 +7,9 @@ import numpy as np
 from msgs_py import PinholeCamera, StereoRig
 from stereo_recovery.curves.curve import Curve
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.estimate import Estimate, OwnLines, estimate
-from stereo_recovery.edges.factors import Factors
-from stereo_recovery.edges.parallel_groups import parallel_factors
+from stereo_recovery.estimation.estimate import Estimate, OwnLines, estimate
+from stereo_recovery.estimation.factors import Factors
+from stereo_recovery.estimation.parallel_groups import parallel_factors
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(512, 512, 703.0), 0.05)
 UP = np.array([0.15, -0.9, 0.41]) / np.linalg.norm([0.15, -0.9, 0.41])

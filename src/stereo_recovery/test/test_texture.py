@@ -10,7 +10,8 @@ import pytest
 
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
-from stereo_recovery.edges.texture import Texture, seen_by_texture, texture_factors, texture_rows
+from stereo_recovery.edges.texture_matching import seen_by_texture
+from stereo_recovery.estimation.texture import Texture, texture_factors, texture_rows
 from stereo_recovery.matching.dense import DenseDisparity
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments

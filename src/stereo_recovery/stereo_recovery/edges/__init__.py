@@ -1,1 +1,1 @@
-"""Straight edges in space."""
+"""Straight edges in space: where they end, what corners and further cameras say, and which are reported."""

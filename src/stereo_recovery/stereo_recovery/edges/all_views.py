@@ -12,12 +12,12 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
+from ..estimation.own_lines import line_pairs
 from ..matching.further_views import FurtherView
 from ..matching.matches import Matches, match_of
 from ..matching.stereo_segments import StereoSegments
 from .column_error import with_columns
 from .further_views import ViewLines, view_lines
-from .own_lines import line_pairs
 from .settings import LOST_SIGMA
 from .transfer import confirmations
 from .view_votes import Hypotheses, by_left, elected, sighted

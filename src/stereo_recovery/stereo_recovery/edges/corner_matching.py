@@ -17,11 +17,12 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, line_table
+from ..estimation.settings import STEEP
 from ..matching.matches import Matches
 from ..matching.stereo_segments import StereoSegments
 from . import corner_kernels
 from .junction_edges import Corners, met_corners
-from .settings import CORNER_GATE, ENDS_HEIGHT, ONE_CORNER, SAME_HEIGHT, SHORTEST_MATCH, STEEP
+from .settings import CORNER_GATE, ENDS_HEIGHT, ONE_CORNER, SAME_HEIGHT, SHORTEST_MATCH
 
 
 def inconsistent(seen: StereoSegments, known: Corners) -> BoolArray:

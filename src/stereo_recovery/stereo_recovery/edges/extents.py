@@ -10,19 +10,9 @@ from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments
+from ..estimation.settings import LOOSE_END_SIGMA, STEEP
 from ..matching.stereo_segments import StereoSegments
-from .settings import (
-    FAR_GAP,
-    FAR_SIGMA,
-    LOOSE_END_SIGMA,
-    LOST,
-    LOST_SHARE,
-    ONE_CORNER,
-    SHORT_EDGE,
-    SHORT_SIGMA,
-    STEEP,
-    T_SIGMA,
-)
+from .settings import FAR_GAP, FAR_SIGMA, LOST, LOST_SHARE, ONE_CORNER, SHORT_EDGE, SHORT_SIGMA, T_SIGMA
 
 
 @dataclass(frozen=True, eq=False)

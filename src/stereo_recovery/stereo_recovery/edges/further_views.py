@@ -22,12 +22,12 @@ import numpy as np
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from ..estimation.estimate import OwnLines
+from ..estimation.own_lines import LinePairs, line_pairs
 from ..matching.further_views import FurtherView
 from ..matching.matches import match_of
 from ..matching.stereo_segments import StereoSegments
-from .estimate import OwnLines
 from .extents import Extents, extents
-from .own_lines import LinePairs, line_pairs
 from .settings import LEAST_LEFT_SHARE
 from .view_votes import Hypotheses, by_left
 

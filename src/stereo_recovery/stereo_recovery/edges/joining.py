@@ -13,7 +13,8 @@ import numpy as np
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
-from .settings import GAP_OFFSET, GAP_SHARE, GATE, JOINED_MISS, JOINED_REACH, JOINED_SHARE, JOINED_SIGMA, SMALL_GAP
+from ..estimation.settings import GATE
+from .settings import GAP_OFFSET, GAP_SHARE, JOINED_MISS, JOINED_REACH, JOINED_SHARE, JOINED_SIGMA, SMALL_GAP
 
 
 class _Shown(NamedTuple):

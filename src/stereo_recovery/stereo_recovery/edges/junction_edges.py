@@ -14,11 +14,12 @@ from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from ..detection.junctions import Junctions
 from ..detection.segments import Segments, line_table
+from ..estimation.estimate import Estimate
+from ..estimation.settings import CORNER_SIGMA, OPEN_SIGMA
 from ..matching.stereo_segments import StereoSegments
 from . import corner_kernels
-from .estimate import Estimate
 from .extents import Extents
-from .settings import BESIDE, CORNER_SIGMA, INSIDE, OPEN_SIGMA, ROUNDED, SHORTEST
+from .settings import BESIDE, INSIDE, ROUNDED, SHORTEST
 
 
 @dataclass(frozen=True, eq=False)

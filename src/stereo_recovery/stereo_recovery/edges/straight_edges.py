@@ -12,18 +12,19 @@ from msgs_py.numeric.typed import FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
+from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, unit_variance
+from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
+from ..estimation.parallel_groups import parallel_factors
+from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
+from ..estimation.texture import Texture, texture_factors
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
 from .corner_matching import inconsistent, matched_by_corners
-from .estimate import Estimate, by_factors, end_sigma, estimate, unit_variance
 from .extents import Extents, extents
-from .factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from .further_views import ViewLines, joint_lines, seen_further, view_extents
 from .junction_edges import Corners, corners, junction_edges
 from .lines3d import Lines3D, line_covariance
-from .parallel_groups import parallel_factors
-from .settings import CORNER_ROUNDS, GROUP_ROUNDS, MOST_CORNER_SIGMA, ROUNDED, WELL_MEASURED
-from .texture import Texture, texture_factors
+from .settings import CORNER_ROUNDS, ROUNDED
 
 
 @dataclass(frozen=True, eq=False)

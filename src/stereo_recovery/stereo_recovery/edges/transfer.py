@@ -14,9 +14,10 @@ from msgs_py import StereoRig
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.segments import Segments
+from ..estimation.settings import GATE
 from ..matching.stereo_segments import StereoSegments
 from .further_views import ViewLines
-from .settings import GATE, PREDICTION_SHARE, PREDICTION_SIGMA
+from .settings import PREDICTION_SHARE, PREDICTION_SIGMA
 from .view_votes import Hypotheses, agreement, sharp
 
 

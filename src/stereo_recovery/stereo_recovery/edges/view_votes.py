@@ -9,13 +9,13 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from ..estimation.settings import OPEN_SIGMA
 from .settings import (
     BELIEF_MOST,
     BLIND_AGREEMENT,
     BLIND_PRIOR,
     CONFIRMED_RIGHT,
     CONFIRMED_WRONG,
-    OPEN_SIGMA,
     SIGHTED_AGREEMENT,
     VIEW_GATE,
 )

@@ -14,18 +14,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from msgs_py.numeric.typed import AnyArray, BoolArray, Float32Array, FloatArray, IntArray
+from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
 from ..detection.segments import Segments
 from ..matching.dense import DenseDisparity
 from ..matching.row_error import RowWitnesses
 from ..matching.stereo_segments import StereoSegments
-from .all_views import with_stand_ins
 from .factors import Factors
-from .joining import contrast_across
 from .settings import (
-    GAP_SHARE,
-    OPEN_SIGMA,
     SPREAD,
     STRIP_ASKED,
     STRIP_COARSEST,
@@ -36,7 +32,6 @@ from .settings import (
     STRIP_LEVEL_SIGMA,
     STRIP_PRIOR,
     STRIP_ROW_SIGMA,
-    STRIP_SHORTEST,
     STRIP_SIGMA,
     STRIP_SLOPE_SIGMA,
     STRIP_STARTS,
@@ -83,7 +78,7 @@ def _halved(image: Float32Array) -> Float32Array:
     return np.asarray(cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _starts(left: Segments, index: AnyArray, dense: DenseDisparity) -> tuple[IntArray, FloatArray, FloatArray]:
+def strips_beside(left: Segments, index: AnyArray, dense: DenseDisparity) -> tuple[IntArray, FloatArray, FloatArray]:
     """Strips beside segments where dense disparity is known.
 
     Returns (k,) which of ``index`` they belong to, (k, 7) their places and (k, 3) disparity at abscissa 0 and its
@@ -139,7 +134,7 @@ def texture_rows(seen: StereoSegments, texture: Texture) -> RowWitnesses:
     seen : StereoSegments
     texture : Texture
     """
-    _, places, starts = _starts(seen.segments[0], np.unique(seen.matches.left[seen.straight]), texture.dense)
+    _, places, starts = strips_beside(seen.segments[0], np.unique(seen.matches.left[seen.straight]), texture.dense)
     good, value, _, rows = align_strips(texture.levels, texture.scale, places, starts, 1.0)
     sigma = np.sqrt(STRIP_CORRELATION * rows[:, 1])
     good &= sigma < STRIP_ROW_SIGMA
@@ -167,7 +162,7 @@ def texture_factors(seen: StereoSegments, open_edges: IntArray, texture: Texture
     """
     if texture is None or len(open_edges) == 0:
         return Factors.none()
-    owner, places, starts = _starts(seen.segments[0], seen.matches.left[open_edges], texture.dense)
+    owner, places, starts = strips_beside(seen.segments[0], seen.matches.left[open_edges], texture.dense)
     row_sigma = max(row_sigma, STRIP_LEAST_ROW)
     good, value, covariance, _ = align_strips(texture.levels, texture.scale, places, starts, row_sigma)
     edge, places, value = open_edges[owner[good]], places[good], value[good]
@@ -186,47 +181,3 @@ def texture_factors(seen: StereoSegments, open_edges: IntArray, texture: Texture
             Factors.of_one(edge, rows[1], length * value[:, 1], turn, prior, spread),
         ]
     )
-
-
-def seen_by_texture(seen: StereoSegments, texture: Texture) -> StereoSegments:
-    """The pair with the left image's edges that have no match, but lie on a surface whose texture has one.
-
-    The nearer surface is the one that an edge belongs to. The right image has to have its contrast there.
-
-    Parameters
-    ----------
-    seen : StereoSegments
-    texture : Texture
-    """
-    left = seen.segments[0]
-    free = (left.arc < 0) & (left.length >= STRIP_SHORTEST)
-    free[seen.matches.left] = False
-    index = np.flatnonzero(free)
-    owner, places, starts = _starts(left, index, texture.dense)
-    good, value, covariance, _ = align_strips(texture.levels, texture.scale, places, starts, 1.0)
-    middle = places[:, 4:6].mean(axis=1)
-    h = np.stack([np.ones_like(middle), middle], axis=1)
-    good &= STRIP_CORRELATION * np.einsum('ki,kij,kj->k', h, covariance, h) < OPEN_SIGMA**2
-    disparity = (h * value).sum(axis=1)
-    order = np.lexsort((disparity, owner))
-    order = order[good[order]]
-    if len(order) == 0:
-        return seen
-    nearest = order[np.concatenate([owner[order][1:] != owner[order][:-1], [True]])]
-    nearest = nearest[_has_contrast(left, index[owner[nearest]], value[nearest], texture.levels[-1])]
-    if len(nearest) == 0:
-        return seen
-    return with_stand_ins(seen, index[owner[nearest]], value[nearest], np.full(len(nearest), STRIP_PRIOR))
-
-
-def _has_contrast(
-    left: Segments, index: IntArray, x: FloatArray, images: tuple[Float32Array, Float32Array]
-) -> BoolArray:
-    """(k,) bool: left segments that the right image shows, too, where disparities a + b s (k, 2) have them."""
-    result = np.zeros(len(index), bool)
-    for k, (i, (a, b)) in enumerate(zip(index, x)):
-        here = np.stack([left.start[i], left.end[i]])
-        there = here - np.stack([a + b * left.extent[i], np.zeros(2)], axis=1)
-        own, its = contrast_across(images[0], *here), contrast_across(images[1], *there)
-        result[k] = own * its > 0.0 and abs(its) > GAP_SHARE * abs(own)
-    return result

@@ -1,0 +1,109 @@
+"""Numbers of the estimate of straight edges: sigmas and probabilities.
+
+[P] says that a probability was counted, and [R] that a value was set by trial, on rendered scenes (bench_lines.py
+--seeds 100..139) and on the pairs of test/benchmarks/bench_photoreal.py and bench_real.py that are not held out; [D]
+that it follows from what is said.
+"""
+
+from __future__ import annotations
+
+# -- factors -----------------------------------------------------------------------------------------------------------
+
+# px: disparity by which two edges miss each other at a corner they share (rounded corners, blur). [P]
+CORNER_SIGMA = 0.03
+# px: the largest by which they do, at rounded ones. [R]
+MOST_CORNER_SIGMA = 1.0
+# px: where a chain stops without a corner, and by which heights of one corner in the two images differ. [P]
+LOOSE_END_SIGMA, HEIGHT_SIGMA = 4.0, 0.3
+# Probabilities that edges that meet in an image meet in space: the same two meet in the other image; there the end is
+# loose; there it meets a third; one of the two goes on beyond the crossing. [P]
+JUNCTION_PRIOR, SEEN_ONCE_PRIOR, OTHER_CORNER_PRIOR, T_PRIOR = 0.98, 0.75, 0.65, 0.4
+# Probability that the ends of a pair of segments are one point. [P]
+END_PRIOR = 0.8
+# Probability that two edges that continue each other are one, and px by which their disparities differ; px by which the
+# end of either misses the other's line, sine between them, and the widest gap as a share of the shorter. [R]
+COLLINEAR_PRIOR, COLLINEAR_SIGMA = 0.8, 0.1
+COLLINEAR_MISS, COLLINEAR_SINE, COLLINEAR_GAP = 1.5, 0.06, 1.0
+# Probability that lines meet that cross beyond their chains, at most so many px and this share of their lengths; by how
+# much, px, chains may overrun the crossing; and the least sine between the lines. [R]
+ROUNDED_PRIOR, ROUNDED_GAP, ROUNDED_SHARE = 0.6, 25.0, 0.5
+ROUNDED_OVERRUN, ROUNDED_SINE = 4.0, 0.15
+# Sine of the slope above which lines know disparity better than their ends do. [R]
+STEEP = 0.3
+# px: range over which the disparity of an accident is even. [R]
+SPREAD = 30.0
+
+# -- parallel groups ---------------------------------------------------------------------------------------------------
+
+# Residuals up to this many sigma count as noise. [D] three sigma
+GATE = 3.0
+# rad: how far edges of one direction miss it; and disparity a pixel, beyond that of their lines. [R]
+DIRECTION_SIGMA, SLOPE_SIGMA = 2e-3, 2e-4
+# An edge says what group it is of when the chance that it had any other direction is below this. [R]
+CLEAR = 0.01
+# There have to be so many members, and so many that accident makes less than this number of groups in a picture (A.
+# Desolneux, L. Moisan and J.-M. Morel's a-contrario reasoning). [D] one picture in twenty
+LEAST_MEMBERS, FALSE_GROUPS = 3, 0.05
+# Edges of other directions that are taken to be there beside those that are known. [R]
+GROUP_DOUBT = 10.0
+# Most groups, and seeds from which they are grown, the best known first. [R] bounds the time
+MOST_GROUPS, GROUP_SEEDS = 12, 100
+# Share of an edge's direction that is seen, below which it recedes too steeply to be told its slope. [R]
+LEAST_LEVER = 0.1
+# So often groups are looked for and told. [R]
+GROUP_ROUNDS = 2
+# Slopes of disparity at random are even over this range, px a pixel. [R]
+SLOPE_SPREAD = 1.0
+
+# -- estimate ----------------------------------------------------------------------------------------------------------
+
+# px: sigma of disparity about that of the match, of an edge that nothing tells; and of its slope, px a pixel. [R]
+MATCH_SIGMA, MATCH_SLOPE = 20.0, 0.3
+# px: an edge whose disparity is known better than the first at its ends tells others from the start; one that is known
+# worse than the second is open. [R]
+WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
+# px a pixel: largest slope of disparity that is tried for an open edge. [R]
+MOST_SLOPE = 0.5
+# Rounds of the start, of the least squares, and links of a chain of edges that hang on each other. [R] bounds the time
+START_ROUNDS, ROUNDS, CHAIN = 3, 100, 4
+# So often a factor may be taken out again. [D] more would not end
+MOST_REMOVED = 2
+# Residuals that the sigmas' own word is worth. [R]
+REDUNDANCY = 10.0
+
+# -- sagitta -----------------------------------------------------------------------------------------------------------
+
+# Two segments show the same part of an edge when their lengths agree to this share; of the square of a line's sigma so
+# much at least is not its sagitta's. [R]
+SAME_EXTENT, LEAST_SHARE = 0.15, 0.01
+
+# -- texture beside edges ----------------------------------------------------------------------------------------------
+
+# px of a level of the image pyramid: nearest and farthest line of a strip beside an edge; most samples along it. [R]
+STRIP_NEAR, STRIP_FAR, STRIP_SAMPLES = 2, 12, 100
+# Rounds of the alignment, and px that it moves by when it has ended.
+STRIP_ROUNDS, STRIP_CONVERGED = 12, 0.02
+# Sigma of disparity's gradients on surfaces, px a pixel. [R]
+STRIP_SLOPE_SIGMA = 0.15
+# Share of a strip's variance that its alignment has to explain. [R]
+STRIP_LEAST_SHARE = 0.5
+# Sigma of the gain between the two strips, and of the shift, grey levels; grey levels: what residuals differ by at
+# least. [R]
+STRIP_GAIN_SIGMA, STRIP_SHIFT_SIGMA, STRIP_LEAST_SCALE = 0.5, 100.0, 0.3
+# Width of Cauchy's weights, in sigmas. [D] 95 % as efficient as least squares where nothing is wrong
+CAUCHY = 2.385
+# px: sigma of rows at least; share of a strip where dense disparity must be known; rounds of the line through it; and
+# the coarsest level, over the size of the dense disparity.
+STRIP_LEAST_ROW, STRIP_LEAST_KNOWN, STRIP_FITS, STRIP_COARSEST = 0.2, 0.15, 6, 0.75
+# px: smoothing of each level of the pyramid.
+STRIP_LEVEL_SIGMA = 0.8
+# Places along a strip, and reduced px from the edge, where dense disparity is asked.
+STRIP_STARTS, STRIP_ASKED = 24, (2.0, 5.0, 8.0)
+# px: by which a surface's disparity beside an edge misses the edge's, beyond what its alignment has. [R]
+STRIP_SIGMA = 0.2
+# px: sigma of rows up to which a strip is a witness of them. [R]
+STRIP_ROW_SIGMA = 0.4
+# Probability that an edge belongs to the surface on one of its sides. [R]
+STRIP_PRIOR = 0.7
+# Pixels of a strip that share one error: what smoothing makes of noise, and what no plane and no gain explain. [P]
+STRIP_CORRELATION = 16.0
