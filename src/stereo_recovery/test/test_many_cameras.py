@@ -182,7 +182,7 @@ def test_a_blind_camera_leaves_what_the_others_see(synthetic, solids, three, bli
     np.testing.assert_allclose(found.err_per, expected.err_per, atol=1e-9)
 
 
-def test_a_camera_that_has_moved_does_no_harm(synthetic, solids):
+def test_a_camera_that_has_moved_a_little_or_much_is_measured_or_left_out(synthetic, solids):
     """A fifth of a degree, 2 px, is measured and taken out; what is off by more is left out."""
     shapes = [
         solids[name].at(Pose.from_rotation_vector(turn, LEVEL.translation))
