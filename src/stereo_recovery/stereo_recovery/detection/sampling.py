@@ -5,8 +5,6 @@ from __future__ import annotations
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import Float32Array
 
-from .settings import LAST_POSITION
-
 
 @njit
 def bilinear(image: Float32Array, u: float, v: float) -> float:
@@ -32,11 +30,3 @@ def bilinear_pair(first: Float32Array, second: Float32Array, u: float, v: float)
         w00 * first[y, x] + w01 * first[y, x + 1] + w10 * first[y + 1, x] + w11 * first[y + 1, x + 1],
         w00 * second[y, x] + w01 * second[y, x + 1] + w10 * second[y + 1, x] + w11 * second[y + 1, x + 1],
     )
-
-
-@njit
-def clamped(image: Float32Array, u: float, v: float) -> float:
-    """The image (h, w) at column u and row v, pixels; outside it, at the nearest position inside."""
-    h, w = image.shape
-    value: float = bilinear(image, min(max(u, 0.0), w - LAST_POSITION), min(max(v, 0.0), h - LAST_POSITION))
-    return value

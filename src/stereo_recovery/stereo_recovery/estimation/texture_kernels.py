@@ -8,6 +8,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray
 
+from ..detection.sampling import bilinear
 from .settings import (
     CAUCHY,
     MATCH_SIGMA,
@@ -26,17 +27,6 @@ from .settings import (
 # Unknowns of a strip: disparity where it begins, its gradients along and across the edge, gain and shift of grey
 # levels, and the row in the right image over that in the left.
 UNKNOWNS = 6
-
-
-@njit
-def _bilinear(image: Float32Array, x: float, y: float) -> float:
-    """Grey level at column x, row y, which are inside."""
-    j, i = int(x), int(y)
-    p, q = x - j, y - i
-    return float(
-        (1.0 - q) * ((1.0 - p) * image[i, j] + p * image[i, j + 1])
-        + q * ((1.0 - p) * image[i + 1, j] + p * image[i + 1, j + 1])
-    )
 
 
 @njit
@@ -62,10 +52,10 @@ def _sample(images: tuple[Float32Array, Float32Array], place: FloatArray, p: Flo
             if there < 1.0 or there >= width - 2 or below < 1.0 or below >= height - 2:
                 continue
             out[m, 0], out[m, 1] = s, o
-            out[m, 2] = _bilinear(left, x, y)
-            out[m, 3] = _bilinear(right, there, below)
-            out[m, 4] = 0.5 * (_bilinear(right, there + 1.0, below) - _bilinear(right, there - 1.0, below))
-            out[m, 5] = 0.5 * (_bilinear(right, there, below + 1.0) - _bilinear(right, there, below - 1.0))
+            out[m, 2] = bilinear(left, x, y)
+            out[m, 3] = bilinear(right, there, below)
+            out[m, 4] = 0.5 * (bilinear(right, there + 1.0, below) - bilinear(right, there - 1.0, below))
+            out[m, 5] = 0.5 * (bilinear(right, there, below + 1.0) - bilinear(right, there, below - 1.0))
             m += 1
     return m
 
