@@ -34,7 +34,7 @@ from .edges.selection import is_edge
 from .edges.straight_edges import Beside, edges
 from .edges.tangency import joined_ends
 from .edges.texture_matching import seen_by_texture
-from .estimation.texture import Texture, texture_rows
+from .estimation.texture import AlignedStrips, Texture, texture_rows
 from .matching.dense import DenseDisparity
 from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
@@ -238,7 +238,8 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     watch.stage('curves')
     every = all_views(seen, rows.sigma, further, rig)
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups and what corners match')
-    beside = Beside(rig, rows.sigma, shapes.reported, texture, every.views, late)
+    strips = None if texture is None else AlignedStrips(every.seen.segments[0], texture, rows.sigma)
+    beside = Beside(rig, rows.sigma, shapes.reported, strips, every.views, late)
     shown = every.seen if every.views or texture is None else seen_by_texture(every.seen, texture)
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')

@@ -11,7 +11,7 @@ import pytest
 from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.edges.texture_matching import seen_by_texture
-from stereo_recovery.estimation.texture import Texture, texture_factors, texture_rows
+from stereo_recovery.estimation.texture import AlignedStrips, Texture, texture_factors, texture_rows
 from stereo_recovery.matching.dense import DenseDisparity
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.stereo_segments import StereoSegments
@@ -46,13 +46,18 @@ def seen_along(ends: np.ndarray) -> StereoSegments:
     return StereoSegments(matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])))
 
 
+def strips_of(seen: StereoSegments, texture: Texture) -> AlignedStrips:
+    """Of the left segments, in a rig whose rows disagree by a third of a pixel."""
+    return AlignedStrips(seen.segments[0], texture, 0.3)
+
+
 @pytest.mark.parametrize(('gain', 'shift', 'lower'), [(1.0, 0.0, 0.0), (0.8, 15.0, 0.0), (1.2, -20.0, 0.3)])
 def test_a_level_edge_has_the_disparity_of_the_surface_beside_it(gain, shift, lower):
     greys = pictures(gain, shift, lower)
     ends = np.array([[120.0, 130.0], [260.0, 132.0]])
     seen = seen_along(ends)
     texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
-    factors = texture_factors(seen, np.array([0]), texture, 0.3)
+    factors = texture_factors(seen, np.array([0]), strips_of(seen, texture))
     assert len(factors) == 4, 'of both sides a place and a slope'
     segment = seen.segments[0]
     along = PLANE[1] * segment.direction[0, 0] + PLANE[2] * segment.direction[0, 1]
@@ -68,7 +73,7 @@ def test_a_plain_surface_says_nothing():
     greys = pictures(plain=True)
     seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
     texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
-    assert len(texture_factors(seen, np.array([0]), texture, 0.3)) == 0
+    assert len(texture_factors(seen, np.array([0]), strips_of(seen, texture))) == 0
     assert len(texture_rows(seen, texture).off) == 0
 
 
@@ -76,8 +81,8 @@ def test_without_texture_or_open_edges_nothing_is_said():
     greys = pictures()
     seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
     texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
-    assert len(texture_factors(seen, np.array([0]), None, 0.3)) == 0
-    assert len(texture_factors(seen, np.zeros(0, np.int64), texture, 0.3)) == 0
+    assert len(texture_factors(seen, np.array([0]), None)) == 0
+    assert len(texture_factors(seen, np.zeros(0, np.int64), strips_of(seen, texture))) == 0
 
 
 @pytest.mark.parametrize('lower', [-0.6, 0.0, 0.4])
@@ -116,3 +121,13 @@ def test_an_edge_without_a_match_is_where_its_texture_is():
     plain = texture.levels[0][0], np.full_like(texture.levels[0][1], 120.0)
     blind = replace(texture, levels=(*texture.levels[:-1], plain))
     assert len(seen_by_texture(seen, blind).matches) == 1, 'what the right picture does not show is no edge'
+
+
+def test_strips_that_are_asked_for_again_say_the_same():
+    greys = pictures()
+    seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
+    strips = strips_of(seen, Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0)))
+    first, again = strips.beside(np.array([0])), strips.beside(np.array([0, 0]))
+    assert again[0].tolist() == [0, 1, 0, 1], 'one side after the other'
+    for once, twice in zip(first[1:], again[1:]):
+        np.testing.assert_array_equal(twice, np.repeat(once, 2, axis=0))

@@ -16,7 +16,7 @@ from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, uni
 from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from ..estimation.parallel_groups import parallel_factors
 from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
-from ..estimation.texture import Texture, texture_factors
+from ..estimation.texture import AlignedStrips, texture_factors
 from ..matching.stereo_segments import StereoSegments
 from ..stopwatch import Late, never
 from .corner_matching import inconsistent, matched_by_corners
@@ -38,8 +38,8 @@ class Beside:
         By which single rows of the two images disagree.
     curves : sequence of Curve
         Planar curves of the pair; their normals are directions of edges as well.
-    texture : Texture, optional
-        Of the images.
+    strips : AlignedStrips, optional
+        Of the texture beside the left segments.
     views : sequence of ViewLines
         What further cameras say of the edges.
     late : callable
@@ -49,7 +49,7 @@ class Beside:
     rig: StereoRig
     row_sigma: float
     curves: Sequence[Curve] = ()
-    texture: Texture | None = None
+    strips: AlignedStrips | None = None
     views: Sequence[ViewLines] = ()
     late: Late = never
 
@@ -79,7 +79,7 @@ def solved(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray]:
     # Only what the right image shows of junctions depends on the unknowns.
     fixed = [make(seen) for make in (rounded_corner_factors, collinear_factors, end_factors)]
     open_edges = np.flatnonzero(~known & seen.straight)
-    fixed.append(texture_factors(seen, open_edges, beside.texture, beside.row_sigma))
+    fixed.append(texture_factors(seen, open_edges, beside.strips))
     factors = Factors.concatenate([junction_factors(seen, x), *fixed])
     found = estimate(lines, factors, np.zeros(len(factors), bool))
     for _ in range(GROUP_ROUNDS):

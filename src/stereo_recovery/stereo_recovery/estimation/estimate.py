@@ -228,13 +228,9 @@ def by_factors(
 
 def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
     """(k,) by how many sigma each factor that is used misses what all others say; NaN where they do not say it."""
-    own = factors.sigma**2
-    share = np.where(used, 1.0 - solution.variance / own, 1.0)
-    told = used & (share > 0.05)
-    result = np.full(len(factors), np.nan)
-    spread = solution.variance[told] / share[told] + own[told]
-    result[told] = np.abs(solution.residual[told] / share[told]) / np.sqrt(spread)
-    return result
+    off, variance = without_itself(factors, solution, used)
+    told = used & (1.0 - solution.variance / factors.sigma**2 > 0.05)
+    return np.where(told, np.abs(off) / np.sqrt(variance + factors.sigma**2), np.nan)
 
 
 def unit_variance(misses: FloatArray) -> float:

@@ -113,7 +113,7 @@ def strips_beside(left: Segments, index: AnyArray, dense: DenseDisparity) -> tup
 def _line_through(value: FloatArray, place: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """Robust lines a + b s through disparities (n, ...), pixels, at places s; NaN is not known; scale : of a pixel."""
     known = np.isfinite(value)
-    a = np.array([np.median(v[k]) for v, k in zip(value, known)]).reshape(-1)
+    a = np.nanmedian(value, axis=(1, 2))
     b = np.zeros(len(a))
     value = np.where(known, value, 0.0)
     rows = np.stack([np.ones_like(place), place], axis=-1)
@@ -146,7 +146,46 @@ def texture_rows(seen: StereoSegments, texture: Texture) -> RowWitnesses:
     return RowWitnesses(right, rows[:, 0], sigma[good])
 
 
-def texture_factors(seen: StereoSegments, open_edges: IntArray, texture: Texture | None, row_sigma: float) -> Factors:
+class AlignedStrips:
+    """The strips of texture beside left segments, aligned when they are first asked for: estimates ask many times.
+
+    Parameters
+    ----------
+    left : Segments
+    texture : Texture
+    row_sigma : float, pixels
+        By which single rows of the two images disagree.
+    """
+
+    def __init__(self, left: Segments, texture: Texture, row_sigma: float) -> None:
+        self._left, self._texture, self._row_sigma = left, texture, max(row_sigma, STRIP_LEAST_ROW)
+        self._asked = np.zeros(len(left), bool)
+        # Of both sides of every segment: whether it aligned, and if so disparity and slope, and their covariance.
+        self._good = np.zeros((2, len(left)), bool)
+        self._value = np.zeros((2, len(left), 2))
+        self._covariance = np.zeros((2, len(left), 2, 2))
+
+    def beside(self, index: AnyArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Strips beside segments (m,): which of ``index`` they belong to (k,), disparity and slope, covariance."""
+        fresh = np.unique(index[~self._asked[index]])
+        if len(fresh):
+            self._align(fresh)
+        side, owner = np.nonzero(self._good[:, index])
+        return owner, self._value[side, index[owner]], self._covariance[side, index[owner]]
+
+    def _align(self, fresh: IntArray) -> None:
+        """Align the strips of segments (m,) that were not asked for before."""
+        owner, places, starts = strips_beside(self._left, fresh, self._texture.dense)
+        good, value, covariance, _ = align_strips(
+            self._texture.levels, self._texture.scale, places, starts, self._row_sigma
+        )
+        slot = (places[:, 6] > 0.0).astype(np.intp), fresh[owner]
+        self._good[slot], self._value[slot] = good, value
+        self._covariance[slot] = STRIP_CORRELATION * covariance
+        self._asked[fresh] = True
+
+
+def texture_factors(seen: StereoSegments, open_edges: IntArray, strips: AlignedStrips | None) -> Factors:
     """What the surfaces on either side of edges say of their disparity.
 
     Parameters
@@ -155,21 +194,16 @@ def texture_factors(seen: StereoSegments, open_edges: IntArray, texture: Texture
         n edges.
     open_edges : (m,) int
         Those that need it.
-    texture : Texture, optional
+    strips : AlignedStrips, optional
         None says nothing.
-    row_sigma : float, pixels
-        By which single rows of the two images disagree.
     """
-    if texture is None or len(open_edges) == 0:
+    if strips is None or len(open_edges) == 0:
         return Factors.none()
-    owner, places, starts = strips_beside(seen.segments[0], seen.matches.left[open_edges], texture.dense)
-    row_sigma = max(row_sigma, STRIP_LEAST_ROW)
-    good, value, covariance, _ = align_strips(texture.levels, texture.scale, places, starts, row_sigma)
-    edge, places, value = open_edges[owner[good]], places[good], value[good]
-    covariance = STRIP_CORRELATION * covariance[good]
+    owner, value, covariance = strips.beside(seen.matches.left[open_edges])
+    edge = open_edges[owner]
     # Where disparity and slope are independent, they are two statements.
     at = -covariance[:, 0, 1] / covariance[:, 1, 1]
-    length = places[:, 5] - places[:, 4]
+    length = seen.segments[0].length[seen.matches.left[edge]]
     sigma = np.sqrt(np.maximum(covariance[:, 0, 0] + at * covariance[:, 0, 1], 0.0) + STRIP_SIGMA**2)
     turn = np.sqrt(covariance[:, 1, 1] * length**2 + (2.0 * STRIP_SIGMA) ** 2)
     k = len(edge)

@@ -1,8 +1,8 @@
 """How the rows of a rectified pair disagree, from what the pair itself shows.
 
 Rectification leaves an error: a camera that has moved a little since it was calibrated shows its rows shifted and
-turned. Corners that both images show, and edges that run along the rows, should be at one height; what they say is
-fitted by a function linear in column and row, and what is left over is the sigma of single rows.
+turned. Corners that both images show, edges along the rows, and other witnesses that are given should be at one height;
+what they say is fitted by a function linear in column and row, and what is left over is the sigma of single rows.
 """
 
 from __future__ import annotations
