@@ -17,6 +17,26 @@ from .settings import DAMPING, FREE_EIGENVALUE, NOT_ZERO, SMALLEST_LENGTH
 
 
 @njit
+def cholesky(a: FloatArray, n: int, low: FloatArray) -> bool:
+    """Fill the lower half of ``low`` with the Cholesky factor of the first n rows of a; both may be one array.
+
+    Returns whether a is positive definite; ``low`` is without meaning when it is not.
+    """
+    for i in range(n):
+        for j in range(i + 1):
+            total = a[i, j]
+            for k in range(j):
+                total -= low[i, k] * low[j, k]
+            if i == j:
+                if total <= 0.0:
+                    return False
+                low[i, i] = np.sqrt(total)
+            else:
+                low[i, j] = total / low[j, j]
+    return True
+
+
+@njit
 def solve6(a: FloatArray, b: FloatArray, x: FloatArray) -> bool:
     """Solve a x = b by Cholesky's decomposition.
 
@@ -41,17 +61,8 @@ def solve6(a: FloatArray, b: FloatArray, x: FloatArray) -> bool:
 
     """
     low = np.zeros((6, 6))
-    for i in range(6):
-        for j in range(i + 1):
-            total = a[i, j]
-            for k in range(j):
-                total -= low[i, k] * low[j, k]
-            if i == j:
-                if total <= 0.0:
-                    return False
-                low[i, i] = np.sqrt(total)
-            else:
-                low[i, j] = total / low[j, j]
+    if not cholesky(a, 6, low):
+        return False
     for i in range(6):
         total = b[i]
         for k in range(i):

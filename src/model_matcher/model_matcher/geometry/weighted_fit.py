@@ -14,7 +14,7 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from .features import CURVE, FeatureRows
-from .least_squares import damp, solve6
+from .least_squares import cholesky, damp, solve6
 from .rigid_motion import compose_small, perpendiculars, transform_line
 from .settings import CONVERGED, HUBER_STEPS, MOST_STEPS, OUTLYING_CURVE, OUTLYING_LINE
 
@@ -91,17 +91,9 @@ def _projected(covariance: FloatArray, axes: FloatArray, sizes: tuple[int, int],
 @njit
 def _whiten(covariance: FloatArray, block: FloatArray, count: int) -> bool:
     """Divide the first rows of a block (m, 7) by the Cholesky factor of their covariance, both in place."""
+    if not cholesky(covariance, count, covariance):
+        return False
     for i in range(count):
-        for j in range(i + 1):
-            total = covariance[i, j]
-            for k in range(j):
-                total -= covariance[i, k] * covariance[j, k]
-            if i == j:
-                if total <= 0.0:
-                    return False
-                covariance[i, i] = np.sqrt(total)
-            else:
-                covariance[i, j] = total / covariance[j, j]
         for c in range(7):
             total = block[i, c]
             for k in range(i):
