@@ -1,0 +1,313 @@
+"""From a pair to the poses of known parts, at default parameters: found, right, false, how near, how fast.
+
+Every part of a pair's family that is asked for (those present, and those that are not) is a search of its own:
+recovery of the pair, then model_matcher.pipeline.survey of the one part, or with ``--together`` of all at once. A table
+with a line a family and one JSON file; ``--save`` keeps the table as pose_baseline.json, which later runs print beside
+theirs. true_poses.py says what stands where, pose_scoring.py what counts as right.
+
+    python test/benchmarks/bench_poses.py --quick
+    python test/benchmarks/bench_poses.py --families openvgr table --draw out/poses
+    python test/benchmarks/bench_poses.py --negatives --families openvgr      (parts that are not there: no answer)
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from measure import Absent, Measurement
+from pose_scoring import Search, add_witness, drawing, row_of, score_search, summary
+from tqdm import tqdm
+from true_pairs import PHOTOREAL_KINDS, QUICK, TruePair, data_folder, families_of
+from true_poses import READERS, Part, PosedPair, all_parts, in_metres, posed_pairs, witness
+
+from model_matcher import MatchResult
+from model_matcher.pipeline import survey, warm_up
+from msgs_py import FeatureSet
+from stereo_recovery import recover
+from stereo_recovery.pipeline import warm_up as warm_up_recovery
+
+HERE = Path(__file__).resolve().parent
+BASELINE = HERE / 'pose_baseline.json'
+REAL_POSED = ('openvgr', 'visp_cube', 'teabox')
+DEFAULT = (*REAL_POSED, *PHOTOREAL_KINDS)
+# Real families with pictures of their own: the tags stand in those of the cube.
+NEGATIVES = ('openvgr', 'visp_cube', 'teabox', 'chessboards', 'middlebury')
+
+
+def asked(parts: list[Part], features: FeatureSet, pair: TruePair) -> MatchResult:
+    """The search that is measured. ``pair`` has the images and the rig, which it does not look at."""
+    return survey([part.index for part in parts], features)
+
+
+def run(
+    families: list[str],
+    *,
+    data: Path | None = None,
+    scenes: list[str] | None = None,
+    held: bool = False,
+    together: bool = False,
+    draw: Path | None = None,
+    search: Callable[[list[Part], FeatureSet, TruePair], MatchResult] = asked,
+) -> list[dict[str, Any]]:
+    """A row a pair, see :func:`pose_scoring.row_of`. Families without known parts have none."""
+    folder = data_folder(data)
+    rows = []
+    for posed in _shown(posed_pairs(folder, [f for f in families if f in READERS], scenes, held)):
+        recovery_ms, features = recovered(posed.pair)
+        searches = searched(posed, features, together, search)
+        eye = witness(folder, posed.pair)
+        if eye is not None:
+            add_witness(posed, searches, eye)
+        rows.append(row_of(posed, searches, recovery_ms, len(features)))
+        if draw is not None:
+            draw.mkdir(parents=True, exist_ok=True)
+            name = f'{posed.pair.family}_{posed.pair.name.replace(" ", "_")}.png'
+            cv2.imwrite(str(draw / name), drawing(posed, searches))
+    return rows
+
+
+def _shown(pairs: Iterator[PosedPair]) -> Iterator[PosedPair]:
+    yield from tqdm(pairs, desc='pairs', unit='', disable=not sys.stderr.isatty())
+
+
+def recovered(pair: TruePair) -> tuple[float, FeatureSet]:
+    """Milliseconds and the features of a pair."""
+    since = time.perf_counter()
+    features = recover(pair.left, pair.right, in_metres(pair)).features
+    return 1e3 * (time.perf_counter() - since), features
+
+
+def searched(
+    posed: PosedPair,
+    features: FeatureSet,
+    together: bool,
+    search: Callable[[list[Part], FeatureSet, TruePair], MatchResult] = asked,
+) -> list[Search]:
+    """Every part asked for, judged. Together, each part is told the time of the one search, shared among them."""
+    groups = [list(posed.asked)] if together else [[part] for part in posed.asked]
+    searches = []
+    for group in groups:
+        since = time.perf_counter()
+        result = search(group, features, posed.pair)
+        taken = 1e3 * (time.perf_counter() - since) / max(len(group), 1)
+        searches += [score_search(posed, part, _of_part(result, part), taken) for part in group]
+    return searches
+
+
+def _of_part(result: MatchResult, part: Part) -> MatchResult:
+    """What a result says of one part."""
+    mine = (tuple(one for one in ones if one.model == part.name) for ones in (result.interpretations, result.rejected))
+    interpretations, rejected = mine
+    return replace(result, interpretations=interpretations, rejected=rejected)
+
+
+def run_negatives(
+    families: list[str], data: Path | None = None, scenes: list[str] | None = None, limit: int | None = None
+) -> list[dict[str, Any]]:
+    """A row a pair, as of :func:`run`, of every part that there is a model of and that the pair does not show."""
+    folder = data_folder(data)
+    parts = all_parts(folder)
+    rows = []
+    taken: dict[str, int] = {}
+    for posed in _shown(posed_pairs(folder, families, scenes)):
+        taken[posed.pair.family] = taken.get(posed.pair.family, 0) + 1
+        if limit is not None and taken[posed.pair.family] > limit:
+            continue
+        present = {one.part.name for one in posed.instances}
+        others = tuple(part for part in parts if part.name not in present)
+        recovery_ms, features = recovered(posed.pair)
+        absent = PosedPair(posed.pair, posed.instances, others)
+        rows.append(row_of(absent, searched(absent, features, False), recovery_ms, len(features)))
+    return rows
+
+
+# -- tables ----------------------------------------------------------------------------------------------------
+
+# Column, key of the summary, digits.
+COLUMNS = (
+    ('pairs', 'pairs', 0),
+    ('asked', 'searches', 0),
+    ('there', 'to_find', 0),
+    ('found', 'found', 0),
+    ('share', 'found_share', 2),
+    ('ref', 'refused_best', 0),
+    ('ref any', 'refused_any', 0),
+    ('right', 'right', 0),
+    ('twice', 'twice', 0),
+    ('wrong', 'wrong', 0),
+    ('absent', 'absent', 0),
+    ('false', 'false', 0),
+    ('like', 'like', 0),
+    ('deg', 'deg', 3),
+    ('p90', 'deg_p90', 2),
+    ('mm', 'mm', 3),
+    ('p90', 'mm_p90', 2),
+    ('depth %', 'depth_percent', 3),
+    ('eye3 px', 'witness_px', 2),
+    ('true px', 'witness_true_px', 2),
+    ('ms', 'ms', 1),
+    ('p99', 'ms_p99', 0),
+    ('max', 'ms_max', 0),
+    ('rec ms', 'recovery_ms', 0),
+)
+LEGEND = """\
+asked: searches, a part each; there, found, share: instances that have to be found, and are
+ref, ref any: of the others, those whose right pose is the best rejected hypothesis, or any rejected one
+right, twice, wrong: answers by instance, about one that has a better answer, about none of a part that is there
+absent, false: searches for parts that are not there, and their answers; like: wrong or false, on a part nearly the same
+deg, mm, depth %: of right answers, medians and p90, at the part's middle, symmetric poses equal
+eye3, true: rms of creases at the found and at the true pose in the eye that took no part, median of answers
+ms: a search, median, p99 and greatest; rec ms: recovery of a pair, median"""
+
+
+def summaries(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Of all, of the photo-real ones together, and by family."""
+    result = {'all': summary(rows)}
+    photoreal = [row for row in rows if row['family'] in PHOTOREAL_KINDS]
+    families = list(dict.fromkeys(row['family'] for row in rows))
+    if len({row['family'] for row in photoreal}) > 1:
+        result['photoreal'] = summary(photoreal)
+    for family in families:
+        result[family] = summary([row for row in rows if row['family'] == family])
+    return result
+
+
+def table(rows: list[dict[str, Any]], baseline: dict[str, Any] | None = None) -> str:
+    """A line a family, under it the baseline's."""
+    lines = [f'{"":<12}' + ''.join(f'{name:>8}' for name, _, _ in COLUMNS)]
+    for family, figures in summaries(rows).items():
+        lines.append(_line(family, figures))
+        if baseline and family in baseline:
+            lines.append(_line('  baseline', baseline[family]))
+    return '\n'.join(lines)
+
+
+def _line(name: str, figures: dict[str, Any]) -> str:
+    return f'{name:<12}' + ''.join(f'{_cell(figures.get(key), digits):>8}' for _, key, digits in COLUMNS)
+
+
+def _cell(value: float | None, digits: int) -> str:
+    return '-' if value is None or not np.isfinite(value) else f'{value:.{digits}f}'
+
+
+def search_table(rows: list[dict[str, Any]], whole: bool = True) -> str:
+    """A line a search; not whole: of those only that were answered."""
+    lines = []
+    for row in rows:
+        for search in row['searches']:
+            if not whole and not search['answers']:
+                continue
+            told = [
+                answer['verdict']
+                + (' (like)' if answer['like'] else '')
+                + ('' if answer['deg'] is None else f' {answer["deg"]:.2f} deg {answer["mm"]:.2f} mm')
+                for answer in search['answers']
+            ]
+            state = f'{search["found"]} of {search["to_find"]}' if search['present'] else 'absent'
+            refused = f'; {search["refused_any"]} right ones refused' if search['refused_any'] else ''
+            why = f' [{search["why"]}]' if search['why'] else ''
+            lines.append(
+                f'{row["pair"]:<15}{search["part"]:<12}{state:<8}{search["ms"]:>9.1f} ms  '
+                + (', '.join(told) or '-')
+                + refused
+                + why
+            )
+    return '\n'.join(lines)
+
+
+# -- commands --------------------------------------------------------------------------------------------------
+
+
+def measurements(quick: bool) -> Iterator[Measurement | Absent]:
+    """For run.py: what is found and what is wrong, by kind of pair."""
+    try:
+        _ready()
+        rows = run(list(DEFAULT), scenes=list(QUICK) if quick else None)
+    except FileNotFoundError as error:
+        yield Absent('poses', str(error))
+        return
+    for family, figures in summaries(rows).items():
+        if figures['found_share'] is not None:
+            yield Measurement(f'{family}: instances found', 100.0 * figures['found_share'], '%', lower_is_better=False)
+        mistakes = figures['wrong'] + figures['false'] + figures['twice']
+        yield Measurement(f'{family}: wrong, twice or absent', mistakes, 'of ' + str(figures['searches']))
+        for key, unit in (('deg', 'deg'), ('mm', 'mm'), ('ms', 'ms')):
+            if figures[key] is not None:
+                yield Measurement(f'{family}: {"a search" if key == "ms" else "pose"}', figures[key], unit)
+
+
+def _ready() -> None:
+    warm_up_recovery()
+    warm_up()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description='Poses of known parts from pairs with truth.')
+    parser.add_argument('--data', type=Path, help='folder with photoreal/ and real/ (default: STEREO_DATA, ../shared)')
+    parser.add_argument('--families', nargs='+', help='names, photoreal, real or all (default: all with poses)')
+    parser.add_argument('--scenes', nargs='+', help='pairs whose names begin so')
+    parser.add_argument('--quick', action='store_true', help='nine pairs of all families')
+    parser.add_argument('--held', action='store_true', help='with the pairs that are kept for the end')
+    parser.add_argument('--together', action='store_true', help='all parts of a pair in one search')
+    parser.add_argument('--negatives', action='store_true', help='only parts that are not there, all there are')
+    parser.add_argument('--limit', type=int, metavar='N', help='with --negatives: pairs of each family')
+    parser.add_argument('--draw', type=Path, metavar='FOLDER', help='both images with the parts where they were found')
+    parser.add_argument('--save', action='store_true', help='keep the table as the baseline')
+    parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'poses.json', help='the JSON file')
+    options = parser.parse_args(arguments)
+    try:
+        families = families_of(options.families or (NEGATIVES if options.negatives else DEFAULT))
+    except ValueError as error:
+        parser.error(str(error))
+    scenes = list(QUICK) if options.quick else options.scenes
+    _ready()
+    since = time.perf_counter()
+    try:
+        if options.negatives:
+            rows = run_negatives(families, options.data, scenes, options.limit)
+        else:
+            rows = run(
+                families,
+                data=options.data,
+                scenes=scenes,
+                held=options.held,
+                together=options.together,
+                draw=options.draw,
+            )
+    except FileNotFoundError as error:
+        print(error, file=sys.stderr)
+        return 1
+    kept = json.loads(BASELINE.read_text()) if BASELINE.exists() else {}
+    whole = not (options.scenes or options.held or options.together or options.limit)
+    section = ('negatives ' if options.negatives else '') + ('quick' if options.quick else 'whole')
+    print(search_table(rows, not options.negatives))
+    print()
+    print(table(rows, kept.get(section) if whole else None))
+    print(LEGEND)
+    print(f'{len(rows)} pairs in {time.perf_counter() - since:.1f} s')
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps({'families': summaries(rows), 'pairs': rows}, indent=1))
+    if options.save:
+        if not whole:
+            parser.error('--save: a baseline is of whole families, or of --quick')
+        part = kept.setdefault(section, {})
+        part.update({name: _rounded(figures) for name, figures in summaries(rows).items()})
+        BASELINE.write_text(json.dumps(kept, indent=1) + '\n')
+    return 0
+
+
+def _rounded(figures: dict[str, Any]) -> dict[str, Any]:
+    return {key: round(value, 4) if isinstance(value, float) else value for key, value in figures.items()}
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,300 @@
+"""Which known parts a pair of true_pairs.py shows, where each stands, and when a pose of one is as good as another.
+
+Nothing of a pair is loaded twice: pictures and rig come from :func:`true_pairs.load_pair`; here are the poses.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from third_eyes import third_eye
+from true_pairs import FAMILIES, LEAST_CONTRAST, PHOTOREAL_KINDS, TruePair, load_pairs
+
+from csg_renderer import Solid, load_models, model_features, parse_scene, scene_names, scene_path
+from model_matcher.closed_form.real_pair import SQUARE_M
+from model_matcher.model.index import ModelIndex, index_model
+from model_matcher.model.symmetry import symmetries
+from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
+
+# An instance has to be found when both cameras see this share of the length of all its edges and curves; a part that
+# nothing hides shows 0.38 to 0.66 of it (photoreal's single parts), so that this is half of one or more.
+SEEN_SHARE = 0.3
+# A part's roll is in the picture when something is that is no circle about its axis: an edge of so many pixels, an arc
+# of this share of its circle.
+LEAST_EDGE_PX, LEAST_ARC = 6.0, 0.1
+# Metres and sine: features this near to an axis lie on it.
+ON_AXIS = 1e-6
+# The box of ../shared/real/teabox as published, mm, a corner at the origin.
+TEA_BOX = 'UNITS MM;\ntea_box = BLOCK (165, 80, 68);\nDRAW tea_box;\n'
+# The other pair's reference contradicts its own pictures by 0.9 px (test_real_images.py).
+TEA_BOX_PAIRS = ('tea box 000',)
+# Parts that are each other but for a detail.
+ALIKE = {'w9': 'w9c', 'w9c': 'w9', 'w2': 'w3', 'w3': 'w2'}
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A known part: its solid, its index for the matcher, and what its symmetry makes equal.
+
+    motions : model_T_model that lay the part on itself, the identity first
+    axis : (2, 3) float64, a point and the unit direction of the axis about which any turn does; None without one
+    """
+
+    name: str
+    solid: Solid
+    index: ModelIndex
+    motions: tuple[Pose, ...]
+    axis: np.ndarray | None
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) metres, the middle of the part: where its place is judged."""
+        return np.asarray(self.index.middle)
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A part in a pair. pose : left_T_part; share : of its features' length that both eyes see; axis : as that of the
+    part, of what this picture shows of it: where bolt holes and keyway are hidden the roll is not in it."""
+
+    part: Part
+    pose: Pose
+    share: float
+    axis: np.ndarray | None
+
+    @property
+    def to_find(self) -> bool:
+        return self.share >= SEEN_SHARE
+
+    @property
+    def place(self) -> np.ndarray:
+        """(3,) metres, left optical frame."""
+        return np.asarray(self.pose.apply(self.part.middle))
+
+
+@dataclass(frozen=True, eq=False)
+class PosedPair:
+    """A pair, the instances in it, and the parts to ask for: those present, then those that are not there."""
+
+    pair: TruePair
+    instances: tuple[Instance, ...]
+    asked: tuple[Part, ...]
+
+    def of(self, part: Part) -> list[Instance]:
+        return [one for one in self.instances if one.part is part]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far a pose is from a true one: degrees, metres at the part's middle, and the latter's share of depth."""
+
+    degrees: float
+    metres: float
+    depth_share: float
+
+    def within(self, degrees: float, metres: float) -> bool:
+        return self.degrees <= degrees and self.metres <= metres
+
+
+def difference(instance: Instance, pose: Pose) -> Difference:
+    """Of the nearest pose that symmetry makes as true. About a free axis only the axis' direction counts."""
+    part, found = instance.part, pose.apply(instance.part.middle)
+    best: Difference | None = None
+    for motion in part.motions:
+        true = instance.pose.compose(motion)
+        place = true.apply(part.middle)
+        if instance.axis is None:
+            degrees = true.error_to(pose).rotation_deg
+        else:
+            # The middle lies on the axis, but for what is hidden: then the turn moves it, which is nobody's error.
+            cosine = float(true.rotate(instance.axis[1]) @ pose.rotate(instance.axis[1]))
+            degrees = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+            on_axis = _nearest_on(instance.axis, part.middle)
+            place, found = true.apply(on_axis), pose.apply(on_axis)
+        one = Difference(degrees, float(np.linalg.norm(place - found)), float(abs(found[2] - place[2]) / place[2]))
+        if best is None or one.degrees < best.degrees:
+            best = one
+    assert best is not None
+    return best
+
+
+def _nearest_on(axis: np.ndarray, point: np.ndarray) -> np.ndarray:
+    return np.asarray(axis[0] + ((point - axis[0]) @ axis[1]) * axis[1])
+
+
+# -- parts -----------------------------------------------------------------------------------------------------
+
+
+def make_part(name: str, solid: Solid) -> Part:
+    """A part of a solid."""
+    index = index_model(model_features(solid), name)
+    axis = common_axis(index, np.arange(len(index.features)))
+    motions = (Pose.identity(), *symmetries(index))
+    if axis is not None:
+        motions = (Pose.identity(), *_end_for_end(index, axis))
+    return Part(name, solid, index, motions, axis)
+
+
+def common_axis(index: ModelIndex, rows: np.ndarray) -> np.ndarray | None:
+    """(2, 3) point and direction of the axis that all of some features turn about; None when there is none."""
+    features = index.features.select(rows)
+    round_ = features.kind != FeatureKind.EDGE
+    curves = features.kind == FeatureKind.CURVE
+    if len(features) == 0 or not round_.all() or not curves.any():
+        return None
+    if (np.abs(features.radii[curves, 0] - features.radii[curves, 1]) > ON_AXIS).any():
+        return None
+    direction, point = features.directions[0], features.start[0]
+    away = np.linalg.norm(np.cross(features.start - point, direction), axis=1)
+    turned = np.linalg.norm(np.cross(features.directions, direction), axis=1)
+    if (away > ON_AXIS).any() or (turned > ON_AXIS).any():
+        return None
+    return np.stack([point, direction])
+
+
+def _end_for_end(index: ModelIndex, axis: np.ndarray) -> list[Pose]:
+    """The half turn across a part of circles about one axis, if it lays them on each other."""
+    middle = _nearest_on(axis, index.middle)
+    curves = index.features.of_kind(FeatureKind.CURVE)
+    height, radius = (curves.start - middle) @ axis[1], curves.radii[:, 0]
+    there = np.column_stack([height, radius])
+    if (np.abs(there[:, None] * [-1.0, 1.0] - there).max(axis=2).min(axis=1) > ON_AXIS).any():
+        return []
+    across = np.cross(axis[1], np.eye(3)[np.argmin(np.abs(axis[1]))])
+    turn = Pose.from_rotation_vector(np.pi * across / np.linalg.norm(across))
+    return [Pose(turn.rotation, middle - turn.rotate(middle))]
+
+
+@lru_cache(maxsize=64)
+def part_in(path: Path) -> Part:
+    """The part of a scene file."""
+    return make_part(path.stem, next(iter(load_models(path).values())))
+
+
+@lru_cache(maxsize=1)
+def tea_box() -> Part:
+    return make_part('tea_box', parse_scene(TEA_BOX).placements[0].model)
+
+
+def all_parts(data: Path) -> list[Part]:
+    """Every part there is a model of: those of the families, and the models of the scenes that csg_renderer brings."""
+    files = [
+        *sorted((data / 'real/openvgr/models').glob('*.csg')),
+        *sorted((data / 'real/visp_cube').glob('*.csg')),
+        *sorted((data / 'photoreal/parts').glob('*.csg')),
+    ]
+    parts = [tea_box(), *(part_in(path) for path in files)]
+    for scene in scene_names():
+        for name, solid in load_models(scene_path(scene)).items():
+            if any(part.name == f'thesis {name}' for part in parts):
+                continue
+            try:
+                parts.append(make_part(f'thesis {name}', solid))
+            except ValueError:
+                continue  # terrains and the like: nothing that a matcher could look for
+    return parts
+
+
+# -- families --------------------------------------------------------------------------------------------------
+
+
+def _photoreal(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
+    truth = json.loads((folder / 'truth' / f'{pair.name}.json').read_text())
+    parts = {name: part_in(folder / 'parts' / f'{name}.csg') for name in (*truth['present'], *truth['absent'])}
+    instances = []
+    for number, given in enumerate(truth['instances']):
+        part = parts[given['part']]
+        seen = [
+            e['feature']
+            for e in truth['edges']
+            if e['instance'] == number and e['pixels'] >= LEAST_EDGE_PX and e['contrast'] >= LEAST_CONTRAST
+        ]
+        seen += [
+            c['feature']
+            for c in truth['curves']
+            if c['instance'] == number and c['fraction_visible'] >= LEAST_ARC and c['contrast'] >= LEAST_CONTRAST
+        ]
+        axis = part.axis
+        if axis is None and seen:
+            axis = common_axis(part.index, np.flatnonzero(np.isin(part.index.source, seen)))
+        instances.append(Instance(part, _pose_of(given['left_T_part']), given['visible_share'], axis))
+    return instances, list(parts.values())
+
+
+def _openvgr(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
+    truth = json.loads((folder / f'{pair.name}.json').read_text())
+    parts = {path.stem: part_in(path) for path in sorted((folder / 'models').glob('*.csg'))}
+    instances = []
+    for given in truth['instances']:
+        part = parts[given['part']]
+        # 1 is all that could be seen, not all there is.
+        instances.append(Instance(part, _rigid(given['R'], given['t']), given['visible_share'], part.axis))
+    present = [one.part.name for one in instances]
+    return instances, [parts[name] for name in (*present, *(n for n in parts if n not in present))]
+
+
+def _cube(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
+    truth = next(t for t in json.loads((folder / 'truth.json').read_text()) if t['name'] == pair.name)
+    part = part_in(folder.parent / 'cube.csg')
+    return [Instance(part, _rigid(truth['cube']['R'], truth['cube']['t']), 1.0, None)], [part]
+
+
+def _teabox(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
+    reference = json.loads((folder / 'box_poses.json').read_text())
+    entry = reference['poses'][pair.name.split()[-1]]
+    pose = Pose.from_rotation_vector(entry['rvec'], entry['tvec_m'])
+    return [Instance(tea_box(), pose, 1.0, None)], [tea_box()]
+
+
+def _pose_of(matrix: Any) -> Pose:
+    matrix = np.array(matrix, float)
+    return _rigid(matrix[:3, :3], matrix[:3, 3])
+
+
+def _rigid(rotation: Any, translation: Any) -> Pose:
+    """R and t of a file, with as many digits as a rotation must have."""
+    u, _, v = np.linalg.svd(np.array(rotation, float))
+    return Pose(u @ v, np.array(translation, float))
+
+
+READERS: dict[str, Callable[[Path, TruePair], tuple[list[Instance], list[Part]]]] = {
+    'openvgr': _openvgr,
+    'teabox': _teabox,
+    'visp_cube': _cube,
+    **dict.fromkeys(PHOTOREAL_KINDS, _photoreal),
+}
+
+
+def posed_pair(data: Path, pair: TruePair) -> PosedPair:
+    """A pair with what stands where in it; nothing for families without known parts."""
+    if pair.family not in READERS:
+        return PosedPair(pair, (), ())
+    instances, asked = READERS[pair.family](data / FAMILIES[pair.family].folder, pair)
+    return PosedPair(pair, tuple(instances), tuple(dict.fromkeys(asked)))
+
+
+def posed_pairs(
+    data: Path, families: list[str], scenes: list[str] | None = None, held: bool = False
+) -> Iterator[PosedPair]:
+    """Pairs of families one after the other, those whose truth is doubted left out."""
+    for pair in load_pairs(data, families, scenes, held):
+        if pair.family != 'teabox' or pair.name in TEA_BOX_PAIRS:
+            yield posed_pair(data, pair)
+
+
+def in_metres(pair: TruePair) -> StereoRig:
+    """The rig of a pair with its baseline in metres; that of the chessboards is given in squares."""
+    if pair.family != 'chessboards':
+        return pair.rig
+    return StereoRig(pair.rig.left, pair.rig.right, pair.rig.baseline * SQUARE_M)
+
+
+def witness(data: Path, pair: TruePair) -> tuple[np.ndarray, PinholeCamera, Pose] | None:
+    """Picture, camera and left_T_camera of an eye that the pair does not contain; None when there is none."""
+    return third_eye(data, pair) if pair.family == 'openvgr' else None
