@@ -222,6 +222,8 @@ def summary(result: MatchResult, n_data: int) -> str:
     free = ''
     if best is not None and best.free_shift is not None:
         free = f'; all parallel: free to shift along ({" ".join(f"{value:.3f}" for value in best.free_shift)})'
+    if best is not None and best.free_turn is not None:
+        free += f'; {best.note}, ({" ".join(f"{value:.3f}" for value in best.free_turn)})'
     return f'{head}; {explained} of {n_data} features explained{free}; {1e3 * seconds:.1f} ms'
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from msgs_py import BIN, FeatureSet, Interpretation
+from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation
 from msgs_py.numeric.steps import CompileStep, run_all
 
 from .geometry.line_pairs import rank_pairs
@@ -23,6 +23,7 @@ from .params import MatchParams, MatchResult, no_match
 from .proof.certificate import certify
 from .search.free_scale import match_free
 from .search.pair_search import Candidates, search_pairs
+from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
 from .search.threads import spread
 from .settings import ALL_PAIRED, BLOCK, LARGE, LIBRARY, LOOK_S, NEIGHBOURS, PATIENCE, PERIODIC
@@ -92,7 +93,7 @@ def match(
             if len(data) == 0
             else 'every data feature has length zero or lies beyond all distance',
         )
-    if params.search == 'hypotheses' and not _all_parallel(problem.rows):
+    if params.search == 'hypotheses' and not _leaves_a_shift(problem):
         result = _match_hypotheses(problem, params, started)
     else:
         result = match_by_tree(problem, params, started)
@@ -102,10 +103,11 @@ def match(
     return result
 
 
-def _all_parallel(rows: np.ndarray) -> bool:
-    """Whether no two features fix a pose; a tree then finds what there is, with the shift along them left free."""
+def _leaves_a_shift(problem: Problem) -> bool:
+    """Whether all data is parallel, and lines only; a tree then finds what there is, with the shift along them free."""
+    rows = problem.rows
     least = float(np.abs(rows[:, 3:6] @ rows[0, 3:6]).min())
-    return 1.0 - least * least < PARALLEL_SINE**2 / 4.0
+    return 1.0 - least * least < PARALLEL_SINE**2 / 4.0 and not (problem.data.kind == FeatureKind.CURVE).any()
 
 
 def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:
@@ -122,6 +124,9 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     for least in (PATIENCE.least, np.inf):
         begin = parts[-1][1].pairs if parts else 0
         found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), started + searching)
+        # Edges among themselves are many: they are asked when nothing else has brought an answer.
+        tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), started + searching)
+        found = found._replace(hypotheses=found.hypotheses + tried)
         refined = (
             refine_all(problem, found.motions, found.scores, params)
             if n <= LARGE.features

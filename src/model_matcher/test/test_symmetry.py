@@ -54,10 +54,26 @@ def test_symmetric_poses_are_the_group_about_the_pose_each_once():
     assert symmetric_poses(index, others[0], ()) != ()
 
 
-def test_parallel_features_have_no_finite_group():
+def test_parallel_features_apart_have_a_finite_group():
+    """Two equal edges side by side: three half turns."""
     edges = FeatureSet.from_edges([[0, 0, 0], [0.01, 0, 0]], [[0, 0, 0.1], [0.01, 0, 0.1]])
-    assert symmetries(index_model(edges)) == ()
-    assert symmetric_poses(index_model(edges), Pose.identity()) == ()
+    assert len(symmetries(index_model(edges))) == 3
+    assert len(symmetric_poses(index_model(edges), Pose.identity())) == 3
+
+
+def test_a_solid_of_revolution_counts_end_for_end_only():
+    rims = FeatureSet.from_curves([[0, 0, 0], [0, 0, 0.1]], [[0, 0, -1], [0, 0, 1]], [0.03, 0.03])
+    (half,) = symmetries(index_model(rims))
+    np.testing.assert_allclose(half.apply(rims.start), rims.start[::-1], atol=1e-12)
+    cone = FeatureSet.from_curves([[0, 0, 0], [0, 0, 0.1]], [[0, 0, -1], [0, 0, 1]], [0.03, 0.02])
+    assert symmetries(index_model(cone)) == ()
+
+
+def test_a_pattern_of_holes_has_the_turns_of_the_pattern():
+    angle = np.arange(4) * np.pi / 2
+    centres = 0.04 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    holes = FeatureSet.from_curves([[0, 0, 0.02], *centres], [[0, 0, 1]] * 5, [0.02] + 4 * [0.005])
+    assert len(symmetries(index_model(holes))) == 3
 
 
 def test_match_lists_all_poses_of_a_symmetric_model():

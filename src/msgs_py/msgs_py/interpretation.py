@@ -43,6 +43,11 @@ class Interpretation:
     free_shift : (3,) float64, optional
         Unit direction, camera frame, along which the data leaves the pose free to move: all paired features are
         parallel to it.
+    free_turn : (3,) float64, optional
+        Unit direction, camera frame, of the axis about which the data leaves the pose free to turn: all paired features
+        lie about one axis. The covariance then has the variance of a uniform angle, pi squared / 3, about it.
+    note : str, optional
+        What else is to be known of it, as a sentence.
 
     Raises
     ------
@@ -67,6 +72,8 @@ class Interpretation:
     proven: bool = False
     rejected_reason: str | None = None
     free_shift: FloatArray | None = None
+    free_turn: FloatArray | None = None
+    note: str | None = None
 
     def __post_init__(self) -> None:
         assignment = np.array(self.assignment, dtype=np.int32)
@@ -88,8 +95,9 @@ class Interpretation:
             raise ValueError(f'matched: {self.matched} given, but the assignment pairs {count} features')
         if self.covariance is not None:
             object.__setattr__(self, 'covariance', as_finite('covariance', self.covariance, (6, 6)))
-        if self.free_shift is not None:
-            object.__setattr__(self, 'free_shift', as_finite('free_shift', self.free_shift, (3,)))
+        for name in ('free_shift', 'free_turn'):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_finite(name, getattr(self, name), (3,)))
         object.__setattr__(self, 'symmetric_poses', tuple(self.symmetric_poses))
         object.__setattr__(self, 'residual_rms', float(self.residual_rms))
 

@@ -330,14 +330,32 @@ class TestMarkersAndReports:
             proven=accepted,
             rejected_reason=None if accepted else 'edge 3 is 2 mm away',
             free_shift=None if accepted else [0.0, 0.6, 0.8],
+            free_turn=[0.6, 0.0, 0.8] if accepted else None,
+            note='free to turn' if accepted else None,
         )
         (back,) = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
         for name in ('assignment', 'sign'):
             assert np.array_equal(getattr(back, name), getattr(item, name))
-        for name in ('model', 'pose', 'matched', 'residual_rms', 'symmetric_poses', 'proven', 'rejected_reason'):
+        for name in (
+            'model',
+            'pose',
+            'matched',
+            'residual_rms',
+            'symmetric_poses',
+            'proven',
+            'rejected_reason',
+            'note',
+        ):
             assert getattr(back, name) == getattr(item, name)
         assert (back.covariance is None) == (item.covariance is None)
         assert np.array_equal(back.free_shift, item.free_shift)
+        assert np.array_equal(back.free_turn, item.free_turn)
+
+    def test_a_report_from_before_free_turns_and_notes_is_read(self):
+        report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose(), note='new')])
+        report.status[0].values = [v for v in report.status[0].values if v.key not in ('free_turn', 'note')]
+        (back,) = codecs.interpretations_from_report(report)
+        assert back.free_turn is None and back.note is None
 
     def test_a_damaged_report_names_status_and_key(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose())])

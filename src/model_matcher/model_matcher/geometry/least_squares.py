@@ -13,7 +13,7 @@ from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 from .back_projection import assign
 from .features import CURVE, DataFeatures, ModelFeatures
 from .rigid_motion import compose_small, perpendiculars, transform_line
-from .settings import DAMPING, FREE_EIGENVALUE, NOT_ZERO, SMALLEST_LENGTH
+from .settings import DAMPING, FREE_EIGENVALUE, NOT_ZERO, SMALLEST_LENGTH, UNIFORM_ANGLE
 
 
 @njit
@@ -276,7 +276,8 @@ def refine(
 def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: float) -> FloatArray:
     """Covariances of poses from the normal matrices of their fits.
 
-    A direction that the data leaves free gets the variance of its whole range: the model's size, or a half turn.
+    A direction that the data leaves free gets the variance of its whole range: a turn that of an angle that is anywhere
+    on the circle, pi squared / 3, a shift the model's size squared.
 
     Parameters
     ----------
@@ -296,9 +297,10 @@ def covariances(normals: FloatArray, chi: FloatArray, levers: FloatArray, size: 
 
     """
     out = np.empty((len(chi), 6, 6))
-    # Rotation as displacement at the model's rim, to compare the six.
+    # Rotation as displacement near the model's rim, to compare the six: so that a free turn, of the standard deviation
+    # of a uniform angle, displaces as a free shift does.
     units = np.ones(6)
-    units[:3] = 1.0 / max(0.5 * size, SMALLEST_LENGTH)
+    units[:3] = UNIFORM_ANGLE / max(size, SMALLEST_LENGTH)
     scaled, spread = np.empty((6, 6)), np.empty((6, 6))
     for k in range(len(chi)):
         for i in range(6):

@@ -21,6 +21,8 @@ DAMPING = 1e-9
 # An eigenvalue of a normal matrix below this part of the largest belongs to a motion that the data leaves free. It is
 # larger than DAMPING, so that a damped free motion is still seen to be free.
 FREE_EIGENVALUE = 1e-7
+# Radians: standard deviation of an angle of which nothing is known. [D] uniform from -pi to pi
+UNIFORM_ANGLE = math.pi / math.sqrt(3.0)
 
 # -- parallel lines --------------------------------------------------------------------------------------------------
 

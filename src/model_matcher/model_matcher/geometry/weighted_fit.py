@@ -186,6 +186,7 @@ def weighted_fit(
     is what remains when the place along the line is a free unknown of each end.
     """
     normal, right, step, centre = np.zeros((6, 6)), np.zeros(6), np.zeros(6), np.zeros(3)
+    damped = np.empty((6, 6))
     block, spread = np.empty((5, 7)), np.empty((5, 5))
     matched = 0
     for k in range(len(assignment)):
@@ -222,8 +223,10 @@ def weighted_fit(
             points += of_points
             distances += squares
         rms = np.sqrt(distances / max(points, 1))
-        damp(normal)
-        if not solve6(normal, right, step):
+        # A copy, so that a free motion is still seen to be free in what is returned.
+        damped[:] = normal
+        damp(damped)
+        if not solve6(damped, right, step):
             break
         compose_small(motion, centre, step)
         if turn >= HUBER_STEPS and (step * right).sum() < CONVERGED:

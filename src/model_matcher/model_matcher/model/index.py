@@ -12,6 +12,7 @@ from msgs_py import FeatureKind, FeatureSet
 from ..geometry.back_projection import build_voxels
 from ..geometry.features import ModelFeatures, PairTable, VoxelGrid
 from ..geometry.line_pairs import build_pair_table
+from ..geometry.parallel_pairs import ParallelPairs, parallel_pairs
 from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH
 from ..params import MatchParams
 from .settings import VOXEL_REACHES, VOXELS_ACROSS
@@ -88,6 +89,7 @@ class ModelIndex:
     pair_members: np.ndarray
     pair_values: np.ndarray
     _voxels: dict[float, VoxelGrid] = field(default_factory=dict)
+    _parallel: list[ParallelPairs] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -96,6 +98,13 @@ class ModelIndex:
     def pair_table(self) -> PairTable:
         """The model's pairs as compiled searches take them."""
         return PairTable(self.pair_reach, self.pair_starts, self.pair_members, self.pair_values)
+
+    @property
+    def parallel_pairs(self) -> ParallelPairs:
+        """The model's pairs of parallel features; made when they are asked for first."""
+        if not self._parallel:
+            self._parallel.append(parallel_pairs(self.rows, self.kind))
+        return self._parallel[0]
 
     def prepared(self, tolerance: float) -> ModelFeatures:
         """The model as back-projection takes it, for data that is off by no more than a tolerance (metres)."""

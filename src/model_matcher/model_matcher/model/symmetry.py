@@ -1,20 +1,31 @@
 """A model's own symmetry: the proper rigid motions that lay its features on themselves.
 
-One pair of non-parallel features fixes a motion, so every pair that looks like it gives a candidate, and a candidate is
-a symmetry when it lays every feature on one of the same kind and size. Edges and normals count without direction.
+One pair of features that are not on one line fixes a motion, so every pair that looks like it gives a candidate, and a
+candidate is a symmetry when it lays every feature on one of the same kind and size. Edges and normals count without
+direction. Where all features are about one axis, so is the solid, and any turn about it is one more symmetry.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from msgs_py import Pose
+from msgs_py import FeatureKind, Pose
+from msgs_py.numeric.vectors import perpendicular
 
-from ..geometry.settings import PARALLEL_SINE
+from ..geometry.settings import NOT_ZERO, PARALLEL_SINE
 from .index import ModelIndex
-from .settings import SAME, SAME_POSE_DEG, SYMMETRY_TOLERANCE
+from .settings import EXACT, SAME, SAME_POSE_DEG, SYMMETRY_TOLERANCE
+
+
+class Axis(NamedTuple):
+    """A line that features are about: point (3,) metres, and unit direction (3,)."""
+
+    point: np.ndarray
+    direction: np.ndarray
+
 
 _known: WeakKeyDictionary[ModelIndex, tuple[Pose, ...]] = WeakKeyDictionary()
 
@@ -30,12 +41,57 @@ def symmetries(index: ModelIndex) -> tuple[Pose, ...]:
     Returns
     -------
     tuple of Pose
-        model_T_model, without the identity. Empty for a model without symmetry, and for one whose features are all
-        parallel: their group is not finite.
+        model_T_model, without the identity. Empty for a model without symmetry. Of a solid of revolution, see
+        :func:`common_axis`, those that are equal but for a turn about its axis count once.
     """
     if index not in _known:
         _known[index] = _find(index)
     return _known[index]
+
+
+def common_axis(rows: np.ndarray, size: float) -> Axis | None:
+    """The one line that features lie along, or have their centres on and their planes upright to.
+
+    Parameters
+    ----------
+    rows : (n, 9) float64
+        Features of a model, see geometry/features.py.
+    size : float
+        Metres, of the model.
+
+    Returns
+    -------
+    Axis or None
+        Model frame; with the direction of the first feature. None also when there are no features.
+    """
+    if len(rows) == 0:
+        return None
+    point, direction = rows[0, :3], rows[0, 3:6]
+    off = rows[:, :3] - point
+    away = np.linalg.norm(off - np.outer(off @ direction, direction), axis=1)
+    tilt = np.linalg.norm(np.cross(rows[:, 3:6], direction), axis=1)
+    lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))
+    if (away + tilt * lever > EXACT * size).any():
+        return None
+    # The middle keeps what a turn about the line does to points of it small.
+    along = off @ direction
+    return Axis(point + 0.5 * (along.min() + along.max()) * direction, direction)
+
+
+def axis_of_revolution(index: ModelIndex) -> Axis | None:
+    """The axis about which a model is the same all round, None when there is none."""
+    # An ellipse is not the same all round, though its centre and normal are all that is compared.
+    radii = index.rows[index.kind == FeatureKind.CURVE, 7:9]
+    if (radii[:, 0] - radii[:, 1] > SYMMETRY_TOLERANCE * index.size).any():
+        return None
+    return common_axis(index.rows, index.size)
+
+
+def equal_but_for_turn(a: Pose, b: Pose, axis: Axis, size: float) -> bool:
+    """Whether two poses differ by nothing but a turn about an axis of the model; within 1 degree, 1 % of its size."""
+    turn = b.rotate(axis.direction[None])[0] @ a.rotate(axis.direction[None])[0]
+    gap = np.linalg.norm(a.apply(axis.point[None]) - b.apply(axis.point[None]))
+    return bool(turn > np.cos(np.radians(SAME_POSE_DEG)) and gap < SAME * size)
 
 
 def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ()) -> tuple[Pose, ...]:
@@ -56,9 +112,13 @@ def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ())
         Each once, without ``pose`` itself.
     """
     poses = list(known)
+    axis = axis_of_revolution(index)
     for motion in symmetries(index):
         other = pose.compose(motion)
-        if not any(_alike(index, other, one) for one in (pose, *poses)):
+        if not any(
+            _alike(index, other, one) if axis is None else equal_but_for_turn(other, one, axis, index.size)
+            for one in (pose, *poses)
+        ):
             poses.append(other)
     return tuple(poses)
 
@@ -76,24 +136,32 @@ def _find(index: ModelIndex) -> tuple[Pose, ...]:
     mids, directions = rows[:, 0:3], rows[:, 3:6]
     tolerance = SYMMETRY_TOLERANCE * index.size
     alike = _lookalikes(index, tolerance)
-    base = _base_pair(directions, alike)
+    axis = axis_of_revolution(index)
+    if axis is not None:
+        return _end_for_end(index, axis, alike, tolerance)
+    base = _base_pair(rows, alike, tolerance)
     if base is None:
         return ()
     i, j = base
-    c = float(directions[i] @ directions[j])
+    second = _second_direction(rows, i, j)
+    c = float(directions[i] @ second)
     gap = np.linalg.norm(mids[j] - mids[i])
-    source = _frame(directions[i], directions[j])
+    source = _frame(directions[i], second)
     found: list[Pose] = []
-    for k in np.flatnonzero(alike[i]):
+    for k in np.flatnonzero(alike[i]).tolist():
         partners = alike[j] & (np.abs(np.linalg.norm(mids - mids[k], axis=1) - gap) < 2.0 * tolerance)
-        partners &= np.abs(np.abs(directions @ directions[k]) - abs(c)) < SAME
-        for m in np.flatnonzero(partners):
+        partners[k] = False
+        for m in np.flatnonzero(partners).tolist():
+            crossing = _crosses(rows, i, j)
+            if crossing != _crosses(rows, k, m):
+                continue
+            v = _second_direction(rows, k, m)
             for first in (1.0, -1.0):
-                for second in (1.0, -1.0):
-                    u, v = first * directions[k], second * directions[m]
-                    if abs(u @ v - c) > SAME:
+                for sign in (1.0, -1.0) if crossing else (1.0,):
+                    u, w = first * directions[k], sign * v
+                    if abs(u @ w - c) > SAME:
                         continue
-                    rotation = _frame(u, v).T @ source
+                    rotation = _frame(u, w).T @ source
                     shift = 0.5 * (mids[k] + mids[m] - rotation @ (mids[i] + mids[j]))
                     motion = Pose(rotation, shift)
                     if (
@@ -105,6 +173,30 @@ def _find(index: ModelIndex) -> tuple[Pose, ...]:
     return tuple(found)
 
 
+def _end_for_end(index: ModelIndex, axis: Axis, alike: np.ndarray, tolerance: float) -> tuple[Pose, ...]:
+    """The half turn that swaps the two ends of a solid of revolution, when it is a symmetry."""
+    across = perpendicular(axis.direction[None])[0]
+    half = Pose(2.0 * np.outer(across, across) - np.eye(3))
+    motion = Pose(half.rotation, axis.point - half.rotation @ axis.point)
+    return (motion,) if _maps(motion, index.rows, alike, tolerance) else ()
+
+
+def _crosses(rows: np.ndarray, i: int, j: int) -> bool:
+    """Whether two features are far from parallel; nearer, their directions do not fix a motion well."""
+    return bool(abs(rows[i, 3:6] @ rows[j, 3:6]) <= np.cos(np.arcsin(PARALLEL_SINE)))
+
+
+def _second_direction(rows: np.ndarray, i: int, j: int) -> np.ndarray:
+    """(3,) what fixes a frame with the direction of i: that of j, or the way to j where the two are parallel."""
+    if _crosses(rows, i, j):
+        other: np.ndarray = rows[j, 3:6]
+        return other
+    way = rows[j, :3] - rows[i, :3]
+    way = way - (way @ rows[i, 3:6]) * rows[i, 3:6]
+    across: np.ndarray = way / max(float(np.linalg.norm(way)), NOT_ZERO)
+    return across
+
+
 def _lookalikes(index: ModelIndex, tolerance: float) -> np.ndarray:
     """(e, e) bool: features of the same kind and size."""
     sizes = np.column_stack([index.rows[:, 6], np.nan_to_num(index.rows[:, 7:9])])
@@ -113,12 +205,23 @@ def _lookalikes(index: ModelIndex, tolerance: float) -> np.ndarray:
     return alike
 
 
-def _base_pair(directions: np.ndarray, alike: np.ndarray) -> tuple[int, int] | None:
-    """Two features far from parallel with as few lookalikes as possible; None when all are parallel."""
+def _base_pair(rows: np.ndarray, alike: np.ndarray, tolerance: float) -> tuple[int, int] | None:
+    """Two features far from parallel, or a way apart, with as few lookalikes as possible; None when all are on a line.
+
+    Parallel ones are taken only where there are no others.
+    """
     count = alike.sum(axis=1)
     product = (count[:, None] * count).astype(float)
-    # Nearer to parallel than that, two directions do not fix a motion well.
-    product[np.abs(directions @ directions.T) > np.cos(np.arcsin(PARALLEL_SINE))] = np.inf
+    directions = rows[:, 3:6]
+    parallel = np.abs(directions @ directions.T) > np.cos(np.arcsin(PARALLEL_SINE))
+    if parallel.all():
+        gaps = rows[None, :, :3] - rows[:, None, :3]
+        along = np.einsum('ijk,ik->ij', gaps, directions)
+        apart = np.sqrt(np.maximum((gaps**2).sum(axis=2) - along**2, 0.0))
+        # The farther apart, the better they tell a turn.
+        product[apart < max(tolerance, 0.5 * apart.max())] = np.inf
+    else:
+        product[parallel] = np.inf
     best = int(np.argmin(product))
     if not np.isfinite(product.flat[best]):
         return None

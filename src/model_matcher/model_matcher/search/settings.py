@@ -27,6 +27,9 @@ LOCAL_PARTNERS = 12
 LITTLE_EXPLAINED = 0.08
 LONGER = 6.0
 
+# Parallel data pairs that are tried between two looks at the clock.
+PARALLEL_BLOCK = 16
+
 # -- prefilter of a library (bench_matcher.py --presets library,prefilter) -------------------------------------------
 
 # Pairs of each data feature to choose from, and how many of the chosen a feature is in at most.

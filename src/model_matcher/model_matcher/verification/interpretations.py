@@ -7,9 +7,15 @@ import numpy as np
 from msgs_py import BIN, FeatureKind, Interpretation, Pose
 
 from ..model.problem import Problem
+from ..model.regularity import regularity
+from ..model.symmetry import Axis, axis_of_revolution, common_axis, equal_but_for_turn
 from .pose_fit import FittedPose
 from .refinement import Refined
 from .settings import PLACES
+
+# Notes of an interpretation whose turn about an axis is free.
+SAME_ALL_ROUND = 'free to turn: the model is the same all round its axis'
+TURN_NOT_SEEN = 'free to turn: of the model only what is about one axis was found, and that does not tell its turn'
 
 
 def as_pose(motion: np.ndarray) -> Pose:
@@ -51,6 +57,23 @@ def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> flo
     return float(rims + (hit.mean(axis=1) * 2.0 * model[:, 6]).sum())
 
 
+def free_axis(problem: Problem, assignment: np.ndarray) -> Axis | None:
+    """The axis of the model about which paired data leaves a pose free to turn, None when it does not.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    assignment : (n,) int32
+        The model feature of each usable data feature, BIN for none.
+    """
+    used = np.unique(assignment[assignment != BIN])
+    direction = regularity(problem.index).direction[used]
+    if len(used) == 0 or (direction != direction[0]).any():
+        return None
+    return common_axis(problem.index.rows[used], problem.index.size)
+
+
 def as_interpretation(
     problem: Problem, refined: Refined, k: int, fitted: FittedPose, others: tuple[Pose, ...], reason: str | None
 ) -> Interpretation:
@@ -63,13 +86,31 @@ def as_interpretation(
     chosen = np.flatnonzero(refined.assignments[k] != BIN)
     assignment[problem.keep[chosen]] = problem.index.source[refined.assignments[k][chosen]]
     sign[problem.keep[chosen]] = refined.signs[k][chosen]
+    pose = as_pose(fitted.motion)
+    axis = free_axis(problem, refined.assignments[k])
+    turn, note = None, None
+    if axis is not None:
+        turn = pose.rotate(axis.direction[None])[0]
+        note = SAME_ALL_ROUND if axis_of_revolution(problem.index) is not None else TURN_NOT_SEEN
+        others = _but_for_turns(pose, others, axis, problem.index.size)
     return Interpretation(
         problem.index.name,
         assignment,
         sign,
-        as_pose(fitted.motion),
+        pose,
         residual_rms=fitted.rms,
         covariance=fitted.covariance,
         symmetric_poses=others,
         rejected_reason=reason,
+        free_turn=turn,
+        note=note,
     )
+
+
+def _but_for_turns(pose: Pose, others: tuple[Pose, ...], axis: Axis, size: float) -> tuple[Pose, ...]:
+    """The other poses that differ from a pose, and from each other, by more than a turn about an axis of the model."""
+    chosen: list[Pose] = []
+    for other in others:
+        if not any(equal_but_for_turn(other, one, axis, size) for one in (pose, *chosen)):
+            chosen.append(other)
+    return tuple(chosen)

@@ -47,7 +47,7 @@ class FittedPose(NamedTuple):
     motion : (12,) float64
     covariance : (6, 6) float64
         Of (x, y, z, rx, ry, rz), metres and radians. A direction that the data leaves free has the variance of its
-        whole range: the model's size, or a half turn.
+        whole range: the model's size squared, or pi squared / 3, that of a uniform angle.
     rms : float
         Metres, of the distances of end points from their model features.
     """

@@ -21,6 +21,8 @@ from .errors import CodecError
 ACCEPTED = 'accepted'
 # Values that are read back; 'matched' and 'score' are there for a person.
 READ_BACK = ('residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven', 'free_shift')
+# As these, but reports written before there were any lack them.
+ADDED = ('free_turn', 'note')
 
 
 def report_from_interpretations(
@@ -54,6 +56,8 @@ def report_from_interpretations(
             'symmetric_poses': [_pose_values(pose) for pose in item.symmetric_poses],
             'proven': item.proven,
             'free_shift': None if item.free_shift is None else item.free_shift.tolist(),
+            'free_turn': None if item.free_turn is None else item.free_turn.tolist(),
+            'note': item.note,
         }
         report.status.append(
             DiagnosticStatus(
@@ -79,6 +83,7 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
         values = {item.key: item.value for item in status.values}
         try:
             decoded = {key: json.loads(values[key]) for key in READ_BACK}
+            decoded |= {key: json.loads(values.get(key, 'null')) for key in ADDED}
             accepted = status.level == DiagnosticStatus.OK
             result.append(
                 Interpretation(
@@ -92,6 +97,8 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
                     proven=bool(decoded['proven']),
                     rejected_reason=None if accepted else status.message,
                     free_shift=decoded['free_shift'],
+                    free_turn=decoded['free_turn'],
+                    note=decoded['note'],
                 )
             )
         except KeyError as error:
