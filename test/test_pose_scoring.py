@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / 'benchmarks'))
+from pose_bounds import PoseBound
 from pose_scoring import score_search, step_offsets
 from true_poses import Instance, PosedPair, difference, make_part, tea_box
 
@@ -85,7 +86,7 @@ def test_each_instance_is_found_once_and_a_right_pose_refused_is_told():
         (found(near), found(there[0]), found(far), replace(found(there[1]), model='another')),
         (found(far, 'chance'), found(there[1], 'chance')),
     )
-    search = score_search(posed, box, result, 1.0)
+    search = score_search(posed, box, result, 1.0, 1.0)
     assert [answer.verdict for answer in search.answers] == ['twice', 'right', 'wrong']
     assert search.missed == [1, 2] and search.refused == {1: 1, 2: None}
 
@@ -98,3 +99,18 @@ def test_the_witness_measures_by_how_much_an_edge_is_off(shift):
     off = step_offsets(image, points, np.tile([1.0, 0.0], (40, 1)))
     assert np.allclose(off, shift, atol=0.05)
     assert np.isnan(step_offsets(np.full_like(image, 90), points, np.tile([1.0, 0.0], (40, 1)))).all()
+
+
+def test_an_error_in_units_of_its_covariance_and_of_the_bound():
+    box = tea_box()
+    bound = PoseBound(np.diag([1e8] * 3 + [1e6] * 3), 0.1)
+    posed = PosedPair(None, (Instance(box, POSE, 1.0, None),), (box,), (bound,))  # type: ignore[arg-type]
+    # Named by an equal pose of the box: 1 mm and 0.01 rad off that.
+    equal = POSE.compose(box.motions[2])
+    off = Pose.from_rotation_vector([0.0, 0.01, 0.0])
+    pose = Pose(off.rotation @ equal.rotation, equal.translation + [1e-3, 0.0, 0.0])
+    one = Interpretation('tea_box', [], [], pose, covariance=np.diag([1e-6] * 3 + [1e-4] * 3))
+    answer = score_search(posed, box, MatchResult((one,)), 1.0, 1.0).answers[0]
+    median = 5.348120627447119
+    assert answer.stated == pytest.approx(2.0 / median)
+    assert answer.bounded == pytest.approx((1e-6 * 1e8 + 1e-4 * 1e6) / median)

@@ -16,8 +16,9 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,10 @@ import cv2
 import numpy as np
 from measure import Absent, Measurement
 from pose_scoring import Search, add_witness, drawing, row_of, score_search, summary
+from rendered_poses import RENDERED, rendered_pairs
 from tqdm import tqdm
-from true_pairs import PHOTOREAL_KINDS, QUICK, TruePair, data_folder, families_of
-from true_poses import READERS, Part, PosedPair, all_parts, in_metres, posed_pairs, witness
+from true_pairs import PHOTOREAL_KINDS, QUICK, data_folder, families_of
+from true_poses import READERS, Part, Pictures, PosedPair, all_parts, posed_pairs, witness
 
 from model_matcher import MatchResult
 from model_matcher.pipeline import survey, warm_up
@@ -38,12 +40,14 @@ from stereo_recovery.pipeline import warm_up as warm_up_recovery
 HERE = Path(__file__).resolve().parent
 BASELINE = HERE / 'pose_baseline.json'
 REAL_POSED = ('openvgr', 'visp_cube', 'teabox')
-DEFAULT = (*REAL_POSED, *PHOTOREAL_KINDS)
+DEFAULT = (*REAL_POSED, *PHOTOREAL_KINDS, RENDERED)
 # Real families with pictures of their own: the tags stand in those of the cube.
 NEGATIVES = ('openvgr', 'visp_cube', 'teabox', 'chessboards', 'middlebury')
+# Pairs of each family that every part is asked for in.
+LIMIT = 4
 
 
-def asked(parts: list[Part], features: FeatureSet, pair: TruePair) -> MatchResult:
+def asked(parts: list[Part], features: FeatureSet, pair: Pictures) -> MatchResult:
     """The search that is measured. ``pair`` has the images and the rig, which it does not look at."""
     return survey([part.index for part in parts], features)
 
@@ -56,12 +60,19 @@ def run(
     held: bool = False,
     together: bool = False,
     draw: Path | None = None,
-    search: Callable[[list[Part], FeatureSet, TruePair], MatchResult] = asked,
+    seeds: int = 2,
+    search: Callable[[list[Part], FeatureSet, Pictures], MatchResult] = asked,
 ) -> list[dict[str, Any]]:
-    """A row a pair, see :func:`pose_scoring.row_of`. Families without known parts have none."""
-    folder = data_folder(data)
+    """A row a pair, see :func:`pose_scoring.row_of`. Families without known parts have none.
+
+    seeds : of the noise of each rendered view
+    """
+    stored = [family for family in families if family in READERS]
+    # Rendered pairs need no data.
+    folder = data_folder(data) if stored else Path()
+    pairs = posed_pairs(folder, stored, scenes, held)
     rows = []
-    for posed in _shown(posed_pairs(folder, [f for f in families if f in READERS], scenes, held)):
+    for posed in _shown(chain(pairs, rendered_pairs(seeds) if RENDERED in families else ())):
         recovery_ms, features = recovered(posed.pair)
         searches = searched(posed, features, together, search)
         eye = witness(folder, posed.pair)
@@ -75,14 +86,14 @@ def run(
     return rows
 
 
-def _shown(pairs: Iterator[PosedPair]) -> Iterator[PosedPair]:
+def _shown(pairs: Iterable[PosedPair]) -> Iterator[PosedPair]:
     yield from tqdm(pairs, desc='pairs', unit='', disable=not sys.stderr.isatty())
 
 
-def recovered(pair: TruePair) -> tuple[float, FeatureSet]:
+def recovered(pair: Pictures) -> tuple[float, FeatureSet]:
     """Milliseconds and the features of a pair."""
     since = time.perf_counter()
-    features = recover(pair.left, pair.right, in_metres(pair)).features
+    features = recover(pair.left, pair.right, pair.rig).features
     return 1e3 * (time.perf_counter() - since), features
 
 
@@ -90,16 +101,16 @@ def searched(
     posed: PosedPair,
     features: FeatureSet,
     together: bool,
-    search: Callable[[list[Part], FeatureSet, TruePair], MatchResult] = asked,
+    search: Callable[[list[Part], FeatureSet, Pictures], MatchResult] = asked,
 ) -> list[Search]:
     """Every part asked for, judged. Together, each part is told the time of the one search, shared among them."""
     groups = [list(posed.asked)] if together else [[part] for part in posed.asked]
     searches = []
     for group in groups:
-        since = time.perf_counter()
+        since = np.array([time.perf_counter(), time.process_time()])
         result = search(group, features, posed.pair)
-        taken = 1e3 * (time.perf_counter() - since) / max(len(group), 1)
-        searches += [score_search(posed, part, _of_part(result, part), taken) for part in group]
+        taken = 1e3 * (np.array([time.perf_counter(), time.process_time()]) - since) / max(len(group), 1)
+        searches += [score_search(posed, part, _of_part(result, part), *taken.tolist()) for part in group]
     return searches
 
 
@@ -111,23 +122,27 @@ def _of_part(result: MatchResult, part: Part) -> MatchResult:
 
 
 def run_negatives(
-    families: list[str], data: Path | None = None, scenes: list[str] | None = None, limit: int | None = None
+    families: list[str], data: Path | None = None, scenes: list[str] | None = None, limit: int = LIMIT
 ) -> list[dict[str, Any]]:
     """A row a pair, as of :func:`run`, of every part that there is a model of and that the pair does not show."""
     folder = data_folder(data)
     parts = all_parts(folder)
     rows = []
-    taken: dict[str, int] = {}
-    for posed in _shown(posed_pairs(folder, families, scenes)):
-        taken[posed.pair.family] = taken.get(posed.pair.family, 0) + 1
-        if limit is not None and taken[posed.pair.family] > limit:
-            continue
+    for posed in _shown(_spread(posed_pairs(folder, families, scenes), limit)):
         present = {one.part.name for one in posed.instances}
         others = tuple(part for part in parts if part.name not in present)
         recovery_ms, features = recovered(posed.pair)
         absent = PosedPair(posed.pair, posed.instances, others)
         rows.append(row_of(absent, searched(absent, features, False), recovery_ms, len(features)))
     return rows
+
+
+def _spread(pairs: Iterable[PosedPair], limit: int) -> Iterator[PosedPair]:
+    """At most so many pairs of each family, evenly from all of it."""
+    for _, group in groupby(pairs, lambda posed: posed.pair.family):
+        all_of_it = list(group)
+        chosen = np.unique(np.linspace(0, len(all_of_it) - 1, min(limit, len(all_of_it))).round().astype(int))
+        yield from (all_of_it[k] for k in chosen)
 
 
 # -- tables ----------------------------------------------------------------------------------------------------
@@ -152,11 +167,16 @@ COLUMNS = (
     ('mm', 'mm', 3),
     ('p90', 'mm_p90', 2),
     ('depth %', 'depth_percent', 3),
+    ('stated', 'stated', 2),
+    ('x bound', 'times_bound', 1),
+    ('b deg', 'bound_deg', 4),
+    ('b mm', 'bound_mm', 4),
     ('eye3 px', 'witness_px', 2),
     ('true px', 'witness_true_px', 2),
     ('ms', 'ms', 1),
     ('p99', 'ms_p99', 0),
     ('max', 'ms_max', 0),
+    ('cpu ms', 'cpu_ms', 1),
     ('rec ms', 'recovery_ms', 0),
 )
 LEGEND = """\
@@ -165,13 +185,19 @@ ref, ref any: of the others, those whose right pose is the best rejected hypothe
 right, twice, wrong: answers by instance, about one that has a better answer, about none of a part that is there
 absent, false: searches for parts that are not there, and their answers; like: wrong or false, on a part nearly the same
 deg, mm, depth %: of right answers, medians and p90, at the part's middle, symmetric poses equal
+stated: squared errors in units of the stated covariance, over chi squared's median: 1 where covariances are true
+x bound: errors in units of the Cramer-Rao bound of the visible edges, median; b deg, b mm: that bound, rms
 eye3, true: rms of creases at the found and at the true pose in the eye that took no part, median of answers
-ms: a search, median, p99 and greatest; rec ms: recovery of a pair, median"""
+ms: a search, median, p99 and greatest; cpu ms: its processor time, which other work does not lengthen, median
+rec ms: recovery of a pair, median"""
 
 
 def summaries(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Of all, of the photo-real ones together, and by family."""
-    result = {'all': summary(rows)}
+    """Of all that is not rendered, of the photo-real ones together, and by family."""
+    result = {}
+    stored = [row for row in rows if row['family'] != RENDERED]
+    if len({row['family'] for row in stored}) > 1:
+        result['all'] = summary(stored)
     photoreal = [row for row in rows if row['family'] in PHOTOREAL_KINDS]
     families = list(dict.fromkeys(row['family'] for row in rows))
     if len({row['family'] for row in photoreal}) > 1:
@@ -209,14 +235,14 @@ def search_table(rows: list[dict[str, Any]], whole: bool = True) -> str:
             told = [
                 answer['verdict']
                 + (' (like)' if answer['like'] else '')
-                + ('' if answer['deg'] is None else f' {answer["deg"]:.2f} deg {answer["mm"]:.2f} mm')
+                + ('' if answer['deg'] is None else f' {answer["deg"]:.3g} deg {answer["mm"]:.3g} mm')
                 for answer in search['answers']
             ]
             state = f'{search["found"]} of {search["to_find"]}' if search['present'] else 'absent'
             refused = f'; {search["refused_any"]} right ones refused' if search['refused_any'] else ''
             why = f' [{search["why"]}]' if search['why'] else ''
             lines.append(
-                f'{row["pair"]:<15}{search["part"]:<12}{state:<8}{search["ms"]:>9.1f} ms  '
+                f'{row["pair"]:<19}{search["part"]:<17}{state:<8}{search["ms"]:>9.1f} ms  '
                 + (', '.join(told) or '-')
                 + refused
                 + why
@@ -231,7 +257,7 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
     """For run.py: what is found and what is wrong, by kind of pair."""
     try:
         _ready()
-        rows = run(list(DEFAULT), scenes=list(QUICK) if quick else None)
+        rows = run(list(DEFAULT), scenes=list(QUICK) if quick else None, seeds=1 if quick else 2)
     except FileNotFoundError as error:
         yield Absent('poses', str(error))
         return
@@ -253,19 +279,25 @@ def _ready() -> None:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description='Poses of known parts from pairs with truth.')
     parser.add_argument('--data', type=Path, help='folder with photoreal/ and real/ (default: STEREO_DATA, ../shared)')
-    parser.add_argument('--families', nargs='+', help='names, photoreal, real or all (default: all with poses)')
+    parser.add_argument(
+        '--families',
+        nargs='+',
+        help="names, photoreal, real, all, rendered (the thesis' views); default: all with poses",
+    )
     parser.add_argument('--scenes', nargs='+', help='pairs whose names begin so')
     parser.add_argument('--quick', action='store_true', help='nine pairs of all families')
     parser.add_argument('--held', action='store_true', help='with the pairs that are kept for the end')
     parser.add_argument('--together', action='store_true', help='all parts of a pair in one search')
     parser.add_argument('--negatives', action='store_true', help='only parts that are not there, all there are')
-    parser.add_argument('--limit', type=int, metavar='N', help='with --negatives: pairs of each family')
+    parser.add_argument('--seeds', type=int, default=2, metavar='N', help='of the noise, for each rendered view')
+    parser.add_argument('--limit', type=int, default=LIMIT, metavar='N', help='with --negatives: pairs of each family')
     parser.add_argument('--draw', type=Path, metavar='FOLDER', help='both images with the parts where they were found')
     parser.add_argument('--save', action='store_true', help='keep the table as the baseline')
     parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'poses.json', help='the JSON file')
     options = parser.parse_args(arguments)
     try:
-        families = families_of(options.families or (NEGATIVES if options.negatives else DEFAULT))
+        given = options.families or (NEGATIVES if options.negatives else DEFAULT)
+        families = [*families_of([f for f in given if f != RENDERED]), *(f for f in given if f == RENDERED)]
     except ValueError as error:
         parser.error(str(error))
     scenes = list(QUICK) if options.quick else options.scenes
@@ -282,12 +314,13 @@ def main(arguments: list[str] | None = None) -> int:
                 held=options.held,
                 together=options.together,
                 draw=options.draw,
+                seeds=1 if options.quick else options.seeds,
             )
     except FileNotFoundError as error:
         print(error, file=sys.stderr)
         return 1
     kept = json.loads(BASELINE.read_text()) if BASELINE.exists() else {}
-    whole = not (options.scenes or options.held or options.together or options.limit)
+    whole = not (options.scenes or options.held or options.together or options.limit != LIMIT)
     section = ('negatives ' if options.negatives else '') + ('quick' if options.quick else 'whole')
     print(search_table(rows, not options.negatives))
     print()

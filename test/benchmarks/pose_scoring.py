@@ -7,12 +7,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from pose_bounds import pose_error
+from scipy.stats import chi2
 from true_pairs import LEAST_CONTRAST
-from true_poses import ALIKE, Difference, Instance, Part, PosedPair, difference
+from true_poses import ALIKE, Difference, Instance, Part, PosedPair, difference, nearest_true
 
 from csg_renderer import Solid, visible_features
 from model_matcher import MatchResult
-from msgs_py import FeatureKind, PinholeCamera, Pose
+from msgs_py import FeatureKind, Interpretation, PinholeCamera, Pose
 
 # A pose farther off than this, from every instance, is wrong: at this much nothing can be gripped by it.
 WRONG_DEG, WRONG_M = 3.0, 0.010
@@ -26,13 +28,19 @@ GREEN, RED, MAGENTA, YELLOW = (80, 230, 60), (60, 60, 255), (255, 0, 255), (0, 2
 @dataclass
 class Answer:
     """A reported pose. verdict : 'right', 'twice' (an instance that a better answer has), 'wrong' (the part is there,
-    not so), 'false' (it is not there); like : it lies on an instance of a part that is nearly the same."""
+    not so), 'false' (it is not there); like : it lies on an instance of a part that is nearly the same.
+
+    stated, bounded : the squared error in units of the stated covariance and of the least one, over the median of chi
+        squared: 1 in the median where that is true; witness_px, witness_true_px : see :func:`witness_rms`
+    """
 
     pose: Pose
     verdict: str
     instance: int | None = None
     off: Difference | None = None
     like: bool = False
+    stated: float | None = None
+    bounded: float | None = None
     witness_px: float | None = None
     witness_true_px: float | None = None
 
@@ -49,15 +57,16 @@ class Search:
     present: bool
     answers: list[Answer]
     milliseconds: float
+    cpu_milliseconds: float
     missed: list[int] = field(default_factory=list)
     refused: dict[int, int | None] = field(default_factory=dict)
     why: str | None = None
 
 
-def score_search(posed: PosedPair, part: Part, result: MatchResult, milliseconds: float) -> Search:
+def score_search(posed: PosedPair, part: Part, result: MatchResult, milliseconds: float, cpu: float) -> Search:
     """Judge what was answered when ``part`` was asked for."""
     numbers = [k for k, one in enumerate(posed.instances) if one.part is part]
-    answers = [_judged(posed, part, one.pose, numbers) for one in result.interpretations if one.model == part.name]
+    answers = [_judged(posed, part, one, numbers) for one in result.interpretations if one.model == part.name]
     taken: dict[int, Answer] = {}
     for answer in sorted((a for a in answers if a.off is not None), key=lambda a: _size(a.off)):
         assert answer.instance is not None
@@ -67,22 +76,37 @@ def score_search(posed: PosedPair, part: Part, result: MatchResult, milliseconds
     rejected = [one.pose for one in result.rejected if one.model == part.name]
     refused = {k: _first_right(posed.instances[k], rejected) for k in missed}
     why = result.rejected[0].rejected_reason if result.rejected else result.reason
-    return Search(part, bool(numbers), answers, milliseconds, missed, refused, why)
+    return Search(part, bool(numbers), answers, milliseconds, cpu, missed, refused, why)
 
 
-def _judged(posed: PosedPair, part: Part, pose: Pose, numbers: list[int]) -> Answer:
+def _judged(posed: PosedPair, part: Part, found: Interpretation, numbers: list[int]) -> Answer:
     """The nearest instance, or why it is none."""
+    pose = found.pose
     offs = {k: difference(posed.instances[k], pose) for k in numbers}
     right = [k for k, off in offs.items() if off.within(WRONG_DEG, WRONG_M)]
     if right:
         nearest = min(right, key=lambda k: _size(offs[k]))
-        return Answer(pose, 'right', nearest, offs[nearest])
+        answer = Answer(pose, 'right', nearest, offs[nearest])
+        _weigh(answer, posed, found)
+        return answer
     place = pose.apply(part.middle)
     like = any(
         one.part.name == ALIKE.get(part.name) and float(np.linalg.norm(one.place - place)) <= WRONG_M
         for one in posed.instances
     )
     return Answer(pose, 'wrong' if numbers else 'false', like=like)
+
+
+def _weigh(answer: Answer, posed: PosedPair, found: Interpretation) -> None:
+    """The error in units of the stated covariance and of the bound, where there are such."""
+    assert answer.instance is not None
+    instance = posed.instances[answer.instance]
+    error = pose_error(nearest_true(instance, found.pose), found.pose)
+    usual = float(chi2.ppf(0.5, 6 if instance.axis is None else 5))
+    if found.covariance is not None:
+        answer.stated = float(error @ np.linalg.solve(found.covariance, error)) / usual
+    if posed.bounds:
+        answer.bounded = float(error @ posed.bounds[answer.instance].information @ error) / usual
 
 
 def _size(off: Difference | None) -> float:
@@ -205,6 +229,7 @@ def _search_row(posed: PosedPair, search: Search) -> dict[str, Any]:
         'refused_best': sum(rank == 0 for rank in search.refused.values()),
         'refused_any': sum(rank is not None for rank in search.refused.values()),
         'ms': search.milliseconds,
+        'cpu_ms': search.cpu_milliseconds,
         'why': search.why if search.missed else None,
         'answers': [
             {
@@ -214,12 +239,23 @@ def _search_row(posed: PosedPair, search: Search) -> dict[str, Any]:
                 'deg': None if a.off is None else a.off.degrees,
                 'mm': None if a.off is None else 1e3 * a.off.metres,
                 'depth_percent': None if a.off is None else 1e2 * a.off.depth_share,
+                'stated': a.stated,
+                'bounded': a.bounded,
+                **_bound_row(posed, a),
                 'witness_px': a.witness_px,
                 'witness_true_px': a.witness_true_px,
             }
             for a in search.answers
         ],
     }
+
+
+def _bound_row(posed: PosedPair, answer: Answer) -> dict[str, float]:
+    """The errors of a right answer's instance at the bound: root mean squares, as the medians of errors nearly are."""
+    if not posed.bounds or answer.instance is None:
+        return {}
+    bound, one = posed.bounds[answer.instance], posed.instances[answer.instance]
+    return {'bound_deg': bound.degrees, 'bound_mm': 1e3 * bound.metres(one.place - one.pose.translation)}
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -237,11 +273,17 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         ('deg', (0.5, 0.9)),
         ('mm', (0.5, 0.9)),
         ('depth_percent', (0.5,)),
+        ('stated', (0.5,)),
+        ('bounded', (0.5,)),
+        ('bound_deg', (0.5,)),
+        ('bound_mm', (0.5,)),
         ('witness_px', (0.5,)),
         ('witness_true_px', (0.5,)),
     ):
-        result |= _quantiles(key, [a[key] for a in right if a[key] is not None], quantiles)
+        result |= _quantiles(key, [a[key] for a in right if a.get(key) is not None], quantiles)
+    result['times_bound'] = None if result['bounded'] is None else float(np.sqrt(result['bounded']))
     result |= _quantiles('ms', [s['ms'] for s in searches], (0.5, 0.99, 1.0))
+    result |= _quantiles('cpu_ms', [s['cpu_ms'] for s in searches], (0.5, 0.99, 1.0))
     result |= _quantiles('recovery_ms', [row['recovery_ms'] for row in rows], (0.5,))
     return result
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -17,7 +17,17 @@ from stereo_recovery import recover
 WITH_THREE = ('openvgr',)
 
 
-def third_eye(data: Path, pair: TruePair) -> tuple[np.ndarray, PinholeCamera, Pose]:
+class Named(Protocol):
+    """Whatever says which pair it is."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def family(self) -> str: ...
+
+
+def third_eye(data: Path, pair: Named) -> tuple[np.ndarray, PinholeCamera, Pose]:
     """The picture (h, w) uint8 of the eye that a pair does not contain, its camera, and left_T_camera."""
     folder = data / FAMILIES[pair.family].folder
     scene = pair.name.rpartition('_')[0]

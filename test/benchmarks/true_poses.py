@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pose_bounds import PoseBound
 from third_eyes import third_eye
 from true_pairs import FAMILIES, LEAST_CONTRAST, PHOTOREAL_KINDS, TruePair, load_pairs
 
@@ -79,15 +80,27 @@ class Instance:
 
 
 @dataclass(frozen=True, eq=False)
-class PosedPair:
-    """A pair, the instances in it, and the parts to ask for: those present, then those that are not there."""
+class Pictures:
+    """A rectified pair, (h, w) uint8 each, and its rig, metres."""
 
-    pair: TruePair
+    name: str
+    family: str
+    left: np.ndarray
+    right: np.ndarray
+    rig: StereoRig
+
+
+@dataclass(frozen=True, eq=False)
+class PosedPair:
+    """A pair, the instances in it, and the parts to ask for: those present, then those that are not there.
+
+    bounds : by instance the least error that a pose can have, where that is known
+    """
+
+    pair: Pictures
     instances: tuple[Instance, ...]
     asked: tuple[Part, ...]
-
-    def of(self, part: Part) -> list[Instance]:
-        return [one for one in self.instances if one.part is part]
+    bounds: tuple[PoseBound, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,25 +116,30 @@ class Difference:
 
 
 def difference(instance: Instance, pose: Pose) -> Difference:
-    """Of the nearest pose that symmetry makes as true. About a free axis only the axis' direction counts."""
-    part, found = instance.part, pose.apply(instance.part.middle)
-    best: Difference | None = None
-    for motion in part.motions:
-        true = instance.pose.compose(motion)
-        place = true.apply(part.middle)
-        if instance.axis is None:
-            degrees = true.error_to(pose).rotation_deg
-        else:
-            # The middle lies on the axis, but for what is hidden: then the turn moves it, which is nobody's error.
-            cosine = float(true.rotate(instance.axis[1]) @ pose.rotate(instance.axis[1]))
-            degrees = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-            on_axis = _nearest_on(instance.axis, part.middle)
-            place, found = true.apply(on_axis), pose.apply(on_axis)
-        one = Difference(degrees, float(np.linalg.norm(place - found)), float(abs(found[2] - place[2]) / place[2]))
-        if best is None or one.degrees < best.degrees:
-            best = one
-    assert best is not None
-    return best
+    """Of the nearest pose that symmetry makes as true."""
+    true = nearest_true(instance, pose)
+    place, found = true.apply(instance.part.middle), pose.apply(instance.part.middle)
+    off = float(np.linalg.norm(place - found))
+    return Difference(true.error_to(pose).rotation_deg, off, float(abs(found[2] - place[2]) / place[2]))
+
+
+def nearest_true(instance: Instance, pose: Pose) -> Pose:
+    """The pose that is as true as the instance's, by its symmetry and a free turn, and nearest in rotation."""
+    true = [instance.pose.compose(motion) for motion in instance.part.motions]
+    if instance.axis is not None:
+        true = [_turned_to(one, pose, instance.axis) for one in true]
+    return min(true, key=lambda one: one.error_to(pose).rotation)
+
+
+def _turned_to(true: Pose, pose: Pose, axis: np.ndarray) -> Pose:
+    """``true`` after the turn about an axis of the part that brings it nearest to ``pose``."""
+    point, direction = axis
+    left = true.rotation.T @ pose.rotation
+    odd = np.array([left[2, 1] - left[1, 2], left[0, 2] - left[2, 0], left[1, 0] - left[0, 1]])
+    # The trace of R(angle)^T left, which is greatest where the rotation left over is least.
+    angle = np.arctan2(direction @ odd, np.trace(left) - direction @ left @ direction)
+    turn = Pose.from_rotation_vector(angle * direction)
+    return true.compose(Pose(turn.rotation, point - turn.rotate(point)))
 
 
 def _nearest_on(axis: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -204,9 +222,9 @@ def all_parts(data: Path) -> list[Part]:
 # -- families --------------------------------------------------------------------------------------------------
 
 
-def _photoreal(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
-    truth = json.loads((folder / 'truth' / f'{pair.name}.json').read_text())
-    parts = {name: part_in(folder / 'parts' / f'{name}.csg') for name in (*truth['present'], *truth['absent'])}
+def _photoreal(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
+    truth = json.loads((folder / 'truth' / f'{name}.json').read_text())
+    parts = {part: part_in(folder / 'parts' / f'{part}.csg') for part in (*truth['present'], *truth['absent'])}
     instances = []
     for number, given in enumerate(truth['instances']):
         part = parts[given['part']]
@@ -227,8 +245,8 @@ def _photoreal(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]
     return instances, list(parts.values())
 
 
-def _openvgr(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
-    truth = json.loads((folder / f'{pair.name}.json').read_text())
+def _openvgr(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
+    truth = json.loads((folder / f'{name}.json').read_text())
     parts = {path.stem: part_in(path) for path in sorted((folder / 'models').glob('*.csg'))}
     instances = []
     for given in truth['instances']:
@@ -236,18 +254,18 @@ def _openvgr(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
         # 1 is all that could be seen, not all there is.
         instances.append(Instance(part, _rigid(given['R'], given['t']), given['visible_share'], part.axis))
     present = [one.part.name for one in instances]
-    return instances, [parts[name] for name in (*present, *(n for n in parts if n not in present))]
+    return instances, [parts[part] for part in (*present, *(other for other in parts if other not in present))]
 
 
-def _cube(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
-    truth = next(t for t in json.loads((folder / 'truth.json').read_text()) if t['name'] == pair.name)
+def _cube(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
+    truth = next(t for t in json.loads((folder / 'truth.json').read_text()) if t['name'] == name)
     part = part_in(folder.parent / 'cube.csg')
     return [Instance(part, _rigid(truth['cube']['R'], truth['cube']['t']), 1.0, None)], [part]
 
 
-def _teabox(folder: Path, pair: TruePair) -> tuple[list[Instance], list[Part]]:
+def _teabox(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
     reference = json.loads((folder / 'box_poses.json').read_text())
-    entry = reference['poses'][pair.name.split()[-1]]
+    entry = reference['poses'][name.split()[-1]]
     pose = Pose.from_rotation_vector(entry['rvec'], entry['tvec_m'])
     return [Instance(tea_box(), pose, 1.0, None)], [tea_box()]
 
@@ -263,7 +281,7 @@ def _rigid(rotation: Any, translation: Any) -> Pose:
     return Pose(u @ v, np.array(translation, float))
 
 
-READERS: dict[str, Callable[[Path, TruePair], tuple[list[Instance], list[Part]]]] = {
+READERS: dict[str, Callable[[Path, str], tuple[list[Instance], list[Part]]]] = {
     'openvgr': _openvgr,
     'teabox': _teabox,
     'visp_cube': _cube,
@@ -273,10 +291,11 @@ READERS: dict[str, Callable[[Path, TruePair], tuple[list[Instance], list[Part]]]
 
 def posed_pair(data: Path, pair: TruePair) -> PosedPair:
     """A pair with what stands where in it; nothing for families without known parts."""
+    pictures = Pictures(pair.name, pair.family, pair.left, pair.right, _in_metres(pair))
     if pair.family not in READERS:
-        return PosedPair(pair, (), ())
-    instances, asked = READERS[pair.family](data / FAMILIES[pair.family].folder, pair)
-    return PosedPair(pair, tuple(instances), tuple(dict.fromkeys(asked)))
+        return PosedPair(pictures, (), ())
+    instances, asked = READERS[pair.family](data / FAMILIES[pair.family].folder, pair.name)
+    return PosedPair(pictures, tuple(instances), tuple(dict.fromkeys(asked)))
 
 
 def posed_pairs(
@@ -288,13 +307,13 @@ def posed_pairs(
             yield posed_pair(data, pair)
 
 
-def in_metres(pair: TruePair) -> StereoRig:
+def _in_metres(pair: TruePair) -> StereoRig:
     """The rig of a pair with its baseline in metres; that of the chessboards is given in squares."""
     if pair.family != 'chessboards':
         return pair.rig
     return StereoRig(pair.rig.left, pair.rig.right, pair.rig.baseline * SQUARE_M)
 
 
-def witness(data: Path, pair: TruePair) -> tuple[np.ndarray, PinholeCamera, Pose] | None:
+def witness(data: Path, pair: Pictures) -> tuple[np.ndarray, PinholeCamera, Pose] | None:
     """Picture, camera and left_T_camera of an eye that the pair does not contain; None when there is none."""
     return third_eye(data, pair) if pair.family == 'openvgr' else None

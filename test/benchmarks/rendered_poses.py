@@ -1,0 +1,50 @@
+"""The seventeen views of the thesis as rendered pairs with their poses, and the least error of a pose of each."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from pose_bounds import PoseBound, View, pose_bound, sensor_blur
+from true_poses import Instance, Part, Pictures, PosedPair, make_part
+
+from csg_renderer import render_stereo, scene_names
+from csg_renderer.raycast.sensor import SensorModel, grey
+from model_matcher.closed_form.case import Case
+from model_matcher.closed_form.scene_files import PreparedCase, prepare
+from msgs_py import Pose
+
+RENDERED = 'rendered'
+# The views that the thesis prints; the widget's are ours.
+VIEW = re.compile(r'(?!widget)\w+_v[12]$')
+
+
+@lru_cache(maxsize=32)
+def _view(name: str) -> tuple[PreparedCase, Part, tuple[np.ndarray, np.ndarray], PoseBound]:
+    """A case, its part, its pictures before the sensor, and the bound of its pose behind it."""
+    case = Case(name)
+    with tempfile.TemporaryDirectory() as folder:
+        ready = prepare(case, Path(folder))
+    solid = ready.scene.placements[0].model
+    left, right = (grey(f.image) for f in render_stereo(ready.scene, ready.rig, antialias=case.antialias))
+    eyes = (ready.rig.left, Pose.identity()), (ready.rig.right, Pose(np.eye(3), ready.rig.right_T_left))
+    sharp = render_stereo(ready.scene, ready.rig)
+    views = [View(camera, pose, grey(frame.image)) for (camera, pose), frame in zip(eyes, sharp)]
+    bound = pose_bound(solid, ready.true_pose, views, sensor_blur(case.psf), case.noise)
+    return ready, make_part(name, solid), (left, right), bound
+
+
+def rendered_pairs(seeds: int) -> Iterator[PosedPair]:
+    """Every view, so many times, with noise of its own each time; the sensor is that of a closed-form case."""
+    for name in sorted(filter(VIEW.match, scene_names())):
+        ready, part, pictures, bound = _view(name)
+        for seed in range(seeds):
+            left, right = (
+                SensorModel(Case.psf, Case.noise, (seed, 0, eye)).apply(picture) for eye, picture in enumerate(pictures)
+            )
+            pair = Pictures(f'{name} {seed}', RENDERED, left, right, ready.rig)
+            yield PosedPair(pair, (Instance(part, ready.true_pose, 1.0, part.axis),), (part,), (bound,))
