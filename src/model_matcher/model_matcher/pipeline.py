@@ -26,11 +26,11 @@ from .search.pair_search import Candidates, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
 from .search.threads import spread
-from .settings import ALL_PAIRED, BLOCK, LARGE, LIBRARY, LOOK_S, NEIGHBOURS, PATIENCE, PERIODIC
+from .settings import ALL_PAIRED, BLOCK, LIBRARY, LOOK_S, NEIGHBOURS, PATIENCE, PERIODIC, SHARES
 from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence
 from .verification.refinement import Refined, refine_all
-from .verification.settings import CANDIDATES, DOUBTFUL, KEEP, NEARLY_ALL
+from .verification.settings import CANDIDATES, NEARLY_ALL
 
 _warm: list[bool] = []  # not empty once everything is compiled
 
@@ -117,9 +117,9 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     neighbours, all_ranked = np.zeros((0, 0), np.int32), True
     if n > ALL_PAIRED:
         longest = 1.1 * float(index.rows[:, 6].max()) + float(problem.tolerances[:, 0].max())
-        neighbours, all_ranked = _neighbours(rows, longest, started + LARGE.ranking * params.time_limit_s)
+        neighbours, all_ranked = _neighbours(rows, longest, started + SHARES.ranking * params.time_limit_s)
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
-    searching = params.time_limit_s * (LARGE.searching if n > LARGE.features else 1.0)
+    searching = params.time_limit_s * SHARES.searching
     parts: list[tuple[Refined, _Found]] = []
     for least in (PATIENCE.least, np.inf):
         begin = parts[-1][1].pairs if parts else 0
@@ -127,13 +127,12 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         # Edges among themselves are many: they are asked when nothing else has brought an answer.
         tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), started + searching)
         found = found._replace(hypotheses=found.hypotheses + tried)
-        refined = (
-            refine_all(problem, found.motions, found.scores, params)
-            if n <= LARGE.features
-            else _refine_in_time(problem, found.motions, found.scores, params, started + params.time_limit_s)
+        refined = refine_all(
+            problem, found.motions, found.scores, params, deadline=started + SHARES.refining * params.time_limit_s
         )
         parts.append((refined, found))
-        if found.stopped_by != 'patience' or refined.evidence.max() >= needed_evidence(problem, params):
+        late = time.perf_counter() > started + searching
+        if late or found.stopped_by != 'patience' or refined.evidence.max() >= needed_evidence(problem, params):
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.evidence.max()))
     accepted, rejected = accept(problem, refined, params)
@@ -228,21 +227,6 @@ def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.n
     return near, True
 
 
-def _refine_in_time(
-    problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams, deadline: float
-) -> Refined:
-    """As refine_all, one candidate after the other while there is time; the first in any case."""
-    refined = refine_all(problem, motions[:1], scores[:1], params)
-    parts = [refined]
-    enough = needed_evidence(problem, params) + DOUBTFUL
-    for k in range(1, len(scores)):
-        if scores[k] <= 0.0 or time.perf_counter() > deadline:
-            break
-        if scores[k] >= KEEP * np.floor(scores[0]) or max(part.evidence[0] for part in parts) < enough:
-            parts.append(refine_all(problem, motions[k : k + 1], scores[k : k + 1], params))
-    return Refined(*map(np.concatenate, zip(*parts)))
-
-
 def recognise(
     models: Sequence[FeatureSet | ModelIndex], data: FeatureSet, params: MatchParams | None = None
 ) -> list[Interpretation]:
@@ -305,6 +289,8 @@ def survey(
     if not _warm:
         warm_up()
     results = spread(lambda index: match(index, data, params), indexes)
+    # The time limit is for a message and model, however often it is searched for.
+    spent = [float(result.stats.get('seconds', 0.0)) for result in results]
     while True:
         bests = [result.best for result in results]
         score = [0 if best is None else best.matched for best in bests]
@@ -325,13 +311,19 @@ def survey(
                     {},
                     result.reason,
                 )
-            else:
+            elif spent[number] < params.time_limit_s:
                 again.append(number)
+            else:
+                results[number] = no_match(data, f'no time was left to look for another {indexes[number].name}')
         left = left[keep]
         rest = data.select(left)
-        found = spread(lambda index: match(index, rest, params), [indexes[k] for k in again])  # noqa: B023
-        for number, result in zip(again, found):
+
+        def search_again(number: int, rest: FeatureSet = rest) -> MatchResult:
+            return match(indexes[number], rest, params.replace(time_limit_s=params.time_limit_s - spent[number]))
+
+        for number, result in zip(again, spread(search_again, again)):
             results[number] = result
+            spent[number] += float(result.stats.get('seconds', 0.0))
     for result in results:
         rejected += [_spread(one, left, len(data)) for one in result.rejected]
         reasons += [result.reason] if result.reason else []

@@ -44,20 +44,18 @@ BLOCK = 4096
 LOOK_S = 0.02
 
 
-class LargeData(NamedTuple):
-    """How the time limit is shared out when there is much data; with less no step but the search takes long.
+class TimeShares(NamedTuple):
+    """How the time limit is shared out: the part of it until which each step may go on.
 
     Attributes
     ----------
-    features
-        With more than this.
-    ranking, searching
-        Parts of the time limit until which pairs are ranked and searched, the rest being for the refinement.
+    ranking, searching, refining
+        Pairs are ranked and searched, candidates are refined; the rest is for the last fits.
     """
 
-    features: int
     ranking: float
     searching: float
+    refining: float
 
 
-LARGE = LargeData(5000, 0.3, 0.75)
+SHARES = TimeShares(0.3, 0.75, 0.95)

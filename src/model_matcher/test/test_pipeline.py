@@ -1,5 +1,7 @@
 """match() finds models in fragmented, noisy, cluttered data."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -146,3 +148,34 @@ def test_the_seed_is_accepted_and_said_to_have_no_effect():
     with pytest.warns(FutureWarning, match='seed has no effect'):
         params = MatchParams(seed=3)
     assert params.seed == 3
+
+
+def crowded(n: int, seed: int = 0) -> FeatureSet:
+    """Many short edges along three directions in a slab, as print and texture make them, badly known."""
+    rng = np.random.default_rng(seed)
+    start = np.column_stack([rng.uniform(-0.3, 0.3, (n, 2)), 0.8 + 0.02 * rng.normal(size=n)])
+    vectors = np.eye(3)[rng.integers(0, 3, n)] * rng.uniform(0.005, 0.06, (n, 1))
+    return FeatureSet.from_edges(start, start + vectors, 5e-3, 5e-3)
+
+
+@pytest.mark.parametrize(
+    'options',
+    [{}, {'search': 'tree'}, {'search': 'serial'}, {'search': 'subgraph'}, {'scale': 'free'}, {'prove': True}],
+)
+@pytest.mark.parametrize('n', [150, 3000])
+def test_the_time_limit_holds_where_everything_looks_like_the_model(options, n):
+    """Search, refinement, trees, scales and proof all look at the clock; every candidate of such data is costly."""
+    data, params = crowded(n), MatchParams(time_limit_s=0.5, false_alarm_rate=1.0, **options)
+    model = MODELS['chair']()
+    match(model, crowded(20), params)  # compiled before
+    result = match(model, data, params)
+    assert result.stats['seconds'] < 1.0  # 0.6 on a quiet machine
+    assert result or result.reason
+
+
+def test_several_instances_of_a_model_share_its_time_limit():
+    model = MODELS['chair']()
+    params = MatchParams(time_limit_s=0.4, false_alarm_rate=1.0, min_matched=3)
+    start = time.perf_counter()
+    found = recognise([model], crowded(1500), params)
+    assert found and time.perf_counter() - start < 1.2

@@ -121,12 +121,13 @@ def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResul
 
     Raises ValueError when the tables would be too large or the engine is not installed.
     """
-    seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
     if params.engine == 'dap':
         search_by_machine, _ = _array_machine()
         return search_by_machine(problem.index, problem.data, params, INTERPRETATIONS)
     if params.search == 'serial':
+        seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
         return serial_search(problem.index, problem.data, params, INTERPRETATIONS, seconds)
     tables = build_tables(problem.index, problem.data, params)
+    seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
     search = subgraph_search if params.search == 'subgraph' else tree_search
     return search(tables, params, INTERPRETATIONS, seconds)

@@ -6,6 +6,9 @@ before it, constraint by constraint, nothing tabulated beforehand but the ranges
 
 from __future__ import annotations
 
+import time
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet
@@ -15,10 +18,22 @@ from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 from ..geometry.constraints import entry
 from ..model.index import ModelIndex, data_tolerances, feature_rows
 from ..params import MatchParams
-from .settings import INTERPRETATIONS, LARGEST_PAIRS, RATES
+from .settings import INTERPRETATIONS, LARGEST_PAIRS, LOOK_S, RATES
 from .signs import Signs, apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
 from .tables import PairTests, pair_row, pair_tests, unary_table
-from .tree import BACKTRACKS, COUNTERS, LEVELS, SIGN_CUTOFFS, TRUNCATED, Limits, TreeResult
+from .tree import (
+    BACKTRACKS,
+    COUNTERS,
+    ENTERING,
+    FOUND,
+    LEVEL,
+    LEVELS,
+    SIGN_CUTOFFS,
+    TRUNCATED,
+    Limits,
+    TreeResult,
+    until,
+)
 
 WORK = len(COUNTERS)  # one more counter: pair tests and what counts as such
 
@@ -66,13 +81,19 @@ def serial_search(
     tests = pair_tests(index, rows[order], tolerances[order], params)
     counters = np.zeros(len(COUNTERS) + 1, np.int64)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
-    budget = int((params.time_limit_s if seconds is None else seconds) * RATES.tests)
+    limit_s = params.time_limit_s if seconds is None else seconds
+    budget, deadline = int(limit_s * RATES.tests), time.perf_counter() + limit_s
     impossible = int((~unary.any(axis=1)).sum())
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
     for in_bin in range(impossible, most + 1):
-        found, inner, inner_signs = _descend(
-            tests, unary[order], Limits(in_bin, limit, budget, params.signs, False), counters
-        )
+        limits = Limits(in_bin, limit, budget, params.signs, False, max(1, int(LOOK_S * RATES.tests)))
+        descent = _start(n, limits)
+
+        def go_on(some: Limits, descent: Descent = descent) -> None:
+            _descend(tests, unary[order], some, descent, counters)
+
+        until(go_on, limits, descent.place, counters, WORK, deadline)
+        found, inner, inner_signs = int(descent.place[FOUND]), descent.out, descent.out_sign
         if found or counters[TRUNCATED]:
             assignments = np.full((found, n), BIN, np.int32)
             signs = np.zeros((found, n), np.int8)
@@ -82,24 +103,57 @@ def serial_search(
     return TreeResult(assignments, signs, not stats['truncated'], stats)
 
 
+class Descent(NamedTuple):
+    """A depth-first descent, which ends at its limit of tests and goes on from there.
+
+    Attributes
+    ----------
+    assignment, cursor : (n,)
+        What is decided, and the next model feature to try, of each level.
+    signs, saved
+        Direction signs, and those when each level was entered.
+    saved_bin : (n + 1,) int64
+        Features in the bin when a level is entered.
+    place : (3,) int64
+        LEVEL that comes next, interpretations FOUND, 1 when ENTERING the level.
+    out, out_sign : (m, n)
+        The interpretations and their signs.
+    """
+
+    assignment: Int32Array
+    cursor: IntArray
+    signs: Any
+    saved: Any
+    saved_bin: IntArray
+    place: IntArray
+    out: Int32Array
+    out_sign: Int8Array
+
+
+def _start(n: int, limits: Limits) -> Descent:
+    """The descent before its first level."""
+    return Descent(
+        np.full(n, BIN, np.int32),
+        np.zeros(n, np.int64),
+        unknown_signs(n),
+        stacked_signs(n, n),
+        np.zeros(n + 1, np.int64),
+        np.array([0, 0, 1]),
+        np.full((limits.interpretations, n), BIN, np.int32),
+        np.zeros((limits.interpretations, n), np.int8),
+    )
+
+
 @njit
-def _descend(
-    tests: PairTests, unary: BoolArray, limits: Limits, counters: IntArray
-) -> tuple[int, Int32Array, Int8Array]:
-    """Depth-first over the data features; returns as tree.traverse_pairs does, and fills the counters (6,) int64.
+def _descend(tests: PairTests, unary: BoolArray, limits: Limits, descent: Descent, counters: IntArray) -> None:
+    """Depth-first over the data features; goes on as tree.traverse_pairs does, and fills the counters (6,) int64.
 
     unary : (n, e) bool, which model features a data feature may be on by itself
     """
     n, e = unary.shape
-    out = np.full((limits.interpretations, n), BIN, np.int32)
-    out_sign = np.zeros((limits.interpretations, n), np.int8)
-    assignment = np.full(n, BIN, np.int32)
-    cursor = np.zeros(n, np.int64)
-    signs, saved = unknown_signs(n), stacked_signs(n, n)
-    saved_bin = np.zeros(n + 1, np.int64)  # features in the bin when a level is entered
-    found = 0
-    level = 0
-    entering = True
+    assignment, cursor, signs, saved = descent.assignment, descent.cursor, descent.signs, descent.saved
+    saved_bin, out, out_sign = descent.saved_bin, descent.out, descent.out_sign
+    level, found, entering = descent.place[LEVEL], descent.place[FOUND], descent.place[ENTERING] == 1
     while level >= 0:
         if counters[WORK] > limits.levels:
             counters[TRUNCATED] = 1
@@ -137,7 +191,7 @@ def _descend(
                 if found == limits.interpretations:
                     break
             entering = False
-    return found, out, out_sign
+    descent.place[LEVEL], descent.place[FOUND], descent.place[ENTERING] = level, found, 1 if entering else 0
 
 
 @njit

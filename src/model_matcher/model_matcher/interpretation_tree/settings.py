@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 # -- how much a search may do --------------------------------------------------------------------------------------
-# A search is limited in steps, not by a clock, so that its result is the same on every machine. The rates turn a time
-# limit in seconds into steps; they were measured on one core of the development machine, no command kept.
+# A search is limited in steps, so that its result is the same on every machine that is fast enough; on others the clock
+# ends it. The rates turn a time limit in seconds into steps; they were measured on one core of the development machine,
+# no command kept.
 
 
 class Rates(NamedTuple):
@@ -37,8 +38,8 @@ class Rates(NamedTuple):
 RATES = Rates(20_000_000, 1_000_000, 1000, 10_000_000, 8)
 # Most entries of all tables together, one byte each: more is refused with a reason.
 LARGEST_TABLES = 400_000_000
-# A search that takes this many times its time limit by the clock is stopped: the machine is slower than the rates say.
-SLOW_MACHINE = 2.0
+# Seconds between two looks at the clock, in steps by these rates.
+LOOK_S = 0.005
 # Most data pairs of the serial search, which keeps 11 numbers for each: more is refused with a reason.
 LARGEST_PAIRS = 2_000_000
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, Int8Array, Int32Array, I
 from ..params import MatchParams
 from .cores import core_numbers, largest_core
 from .ordering import order_pairs
-from .settings import INTERPRETATIONS, RATES, SLOW_MACHINE
+from .settings import INTERPRETATIONS, LOOK_S, RATES
 from .signs import apply_code, restore_signs, save_signs, stacked_signs, unknown_signs, write_signs
 from .tables import Tables, pair_number, pair_row
 
@@ -34,6 +35,8 @@ UNASSIGNED = -2  # in an assignment, beside model features (from 0) and the bin 
 # The counters that a traversal keeps, by place in its array; the names are those of the statistics.
 COUNTERS = ('levels', 'backtracks', 'sign_cutoffs', 'unassigned_pairs', 'truncated')
 LEVELS, BACKTRACKS, SIGN_CUTOFFS, UNASSIGNED_PAIRS, TRUNCATED = range(len(COUNTERS))
+# Where a walk stands: the level that comes next, interpretations found, 1 when it is entered.
+LEVEL, FOUND, ENTERING = range(3)
 
 
 @dataclass(eq=False)
@@ -96,8 +99,10 @@ def tree_search(
     ----------
     Thesis 5.7, 5.8, 5.10, 7.4 and appendix C.
     """
+    deadline = time.perf_counter() + (params.time_limit_s if seconds is None else seconds)
     core = core_numbers(tables) if params.eliminate else None
-    return search_with_bin(tables, params, limit, seconds, lambda size: _alive(tables, core, size), traverse_left)
+    traverse = partial(traverse_left, deadline=deadline)
+    return search_with_bin(tables, params, limit, seconds, lambda size: _alive(tables, core, size), traverse)
 
 
 def _alive(tables: Tables, core: Int32Array | None, size: int) -> BoolArray:
@@ -148,7 +153,7 @@ def search_with_bin(
         found = traverse(tables, alive, params, in_bin, limit, budget - stats['levels'])
         for name, count in zip(COUNTERS, found.counters):
             stats[name] += int(count)
-        if time.perf_counter() - started > SLOW_MACHINE * limit_s:
+        if time.perf_counter() - started > limit_s:
             stats['truncated'] += 1
         if len(found.assignments) or stats['truncated']:
             return TreeResult(found.assignments, found.signs, not stats['truncated'], stats)
@@ -172,11 +177,18 @@ def without_pairs(alive: BoolArray, in_bin: int, limit: int) -> Traversed | None
 
 
 def traverse_left(
-    tables: Tables, alive: BoolArray, params: MatchParams, in_bin: int, limit: int, levels: int
+    tables: Tables,
+    alive: BoolArray,
+    params: MatchParams,
+    in_bin: int,
+    limit: int,
+    levels: int,
+    deadline: float = np.inf,
 ) -> Traversed:
     """Traverse the pairs of the features that have a model feature left; the other features are in the bin at once.
 
     alive : (n, e) bool; in_bin : features in the bin; limit : most interpretations; levels : most levels visited
+    deadline : seconds of perf_counter() at which it ends, though there are levels left
     """
     found = without_pairs(alive, in_bin, limit)
     if found is not None:
@@ -191,10 +203,33 @@ def traverse_left(
     tree = PairTree(
         left[pairs[order]].astype(np.int32), rows[order], quadrants(tables, rows[order], side, in_bin > 0), side
     )
-    limits = Limits(in_bin, limit, levels, params.signs, params.eliminate and in_bin > 0)
-    count, assignments, signs = traverse_pairs(tree, tables.code, alive, limits, counters)
-    assignments = np.where(assignments[:count] == UNASSIGNED, np.int32(BIN), assignments[:count])
-    return Traversed(assignments, signs[:count], counters)
+    at_once = max(1, int(LOOK_S * RATES.levels * RATES.level_size / (n * e)))
+    limits = Limits(in_bin, limit, levels, params.signs, params.eliminate and in_bin > 0, at_once)
+    walk = start_walk(len(order), n, e, limits, alive)
+
+    def go_on(some: Limits) -> None:
+        traverse_pairs(tree, tables.code, alive, some, walk, counters)
+
+    until(go_on, limits, walk.place, counters, LEVELS, deadline)
+    count = int(walk.place[FOUND])
+    assignments = np.where(walk.out[:count] == UNASSIGNED, np.int32(BIN), walk.out[:count])
+    return Traversed(assignments, walk.out_sign[:count], counters)
+
+
+def until(
+    go_on: Callable[[Limits], None], limits: Limits, place: IntArray, counters: IntArray, work: int, deadline: float
+) -> None:
+    """Go on with a walk until it ends, its steps are used up or the time is; the counters then say truncated.
+
+    go_on : walks on from its place (3,) until the limits it is given; work : which counter it counts its steps by
+    """
+    while True:
+        counters[TRUNCATED] = 0
+        last = min(limits.levels, int(counters[work]) + limits.at_once)
+        go_on(limits._replace(levels=last))
+        over = counters[work] >= limits.levels or time.perf_counter() > deadline
+        if over or not counters[TRUNCATED] or place[FOUND] >= limits.interpretations:
+            return
 
 
 def quadrants(tables: Tables, rows: IntArray, side: int, with_bin: bool) -> Int32Array:
@@ -259,6 +294,8 @@ class Limits(NamedTuple):
         Whether direction signs are kept consistent.
     look_ahead
         Whether a branch ends when more features than the bin may take have nothing left that agrees with it.
+    at_once
+        Levels, or tests, between two looks at the clock.
     """
 
     in_bin: int
@@ -266,6 +303,7 @@ class Limits(NamedTuple):
     levels: int
     use_signs: bool
     look_ahead: bool
+    at_once: int = 1
 
 
 class _State(NamedTuple):
@@ -309,35 +347,62 @@ def _restore(state: _State, saved: _State, level: int, a: int, b: int) -> None:
         state.open_to[:] = saved.open_to[level]
 
 
+class Walk(NamedTuple):
+    """A depth-first walk, which ends at its limit of levels and goes on from there.
+
+    Attributes
+    ----------
+    state, saved
+        What is decided, and was when each level was entered.
+    cursor : (L, 2) int64
+        Quadrant and entry in it, of each level.
+    place : (3,) int64
+        LEVEL that comes next, interpretations FOUND, 1 when ENTERING the level.
+    out, out_sign : (m, n)
+        The interpretations and their signs.
+    """
+
+    state: Any
+    saved: Any
+    cursor: IntArray
+    place: IntArray
+    out: Int32Array
+    out_sign: Int8Array
+
+
+def start_walk(depth: int, n: int, e: int, limits: Limits, alive: BoolArray) -> Walk:
+    """A walk before its first of so many levels, over n data and e model features; alive : (n, e) bool."""
+    return Walk(
+        _State(np.full(n, UNASSIGNED, np.int32), unknown_signs(n), np.zeros(1, np.int64), alive.copy()),
+        _saved_states(depth, n, e, limits.look_ahead),
+        np.zeros((depth, 2), np.int64),
+        np.array([0, 0, 1]),
+        np.full((limits.interpretations, n), UNASSIGNED, np.int32),
+        np.zeros((limits.interpretations, n), np.int8),
+    )
+
+
 @njit
 def traverse_pairs(
-    tree: PairTree, code: ByteArray, alive: BoolArray, limits: Limits, counters: IntArray
-) -> tuple[int, Int32Array, Int8Array]:
+    tree: PairTree, code: ByteArray, alive: BoolArray, limits: Limits, walk: Walk, counters: IntArray
+) -> None:
     """Depth-first over the levels of the tree: appendix C, with the bin.
 
     code : (P, e, e) uint8, the look-up tables, row and column e of which stand for the bin; alive : (n, e) bool, the
-    model features each data feature may take. Returns how many interpretations were found, their assignments (m, n)
-    int32 and signs (m, n) int8; counters is filled.
+    model features each data feature may take. The walk goes on from its place; it and the counters are changed.
     Backtracks when a pair has no consistent entry; when limits.look_ahead is set, also when more features than the bin
     may still take have no model feature left that agrees with everything assigned so far.
     """
-    n, e = alive.shape
     depth = tree.pairs.shape[0]
-    out = np.full((limits.interpretations, n), UNASSIGNED, np.int32)
-    out_sign = np.zeros((limits.interpretations, n), np.int8)
-    state = _State(np.full(n, UNASSIGNED, np.int32), unknown_signs(n), np.zeros(1, np.int64), alive.copy())
-    saved = _saved_states(depth, n, e, limits.look_ahead)
-    cursor = np.zeros((depth, 2), np.int64)  # quadrant and entry in it
-    found = 0
-    level = 0
-    entering = True
+    state, saved, cursor, out, out_sign = walk.state, walk.saved, walk.cursor, walk.out, walk.out_sign
+    level, found, entering = walk.place[LEVEL], walk.place[FOUND], walk.place[ENTERING] == 1
     while level >= 0:
         a, b = tree.pairs[level, 0], tree.pairs[level, 1]
         if entering:
-            counters[LEVELS] += 1
-            if counters[LEVELS] > limits.levels:
+            if counters[LEVELS] >= limits.levels:
                 counters[TRUNCATED] = 1
                 break
+            counters[LEVELS] += 1
             _save(state, saved, level, a, b)
             cursor[level] = 0
             if state.assignment[a] == UNASSIGNED and state.assignment[b] == UNASSIGNED:
@@ -359,7 +424,7 @@ def traverse_pairs(
                 if found == limits.interpretations:
                     break
             entering = False
-    return found, out, out_sign
+    walk.place[LEVEL], walk.place[FOUND], walk.place[ENTERING] = level, found, 1 if entering else 0
 
 
 @njit

@@ -30,6 +30,8 @@ MAX_NORMALS = 24
 
 # In model sizes: what data of the usual accuracy cannot tell apart.
 SYMMETRY_TOLERANCE = 0.004
+# Features by which most motions that are no symmetry are ruled out.
+SYMMETRY_LOOKS = 6
 # Cosines, components of unit normals, and shifts and offsets as parts of the model's size: what differs by less than
 # this is the same.
 SAME = 0.01

@@ -11,13 +11,14 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from msgs_py import FeatureKind, Pose
 from msgs_py.numeric.vectors import perpendicular
 
 from ..geometry.settings import NOT_ZERO, PARALLEL_SINE
 from .index import ModelIndex
-from .settings import EXACT, SAME, SAME_POSE_DEG, SYMMETRY_TOLERANCE
+from .settings import EXACT, SAME, SAME_POSE_DEG, SYMMETRY_LOOKS, SYMMETRY_TOLERANCE
 
 
 class Axis(NamedTuple):
@@ -147,30 +148,46 @@ def _find(index: ModelIndex) -> tuple[Pose, ...]:
     c = float(directions[i] @ second)
     gap = np.linalg.norm(mids[j] - mids[i])
     source = _frame(directions[i], second)
-    found: list[Pose] = []
+    crossing = _crosses(rows, i, j)
+    rotations, shifts = [], []
     for k in np.flatnonzero(alike[i]).tolist():
         partners = alike[j] & (np.abs(np.linalg.norm(mids - mids[k], axis=1) - gap) < 2.0 * tolerance)
         partners[k] = False
         for m in np.flatnonzero(partners).tolist():
-            crossing = _crosses(rows, i, j)
             if crossing != _crosses(rows, k, m):
                 continue
             v = _second_direction(rows, k, m)
             for first in (1.0, -1.0):
                 for sign in (1.0, -1.0) if crossing else (1.0,):
                     u, w = first * directions[k], sign * v
-                    if abs(u @ w - c) > SAME:
-                        continue
-                    rotation = _frame(u, w).T @ source
-                    shift = 0.5 * (mids[k] + mids[m] - rotation @ (mids[i] + mids[j]))
-                    motion = Pose(rotation, shift)
-                    if (
-                        not _alike(index, motion, Pose.identity())
-                        and _maps(motion, rows, alike, tolerance)
-                        and not any(_alike(index, motion, one) for one in found)
-                    ):
-                        found.append(motion)
-    return tuple(found)
+                    if abs(u @ w - c) <= SAME:
+                        rotations.append(_frame(u, w).T @ source)
+                        shifts.append(0.5 * (mids[k] + mids[m] - rotations[-1] @ (mids[i] + mids[j])))
+    return _that_map(index, np.array(rotations).reshape(-1, 3, 3), np.array(shifts).reshape(-1, 3), alike, tolerance)
+
+
+def _that_map(
+    index: ModelIndex, rotations: np.ndarray, shifts: np.ndarray, alike: np.ndarray, tolerance: float
+) -> tuple[Pose, ...]:
+    """Of motions (m, 3, 3) and (m, 3) those that lay a model on itself, each once, without the identity."""
+    rows, tree = index.rows, cKDTree(index.rows[:, :3])
+    # What does not lay a few features near any is none: most are ruled out so.
+    for k in range(0, len(rows), max(1, len(rows) // SYMMETRY_LOOKS)):
+        near = tree.query(rotations @ rows[k, :3] + shifts)[0] < tolerance
+        rotations, shifts = rotations[near], shifts[near]
+    middles = rotations @ index.middle + shifts
+    found: list[int] = []
+    for k in range(len(rotations)):
+        chosen = [*found]
+        turns = np.einsum('mij,ij->m', rotations[chosen], rotations[k])
+        gaps = np.linalg.norm(middles[chosen] - middles[k], axis=1)
+        same_turn = 1.0 + 2.0 * np.cos(np.radians(SAME_POSE_DEG))
+        if ((turns > same_turn) & (gaps < SAME * index.size)).any():
+            continue
+        motion = Pose(rotations[k], shifts[k])
+        if not _alike(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance):
+            found.append(k)
+    return tuple(Pose(rotations[k], shifts[k]) for k in found)
 
 
 def _end_for_end(index: ModelIndex, axis: Axis, alike: np.ndarray, tolerance: float) -> tuple[Pose, ...]:
@@ -238,10 +255,13 @@ def _frame(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _maps(motion: Pose, rows: np.ndarray, alike: np.ndarray, tolerance: float) -> bool:
     """Whether every feature comes to lie on a lookalike."""
-    mids = motion.apply(rows[:, 0:3])
-    directions = motion.rotate(rows[:, 3:6])
-    near = np.linalg.norm(mids[:, None] - rows[:, 0:3], axis=2) < tolerance
-    along = np.linalg.norm(np.cross(directions[:, None], rows[:, 3:6]), axis=2)
+    tree = cKDTree(rows[:, :3])
+    most = max(len(near) for near in tree.query_ball_point(rows[:, :3], 2.0 * tolerance))
+    _, near = tree.query(motion.apply(rows[:, :3]), k=[*range(1, most + 1)], distance_upper_bound=tolerance)
+    there = near < len(rows)
+    near = np.where(there, near, 0)
+    along = np.linalg.norm(np.cross(motion.rotate(rows[:, 3:6])[:, None], rows[near, 3:6]), axis=2)
     # An edge's ends must come to lie as near as its middle; a curve's normal has no length, its radius is its lever.
     lever = np.maximum(rows[:, 6], np.nan_to_num(rows[:, 7]))[:, None]
-    return bool((near & alike & (along * lever < tolerance)).any(axis=1).all())
+    fits = there & np.take_along_axis(alike, near, axis=1) & (along * lever < tolerance)
+    return bool(fits.any(axis=1).all())

@@ -90,8 +90,11 @@ def keep_candidate(motion: FloatArray, score: float, model: ModelFeatures, candi
 
 
 @njit(nogil=True)
-def _gather(data: DataFeatures, a: int, reach: float, widen: float, around: DataFeatures) -> int:
-    """Copy what can lie on a model that data feature a lies on: all within reach (metres) and its own tolerances."""
+def gather(data: DataFeatures, a: int, reach: float, widen: float, around: DataFeatures) -> int:
+    """Copy what can lie on a model that data feature a lies on: all within reach (metres) and its own tolerances.
+
+    widen : tolerances count this many times; around : filled; returns how many there are
+    """
     rows, tols = data.rows, data.tolerances
     count = 0
     for k in range(rows.shape[0]):
@@ -196,7 +199,7 @@ def search_pairs(
             pair_pose(data_pair, model_pair, turn, motion)
             if n_around < 0:
                 reach = model.size + window.slide_a + window.across + window.cone * abs(window.foot_a)
-                n_around = _gather(data, a, reach, widen, around)
+                n_around = gather(data, a, reach, widen, around)
             needed = max(scores[len(scores) - 1], WORTH_KEEPING * np.floor(scores[0]), NEEDED)
             some = DataFeatures(
                 around.rows[:n_around], around.kind[:n_around], around.tolerances[:n_around], data.radius_tolerance

@@ -23,8 +23,8 @@ from ..geometry.settings import PARALLEL_SINE
 from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
 from ..model.symmetry import axis_of_revolution
-from .pair_search import Candidates, keep_candidate
-from .settings import PARALLEL_BLOCK, WORTH_KEEPING
+from .pair_search import Candidates, gather, keep_candidate
+from .settings import EDGE_HYPOTHESES, LONGEST_EDGES, PARALLEL_BLOCK, WORTH_KEEPING
 
 EDGE = int(FeatureKind.EDGE)
 
@@ -55,8 +55,9 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
         alone = np.flatnonzero(may.any(axis=1)).astype(np.int32)
         pairs = np.concatenate([pairs, np.stack([alone, alone], axis=1)])
     state = np.zeros(1, np.int64)
+    most = EDGE_HYPOTHESES if edges else np.inf
     for first in range(0, len(pairs), PARALLEL_BLOCK):
-        if first and time.perf_counter() > deadline:
+        if first and (time.perf_counter() > deadline or state[0] > most):
             break
         last = min(len(pairs), first + PARALLEL_BLOCK)
         search_parallel(pairs, may, model, index.parallel_pairs, data, SEARCH_WIDTH, first, last, candidates, state)
@@ -69,7 +70,9 @@ def _data_pairs(problem: Problem, may: BoolArray, edges: bool) -> Int32Array:
     may : (n, e) bool, which model features a data feature may be on by itself
     edges : pairs of edges, rather than pairs with a curve or an axis
     """
-    usable = np.flatnonzero(may.any(axis=1))
+    usable = np.flatnonzero(may.any(axis=1) & ((problem.features.kind == EDGE) | (not edges)))
+    if edges and len(usable) > LONGEST_EDGES:
+        usable = np.sort(usable[np.argsort(-problem.rows[usable, 6], kind='stable')[:LONGEST_EDGES]])
     rows, kind = problem.rows[usable], problem.features.kind[usable]
     table = problem.index.parallel_pairs
     pairs, levers = _near_and_parallel(rows, kind, edges, problem.index.size, np.diff(table.starts) > 0)
@@ -150,14 +153,23 @@ def search_parallel(
     rows, tols, kind = data.rows, data.tolerances, data.kind
     stamp = np.full(model.rows.shape[0], -1, np.int64)
     motion = np.empty(12)
+    around = DataFeatures(rows.copy(), kind.copy(), tols.copy(), data.radius_tolerance)
+    count, gathered = 0, -1
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
+        if gathered != a:
+            count = gather(data, a, model.size + lever(rows[a], kind[a] == CURVE), widen, around)
+            near = DataFeatures(
+                around.rows[:count], around.kind[:count], around.tolerances[:count], data.radius_tolerance
+            )
+            gathered = a
+        near = DataFeatures(around.rows[:count], around.kind[:count], around.tolerances[:count], data.radius_tolerance)
         if a == b:
             for i in range(model.rows.shape[0]):
                 for turning in range(2):
                     if may[a, i] and single_pose(data, a, model, i, 1.0 - 2.0 * turning, motion):
                         state[0] += 1
-                        _try(motion, 1.0, model, data, widen, stamp, state[0], candidates)
+                        _try(motion, 1.0, model, near, widen, stamp, state[0], candidates)
             continue
         apart, along, _ = offsets(rows[a], rows[b])
         across = tols[a, 0] + tols[b, 0]
@@ -183,7 +195,7 @@ def search_parallel(
                     continue
                 if parallel_pose(data, a, b, model, i, j, sense, table.apart[at] <= across, motion):
                     state[0] += 1
-                    _try(motion, 2.0, model, data, widen, stamp, state[0], candidates)
+                    _try(motion, 2.0, model, near, widen, stamp, state[0], candidates)
 
 
 @njit

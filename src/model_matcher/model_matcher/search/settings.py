@@ -29,6 +29,9 @@ LONGER = 6.0
 
 # Parallel data pairs that are tried between two looks at the clock.
 PARALLEL_BLOCK = 16
+# Edges of which pairs are made, the longest, and hypotheses of such pairs: whole parallel edges are many in a room.
+LONGEST_EDGES = 300
+EDGE_HYPOTHESES = 2000
 
 # -- prefilter of a library (bench_matcher.py --presets library,prefilter) -------------------------------------------
 

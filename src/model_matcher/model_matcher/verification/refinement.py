@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from typing import NamedTuple
 
 import numpy as np
 
+from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
@@ -15,9 +17,9 @@ from ..geometry.least_squares import refine
 from ..model.problem import Problem
 from ..model.regularity import Regularity, regularity
 from ..params import MatchParams
-from .evidence import evidence, plane_table
+from .evidence import Planes, evidence, plane_table
 from .false_alarms import needed_evidence
-from .settings import DOUBTFUL, KEEP, WIDTHS
+from .settings import AT_ONCE, DOUBTFUL, KEEP, WIDTHS
 
 
 class Refined(NamedTuple):
@@ -55,8 +57,12 @@ def refine_candidates(
     model: ModelFeatures,
     data: DataFeatures,
     regular: Regularity,
+    planes: Planes,
+    first: int,
+    last: int,
+    best: float,
     refined: Refined,
-) -> None:
+) -> float:
     """Refine candidate poses, in place, and weigh the evidence for each.
 
     Parameters
@@ -71,19 +77,24 @@ def refine_candidates(
     data : DataFeatures
     regular : Regularity
         Of the model.
+    planes : Planes
+        Of the model, under the data's tolerance.
+    first, last : int
+        The candidates to refine.
+    best : float
+        Nats, the best evidence of those before.
     refined : Refined
         Its motions are the candidates; filled.
 
+    Returns
+    -------
+    float
+        The best evidence so far.
+
     """
     stamp = np.full(model.rows.shape[0], -1, np.int64)
-    inverse = 0.0
-    for k in range(len(data.tolerances)):
-        inverse += 1.0 / data.tolerances[k, 0]
-    planes = plane_table(regular.offsets, regular.sorted, len(data.tolerances) / inverse)
     final = WIDTHS[-1]
-    best = -np.inf
-    refined.scores[:] = 0.0
-    for k in range(len(scores)):
+    for k in range(first, last):
         if scores[k] <= 0.0 or (np.floor(scores[k]) < keep * np.floor(scores[0]) and best >= doubtful):
             continue
         motion, assignment, sign = refined.motions[k], refined.assignments[k], refined.signs[k]
@@ -93,10 +104,16 @@ def refine_candidates(
         refined.residuals[k] = rms
         refined.evidence[k] = evidence(motion, model, data, assignment, regular, planes)
         best = max(best, refined.evidence[k])
+    return best
 
 
 def refine_all(
-    problem: Problem, motions: np.ndarray, scores: np.ndarray, params: MatchParams, keep: float = KEEP
+    problem: Problem,
+    motions: np.ndarray,
+    scores: np.ndarray,
+    params: MatchParams,
+    keep: float = KEEP,
+    deadline: float = np.inf,
 ) -> Refined:
     """Refine candidate poses.
 
@@ -112,6 +129,8 @@ def refine_all(
         Of the match.
     keep : float
         Candidates whose score is at least this share of the best are refined; all when there is doubt.
+    deadline : float
+        Seconds of perf_counter() after which no candidate is refined but the first.
 
     Returns
     -------
@@ -119,8 +138,16 @@ def refine_all(
     """
     c, n = len(scores), len(problem.rows)
     refined = Refined(
-        motions, np.empty((c, n), np.int32), np.empty((c, n), np.int8), np.zeros(c), np.zeros(c), np.zeros(c)
+        motions, np.full((c, n), BIN, np.int32), np.zeros((c, n), np.int8), np.zeros(c), np.zeros(c), np.zeros(c)
     )
     doubtful = needed_evidence(problem, params) + DOUBTFUL
-    refine_candidates(scores, keep, doubtful, problem.model, problem.features, regularity(problem.index), refined)
+    model, data, regular = problem.model, problem.features, regularity(problem.index)
+    planes = plane_table(regular.offsets, regular.sorted, 1.0 / float(np.mean(1.0 / data.tolerances[:, 0])))
+    best, first, at_once = -np.inf, 0, max(1, AT_ONCE // n)
+    while first < c and scores[first] > 0.0:
+        last = min(c, first + at_once)
+        best = refine_candidates(scores, keep, doubtful, model, data, regular, planes, first, last, best, refined)
+        first = last
+        if time.perf_counter() > deadline:
+            break
     return refined

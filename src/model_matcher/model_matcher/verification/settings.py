@@ -19,6 +19,8 @@ WIDTHS = (1.5, 1.2, 1.0, 1.0)
 # needed and so many nats.
 KEEP = 0.6
 DOUBTFUL = 5.0
+# Candidates times data features that are refined between two looks at the clock, one candidate at least.
+AT_ONCE = 2000
 
 # -- the line of sight -----------------------------------------------------------------------------------------------
 
