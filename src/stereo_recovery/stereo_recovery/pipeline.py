@@ -226,7 +226,8 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     junctions = find_junctions(segments[0]), find_junctions(segments[1])
     seen = StereoSegments(matches, segments, junctions)
     texture = None if pair.dense is None else Texture.of((pair.views[0].grey, pair.views[1].grey), pair.dense)
-    beside_edges = None if texture is None else texture_rows(seen, texture)
+    strips = None if texture is None else AlignedStrips(segments[0], texture)
+    beside_edges = None if strips is None else texture_rows(seen, strips)
     rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma, beside_edges)
     segments = segments[0], rows.aligned_segments(segments[1])
     seen = StereoSegments(matches, segments, (junctions[0], find_junctions(segments[1])))
@@ -238,9 +239,10 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     watch.stage('curves')
     every = all_views(seen, rows.sigma, further, rig)
     late = watch.late_after(EDGES_SHARE, 'edges: parallel groups and what corners match')
-    strips = None if texture is None else AlignedStrips(every.seen.segments[0], texture, rows.sigma)
+    if strips is not None:
+        strips.rows = rows
     beside = Beside(rig, rows.sigma, shapes.reported, strips, every.views, late)
-    shown = every.seen if every.views or texture is None else seen_by_texture(every.seen, texture)
+    shown = every.seen if every.views or strips is None else seen_by_texture(every.seen, strips)
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)

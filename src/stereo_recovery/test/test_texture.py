@@ -14,6 +14,7 @@ from stereo_recovery.edges.texture_matching import seen_by_texture
 from stereo_recovery.estimation.texture import AlignedStrips, Texture, texture_factors, texture_rows
 from stereo_recovery.matching.dense import DenseDisparity
 from stereo_recovery.matching.matches import Matches
+from stereo_recovery.matching.row_error import RowWitnesses, fitted_error
 from stereo_recovery.matching.stereo_segments import StereoSegments
 
 SIZE = (320, 240)
@@ -48,7 +49,10 @@ def seen_along(ends: np.ndarray) -> StereoSegments:
 
 def strips_of(seen: StereoSegments, texture: Texture) -> AlignedStrips:
     """Of the left segments, in a rig whose rows disagree by a third of a pixel."""
-    return AlignedStrips(seen.segments[0], texture, 0.3)
+    strips = AlignedStrips(seen.segments[0], texture)
+    nobody = RowWitnesses(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    strips.rows = fitted_error(nobody, SIZE, 0.3)
+    return strips
 
 
 @pytest.mark.parametrize(('gain', 'shift', 'lower'), [(1.0, 0.0, 0.0), (0.8, 15.0, 0.0), (1.2, -20.0, 0.3)])
@@ -74,7 +78,7 @@ def test_a_plain_surface_says_nothing():
     seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
     texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
     assert len(texture_factors(seen, np.array([0]), strips_of(seen, texture))) == 0
-    assert len(texture_rows(seen, texture).off) == 0
+    assert len(texture_rows(seen, AlignedStrips(seen.segments[0], texture)).off) == 0
 
 
 def test_without_texture_or_open_edges_nothing_is_said():
@@ -89,7 +93,8 @@ def test_without_texture_or_open_edges_nothing_is_said():
 def test_strips_tell_how_much_lower_the_right_rows_are(lower):
     greys = pictures(lower=lower)
     seen = seen_along(np.array([[150.0, 60.0], [170.0, 190.0]]))
-    rows = texture_rows(seen, Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0)))
+    texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
+    rows = texture_rows(seen, AlignedStrips(seen.segments[0], texture))
     assert len(rows.off) == 2
     np.testing.assert_allclose(rows.off, lower, atol=0.1)
     assert (np.abs(rows.off - lower) < 3.0 * rows.sigma).all()
@@ -112,7 +117,7 @@ def test_an_edge_without_a_match_is_where_its_texture_is():
     free.extent[1] = np.array([-0.5, 0.5]) * np.hypot(*(ends[1] - ends[0]))
     seen = replace(seen, segments=(free, seen.segments[1]), junctions=(find_junctions(free), seen.junctions[1]))
     texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
-    grown = seen_by_texture(seen, texture)
+    grown = seen_by_texture(seen, strips_of(seen, texture))
     assert (len(grown.matches), grown.stand_ins) == (2, 1)
     assert grown.paired.tolist() == [True, False]
     np.testing.assert_allclose(
@@ -120,7 +125,9 @@ def test_an_edge_without_a_match_is_where_its_texture_is():
     )
     plain = texture.levels[0][0], np.full_like(texture.levels[0][1], 120.0)
     blind = replace(texture, levels=(*texture.levels[:-1], plain))
-    assert len(seen_by_texture(seen, blind).matches) == 1, 'what the right picture does not show is no edge'
+    assert len(seen_by_texture(seen, strips_of(seen, blind)).matches) == 1, (
+        'what the right picture does not show is no edge'
+    )
 
 
 def test_strips_that_are_asked_for_again_say_the_same():
@@ -131,3 +138,27 @@ def test_strips_that_are_asked_for_again_say_the_same():
     assert again[0].tolist() == [0, 1, 0, 1], 'one side after the other'
     for once, twice in zip(first[1:], again[1:]):
         np.testing.assert_array_equal(twice, np.repeat(once, 2, axis=0))
+
+
+@pytest.mark.parametrize('lower', [0.0, 0.4])
+def test_what_is_known_of_the_rows_later_makes_strips_say_what_they_would_have_said_with_it(lower):
+    greys = pictures(lower=lower)
+    seen = seen_along(np.array([[120.0, 130.0], [260.0, 132.0]]))
+    texture = Texture.of(greys, DenseDisparity(*greys, 20.0, 60.0))
+    strips = AlignedStrips(seen.segments[0], texture)
+    _, before, wide = strips.beside(np.array([0]))
+    witness = RowWitnesses(np.array([[150.0, 100.0]] * 9), np.full(9, lower), np.full(9, 0.01))
+    strips.rows = fitted_error(witness, SIZE, 0.2)
+    _, after, narrow = strips.beside(np.array([0]))
+    # One more statement of the row, of which the prior was told already.
+    known = strips.rows.at(strips.places(np.array([0, 0]), before))
+    more = strips.rows.sigma**-2.0 - 1.0
+    told = known * strips.rows.sigma**-2.0
+    for k in range(2):
+        information = np.linalg.inv(wide[k])
+        vector = information @ before[k]
+        information[2, 2] += more
+        vector[2] += told[k]
+        np.testing.assert_allclose(narrow[k], np.linalg.inv(information), rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(after[k], np.linalg.solve(information, vector), atol=1e-9)
+    assert (np.abs(after[:, 2] - lower) < 3.0 * np.sqrt(narrow[:, 2, 2])).all()

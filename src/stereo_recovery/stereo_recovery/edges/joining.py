@@ -13,8 +13,8 @@ import numpy as np
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
-from ..estimation.settings import GATE
-from .settings import GAP_OFFSET, GAP_SHARE, JOINED_MISS, JOINED_REACH, JOINED_SHARE, JOINED_SIGMA, SMALL_GAP
+from . import joining_kernels
+from .settings import JOINED_REACH, JOINED_SHARE, JOINED_SIGMA
 
 
 class _Shown(NamedTuple):
@@ -50,14 +50,11 @@ def join_parts(
         them, and not better.
     """
     shown = _shown(ends, covariance, rig)
-    group = np.arange(len(ends))
     pairs = _candidates(shown.pixel)
+    pairs = pairs[joining_kernels.go_on(grey, shown.pixel, pairs)]
     length = np.hypot(*(shown.pixel[:, 1] - shown.pixel[:, 0]).T)
-    pairs = pairs[np.argsort(-np.minimum(*length[pairs].T), kind='stable')] if len(pairs) else pairs
-    for e, f in pairs:
-        members = np.flatnonzero((group == group[e]) | (group == group[f]))
-        if group[e] != group[f] and _goes_on(shown.pixel[[e, f]], grey) and _one_line(shown, members):
-            group[members] = members[0]
+    pairs = pairs[np.argsort(-length[pairs].min(axis=1), kind='stable')]
+    group = joining_kernels.groups(shown.pixel, shown.disparity, np.hypot(shown.sigma, JOINED_SIGMA), pairs)
     heads, count = np.unique(group, return_counts=True)
     if (count == 1).all():
         return ends, covariance
@@ -97,51 +94,6 @@ def _candidates(pixel: FloatArray) -> IntArray:
     near &= ((pixel[f, 1] - pixel[e, 1]) * run[e]).sum(axis=1) > 0.5 * length[f] * length[e]
     near &= ((pixel[f, 0] - pixel[e, 0]) * run[e]).sum(axis=1) > 0.0
     return np.stack([e[near], f[near]], axis=1)
-
-
-def _goes_on(pixel: FloatArray, grey: Float32Array) -> bool:
-    """Whether the picture between two edges (2, 2, 2) has the contrast that they have."""
-    if np.hypot(*(pixel[1, 0] - pixel[0, 1])) < SMALL_GAP:
-        return True
-    if (pixel[1, 0] - pixel[0, 1]) @ (pixel[0, 1] - pixel[0, 0]) < 0.0:
-        return True
-    gap, *own = (contrast_across(grey, *line) for line in ((pixel[0, 1], pixel[1, 0]), *pixel))
-    weaker = min(own, key=abs)
-    return bool(gap * weaker > 0.0 and abs(gap) > GAP_SHARE * abs(weaker))
-
-
-def contrast_across(grey: Float32Array, start: FloatArray, end: FloatArray) -> float:
-    """Mean difference of grey levels across the line between two places, pixels."""
-    run = end - start
-    length = max(float(np.hypot(*run)), 1.0)
-    share = (np.arange(int(length) + 1) + 0.5) / (int(length) + 1)
-    places = start + share[:, None] * run
-    across = GAP_OFFSET * np.array([-run[1], run[0]]) / length
-    height, width = grey.shape
-    sides = []
-    for sign in (1.0, -1.0):
-        column, row = np.rint(places + sign * across).astype(np.intp).T
-        sides.append(float(grey[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)].mean()))
-    return sides[0] - sides[1]
-
-
-def _one_line(shown: _Shown, members: IntArray) -> bool:
-    """Whether edges lie on one line in both images, and their disparities on one along it."""
-    pixel, disparity = shown.pixel[members].reshape(-1, 2), shown.disparity[members].ravel()
-    weight = np.repeat(np.hypot(*(shown.pixel[members, 1] - shown.pixel[members, 0]).T), 2)
-    right = pixel - np.stack([disparity, np.zeros(len(pixel))], axis=1)
-    along: FloatArray = np.zeros(0)
-    for points in (right, pixel):
-        away = points - np.average(points, axis=0, weights=weight)
-        axis = np.linalg.eigh((away * weight[:, None]).T @ away)[1][:, 1]
-        if np.abs(away @ [-axis[1], axis[0]]).max() > JOINED_MISS:
-            return False
-        along = away @ axis
-    sigma = np.hypot(shown.sigma[members].ravel(), JOINED_SIGMA)
-    columns = np.stack([np.ones_like(sigma), along], axis=1) / sigma[:, None]
-    value = disparity / sigma
-    fit = np.linalg.lstsq(columns, value, rcond=None)[0]
-    return bool(np.abs(value - columns @ fit).max() < GATE)
 
 
 def _whole(ends: FloatArray, covariance: FloatArray) -> tuple[AnyArray, AnyArray]:

@@ -81,8 +81,9 @@ SAME_EXTENT, LEAST_SHARE = 0.15, 0.01
 
 # px of a level of the image pyramid: nearest and farthest line of a strip beside an edge; most samples along it. [R]
 STRIP_NEAR, STRIP_FAR, STRIP_SAMPLES = 2, 12, 100
-# Rounds of the alignment, and px that it moves by when it has ended.
-STRIP_ROUNDS, STRIP_CONVERGED = 12, 0.02
+# Rounds of the alignment; by what share of its sigma it moves when it has ended, and px: the sigma that is sharp enough
+# for that. [R]
+STRIP_ROUNDS, STRIP_CONVERGED, STRIP_SHARP = 12, 0.05, 0.4
 # Sigma of disparity's gradients on surfaces, px a pixel. [R]
 STRIP_SLOPE_SIGMA = 0.15
 # Share of a strip's variance that its alignment has to explain. [R]
@@ -92,9 +93,9 @@ STRIP_LEAST_SHARE = 0.5
 STRIP_GAIN_SIGMA, STRIP_SHIFT_SIGMA, STRIP_LEAST_SCALE = 0.5, 100.0, 0.3
 # Width of Cauchy's weights, in sigmas. [D] 95 % as efficient as least squares where nothing is wrong
 CAUCHY = 2.385
-# px: sigma of rows at least; share of a strip where dense disparity must be known; rounds of the line through it; and
-# the coarsest level, over the size of the dense disparity.
-STRIP_LEAST_ROW, STRIP_LEAST_KNOWN, STRIP_FITS, STRIP_COARSEST = 0.2, 0.15, 6, 0.75
+# px: sigma of rows before any are known, and at least; share of a strip where dense disparity must be known; rounds of
+# the line through it; and the coarsest level, over the size of the dense disparity.
+STRIP_ROW_PRIOR, STRIP_LEAST_ROW, STRIP_LEAST_KNOWN, STRIP_FITS, STRIP_COARSEST = 1.0, 0.2, 0.15, 6, 0.75
 # px: smoothing of each level of the pyramid.
 STRIP_LEVEL_SIGMA = 0.8
 # Places along a strip, and reduced px from the edge, where dense disparity is asked.

@@ -9,6 +9,7 @@ nothing is said. The rows in which a strip is found again are what its rows diff
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -18,23 +19,19 @@ from msgs_py.numeric.typed import AnyArray, Float32Array, FloatArray, IntArray
 
 from ..detection.segments import Segments
 from ..matching.dense import DenseDisparity
-from ..matching.row_error import RowWitnesses
+from ..matching.row_error import RowError, RowWitnesses
 from ..matching.stereo_segments import StereoSegments
 from .factors import Factors
 from .settings import (
     SPREAD,
-    STRIP_ASKED,
     STRIP_COARSEST,
     STRIP_CORRELATION,
-    STRIP_FITS,
-    STRIP_LEAST_KNOWN,
     STRIP_LEAST_ROW,
     STRIP_LEVEL_SIGMA,
     STRIP_PRIOR,
+    STRIP_ROW_PRIOR,
     STRIP_ROW_SIGMA,
     STRIP_SIGMA,
-    STRIP_SLOPE_SIGMA,
-    STRIP_STARTS,
 )
 from .texture_kernels import align_strips
 
@@ -78,111 +75,79 @@ def _halved(image: Float32Array) -> Float32Array:
     return np.asarray(cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def strips_beside(left: Segments, index: AnyArray, dense: DenseDisparity) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Strips beside segments where dense disparity is known.
-
-    Returns (k,) which of ``index`` they belong to, (k, 7) their places and (k, 3) disparity at abscissa 0 and its
-    gradients, see :func:`.texture_kernels.align_strips`.
-    """
-    f = dense.scale
-    height, width = dense.disparity.shape
-    share = (np.arange(STRIP_STARTS) + 0.5) / STRIP_STARTS
-    s = left.extent[index, :1] + share * np.diff(left.extent[index])
-    c, t = left.centre[index][:, None, None], left.direction[index][:, None, None]
-    owner, places, starts = [], [], []
-    for side in (-1.0, 1.0):
-        o = side * np.array(STRIP_ASKED) / f
-        column, row = (
-            np.clip(np.rint(at * f).astype(np.intp), 0, size - 1)
-            for at, size in (
-                (c[..., 0] + s[..., None] * t[..., 0] - o * t[..., 1], width),
-                (c[..., 1] + s[..., None] * t[..., 1] + o * t[..., 0], height),
-            )
-        )
-        value = dense.disparity[row, column] / f
-        known = np.isfinite(value)
-        e = np.flatnonzero(known.mean(axis=(1, 2)) > STRIP_LEAST_KNOWN)
-        a, b = _line_through(value[e], np.broadcast_to(s[e][..., None], value[e].shape), f)
-        i = index[e]
-        owner.append(e)
-        places.append(np.column_stack([left.centre[i], left.direction[i], left.extent[i], np.full(len(e), side)]))
-        starts.append(np.column_stack([a, b, np.zeros(len(e))]))
-    return np.concatenate(owner), np.concatenate(places), np.concatenate(starts)
-
-
-def _line_through(value: FloatArray, place: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Robust lines a + b s through disparities (n, ...), pixels, at places s; NaN is not known; scale : of a pixel."""
-    known = np.isfinite(value)
-    a = np.nanmedian(value, axis=(1, 2))
-    b = np.zeros(len(a))
-    value = np.where(known, value, 0.0)
-    rows = np.stack([np.ones_like(place), place], axis=-1)
-    for _ in range(STRIP_FITS):
-        off = (value - a[:, None, None] - b[:, None, None] * place) * scale
-        weight = known / (1.0 + off**2)
-        normal = np.einsum('nij,nijk,nijl->nkl', weight, rows, rows)
-        normal[:, 1, 1] += (STRIP_SLOPE_SIGMA * scale) ** -2.0
-        a, b = np.linalg.solve(normal, np.einsum('nij,nijk,nij->nk', weight, rows, value)[..., None])[..., 0].T
-    return a, b
-
-
-def texture_rows(seen: StereoSegments, texture: Texture) -> RowWitnesses:
-    """What the texture beside matched edges says of the rows.
-
-    Parameters
-    ----------
-    seen : StereoSegments
-    texture : Texture
-    """
-    _, places, starts = strips_beside(seen.segments[0], np.unique(seen.matches.left[seen.straight]), texture.dense)
-    good, value, _, rows = align_strips(texture.levels, texture.scale, places, starts, 1.0)
-    sigma = np.sqrt(STRIP_CORRELATION * rows[:, 1])
-    good &= sigma < STRIP_ROW_SIGMA
-    places, value, rows = places[good], value[good], rows[good]
-    middle = places[:, 4:6].mean(axis=1)
-    right = places[:, :2] + middle[:, None] * places[:, 2:4]
-    right[:, 0] -= value[:, 0] + value[:, 1] * middle
-    right[:, 1] += rows[:, 0]
-    return RowWitnesses(right, rows[:, 0], sigma[good])
-
-
 class AlignedStrips:
-    """The strips of texture beside left segments, aligned when they are first asked for: estimates ask many times.
+    """The strips of texture on both sides of left segments, each aligned once, when it is first asked for.
 
     Parameters
     ----------
     left : Segments
     texture : Texture
-    row_sigma : float, pixels
-        By which single rows of the two images disagree.
+    rows : RowError, optional
+        Once it is known: where strips lie then follows from where they were found before.
     """
 
-    def __init__(self, left: Segments, texture: Texture, row_sigma: float) -> None:
-        self._left, self._texture, self._row_sigma = left, texture, max(row_sigma, STRIP_LEAST_ROW)
+    def __init__(self, left: Segments, texture: Texture, rows: RowError | None = None) -> None:
+        self.texture, self.rows = texture, rows
+        self._left = left
         self._asked = np.zeros(len(left), bool)
-        # Of both sides of every segment: whether it aligned, and if so disparity and slope, and their covariance.
+        # Of both sides of every segment: whether it aligned, and if so disparity, slope and row, and their covariance.
         self._good = np.zeros((2, len(left)), bool)
-        self._value = np.zeros((2, len(left), 2))
-        self._covariance = np.zeros((2, len(left), 2, 2))
+        self._value = np.zeros((2, len(left), 3))
+        self._covariance = np.zeros((2, len(left), 3, 3))
 
     def beside(self, index: AnyArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Strips beside segments (m,): which of ``index`` they belong to (k,), disparity and slope, covariance."""
+        """Strips beside segments (m,): which of ``index`` they belong to (k,), disparity, slope and row, covariance."""
         fresh = np.unique(index[~self._asked[index]])
         if len(fresh):
             self._align(fresh)
         side, owner = np.nonzero(self._good[:, index])
-        return owner, self._value[side, index[owner]], self._covariance[side, index[owner]]
+        value, covariance = self._value[side, index[owner]], self._covariance[side, index[owner]]
+        if self.rows is None:
+            return owner, value, covariance
+        # The rows' prior is exchanged, by the Kalman filter's step.
+        sigma = max(self.rows.sigma, STRIP_LEAST_ROW)
+        more = max(sigma**-2.0 - STRIP_ROW_PRIOR**-2.0, 0.0)
+        off = self.rows.at(self.places(index[owner], value)) / sigma**2 - more * value[:, 2]
+        gain = covariance[:, :, 2] / (1.0 + more * covariance[:, 2, 2])[:, None]
+        return owner, value + gain * off[:, None], covariance - more * gain[:, :, None] * covariance[:, 2:]
+
+    def places(self, index: AnyArray, value: FloatArray) -> FloatArray:
+        """(k, 2) pixels: where the right image shows the middles of segments (k,) of disparities and rows (k, 3)."""
+        middle = self._left.extent[index].mean(axis=1)
+        here = self._left.centre[index] + middle[:, None] * self._left.direction[index]
+        return np.asarray(here + np.stack([-value[:, 0] - value[:, 1] * middle, value[:, 2]], axis=1))
 
     def _align(self, fresh: IntArray) -> None:
-        """Align the strips of segments (m,) that were not asked for before."""
-        owner, places, starts = strips_beside(self._left, fresh, self._texture.dense)
-        good, value, covariance, _ = align_strips(
-            self._texture.levels, self._texture.scale, places, starts, self._row_sigma
-        )
-        slot = (places[:, 6] > 0.0).astype(np.intp), fresh[owner]
-        self._good[slot], self._value[slot] = good, value
-        self._covariance[slot] = STRIP_CORRELATION * covariance
+        """Align the strips of segments (m,) that were not asked for before, in two threads."""
+        left, texture = self._left, self.texture
+        place = np.column_stack([left.centre[fresh], left.direction[fresh], left.extent[fresh], np.ones(len(fresh))])
+
+        def side(k: int) -> None:
+            strips = place * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0 * k - 1.0]
+            dense = texture.dense.disparity, texture.dense.scale
+            found = align_strips(texture.levels, texture.scale, *dense, strips)
+            self._good[k, fresh], self._value[k, fresh] = found[:2]
+            self._covariance[k, fresh] = STRIP_CORRELATION * found[2]
+
+        with ThreadPoolExecutor(2) as both:
+            list(both.map(side, range(2)))
         self._asked[fresh] = True
+
+
+def texture_rows(seen: StereoSegments, strips: AlignedStrips) -> RowWitnesses:
+    """What the texture beside matched edges says of the rows.
+
+    Parameters
+    ----------
+    seen : StereoSegments
+    strips : AlignedStrips
+        Of the left segments.
+    """
+    index = np.unique(seen.matches.left[seen.straight])
+    owner, value, covariance = strips.beside(index)
+    sigma = np.sqrt(covariance[:, 2, 2])
+    told = sigma < STRIP_ROW_SIGMA
+    return RowWitnesses(strips.places(index[owner], value)[told], value[told, 2], sigma[told])
 
 
 def texture_factors(seen: StereoSegments, open_edges: IntArray, strips: AlignedStrips | None) -> Factors:

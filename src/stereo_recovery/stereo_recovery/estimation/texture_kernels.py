@@ -12,16 +12,23 @@ from ..detection.sampling import bilinear
 from .settings import (
     CAUCHY,
     MATCH_SIGMA,
+    STRIP_ASKED,
     STRIP_CONVERGED,
+    STRIP_CORRELATION,
     STRIP_FAR,
+    STRIP_FITS,
     STRIP_GAIN_SIGMA,
+    STRIP_LEAST_KNOWN,
     STRIP_LEAST_SCALE,
     STRIP_LEAST_SHARE,
     STRIP_NEAR,
     STRIP_ROUNDS,
+    STRIP_ROW_PRIOR,
     STRIP_SAMPLES,
+    STRIP_SHARP,
     STRIP_SHIFT_SIGMA,
     STRIP_SLOPE_SIGMA,
+    STRIP_STARTS,
 )
 
 # Unknowns of a strip: disparity where it begins, its gradients along and across the edge, gain and shift of grey
@@ -29,116 +36,191 @@ from .settings import (
 UNKNOWNS = 6
 
 
-@njit
-def _sample(images: tuple[Float32Array, Float32Array], place: FloatArray, p: FloatArray, out: FloatArray) -> int:
-    """Fill ``out`` (m, 6) at a strip's places: s, o, left grey, right grey and its slopes in u and v. Returns m.
+# Rows of what is known of places of a strip: abscissa, distance from the edge, column, row, grey level, all of the left
+# image; and of what the right image says of them: the residual's derivatives by the unknowns, the residual, its weight.
+PLACES, SEEN = 5, UNKNOWNS + 2
 
-    place : (8,) centre u, v, direction u, v, first and last abscissa, side (+1, -1), step along; p : (6,)
+
+@njit
+def _places(left: Float32Array, strip: FloatArray, f: float, out: Float32Array) -> int:
+    """Fill ``out`` (PLACES, m) with the places of a strip that the left image shows. Returns their number.
+
+    strip : (7,) centre, direction, first and last abscissa, side, pixels; f : pixels of the level a pixel
     """
-    left, right = images
     height, width = left.shape
+    # Pixel centres have whole coordinates.
+    u, v = (strip[0] + 0.5) * f - 0.5, (strip[1] + 0.5) * f - 0.5
+    first, last = strip[4] * f, strip[5] * f
+    step = max(1.0, (last - first) / STRIP_SAMPLES)
     m = 0
-    count = int((place[5] - place[4]) / place[7]) + 1
-    for k in range(count):
-        s = place[4] + k * place[7]
-        for w in range(STRIP_FAR - STRIP_NEAR + 1):
-            o = place[6] * (STRIP_NEAR + w)
-            x = place[0] + s * place[2] - o * place[3]
-            y = place[1] + s * place[3] + o * place[2]
-            there = x - (p[0] + p[1] * s + p[2] * o)
-            below = y + p[5]
+    for k in range(int((last - first) / step) + 1):
+        s = first + k * step
+        for w in range(STRIP_NEAR, STRIP_FAR + 1):
+            o = strip[6] * w
+            x, y = u + s * strip[2] - o * strip[3], v + s * strip[3] + o * strip[2]
             if y < 0.0 or y >= height - 1 or x < 0.0 or x >= width - 1:
                 continue
-            if there < 1.0 or there >= width - 2 or below < 1.0 or below >= height - 2:
-                continue
-            out[m, 0], out[m, 1] = s, o
-            out[m, 2] = bilinear(left, x, y)
-            out[m, 3] = bilinear(right, there, below)
-            out[m, 4] = 0.5 * (bilinear(right, there + 1.0, below) - bilinear(right, there - 1.0, below))
-            out[m, 5] = 0.5 * (bilinear(right, there, below + 1.0) - bilinear(right, there, below - 1.0))
+            out[0, m], out[1, m], out[2, m], out[3, m], out[4, m] = s, o, x, y, bilinear(left, x, y)
             m += 1
     return m
 
 
 @njit
-def _align(
-    images: tuple[Float32Array, Float32Array], place: FloatArray, p: FloatArray, prior: FloatArray, out: FloatArray
-) -> tuple[bool, FloatArray, float]:
-    """Gauss-Newton from p (6,), changed in place.
+def _compare(right: Float32Array, places: Float32Array, count: int, p: FloatArray, out: Float32Array) -> int:
+    """Fill ``out`` (SEEN, m) with what the right image says of ``count`` places by p (6,); the weights are left open.
 
-    prior : (6,) inverse variances of p; out : scratch space, see :func:`_sample`
-
-    Returns whether it converged, the covariance (6, 6), and the share of the strip's variance that is explained.
+    Returns how many of them it shows.
     """
-    inverse = np.zeros((UNKNOWNS, UNKNOWNS))
-    share = 0.0
-    lever = max(abs(place[4]), abs(place[5]), 1.0)
-    converged = False
-    for _ in range(STRIP_ROUNDS):
-        m = _sample(images, place, p, out)
-        if m < 4 * UNKNOWNS:
-            return False, inverse, 0.0
-        off = np.empty(m)
-        total, total2 = 0.0, 0.0
-        for k in range(m):
-            off[k] = out[k, 2] - p[3] * out[k, 3] - p[4]
-            total += out[k, 2]
-            total2 += out[k, 2] ** 2
-        scale = np.median(np.abs(off)) / NORMAL_QUARTILE + STRIP_LEAST_SCALE
-        normal, right = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
-        row = np.empty(UNKNOWNS)
-        left_over = 0.0
-        for k in range(m):
-            weight = 1.0 / (1.0 + (off[k] / (CAUCHY * scale)) ** 2)
-            slope = -p[3] * out[k, 4]
-            row[0], row[1], row[2], row[3], row[4] = slope, slope * out[k, 0], slope * out[k, 1], out[k, 3], 1.0
-            row[5] = p[3] * out[k, 5]
-            left_over += min(off[k] ** 2, 9.0 * scale**2)
-            for i in range(UNKNOWNS):
-                right[i] += weight * row[i] * off[k]
-                for j in range(i + 1):
-                    normal[i, j] += weight * row[i] * row[j]
-        for i in range(UNKNOWNS):
-            for j in range(i):
-                normal[j, i] = normal[i, j]
-            normal[i, i] += scale**2 * prior[i]
-            # Slopes and rows are none, and the gain is one; the disparity and the shift are where they began.
-            if i > 0 and i != 4:
-                right[i] += scale**2 * prior[i] * ((1.0 if i == 3 else 0.0) - p[i])
-        inverse = np.linalg.inv(normal) * scale**2
+    height, width = right.shape
+    first, along, across, gain, shift, rows = np.float32(p[0]), p[1], p[2], np.float32(p[3]), np.float32(p[4]), p[5]
+    one, half = np.float32(1.0), np.float32(0.5) * gain
+    m = 0
+    for k in range(count):
+        s, o = places[0, k], places[1, k]
+        there, below = places[2, k] - (first + along * s + across * o), places[3, k] + rows
+        if there < 1.0 or there >= width - 2 or below < 1.0 or below >= height - 2:
+            continue
+        x, y = int(there), int(below)
+        b, d = np.float32(there - x), np.float32(below - y)
+        a, c = one - b, one - d
+        # Four rows of pixels, each between two columns, and the slopes of the middle ones.
+        top = a * right[y - 1, x] + b * right[y - 1, x + 1]
+        upper = a * right[y, x] + b * right[y, x + 1]
+        lower = a * right[y + 1, x] + b * right[y + 1, x + 1]
+        bottom = a * right[y + 2, x] + b * right[y + 2, x + 1]
+        upper_slope = a * (right[y, x + 1] - right[y, x - 1]) + b * (right[y, x + 2] - right[y, x])
+        lower_slope = a * (right[y + 1, x + 1] - right[y + 1, x - 1]) + b * (right[y + 1, x + 2] - right[y + 1, x])
+        grey = c * upper + d * lower
         # The residual is left - model, whose derivative by disparity is minus the slope's.
-        step = np.linalg.solve(normal, right)
-        variance = max(total2 / m - (total / m) ** 2, 1e-6)
-        share = 1.0 - left_over / m / variance
-        for i in range(UNKNOWNS):
-            p[i] += step[i]
-        if abs(step[0]) + lever * abs(step[1]) < STRIP_CONVERGED:
-            converged = True
-            break
-    return converged, inverse, share
+        slope = -half * (c * upper_slope + d * lower_slope)
+        out[0, m], out[1, m], out[2, m], out[3, m], out[4, m] = slope, slope * s, slope * o, grey, one
+        out[5, m] = half * (c * (lower - top) + d * (bottom - upper))
+        out[6, m] = places[4, k] - gain * grey - shift
+        m += 1
+    return m
+
+
+@njit(fastmath=True)
+def _normal_equations(seen: Float32Array, m: int, scale: float, sums: FloatArray) -> float:
+    """Weighted sums (7, 7), below the diagonal, of products of the rows of ``seen``, the last the residual.
+
+    Returns the sum of truncated squares of residuals.
+    """
+    width, most = np.float32((CAUCHY * scale) ** -2.0), np.float32(9.0 * scale**2)
+    left_over = np.float32(0.0)
+    for k in range(m):
+        square = seen[6, k] * seen[6, k]
+        seen[7, k] = np.float32(1.0) / (np.float32(1.0) + square * width)
+        left_over += min(square, most)
+    for i in range(UNKNOWNS + 1):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(m):
+                total += float(seen[7, k] * seen[i, k] * seen[j, k])
+            sums[i, j] = sums[j, i] = total
+    return float(left_over)
 
 
 @njit
+def _align(
+    right: Float32Array,
+    places: Float32Array,
+    count: int,
+    p: FloatArray,
+    prior: FloatArray,
+    lever: float,
+    seen: Float32Array,
+) -> tuple[bool, FloatArray, float]:
+    """Gauss-Newton from p (6,), changed in place.
+
+    places, count : of :func:`_places`; prior : (6,) inverse variances of p; lever : pixels, of the slope; seen :
+    scratch space (SEEN, count)
+
+    Returns whether it converged, the covariance (6, 6), and the share of the strip's variance that is explained.
+    """
+    sums = np.zeros((UNKNOWNS + 1, UNKNOWNS + 1))
+    covariance = np.zeros((UNKNOWNS, UNKNOWNS))
+    for _ in range(STRIP_ROUNDS):
+        m = _compare(right, places, count, p, seen)
+        if m < 4 * UNKNOWNS:
+            break
+        scale = np.median(np.abs(seen[6, :m])) / NORMAL_QUARTILE + STRIP_LEAST_SCALE
+        left_over = _normal_equations(seen, m, scale, sums)
+        information = sums[:UNKNOWNS, :UNKNOWNS] / scale**2
+        told = sums[UNKNOWNS, :UNKNOWNS] / scale**2
+        for i in range(UNKNOWNS):
+            information[i, i] += prior[i]
+            # Slopes and rows are none, and the gain is one; the disparity and the shift are where they began.
+            if i > 0 and i != 4:
+                told[i] += prior[i] * ((1.0 if i == 3 else 0.0) - p[i])
+        covariance = np.linalg.inv(information)
+        if covariance[0, 0] <= 0.0 or covariance[5, 5] <= 0.0:
+            break  # rounding has the last word: hardly any texture
+        step = covariance @ told
+        # A small share of what is known is near enough.
+        limit = STRIP_CONVERGED * max(STRIP_SHARP, np.sqrt(STRIP_CORRELATION * covariance[0, 0]))
+        if abs(step[0]) + lever * abs(step[1]) < limit:
+            variance = np.var(seen[6, :m] + np.float32(p[3]) * seen[3, :m])
+            p += step
+            return True, covariance, 1.0 - left_over / m / max(variance, 1e-6)
+        p += step
+    return False, covariance, 0.0
+
+
+@njit
+def _start(strip: FloatArray, dense: Float32Array, f: float, p: FloatArray) -> bool:
+    """Whether dense disparity is known beside an edge; it fills disparity and slope into p, by a robust line.
+
+    dense : (h, w) reduced pixels, NaN where it is not known; f : reduced pixels a pixel
+    """
+    height, width = dense.shape
+    place, value = np.empty(STRIP_STARTS * len(STRIP_ASKED)), np.empty(STRIP_STARTS * len(STRIP_ASKED))
+    m = 0
+    for k in range(STRIP_STARTS):
+        s = strip[4] + (k + 0.5) / STRIP_STARTS * (strip[5] - strip[4])
+        for asked in STRIP_ASKED:
+            o = strip[6] * asked / f
+            x, y = strip[0] + s * strip[2] - o * strip[3], strip[1] + s * strip[3] + o * strip[2]
+            column, row = min(max(int(np.rint(x * f)), 0), width - 1), min(max(int(np.rint(y * f)), 0), height - 1)
+            if np.isfinite(dense[row, column]):
+                place[m], value[m] = s, dense[row, column] / f
+                m += 1
+    if m <= STRIP_LEAST_KNOWN * len(value):
+        return False
+    a, b = np.median(value[:m]), 0.0
+    for _ in range(STRIP_FITS):
+        n, ns, nss, v, vs = 0.0, 0.0, (STRIP_SLOPE_SIGMA * f) ** -2.0, 0.0, 0.0
+        for k in range(m):
+            s = place[k]
+            weight = 1.0 / (1.0 + ((value[k] - a - b * s) * f) ** 2)
+            n, ns, nss = n + weight, ns + weight * s, nss + weight * s * s
+            v, vs = v + weight * value[k], vs + weight * value[k] * s
+        determinant = n * nss - ns * ns
+        a, b = (nss * v - ns * vs) / determinant, (n * vs - ns * v) / determinant
+    p[0], p[1] = a, b
+    return True
+
+
+@njit(nogil=True)
 def align_strips(
     levels: tuple[tuple[Float32Array, Float32Array], ...],
     scale: FloatArray,
-    places: FloatArray,
-    start: FloatArray,
-    row_sigma: float,
-) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
+    dense: Float32Array,
+    dense_scale: float,
+    strips: FloatArray,
+) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Disparity of the surfaces beside edges, from strips of texture, the coarsest level first.
 
-    levels : images of both sides, the coarsest first; scale : (levels,) their pixels a pixel; places : (n, 7) centre,
-    direction, first and last abscissa, side; start : (n, 3) disparity at abscissa 0 and its gradients, pixels;
-    row_sigma : pixels, by which rows may disagree
+    levels : images of both sides, the coarsest first, the pair itself last; scale : (levels,) their pixels a pixel;
+    dense, dense_scale : see :func:`_start`; strips : (n, 7) centre, direction, first and last abscissa, side
 
-    Returns (n,) whether it aligned, (n, 2) disparity at abscissa 0 and its slope, on the edge, (n, 2, 2) their
-    covariance, and (n, 2) by how much the right image's rows are lower, and its variance.
+    Returns (n,) whether it aligned, (n, 3) disparity at abscissa 0 and its slope, on the edge, and by how much the
+    right image's rows are lower, STRIP_ROW_PRIOR about none, and (n, 3, 3) their covariance.
     """
-    n = len(places)
+    n = len(strips)
     good = np.zeros(n, np.bool_)
-    value, covariance = np.zeros((n, 2)), np.zeros((n, 2, 2))
-    rows = np.zeros((n, 2))
+    value, covariance = np.zeros((n, 3)), np.zeros((n, 3, 3))
+    told = np.array([0, 1, 5])
     prior = np.array(
         [
             MATCH_SIGMA**-2.0,
@@ -146,41 +228,37 @@ def align_strips(
             STRIP_SLOPE_SIGMA**-2.0,
             STRIP_GAIN_SIGMA**-2.0,
             STRIP_SHIFT_SIGMA**-2.0,
-            1.0,
+            STRIP_ROW_PRIOR**-2.0,
         ]
     )
+    room = (STRIP_SAMPLES + 2) * (STRIP_FAR - STRIP_NEAR + 1)
+    places, seen = np.empty((PLACES, room), np.float32), np.empty((SEEN, room), np.float32)
+    p = np.empty(UNKNOWNS)
     for e in range(n):
-        p = np.zeros(UNKNOWNS)
-        p[:3] = start[e]
-        p[3] = 1.0
+        p[2], p[3], p[4], p[5] = 0.0, 1.0, 0.0, 0.0
+        if not _start(strips[e], dense, dense_scale, p):
+            continue
         for level in range(len(scale)):
             f = scale[level]
-            place = np.empty(8)
-            # Pixel centres have whole coordinates.
-            place[0], place[1] = (places[e, 0] + 0.5) * f - 0.5, (places[e, 1] + 0.5) * f - 0.5
-            place[2], place[3] = places[e, 2], places[e, 3]
-            place[4], place[5], place[6] = places[e, 4] * f, places[e, 5] * f, places[e, 6]
-            place[7] = max(1.0, (place[5] - place[4]) / STRIP_SAMPLES)
-            out = np.empty(((int((place[5] - place[4]) / place[7]) + 2) * (STRIP_FAR - STRIP_NEAR + 1), UNKNOWNS))
             p[0] *= f
             p[5] *= f
-            prior[5] = (f * row_sigma) ** -2.0
+            prior[5] = (f * STRIP_ROW_PRIOR) ** -2.0
+            count = _places(levels[level][0], strips[e], f, places)
             if level == 0:
                 # Grey levels first, so that a difference of exposure is no slope.
-                m = _sample(levels[level], place, p, out)
+                m = _compare(levels[level][1], places, count, p, seen)
                 if m > 0:
-                    p[4] = np.median(out[:m, 2] - out[:m, 3])
-            fine, inverse, share = _align(levels[level], place, p, prior, out)
+                    p[4] = np.median(seen[6, :m])
+            lever = max(f * abs(strips[e, 4]), f * abs(strips[e, 5]), 1.0)
+            fine, inverse, share = _align(levels[level][1], places, count, p, prior, lever, seen)
             p[0] /= f
             p[5] /= f
-            if not fine or share < STRIP_LEAST_SHARE:
-                good[e] = False
+            good[e] = fine and share >= STRIP_LEAST_SHARE
+            if not good[e]:
                 break
-            good[e] = True
-            value[e, 0], value[e, 1] = p[0], p[1]
-            rows[e, 0], rows[e, 1] = p[5], inverse[5, 5] / (f * f)
-            covariance[e] = inverse[:2, :2]
-            covariance[e, 0, 0] /= f * f
-            covariance[e, 0, 1] /= f
-            covariance[e, 1, 0] /= f
-    return good, value, covariance, rows
+            # The last level is that of the images themselves.
+            for i in range(3):
+                value[e, i] = p[told[i]]
+                for j in range(3):
+                    covariance[e, i, j] = inverse[told[i], told[j]]
+    return good, value, covariance
