@@ -93,7 +93,10 @@ def imports(path: Path) -> set[str]:
 
 
 def may_use_ros(path: Path) -> bool:
-    return path.stem in ('node', 'runtime', 'service_link', 'parameter_values', 'run_graph') or 'codecs' in path.parts
+    return (
+        path.stem in ('node', 'runtime', 'service_link', 'parameter_values', 'run_graph', 'run_sequence')
+        or 'codecs' in path.parts
+    )
 
 
 def inner_imports(path: Path, package: str) -> set[str]:

@@ -4,7 +4,9 @@
 nodes run in one process on a real executor, over real topics; the result is a folder with ``report.html`` and
 ``result.json``. With ``--sweep`` many poses of each scene's object are tried, through the libraries (or, with
 ``--nodes``, the graph), in ``--workers`` processes or on a dask cluster; failing cases are saved, and ``--replay`` runs
-one again. The exit status is 0 when enough cases were recognised within the limits.
+one again. With ``--path`` the object moves: a folder of stereo pairs with their true poses is written and, with
+``--nodes``, played to recovery_node and matcher_node. The exit status is 0 when enough cases were recognised within
+the limits.
 
 This module is the command line; :mod:`~model_matcher.closed_form.commands` does what the options ask for.
 """
@@ -17,6 +19,7 @@ from collections.abc import Callable
 
 from .case import Case, Limits
 from .commands import run
+from .motion import PATHS, Motion
 
 
 def main(args: list[str] | None = None) -> int:
@@ -36,6 +39,8 @@ def main(args: list[str] | None = None) -> int:
     options = parser.parse_args(args)
     if not (options.scenes or options.demo or options.replay):
         parser.error('name at least one scene, or use --demo DIR or --replay FOLDER')
+    if options.path and (options.sweep or options.replay or options.demo):
+        parser.error('--path: a sequence is made on its own, without --sweep, --replay and --demo')
     return run(options, parser.error)
 
 
@@ -74,8 +79,21 @@ def closed_form_parser() -> argparse.ArgumentParser:
     add('--distance', type=_number(0.0, above=True), metavar='MM', help='of the object in a sweep')
     add('--clutter', type=_whole(0), default=Case.clutter, help='further solids beside and behind the object')
 
+    add = parser.add_argument_group('sequences').add_argument
+    add('--path', choices=PATHS, help='a sequence of the moving object: pictures and true poses, into a folder')
+    add('--frames', type=_whole(1), default=Motion.frames, help='of a sequence')
+    add('--rate', type=_number(0.0, above=True), default=Motion.rate_hz, help='frames a second')
+    add('--turn', type=_number(0.0), default=Motion.turn_deg_s, help='how fast the object turns, degrees a second')
+    add('--shift', type=_number(0.0), default=1e3 * Motion.shift_m_s, help='how fast it moves, mm a second')
+    add('--exposure', type=_number(0.0, 1.0), default=Motion.exposure, help='share of the time the shutter is open')
+    add('--occluders', type=_whole(0), default=Motion.occluders, help='bars that pass in front')
+    add(
+        '--occlusion', type=_number(0.0, 10.0), default=Motion.occlusion, help='width of a bar, in widths of the object'
+    )
+    add('--jump', type=_whole(0), default=Motion.jump, metavar='FRAME', help='a sudden move of 20 mm and 5 deg')
+
     add = parser.add_argument_group('running').add_argument
-    add('--nodes', action='store_true', help='sweep or replay through the real nodes instead of the libraries')
+    add('--nodes', action='store_true', help='sweep, replay or sequence through the real nodes')
     add('--workers', type=_whole(1), default=1, help='processes on this machine')
     add('--dask', metavar='ADDRESS', help='dask scheduler to run the cases on; "local" starts one here')
     add('--time-limit', type=_number(0.0, above=True), default=Case.time_limit_s, help='of one search, seconds')

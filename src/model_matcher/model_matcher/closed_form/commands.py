@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -14,12 +15,14 @@ from tqdm import tqdm
 
 from .batch import run_batch, run_through, summary
 from .case import STAGES, Case, Limits
+from .motion import Motion
 from .poses import pose_from_angles, sweep_cases
 from .real_pair import run_chessboard
 from .report import write_report
 from .result import result_document
 from .saved import load_case
 from .scene_files import check_scene
+from .sequence import read_sequence, rendered_sequence, write_found, write_sequence
 
 DEMO_SCENES = ('l_shape_v1', 'chipped_block_v1')
 
@@ -49,6 +52,10 @@ def run(options: argparse.Namespace, misuse: Callable[[str], NoReturn]) -> int:
     except (OSError, ValueError) as error:
         misuse(str(error))
     print(f'closed-form testing of {", ".join(scenes)} into {out}/', flush=True)
+    if options.path:
+        motion = _motion(options)
+        shares = [_sequence(case, motion, out / case.name, limits, options) for case in cases]
+        return 0 if min(shares) >= options.min_success else 1
     if options.sweep or options.workers > 1 or options.dask:
         return _batch(cases, limits, out, options)
     passed = [_run_one(case, out / case.name, limits, options.quiet) for case in cases]
@@ -84,6 +91,49 @@ def _cases(scene: str, options: argparse.Namespace) -> list[Case]:
     if not options.sweep:
         return [case]
     return sweep_cases(case, options.sweep, options.count, options.distance and options.distance * 1e-3)
+
+
+def _motion(options: argparse.Namespace) -> Motion:
+    """The motion that the options ask for."""
+    return Motion(
+        options.path,
+        options.frames,
+        options.rate,
+        options.turn,
+        options.shift * 1e-3,
+        options.exposure,
+        options.occluders,
+        options.occlusion,
+        options.jump,
+    )
+
+
+def _sequence(case: Case, motion: Motion, folder: Path, limits: Limits, options: argparse.Namespace) -> float:
+    """Write the sequence of a case and, with --nodes, what the nodes find in it.
+
+    Returns the share of frames whose pose is within the limits; 1 where nothing was asked to find one.
+    """
+    sequence = rendered_sequence(case, motion)
+    bar = partial(tqdm, unit='', total=len(sequence), disable=options.quiet, file=sys.stdout)
+    with bar(desc=f'{case.name:<20}') as shown:
+        write_sequence(folder, sequence, case, motion, lambda stage: shown.update())
+    print(f'{case.name}: {len(sequence)} frames with their poses in {folder}/')
+    if not options.nodes:
+        return 1.0
+    # Whoever only wants the pictures needs no ROS.
+    from .run_sequence import play_sequence
+
+    with bar(desc=f'{case.name}, nodes') as shown:
+        found = play_sequence(case, read_sequence(folder), lambda stage: shown.update())
+    write_found(folder, sequence, found)
+    errors = [None if pose is None else true.error_to(pose) for true, pose in zip(sequence.poses, found)]
+    within = [
+        error is not None and error.rotation_deg <= limits.rotation_deg and error.translation <= limits.translation_m
+        for error in errors
+    ]
+    answered = sum(error is not None for error in errors)
+    print(f'{case.name}: {answered} frames answered, {sum(within)} of {len(within)} within the limits')
+    return sum(within) / len(within)
 
 
 def _named_apart(cases: list[Case]) -> list[Case]:

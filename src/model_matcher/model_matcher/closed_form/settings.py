@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from csg_renderer.language.values import rotation
 from msgs_py import Pose
 
@@ -37,3 +39,56 @@ CLUTTER_DEPTH = (0.9, 1.5)
 TIMEOUT_S = 60.0
 # Seconds that the executor waits before the awaited condition is tested again.
 SPIN_S = 0.05
+
+# -- sequences -------------------------------------------------------------------------------------------------------
+
+
+class _Path(NamedTuple):
+    """How a part swings.
+
+    Attributes
+    ----------
+    reach
+        The middle goes no farther along an axis than this share of its depth: the part stays in view.
+    rock_deg
+        Degrees, the largest turn about one axis of a part that tumbles.
+    shift_hz, turn_hz
+        The slowest swings along and about x, y, z; no two in step, so that no pose comes twice soon.
+    """
+
+    reach: float
+    rock_deg: float
+    shift_hz: tuple[float, float, float]
+    turn_hz: tuple[float, float, float]
+
+
+PATH = _Path(0.06, 40.0, (0.31, 0.23, 0.17), (0.13, 0.19, 0.29))
+
+
+class _Occluder(NamedTuple):
+    """Bars that pass in front of a part.
+
+    Attributes
+    ----------
+    depth
+        Of its middle, in shares of the part's least distance.
+    thickness
+        In shares of the bar's distance.
+    pass_s
+        Seconds from well outside the picture on one side to the other.
+    first
+        How far across the first one is when the sequence starts, in shares of its way: beside the part still.
+    """
+
+    depth: float
+    thickness: float
+    pass_s: float
+    first: float
+
+
+OCCLUDER = _Occluder(0.95, 0.03, 4.0, 0.2)
+# Pixels that a part may move from one to the next of the pictures whose mean is a blurred one: a pixel's own
+# width closes gaps as wide.
+SUBFRAME_PX = 1.0
+# At most so many of them.
+SUBFRAMES = 16
