@@ -252,7 +252,7 @@ def _openvgr(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
     for given in truth['instances']:
         part = parts[given['part']]
         # 1 is all that could be seen, not all there is.
-        instances.append(Instance(part, _rigid(given['R'], given['t']), given['visible_share'], part.axis))
+        instances.append(Instance(part, rigid_pose(given['R'], given['t']), given['visible_share'], part.axis))
     present = [one.part.name for one in instances]
     return instances, [parts[part] for part in (*present, *(other for other in parts if other not in present))]
 
@@ -260,7 +260,7 @@ def _openvgr(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
 def _cube(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
     truth = next(t for t in json.loads((folder / 'truth.json').read_text()) if t['name'] == name)
     part = part_in(folder.parent / 'cube.csg')
-    return [Instance(part, _rigid(truth['cube']['R'], truth['cube']['t']), 1.0, None)], [part]
+    return [Instance(part, rigid_pose(truth['cube']['R'], truth['cube']['t']), 1.0, None)], [part]
 
 
 def _teabox(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
@@ -272,10 +272,10 @@ def _teabox(folder: Path, name: str) -> tuple[list[Instance], list[Part]]:
 
 def _pose_of(matrix: Any) -> Pose:
     matrix = np.array(matrix, float)
-    return _rigid(matrix[:3, :3], matrix[:3, 3])
+    return rigid_pose(matrix[:3, :3], matrix[:3, 3])
 
 
-def _rigid(rotation: Any, translation: Any) -> Pose:
+def rigid_pose(rotation: Any, translation: Any) -> Pose:
     """R and t of a file, with as many digits as a rotation must have."""
     u, _, v = np.linalg.svd(np.array(rotation, float))
     return Pose(u @ v, np.array(translation, float))
