@@ -9,7 +9,7 @@ from msgs_py import PinholeCamera
 from stereo_recovery.curves import inlier_kernels
 from stereo_recovery.curves.curve import CameraView, Curve, CurveShape
 from stereo_recovery.curves.curve_search import is_line
-from stereo_recovery.curves.settings import CORNER_EDGELS
+from stereo_recovery.curves.settings import CORNER_EDGELS, INLIER_DISTANCE
 
 CIRCLE = np.diag([1.0, 1.0, -400.0])
 
@@ -20,13 +20,18 @@ def around(count: int, radius: float = 20.0, share: float = 1.0) -> tuple[np.nda
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), angle
 
 
+def on_circle(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Edgels on the circle, as those of a curve are."""
+    return np.asarray(inlier_kernels.on_conic(CIRCLE, position, direction, INLIER_DISTANCE))
+
+
 def test_edgels_belong_by_distance_and_by_gradient():
     position, direction = around(60)
-    assert inlier_kernels.on_conic(CIRCLE, position, direction).all()
-    assert inlier_kernels.on_conic(CIRCLE, position, direction + np.pi).all()
-    assert not inlier_kernels.on_conic(CIRCLE, position, direction + 0.5).any()
+    assert on_circle(position, direction).all()
+    assert on_circle(position, direction + np.pi).all()
+    assert not on_circle(position, direction + 0.5).any()
     for radius, near in ((20.6, True), (19.4, True), (20.8, False), (19.2, False)):
-        assert (inlier_kernels.on_conic(CIRCLE, *around(60, radius)) == near).all()
+        assert (on_circle(*around(60, radius)) == near).all()
 
 
 def test_runs_lose_their_ends_and_short_ones_go():

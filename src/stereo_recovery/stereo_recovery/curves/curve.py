@@ -219,26 +219,6 @@ def image_conic(curve: Curve, view: CameraView) -> FloatArray:
     return -conic if conic[0, 0] + conic[1, 1] < 0.0 else conic
 
 
-def conic_gradient(conic: FloatArray, points: FloatArray) -> FloatArray:
-    """Half the gradient of a conic; it points out of one that is negative inside.
-
-    Parameters
-    ----------
-    conic : (3, 3) float64, symmetric
-    points : (n, 2) float64, pixels
-
-    Returns
-    -------
-    (n, 2) float64
-
-    Examples
-    --------
-    >>> conic_gradient(np.diag([1.0, 1.0, -1.0]), np.array([[2.0, 0.0]])).tolist()
-    [[2.0, 0.0]]
-    """
-    return points @ conic[:2, :2] + conic[:2, 2]
-
-
 def angles(curve: Curve | CurveShape, points: FloatArray, view: CameraView) -> FloatArray:
     """Where on a curve pixels of an image lie.
 

@@ -233,7 +233,7 @@ def equations(
 
 
 @njit
-def _solve(matrix: FloatArray, right: FloatArray) -> bool:
+def solve(matrix: FloatArray, right: FloatArray) -> bool:
     """Solves matrix (p, p) x = right (p,) in place by Gaussian elimination with pivots; False when it is singular."""
     n = len(right)
     for c in range(n):
@@ -358,7 +358,7 @@ def minimise(
             damped, right = matrix.copy(), -gradient
             for a in range(size):
                 damped[a, a] += damping * matrix[a, a]
-            if not _solve(damped, right):
+            if not solve(damped, right):
                 return False, shape
             step = np.zeros(8)
             for a in range(size):

@@ -8,12 +8,12 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.settings import LEAST_DIVISOR
-from .settings import ACROSS_COSINE, CLOSED_EDGELS, CORNER_EDGELS, INLIER_DISTANCE, RUN_GAP
+from .settings import ACROSS_COSINE, CLOSED_EDGELS, CORNER_EDGELS, RUN_GAP
 
 
 @njit
-def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray) -> BoolArray:
-    """(n,) bool: edgels within INLIER_DISTANCE of a conic, whose gradients are square to it up to ACROSS_COSINE.
+def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray, most: float) -> BoolArray:
+    """(n,) bool: edgels nearer than this to a conic, pixels, whose gradients are square to it up to ACROSS_COSINE.
 
     conic : (3, 3), symmetric; position : (n, 2) pixels; direction : (n,) radians, of the gradients
     """
@@ -25,7 +25,7 @@ def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray) -> 
         gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
         value = gx * x + gy * y + conic[0, 2] * x + conic[1, 2] * y + conic[2, 2]
         square = gx * gx + gy * gy
-        if value * value >= (2.0 * INLIER_DISTANCE) ** 2 * max(square, LEAST_DIVISOR**2):
+        if value * value >= (2.0 * most) ** 2 * max(square, LEAST_DIVISOR**2):
             continue
         cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
         belongs[k] = cosine > ACROSS_COSINE * np.sqrt(square)

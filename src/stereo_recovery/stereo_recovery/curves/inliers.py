@@ -4,34 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import BoolArray
 
 from ..detection.edgels import Edgels
 from . import inlier_kernels, settings
-from .curve import CameraView, Curve, angles, conic_gradient, image_conic
+from .curve import CameraView, Curve, angles, image_conic
 from .fit import distances, predicted_variance
 from .observations import StereoEdgels
-
-
-def across_conic(conic: FloatArray, position: FloatArray, direction: FloatArray) -> BoolArray:
-    """Whether gradients are square to a conic, up to ACROSS_COSINE.
-
-    Parameters
-    ----------
-    conic : (3, 3) float64, symmetric
-    position : (n, 2) float64, pixels
-    direction : (n,) float64, radians
-        Of the gradients.
-
-    Returns
-    -------
-    (n,) bool
-    """
-    gradient = conic_gradient(conic, position)
-    across = np.stack([np.cos(direction), np.sin(direction)], axis=1)
-    cosine = np.abs((gradient * across).sum(axis=1))
-    is_across: BoolArray = cosine > settings.ACROSS_COSINE * np.hypot(gradient[:, 0], gradient[:, 1])
-    return is_across
 
 
 def inliers(
@@ -61,7 +40,7 @@ def inliers(
         occluding contour that starts on a rim is still near it where it is a contour already.
     """
     conic = image_conic(curve, view)
-    belongs = inlier_kernels.on_conic(conic, edgels.position, edgels.direction)
+    belongs = inlier_kernels.on_conic(conic, edgels.position, edgels.direction, settings.INLIER_DISTANCE)
     index = inlier_kernels.without_ends(belongs, edgels.position)
     if len(index) == 0:
         return belongs, belongs

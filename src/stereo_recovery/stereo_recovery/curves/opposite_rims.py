@@ -13,14 +13,14 @@ import numpy as np
 
 from msgs_py.numeric.typed import BoolArray
 
-from ..detection.conics import sampson
 from ..detection.edgels import Edgels
 from ..detection.segments import Segments
 from . import settings
 from .axis_constraint import AxisConstraint
 from .curve import CameraView, Curve, image_conic
 from .curve_search import is_determined, recover_curve
-from .inliers import across_conic, inliers
+from .inlier_kernels import on_conic
+from .inliers import inliers
 from .observations import StereoEdgels
 from .occluding_contours import cylinder_contours
 
@@ -186,7 +186,5 @@ def _rim_at(curve: Curve, height: float, others: list[Curve], edgels: StereoEdge
 
 def _near(curve: Curve, edgels: Edgels, view: CameraView) -> BoolArray:
     """(n,) bool: edgels near the expected image of a curve, with gradients across it."""
-    conic = image_conic(curve, view)
-    near: BoolArray = np.abs(sampson(conic, edgels.position)) < settings.EXPECTED_DISTANCE
-    near &= across_conic(conic, edgels.position, edgels.direction)
+    near: BoolArray = on_conic(image_conic(curve, view), edgels.position, edgels.direction, settings.EXPECTED_DISTANCE)
     return near

@@ -8,15 +8,13 @@ four parameters instead of six; a disc that faces the cameras differs by being s
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
-from ..detection.conics import sampson
-from . import settings
+from . import settings, sphere_kernels
 from .curve import CameraView, Curve
 from .fit import distances
-from .inliers import across_conic
+from .inlier_kernels import on_conic
 from .observations import EdgelMasks, StereoEdgels
 
 
@@ -60,28 +58,17 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
     curve_edgels = edgels.select((curve.left, curve.right))
     if min(len(curve_edgels.left), len(curve_edgels.right)) < settings.LEAST_CURVE_EDGELS:
         return None
+    seen = curve_edgels.points
     sigma = np.concatenate([curve_edgels.left.sigma_position, curve_edgels.right.sigma_position])
-    scale = float(curve.radii[0])
-
-    def off(numbers: FloatArray) -> FloatArray:
-        """(n,) float64: distances from the contours of a sphere, over sigma; numbers are in radii of the curve."""
-        ratio: FloatArray = np.concatenate(_distances(numbers * scale, curve_edgels)) / sigma
-        return ratio
-
-    start = np.append(curve.centre, curve.radii.mean()) / scale
-    found = least_squares(
-        off, start, loss='soft_l1', f_scale=settings.SPHERE_LOSS_SCALE, max_nfev=settings.SPHERE_EVALUATIONS
-    )
-    sphere: FloatArray = found.x * scale
+    start = np.append(curve.centre, curve.radii.mean())
+    sphere: FloatArray = sphere_kernels.fitted(start, float(curve.radii[0]), seen, sigma)
     distance = float(np.linalg.norm(sphere[:3]))
     if not (sphere[3] > 0.0 and distance > settings.LEAST_SPHERE_DISTANCE * sphere[3] and sphere[2] > 0.0):
         return None
-    of_curve = (
-        np.concatenate([distances(curve, side.position, view, edgels.blur) for side, view in curve_edgels.sides])
-        / sigma
-    )
+    of_curve = np.concatenate([distances(curve, side.position, view, edgels.blur) for side, view in curve_edgels.sides])
+    of_sphere = sphere_kernels.distances(sphere, seen)
     most = settings.SPHERE_TRUNCATION**2
-    cost, curve_cost = (np.minimum(values**2, most).sum() for values in (off(found.x), of_curve))
+    cost, curve_cost = (np.minimum((off / sigma) ** 2, most).sum() for off in (of_sphere, of_curve))
     return sphere if cost < settings.SPHERE_COST_FACTOR * curve_cost else None
 
 
@@ -95,21 +82,10 @@ def _contour_conic(sphere: FloatArray, view: CameraView) -> FloatArray:
     return conic
 
 
-def _distances(sphere: FloatArray, edgels: StereoEdgels) -> list[FloatArray]:
-    """Two (n,) float64, pixels: distances of either image's edgels from the contour, without the bias of smoothing."""
-    result = []
-    for side, view in edgels.sides:
-        radius = view.camera.fx * sphere[3] / max(float(sphere[2]), settings.LEAST_SPHERE_DEPTH)
-        bias = 0.5 * edgels.blur / max(radius, 1.0)
-        result.append(sampson(_contour_conic(sphere, view), side.position) + bias)
-    return result
-
-
 def _on_contour(sphere: FloatArray, edgels: StereoEdgels) -> EdgelMasks:
     """Edgels of the two images on a sphere's contours."""
     left, right = (
-        (np.abs(off) < settings.INLIER_DISTANCE)
-        & across_conic(_contour_conic(sphere, view), side.position, side.direction)
-        for off, (side, view) in zip(_distances(sphere, edgels), edgels.sides)
+        on_conic(_contour_conic(sphere, view), side.position, side.direction, settings.INLIER_DISTANCE)
+        for side, view in edgels.sides
     )
     return left, right

@@ -10,6 +10,7 @@ from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 from .settings import (
     ARC_INLIERS,
     FEW_ARC_SEGMENTS,
+    FEW_POINTS,
     FINAL_RMS,
     FINAL_ROUNDS,
     FIRST_RMS,
@@ -167,6 +168,10 @@ def radii(q: FloatArray) -> tuple[float, float]:
 @njit
 def _arc_of(points: FloatArray, tolerance: float) -> tuple[bool, FloatArray, float]:
     """Whether one ellipse explains points (n, 2) to a tolerance, pixels; its conic and rms, see :func:`fit`."""
+    # What is none is mostly found out by a few of the points.
+    q, rms = fit(points[:: max(1, len(points) // FEW_POINTS)], FIRST_ROUNDS)
+    if not rms < tolerance:
+        return False, q, rms
     q, rms = fit(points, FIRST_ROUNDS)
     if not rms < FIRST_RMS * tolerance:
         return False, q, rms
