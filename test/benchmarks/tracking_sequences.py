@@ -43,10 +43,10 @@ class Track:
     frames: Callable[[], Iterator[TrackFrame]]
 
 
-# What a rendered track shows: a case and a motion, of a part in a hand. Bars of 'occluded' leave 0.32 of the part in
+# What a rendered track shows: a case and a motion, of a part in a hand. Bars of 'occluded' leave 0.34 of the part in
 # the worst of 240 frames, those of 'vanishes' none for a while.
 _TURN = Motion('turn', turn_deg_s=45.0, shift_m_s=0.06)
-_SIZE = {'width': 640, 'height': 480, 'antialias': 3}
+_SIZE = {'width': 640, 'height': 480, 'focal': 600.0, 'antialias': 3}
 RENDERED_TRACKS = {
     'plain': (Case('l_shape_v1', **_SIZE), _TURN),
     'tumbling': (Case('chipped_block_v1', **_SIZE), Motion('tumble', turn_deg_s=60.0, shift_m_s=0.08)),
