@@ -4,14 +4,24 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import box, chipped_block, l_shape, lattice, make_scene, prism, tubes
+from model_matcher.closed_form.synthetic import (
+    box,
+    chipped_block,
+    l_shape,
+    lattice,
+    make_scene,
+    prism,
+    random_pose,
+    tubes,
+)
 from model_matcher.geometry.features import DataFeatures
+from model_matcher.model.convex_hull import hull_faces
 from model_matcher.model.index import ModelIndex, feature_rows
 from model_matcher.model.problem import make_problem
 from model_matcher.model.regularity import regularity
-from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table
+from model_matcher.verification.evidence import coincidences, meet, neighbours, plane_table, radius_nats
 from model_matcher.verification.false_alarms import needed_evidence
-from model_matcher.verification.settings import ANGLE, NEIGHBOURS
+from model_matcher.verification.settings import ANGLE, NEIGHBOURS, RADII
 from msgs_py import FeatureSet
 
 SIZE = np.array([0.10, 0.06, 0.04])
@@ -22,7 +32,9 @@ IDENTITY = np.r_[np.eye(3).ravel(), np.zeros(3)]
 def nats_of(index: ModelIndex, used: np.ndarray) -> float:
     made = regularity(index)
     planes = plane_table(made.offsets, made.sorted, TOLERANCE)
-    return coincidences(index.prepared(TOLERANCE), used, made, planes, np.zeros(planes.number.shape))
+    return coincidences(
+        index.prepared(TOLERANCE), used, made, planes, np.zeros(planes.number.shape), np.zeros(len(used))
+    )
 
 
 def of_length(length: float) -> float:
@@ -195,3 +207,75 @@ def test_absent_models_are_rejected_among_regular_objects(others):
         for seed in range(500, 560)
     ]
     assert not any(found)
+
+
+# -- solids of revolution, and like parts ----------------------------------------------------------------------------
+
+
+def rims(height: float = 0.06, radius: float = 0.02, x: float = 0.0) -> FeatureSet:
+    """A plain cylinder along z: two rims and an axis."""
+    curves = FeatureSet.from_curves([[x, 0, 0], [x, 0, height]], [[0, 0, -1], [0, 0, 1]], [radius, radius])
+    return FeatureSet.concatenate([curves, FeatureSet.from_axes([[x, 0, 0]], [[x, 0, height]])])
+
+
+def test_a_plain_cylinder_counts_its_height_once_and_nothing_for_being_round_about_its_axis():
+    index = index_model(rims())
+    made = regularity(index)
+    assert made.spanned.max() == 2 and len(made.normals) == 3
+    assert nats_of(index, np.array([True, False, False])) == 0.0
+    assert nats_of(index, np.array([True, True, False])) == pytest.approx(of_length(0.06))
+    assert nats_of(index, np.ones(3, bool)) == pytest.approx(of_length(0.06))
+
+
+def test_a_parallel_cylinder_counts_only_what_does_not_fix_the_turn():
+    """The distance of a second axis fixes the turn; a third has two offsets, of which neither is free."""
+    model = FeatureSet.concatenate([rims(0.06, 0.02), rims(0.06, 0.005, 0.04), rims(0.06, 0.005, -0.04)])
+    index = index_model(model)
+    one, two, three = (np.arange(9) < count for count in (3, 6, 9))
+    height = nats_of(index, one)
+    assert height == pytest.approx(of_length(0.06))
+    assert nats_of(index, two) == pytest.approx(height)
+    assert nats_of(index, three) > height + 2.0
+
+
+def test_a_radius_counts_by_how_few_come_near_it():
+    assert radius_nats(0.02, 0.002) == pytest.approx(-np.log(np.log(0.022 / 0.018) / np.log(RADII)))
+    assert radius_nats(0.02, 0.0002) > radius_nats(0.02, 0.002) > radius_nats(0.02, 0.01) >= 0.0
+    assert radius_nats(0.005, 0.006) == 0.0
+
+
+def test_a_plain_cylinder_is_found_and_one_of_another_size_in_its_place_is_not():
+    pose = random_pose(np.random.default_rng(2))
+    assert match(rims(), rims().transformed(pose))
+    assert not match(rims(), rims(0.066).transformed(pose))
+    assert not match(rims(), rims(0.06, 0.0217).transformed(pose))
+
+
+@pytest.mark.parametrize('elsewhere', ['beside', 'on another face'])
+def test_a_bore_that_is_seen_where_the_model_has_none_speaks_against_a_pose(elsewhere):
+    size = np.array([0.05, 0.04, 0.03])
+    mine = FeatureSet.concatenate([box(size), FeatureSet.from_curves([[0.02, 0.02, 0.0]], [[0, 0, 1]], [0.012])])
+    centre, normal = ([0.028, 0.02, 0.0], [0, 0, 1]) if elsewhere == 'beside' else ([0.02, 0.0, -0.015], [0, 1, 0])
+    other = FeatureSet.from_curves([centre], [normal], [0.012])
+    pose = random_pose(np.random.default_rng(1))
+    few = box(size).select(np.arange(7))
+    blank, like = (match(mine, data.transformed(pose)) for data in (few, FeatureSet.concatenate([few, other])))
+    assert blank.stats['evidence'] > like.stats['evidence'] + 4.0
+
+
+def test_a_rim_of_the_underside_is_not_in_view_from_above():
+    flat = FeatureSet.from_curves([[0, 0, 0]] * 2 + [[0, 0, 0.01]] * 2, [[0, 0, 1]] * 4, [0.05, 0.01, 0.05, 0.03])
+    planes, lies = hull_faces(index_model(flat))
+    upper, lower = (int(np.argmax(sign * planes[:, 2])) for sign in (1.0, -1.0))
+    assert lies[upper].tolist() == [False, False, True, True] and lies[lower].tolist() == [True, True, False, False]
+    beside = np.abs(planes[:, 2]) < 0.5
+    assert lies[beside].any(axis=0).tolist() == [True, False, True, False]
+
+
+def test_only_data_of_kinds_that_the_model_has_gives_chance_its_tries():
+    pose = random_pose(np.random.default_rng(3))
+    data = FeatureSet.concatenate([rims().transformed(pose), box(SIZE).transformed(pose)])
+    with_edges, without = (
+        make_problem(index_model(rims()), some, MatchParams()) for some in (data, data.select([0, 1, 2]))
+    )
+    assert needed_evidence(with_edges, MatchParams()) == needed_evidence(without, MatchParams())

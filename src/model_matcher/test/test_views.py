@@ -8,7 +8,7 @@ from model_matcher.closed_form.synthetic import box, cylinder_box, l_shape
 from model_matcher.model.convex_hull import hull_faces
 from model_matcher.verification.settings import VIEW
 from model_matcher.verification.visibility_evidence import nats_of_view
-from msgs_py import FeatureSet, Pose
+from msgs_py import FeatureKind, FeatureSet, Pose
 
 SIZE = np.array([0.10, 0.06, 0.04])
 AWAY = Pose(np.eye(3), [-0.05, -0.03, 0.5])
@@ -55,7 +55,9 @@ def test_a_straight_model_has_no_faces():
 def test_rims_bulge_the_hull():
     index = index_model(cylinder_box())
     planes, lies = hull_faces(index)
-    assert len(planes) > 6 and not lies[:, index.kind != 0].any()
+    assert len(planes) > 6 and not lies[:, index.kind == FeatureKind.AXIS].any()
+    # The rim that stands out lies on the hull, the one at its foot on the box does not.
+    assert lies[:, index.kind == FeatureKind.CURVE].any(axis=0).tolist() == [False, True]
 
 
 def test_a_box_shows_four_edges_of_one_face_or_nine_of_three():

@@ -1,4 +1,4 @@
-"""The faces of a model's convex hull, and which edges lie on them."""
+"""The faces of a model's convex hull, and which edges and curves lie on them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .settings import CURVE_POINTS, ON_FACE, SAME
 
 
 def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of a model's convex hull, and the edges on them.
+    """Faces of a model's convex hull, and the edges and curves on them.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
         Outward normal and offset (metres) of each face, where normal . x + offset = 0. A flat model has two faces, a
         straight one none.
     lies : (h, e) bool
-        Which edges lie on them.
+        Which edges and curves lie on them.
     """
     rows = index.rows
     step = rows[:, 6:7] * rows[:, 3:6]
@@ -37,17 +37,23 @@ def hull_faces(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
     for sign in (-1.0, 1.0):
         away = np.abs((rows[:, :3] + sign * step) @ planes[:, :3].T + planes[:, 3])
         lies &= (away < near).T
-    return planes, lies & (index.kind == FeatureKind.EDGE)
+    lies &= index.kind == FeatureKind.EDGE
+    curves = index.kind == FeatureKind.CURVE
+    on = np.abs(_rims(index) @ planes[:, :3].T + planes[:, 3]) < near
+    # A rim lies on the flat face that it bounds, and on those beside it along which the hull goes on.
+    lies[:, curves] = (on.reshape(int(curves.sum()), CURVE_POINTS, len(planes)).sum(axis=1) > 1).T
+    return planes, lies
 
 
 def _rims(index: ModelIndex) -> np.ndarray:
+    """Points of the curves, CURVE_POINTS of each, one curve after the other."""
     rows = index.rows[index.kind == FeatureKind.CURVE]
     angle = np.arange(CURVE_POINTS) * 2.0 * np.pi / CURVE_POINTS
     normal = rows[:, 3:6]
     u = -perpendicular(normal)
     v = np.cross(normal, u)
-    around = np.cos(angle)[:, None, None] * u + np.sin(angle)[:, None, None] * v
-    points: np.ndarray = rows[:, :3] + np.nan_to_num(rows[:, 7:8]) * around
+    around = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
+    points: np.ndarray = rows[:, None, :3] + np.nan_to_num(rows[:, None, 7:8]) * around
     return points.reshape(-1, 3)
 
 

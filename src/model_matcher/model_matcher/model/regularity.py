@@ -12,9 +12,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from msgs_py.numeric.vectors import perpendicular
+
 from .convex_hull import hull_faces
 from .index import ModelIndex
-from .settings import MAX_DIRECTIONS, MAX_NORMALS, PARALLEL_COSINE, PERPENDICULAR_COSINE
+from .settings import MAX_DIRECTIONS, MAX_NORMALS, PARALLEL_COSINE, PERPENDICULAR_COSINE, SAME
 
 
 class Regularity(NamedTuple):
@@ -65,6 +67,24 @@ def regularity(index: ModelIndex) -> Regularity:
     return _known[index]
 
 
+def _planes_of_parallels(rows: np.ndarray) -> list[np.ndarray]:
+    """Unit normals of planes along parallel features (e, 9): through the commonest place and the farthest, and across.
+
+    Where all are on one line, through it.
+    """
+    direction = rows[0, 3:6]
+    places = rows[:, :3] - np.outer(rows[:, :3] @ direction, direction)
+    gaps = np.linalg.norm(places[:, None] - places, axis=2)
+    widest = gaps.max()
+    if widest < SAME * max(np.ptp(rows[:, :3], axis=0).max(), widest) or widest == 0.0:
+        across = perpendicular(direction)
+        return [across, np.cross(direction, across)]
+    middle = int(np.argmax((gaps < SAME * widest).sum(axis=1)))
+    way = places[int(np.argmax(gaps[middle]))] - places[middle]
+    across = way / np.linalg.norm(way)
+    return [across, np.cross(direction, across)]
+
+
 def _find(index: ModelIndex) -> Regularity:
     rows = index.rows
     parallel, perpendicular = PARALLEL_COSINE, PERPENDICULAR_COSINE
@@ -91,6 +111,16 @@ def _find(index: ModelIndex) -> Regularity:
         if len(flat) == 1:
             upright = np.cross(flat[0], distinct[a])
             normals.append(upright / np.linalg.norm(upright))
+    # A curve lies in its own plane, whatever else there is; and where all directions are one, the lines along it stand
+    # in planes beside each other.
+    normals += [directions[j] for j in order[: int((rows[:, 6] == 0.0).sum())]]
+    if len(distinct) == 1:
+        normals += _planes_of_parallels(rows)
+    kept: list[np.ndarray] = []
+    for normal in normals:
+        if not any(abs(normal @ other) > parallel for other in kept):
+            kept.append(normal)
+    normals = kept
     stack = np.array(normals).reshape(-1, 3)
     cosine = np.abs(stack @ directions.T)
     lies = (cosine < perpendicular) | ((cosine > parallel) & (rows[:, 6] == 0.0))

@@ -121,8 +121,10 @@ def _why_rejected(
 ) -> str | None:
     """The reason to reject candidate k, or None; matched : its data; better : a candidate that wants the same data."""
     distinct, evidence, needed = int(refined.scores[k]), float(refined.evidence[k]), needed_evidence(problem, params)
-    if distinct < min(params.min_matched, len(problem.index)):
-        return f'explains {distinct} distinct model features, fewer than min_matched = {params.min_matched}'
+    least = min(params.min_matched, len(problem.index))
+    if distinct < least:
+        of_all = '' if least == params.min_matched else ', all that the model has'
+        return f'explains {distinct} distinct model features, fewer than min_matched = {least}{of_all}'
     if evidence < needed:
         return (
             f'chance explains as much: evidence {evidence:.1f} of {needed:.1f} nats needed for '

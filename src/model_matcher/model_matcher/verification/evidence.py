@@ -11,7 +11,10 @@ features that count but coincidences, beyond those that made the pose:
                of one of the model's
     directions a direction that is neither parallel nor perpendicular to those before: each free angle, whose chance is
                ANGLE for each direction that the model has
-    radii      PER_RADIUS for each distinct radius
+    radii      each distinct radius: the chance that one of another object lies within the tolerance of the model's
+    turn       features that are all parallel leave the turn about their direction to an offset, which then is none
+    displaced  a curve that the model has elsewhere, where nothing was found, shows another object: what it would count
+               for at its place counts against the pose
     accuracy   by chance a plane lies anywhere within the tolerance of the model's; when it is the model's it lies
                within its error, which is the smaller the more data there is in it, and BIAS x tolerance
     coverage   a model edge covered to COVERED of its length has chance WHOLE in the model, and in the data the share of
@@ -35,7 +38,7 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..geometry.features import CURVE, DataFeatures, ModelFeatures
 from ..geometry.line_pairs import pair_geometry
-from ..geometry.rigid_motion import inverse_transform, transform
+from ..geometry.rigid_motion import inverse_rotate, inverse_transform, transform
 from ..model.regularity import Regularity
 from ..model.settings import PARALLEL_COSINE, PERPENDICULAR_COSINE
 from .settings import (
@@ -48,8 +51,8 @@ from .settings import (
     NEIGHBOURHOOD,
     NEIGHBOURS,
     PER_OFFSET,
-    PER_RADIUS,
     PLACING_SINE,
+    RADII,
     REACH,
     RUNS_ON_SINE,
     SAME_LENGTH,
@@ -192,6 +195,23 @@ def regular_planes(used: BoolArray, regular: Regularity) -> BoolArray:
 
 
 @njit
+def radius_nats(radius: float, room: float) -> float:
+    """Nats of a radius (metres) of another object that comes within so much (metres) of it by chance.
+
+    Radii of things are as frequent from 2 to 4 mm as from 20 to 40: the chance is the share of the logarithms of RADII.
+
+    Examples
+    --------
+    >>> round(radius_nats(0.02, 0.002), 2)
+    2.83
+    """
+    if room >= radius:
+        return 0.0
+    share = np.log((radius + room) / (radius - room)) / np.log(RADII)
+    return float(-np.log(min(share, 1.0)))
+
+
+@njit
 def _is_new(radius: float, radii: FloatArray, count: int) -> bool:
     """Whether a radius (metres) is none of the first ``count`` radii."""
     new = True
@@ -247,8 +267,53 @@ def _place_any(placed: FloatArray, count: int, rest: FloatArray) -> int:
 
 
 @njit
+def _all_parallel(used: BoolArray, direction: Int32Array) -> bool:
+    """Whether the features used (e,) have one direction, by the numbers of their directions (e,)."""
+    first = -1
+    for j in range(len(used)):
+        if used[j]:
+            if first >= 0 and direction[j] != first:
+                return False
+            first = direction[j]
+    return True
+
+
+@njit
+def _directions_and_radii(model: ModelFeatures, used: BoolArray, regular: Regularity, of_radius: FloatArray) -> float:
+    """Nats of the directions and of the distinct radii of the features used (e,); of_radius : (e,) nats of each."""
+    rows, direction = model.rows, regular.direction
+    seen = np.zeros(len(used), np.bool_)
+    directions, radii = np.empty((12, 3)), np.empty(ENOUGH)
+    per_angle = -np.log(min(1.0, ANGLE * (direction.max() + 1)))
+    n_directions = n_radii = features = 0
+    total = 0.0
+    for j in regular.order:
+        if not used[j]:
+            continue
+        features += 1
+        if features > ENOUGH:
+            break
+        if not seen[direction[j]] and n_directions < len(directions):
+            seen[direction[j]] = True
+            total += per_angle * free_angles(rows[j, 3:6], directions, n_directions)
+            directions[n_directions] = rows[j, 3:6]
+            n_directions += 1
+        if model.kind[j] == CURVE and _is_new(rows[j, 7], radii, n_radii):
+            radii[n_radii] = rows[j, 7]
+            n_radii += 1
+            total += of_radius[j]
+    nats: float = total
+    return nats
+
+
+@njit
 def coincidences(
-    model: ModelFeatures, used: BoolArray, regular: Regularity, planes: Planes, accuracy: FloatArray
+    model: ModelFeatures,
+    used: BoolArray,
+    regular: Regularity,
+    planes: Planes,
+    accuracy: FloatArray,
+    of_radius: FloatArray,
 ) -> float:
     """Nats of the coincidences beyond the pose among the model features that are explained.
 
@@ -264,26 +329,24 @@ def coincidences(
     accuracy : (q, e) float64
         Nats to add for each plane. Of parallel planes any one could be the one that fixes the position: it is the most
         accurate, so that what the pose misses counts wherever it is.
+    of_radius : (e,) float64
+        Nats of the radius of each curve.
 
     Returns
     -------
     float
 
     """
-    rows, order, direction, normals = model.rows, regular.order, regular.direction, regular.normals
-    number = planes.number
+    rows, order, normals, number = model.rows, regular.order, regular.normals, planes.number
     q, e = number.shape[0], rows.shape[0]
     owed = regular_planes(used, regular)
     anchor = np.full(q, np.nan)
     known = np.zeros((q, e), np.bool_)
-    seen = np.zeros(e, np.bool_)
-    directions = np.empty((12, 3))
-    radii = np.empty(ENOUGH)
     placed, fixed = np.zeros((3, 3)), np.zeros((3, 3))
     rest = np.zeros(3)
-    per_angle = -np.log(min(1.0, ANGLE * (direction.max() + 1)))
-    n_directions = n_radii = n_placed = features = 0
-    total = 0.0
+    n_placed = features = 0
+    total = _directions_and_radii(model, used, regular, of_radius)
+    turn_is_open = _all_parallel(used, regular.direction)
     for k in range(e):
         j = order[k]
         if not used[j]:
@@ -291,18 +354,7 @@ def coincidences(
         features += 1
         if features > ENOUGH:
             break
-        if not seen[direction[j]] and n_directions < len(directions):
-            seen[direction[j]] = True
-            total += per_angle * free_angles(rows[j, 3:6], directions, n_directions)
-            directions[n_directions] = rows[j, 3:6]
-            n_directions += 1
-        freedom = 2
-        if model.kind[j] == CURVE:
-            freedom = 3
-            if _is_new(rows[j, 7], radii, n_radii):
-                radii[n_radii] = rows[j, 7]
-                n_radii += 1
-                total += PER_RADIUS
+        freedom = 3 if model.kind[j] == CURVE else 2
         n_fixed = 0
         for i in range(q):
             if owed[i] and number[i, j] >= 0 and known[i, number[i, j]] and n_fixed < freedom:
@@ -316,10 +368,15 @@ def coincidences(
                 n_fixed += 1
                 if n_placed < 3:
                     n_placed = _place_any(placed, n_placed, rest)
+                elif turn_is_open:
+                    turn_is_open = False
                 else:
                     total += PER_OFFSET
                 continue
-            if least < 0.0:
+            along = abs(normals[best, 0] * rows[j, 3] + normals[best, 1] * rows[j, 4] + normals[best, 2] * rows[j, 5])
+            if least >= 0.0 and turn_is_open and along < PERPENDICULAR_COSINE:
+                turn_is_open = False
+            elif least < 0.0:
                 length = _remainder(normals[best], placed, n_placed, rest)
                 placed[n_placed] = rest / length
                 n_placed += 1
@@ -336,7 +393,8 @@ def coincidences(
         for i in range(q):
             if number[i, j] >= 0:
                 known[i, number[i, j]] = True
-    return total
+    nats: float = total
+    return nats
 
 
 @njit
@@ -446,6 +504,81 @@ def neighbours(motion: FloatArray, model: ModelFeatures, data: DataFeatures, ass
 
 
 @njit
+def _on_face(
+    point: tuple[float, float, float], normal: tuple[float, float, float], faces: FloatArray, off: float
+) -> bool:
+    """Whether a curve with this centre and normal lies on a face (h, 4) of a hull; off : metres that it may be off."""
+    on = False
+    for h in range(len(faces)):
+        f = faces[h]
+        above = f[0] * point[0] + f[1] * point[1] + f[2] * point[2] + f[3]
+        if above > off:
+            return False
+        upright = abs(f[0] * normal[0] + f[1] * normal[1] + f[2] * normal[2]) > PARALLEL_COSINE
+        on = on or (upright and above >= -off)
+    return on
+
+
+@njit
+def displaced(
+    motion: FloatArray,
+    model: ModelFeatures,
+    data: DataFeatures,
+    assignment: Int32Array,
+    used: BoolArray,
+    faces: FloatArray,
+) -> float:
+    """Nats against a pose for a curve that is not where the model has it.
+
+    An unexplained curve that has the radius of a model curve which was not found, and lies beside it, so near that both
+    cannot be there, or on a face of the model's hull where there is none, would be one of clutter by chance only; on
+    another object that is like the model it is to be expected.
+
+    Parameters
+    ----------
+    motion : (12,) float64
+        The pose.
+    model : ModelFeatures
+    data : DataFeatures
+    assignment : (n,) int32
+        The model feature of each data feature, negative for none.
+    used : (e,) bool
+        The model features that were found.
+    faces : (h, 4) float64
+        Of the model's hull, see :func:`.convex_hull.hull_faces`.
+
+    Returns
+    -------
+    float
+        Of the curve that counts most; 0 when there is none.
+
+    """
+    worst = 0.0
+    for k in range(len(assignment)):
+        if assignment[k] >= 0 or data.kind[k] != CURVE:
+            continue
+        d, across = data.rows[k], data.tolerances[k, 0]
+        room = data.radius_tolerance + across
+        x, y, z = inverse_transform(motion, d[0], d[1], d[2])
+        u, v, w = inverse_rotate(motion, d[3], d[4], d[5])
+        on_face = _on_face((x, y, z), (u, v, w), faces, across)
+        for j in range(len(used)):
+            m = model.rows[j]
+            if used[j] or model.kind[j] != CURVE or abs(d[7] - m[7]) > room:
+                continue
+            p, q, r = x - m[0], y - m[1], z - m[2]
+            upright = p * m[3] + q * m[4] + r * m[5]
+            beside = np.sqrt(max(p * p + q * q + r * r - upright * upright, 0.0))
+            overlaps = abs(upright) <= across and 2.0 * across < beside < d[7] + m[7]
+            overlaps = overlaps and abs(u * m[3] + v * m[4] + w * m[5]) > PARALLEL_COSINE
+            elsewhere = on_face and (abs(upright) > 2.0 * across or beside > 2.0 * across)
+            if overlaps or elsewhere:
+                in_plane = -np.log(min(2.0 * across / model.size, 1.0))
+                worst = max(worst, radius_nats(m[7], room) + in_plane)
+    return worst
+
+
+@njit
 def evidence(
     motion: FloatArray,
     model: ModelFeatures,
@@ -481,6 +614,8 @@ def evidence(
     high = np.full(e, -np.inf)
     used = np.zeros(e, np.bool_)
     accuracy, sums, weights = np.zeros(number.shape), np.zeros(number.shape), np.zeros(number.shape)
+    of_radius, off, curves = np.zeros(e), np.zeros(e), np.zeros(e)
+    room = np.zeros(e)
     squares = 0.0
     point = np.empty(3)
     for k in range(n):
@@ -490,6 +625,10 @@ def evidence(
         used[j] = True
         m, d = model.rows[j], data.rows[k]
         curve = data.kind[k] == CURVE
+        if curve:
+            off[j] += d[7] - m[7]
+            curves[j] += 1.0
+            room[j] = max(room[j], data.radius_tolerance + data.tolerances[k, 0])
         for end in range(1 if curve else 2):
             step = 0.0 if curve else d[6] if end == 0 else -d[6]
             point[:] = inverse_transform(motion, d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5])
@@ -503,8 +642,8 @@ def evidence(
                     point[axis] -= along * m[3 + axis]
             for i in range(number.shape[0]):
                 if number[i, j] >= 0:
-                    off = point[0] * normals[i, 0] + point[1] * normals[i, 1] + point[2] * normals[i, 2]
-                    r = off / data.tolerances[k, 0]
+                    r = point[0] * normals[i, 0] + point[1] * normals[i, 1] + point[2] * normals[i, 2]
+                    r /= data.tolerances[k, 0]
                     sums[i, number[i, j]] += r
                     weights[i, number[i, j]] += 1.0
                     squares += r * r
@@ -522,7 +661,16 @@ def evidence(
                 error = variance / weights[i, p] + BIAS**2
                 excess = (sums[i, p] / weights[i, p]) ** 2 / error
                 accuracy[i, p] = max(0.5 * (np.log(2.0 / (np.pi * error)) - excess), -WORST)
-    total = coincidences(model, used, regular, planes, accuracy)
+    for j in range(e):
+        if curves[j] > 0.0:
+            # A radius errs as its centre does.
+            tolerance = room[j] - data.radius_tolerance
+            error = variance * (tolerance / room[j]) ** 2 / curves[j] + BIAS**2
+            excess = (off[j] / curves[j] / room[j]) ** 2 / error
+            fit = max(0.5 * (np.log(2.0 / (np.pi * error)) - excess), -WORST)
+            of_radius[j] = radius_nats(model.rows[j, 7], room[j]) + fit
+    total = coincidences(model, used, regular, planes, accuracy, of_radius)
+    total -= displaced(motion, model, data, assignment, used, regular.faces)
     total += max(coverage(model, data, low, high, regular.direction), FRAGMENTS)
     total += nats_of_view(motion, used, regular.faces, regular.lies)
     nats: float = total + neighbours(motion, model, data, assignment)

@@ -28,7 +28,9 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
     """
     if params.false_alarm_rate >= 1.0:
         return -np.inf
-    return false_alarm_evidence(len(problem.rows), params.false_alarm_rate)
+    # What is of no kind that the model has gives chance nothing to make a pose of.
+    could_be = np.isin(problem.features.kind, problem.index.kind)
+    return false_alarm_evidence(int(could_be.sum()), params.false_alarm_rate)
 
 
 def false_alarm_evidence(n: int, rate: float) -> float:

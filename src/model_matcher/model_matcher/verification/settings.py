@@ -43,8 +43,9 @@ MORE_THAN_STATED = 3.0
 
 # Chance that an angle of a direction is what a direction of the model has, for each direction that the model has.
 ANGLE = 0.05
-# Nats of a distinct radius, and of a feature that lies in no plane of the usual orientations: there are many of such.
-PER_RADIUS = 2.0
+# Largest radius of other objects over the smallest; a guess of what is on a bench, from a drill to a dish.
+RADII = 30.0
+# Nats of a feature that lies in no plane of the usual orientations: there are many of such.
 PER_OFFSET = 0.5
 # Radii and lengths that differ by less than this part are equal.
 SAME_LENGTH = 0.05

@@ -4,9 +4,9 @@ Where the model is, more of its features are found than a pose explains by chanc
 tells how the data came about; each of two ways is as likely as the other:
 
     thinned   every feature is found as often as any other
-    seen      of an opaque object. An edge on its convex hull is in view when a face of the hull that it lies on looks
-              at the eye: nothing of the object itself can hide it. Hidden edges of the hull are hardly ever found;
-              what is in view of the others is not known, so they do not count
+    seen      of an opaque object. An edge or curve on its convex hull is in view when a face of the hull that it lies
+              on looks at the eye: nothing of the object itself can hide it. Hidden ones of the hull are hardly ever
+              found; what is in view of the others is not known, so they do not count
 
 The chances say little for a single feature, because objects hide each other: what is found is found together.
 """
