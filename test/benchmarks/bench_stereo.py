@@ -2,11 +2,15 @@
 
 ``python test/benchmarks/bench_stereo.py [--seed 5] [--views 40] [--kinds block cylinder flat] [--each]`` judges our
 edges alone on other views of the same two solids; ``--each`` lists the views in which something is missing or false.
+``--large WIDTH HEIGHT`` says what one pair of that size full of small polygons takes: milliseconds when warm, those of
+LSD over both images, and the most memory that the process has had, MB.
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -18,12 +22,15 @@ import numpy as np
 from measure import OURS, Absent, Measurement, milliseconds
 from stereo_scoring import RIG, Score, peer, views
 
-from msgs_py import FeatureKind, FeatureSet
+from msgs_py import FeatureKind, FeatureSet, PinholeCamera, StereoRig
 from stereo_recovery import recover
 from stereo_recovery.cameras.calibration import load_rig
 
 PEER = 'LSD + epipolar'
 VIEWS = {'block': 8, 'cylinder': 8, 'flat': 6}
+LARGE = ((640, 480), (1920, 1080), (4096, 3072))
+# Pixels of a large pair to one polygon; their radii, pixels; the disparity of the surface at its top and at its bottom.
+PIXELS_OF_ONE, RADII, DISPARITIES = 3000, (8.0, 60.0), (40.0, 60.0)
 
 
 def measurements(quick: bool) -> Iterator[Measurement | Absent]:
@@ -43,6 +50,8 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
         if kind == 'cylinder':
             yield from _curves(shown)
     yield from _real()
+    for width, height in LARGE[: 1 if quick else None]:
+        yield from _large(width, height)
 
 
 def _accuracy(kind: str, by: str, found: list[FeatureSet], shown: list) -> Iterator[Measurement]:
@@ -106,13 +115,59 @@ def _real() -> Iterator[Measurement]:
     yield Measurement('a cluttered 640 x 480 pair', milliseconds(partial(recover, left, right, rig), 1.0))
 
 
+def _large(width: int, height: int) -> Iterator[Measurement]:
+    """In a process of its own: memory that was ever taken is not given back."""
+    told = subprocess.run(
+        [sys.executable, __file__, '--large', str(width), str(height)], capture_output=True, text=True, check=True
+    )
+    ours, peers, memory = (float(word) for word in told.stdout.split()[-3:])
+    what = f'a {width} x {height} pair full of polygons'
+    yield Measurement(what, ours, note=f'{ours / peers:.1f} times LSD over both images')
+    yield Measurement(f'{what}: most memory', memory, 'MB', note='of the process; bar 2000')
+
+
+def large_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+    """A pair of pictures of one slanted surface, full of overlapping polygons, with noise of 1.5 grey levels."""
+    rng = np.random.default_rng(1)
+    wide = np.full((height, width + 2 * int(max(DISPARITIES))), 128, np.uint8)
+    for _ in range(wide.size // PIXELS_OF_ONE):
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 6)))
+        corners = rng.uniform([0.0, 0.0], wide.shape[::-1]) + rng.uniform(*RADII) * np.stack(
+            [np.cos(angle), np.sin(angle)], axis=1
+        )
+        cv2.fillConvexPoly(wide, np.int32(16.0 * corners), int(rng.uniform(20, 235)), cv2.LINE_AA, 4)
+    wide = cv2.GaussianBlur(wide, (0, 0), 0.6)
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    disparity = np.linspace(*DISPARITIES, height, dtype=np.float32)[:, None]
+    shown = wide[:, :width], cv2.remap(wide, columns + disparity, rows, cv2.INTER_LINEAR)
+    noisy = (cv2.add(each, rng.normal(0.0, 1.5, each.shape).astype(np.float32), dtype=cv2.CV_8U) for each in shown)
+    left, right = noisy
+    return left, right
+
+
+def large(width: int, height: int) -> tuple[float, float, float]:
+    """Milliseconds of a recovery and of LSD over both images, and the most memory that this process has had, MB."""
+    left, right = large_pair(width, height)
+    rig = StereoRig.symmetric(PinholeCamera.centred(width, height, 1.2 * width), 0.1)
+    ours = milliseconds(partial(recover, left, right, rig), 1.0, 2, 3)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    detector = cv2.createLineSegmentDetector()
+    return ours, milliseconds(lambda: (detector.detect(left), detector.detect(right)), 1.0, 2, 3), memory
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     parser.add_argument('--seed', type=int, default=5)
     parser.add_argument('--views', type=int, default=40, help='of each kind')
     parser.add_argument('--kinds', nargs='+', choices=list(VIEWS), default=list(VIEWS))
     parser.add_argument('--each', action='store_true', help='list the views with missing or false edges')
+    parser.add_argument(
+        '--large', nargs=2, type=int, metavar=('WIDTH', 'HEIGHT'), help='time and memory of such a pair'
+    )
     options = parser.parse_args(arguments)
+    if options.large:
+        print('{:.0f} {:.0f} {:.0f}'.format(*large(*options.large)))
+        return 0
     for kind in options.kinds:
         shown = views(kind, options.views, options.seed)
         found = [recover(view.left, view.right, RIG).features for view in shown]
