@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,6 +42,13 @@ class Problem:
     n_data: int
     model: ModelFeatures
     features: DataFeatures
+
+    @cached_property
+    def of_its_kinds(self) -> int:
+        """Data features of kinds that the model has; of others chance makes no pose."""
+        has = np.zeros(256, bool)
+        has[self.index.kind] = True
+        return int(has[self.features.kind].sum())
 
     @property
     def rows(self) -> np.ndarray:

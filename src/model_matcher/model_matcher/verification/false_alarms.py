@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..model.problem import Problem
 from ..params import MatchParams
 from .settings import FALSE_ALARMS
@@ -27,10 +25,8 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
         Nats; with less, an interpretation counts as chance.
     """
     if params.false_alarm_rate >= 1.0:
-        return -np.inf
-    # What is of no kind that the model has gives chance nothing to make a pose of.
-    could_be = np.isin(problem.features.kind, problem.index.kind)
-    return false_alarm_evidence(int(could_be.sum()), params.false_alarm_rate)
+        return -math.inf
+    return false_alarm_evidence(problem.of_its_kinds, params.false_alarm_rate)
 
 
 def false_alarm_evidence(n: int, rate: float) -> float:
