@@ -266,9 +266,9 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
             yield Measurement(f'{family}: instances found', 100.0 * figures['found_share'], '%', lower_is_better=False)
         mistakes = figures['wrong'] + figures['false'] + figures['twice']
         yield Measurement(f'{family}: wrong, twice or absent', mistakes, 'of ' + str(figures['searches']))
-        for key, unit in (('deg', 'deg'), ('mm', 'mm'), ('ms', 'ms')):
+        for key, what in (('deg', 'rotation'), ('mm', 'translation'), ('ms', 'a search')):
             if figures[key] is not None:
-                yield Measurement(f'{family}: {"a search" if key == "ms" else "pose"}', figures[key], unit)
+                yield Measurement(f'{family}: {what}', figures[key], key)
 
 
 def _ready() -> None:

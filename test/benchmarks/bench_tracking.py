@@ -158,9 +158,9 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
             continue
         if row['lost_share'] is not None:
             yield Measurement(f'{name}: frames lost', 100.0 * row['lost_share'], '%')
-        for key, unit, what in (('deg', 'deg', 'pose'), ('mm', 'mm', 'pose'), ('ms', 'ms', 'a frame')):
+        for key, what in (('deg', 'rotation'), ('mm', 'translation'), ('ms', 'a frame')):
             if row[key] is not None:
-                yield Measurement(f'{name}: {what}', row[key], unit)
+                yield Measurement(f'{name}: {what}', row[key], key)
 
 
 def _ready() -> None:
