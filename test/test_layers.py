@@ -41,9 +41,10 @@ ROOMS = {
     'csg_renderer': ('scene', 'brep', 'language', 'visibility', 'features', 'raycast'),
     'stereo_recovery': ('params', 'stopwatch', 'cameras', 'detection', 'matching', 'curves', 'estimation', 'edges'),
     'model_matcher': (
+        'geometry',
+        'image_pose',
         'params',
         'settings',
-        'geometry',
         'model',
         'verification',
         'interpretation_tree',

@@ -32,6 +32,7 @@ from true_pairs import PHOTOREAL_KINDS, QUICK, data_folder, families_of
 from true_poses import READERS, Part, Pictures, PosedPair, all_parts, posed_pairs, witness
 
 from model_matcher import MatchResult
+from model_matcher.image_pose.views import Views
 from model_matcher.pipeline import survey, warm_up
 from msgs_py import FeatureSet
 from stereo_recovery import recover
@@ -48,7 +49,12 @@ LIMIT = 4
 
 
 def asked(parts: list[Part], features: FeatureSet, pair: Pictures) -> MatchResult:
-    """The search that is measured. ``pair`` has the images and the rig, which it does not look at."""
+    """The search that is measured: by the features of a pair and its images."""
+    return survey([part.index for part in parts], features, views=Views.of((pair.left, pair.right), pair.rig))
+
+
+def asked_without_images(parts: list[Part], features: FeatureSet, pair: Pictures) -> MatchResult:
+    """The search by the features alone."""
     return survey([part.index for part in parts], features)
 
 
@@ -291,6 +297,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--negatives', action='store_true', help='only parts that are not there, all there are')
     parser.add_argument('--seeds', type=int, default=2, metavar='N', help='of the noise, for each rendered view')
     parser.add_argument('--limit', type=int, default=LIMIT, metavar='N', help='with --negatives: pairs of each family')
+    parser.add_argument('--images', choices=('on', 'off'), default='on', help='whether the search looks at the images')
     parser.add_argument('--draw', type=Path, metavar='FOLDER', help='both images with the parts where they were found')
     parser.add_argument('--save', action='store_true', help='keep the table as the baseline')
     parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'poses.json', help='the JSON file')
@@ -315,6 +322,7 @@ def main(arguments: list[str] | None = None) -> int:
                 together=options.together,
                 draw=options.draw,
                 seeds=1 if options.quick else options.seeds,
+                search=asked if options.images == 'on' else asked_without_images,
             )
     except FileNotFoundError as error:
         print(error, file=sys.stderr)

@@ -17,7 +17,7 @@ from pose_bounds import PoseBound
 from third_eyes import third_eye
 from true_pairs import FAMILIES, LEAST_CONTRAST, PHOTOREAL_KINDS, TruePair, load_pairs
 
-from csg_renderer import Solid, load_models, model_features, parse_scene, scene_names, scene_path
+from csg_renderer import Solid, SolidOutline, load_models, model_features, parse_scene, scene_names, scene_path
 from model_matcher.closed_form.real_pair import SQUARE_M
 from model_matcher.model.index import ModelIndex, index_model
 from model_matcher.model.symmetry import symmetries
@@ -151,7 +151,7 @@ def _nearest_on(axis: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 def make_part(name: str, solid: Solid) -> Part:
     """A part of a solid."""
-    index = index_model(model_features(solid), name)
+    index = index_model(model_features(solid), name, SolidOutline(solid))
     axis = common_axis(index, np.arange(len(index.features)))
     motions = (Pose.identity(), *symmetries(index))
     if axis is not None:

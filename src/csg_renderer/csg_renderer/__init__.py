@@ -4,7 +4,7 @@ from msgs_py.renaming import renamed_names
 
 from .brep.model_features import boundary, model_features
 from .features.ideal_data import Degradation, IdealData, ideal_data
-from .features.library import load_model_features
+from .features.library import load_model_features, load_model_outlines
 from .features.mesh_features import features_from_mesh
 from .language import SceneError, SceneWarning, load_models, load_scene, parse_scene, scene_names, scene_path
 from .raycast.frame import Frame, RenderOptions, RenderStats
@@ -13,6 +13,7 @@ from .scene.scene import Light, Placement, Scene
 from .scene.solid import Solid, Surface
 from .scene.terrain import Terrain
 from .visibility.hidden_lines import visible_features, visible_fragments
+from .visibility.outline import SolidOutline
 
 __all__ = [
     'Degradation',
@@ -26,6 +27,7 @@ __all__ = [
     'SceneError',
     'SceneWarning',
     'Solid',
+    'SolidOutline',
     'Surface',
     'Terrain',
     'Wear',
@@ -35,6 +37,7 @@ __all__ = [
     'features_from_mesh',
     'ideal_data',
     'load_model_features',
+    'load_model_outlines',
     'load_models',
     'load_scene',
     'model_features',

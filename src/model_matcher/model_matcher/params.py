@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.renaming import without_effect
+
+if TYPE_CHECKING:
+    from .image_pose.measurement import Presence
 
 SEARCHES = ('hypotheses', 'tree', 'subgraph', 'serial')
 ENGINES = ('native', 'dap')
@@ -188,12 +191,15 @@ class MatchResult:
         Counters and seconds of the search, by name.
     reason : str, optional
         None when something was accepted, otherwise why nothing was.
+    outlines : tuple of Presence
+        What the images show of each accepted interpretation (:mod:`.image_pose.measurement`); empty without images.
     """
 
     interpretations: tuple[Interpretation, ...]
     rejected: tuple[Interpretation, ...] = ()
     stats: dict[str, Any] = field(default_factory=dict)
     reason: str | None = None
+    outlines: tuple[Presence, ...] = ()
 
     @property
     def best(self) -> Interpretation | None:

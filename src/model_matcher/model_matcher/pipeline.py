@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ from msgs_py.numeric.steps import CompileStep, run_all
 
 from .geometry.line_pairs import rank_pairs
 from .geometry.settings import PARALLEL_SINE
+from .image_pose.measurement import Presence
+from .image_pose.views import Views
 from .interpretation_tree.match import match_by_tree
 from .model.index import ModelIndex, indexed
 from .model.problem import Problem, make_problem, usable
@@ -26,9 +29,10 @@ from .search.pair_search import Candidates, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
 from .search.threads import spread
-from .settings import ALL_PAIRED, BLOCK, LIBRARY, LOOK_S, NEIGHBOURS, PATIENCE, PERIODIC, SHARES
+from .settings import ALL_PAIRED, BLOCK, LIBRARY, LOOK_S, LOOKED_AT, NEIGHBOURS, PATIENCE, PERIODIC, SHARES
 from .verification.acceptance import accept
 from .verification.false_alarms import needed_evidence
+from .verification.image_evidence import accepted_by_images, compete
 from .verification.refinement import Refined, refine_all
 from .verification.settings import CANDIDATES, NEARLY_ALL
 
@@ -36,7 +40,11 @@ _warm: list[bool] = []  # not empty once everything is compiled
 
 
 def match(
-    model: FeatureSet | ModelIndex, data: FeatureSet, params: MatchParams | None = None, name: str = 'model'
+    model: FeatureSet | ModelIndex,
+    data: FeatureSet,
+    params: MatchParams | None = None,
+    name: str = 'model',
+    views: Views | None = None,
 ) -> MatchResult:
     """Find one model in recovered features.
 
@@ -50,6 +58,9 @@ def match(
         How to match.
     name : str
         Of the model, written to the interpretations.
+    views : Views, optional
+        The images that the features were recovered from; the first camera's frame is that of the data. A model of which
+        more than features is known is then accepted by what they show, and its pose measured in them.
 
     Returns
     -------
@@ -66,13 +77,24 @@ def match(
     params = params or MatchParams()
     if not _warm:
         warm_up()  # compiling is not part of the time limit
-    started = time.perf_counter()
     if not isinstance(data, FeatureSet):
         raise TypeError(f'data: expected a FeatureSet, got {type(data).__name__}')
     try:
         index = indexed(model, name)
     except ValueError as error:
         return no_match(data, str(error))
+    return _match(index, data, params, views)
+
+
+def _match(
+    index: ModelIndex,
+    data: FeatureSet,
+    params: MatchParams,
+    views: Views | None = None,
+    claimed: Sequence[Presence] = (),
+) -> MatchResult:
+    """As :func:`match`; claimed : outlines of what has been found already, whose edges are no others'."""
+    started = time.perf_counter()
     if params.scale == 'free':
         # One length beyond all distance would be all that the scale is read off.
         keep = usable(data, unit=None)
@@ -94,7 +116,7 @@ def match(
             else 'every data feature has length zero or lies beyond all distance',
         )
     if params.search == 'hypotheses' and not _leaves_a_shift(problem):
-        result = _match_hypotheses(problem, params, started)
+        result = _match_hypotheses(problem, params, started, views, claimed)
     else:
         result = match_by_tree(problem, params, started)
     if params.prove and result.best is not None:
@@ -110,7 +132,9 @@ def _leaves_a_shift(problem: Problem) -> bool:
     return 1.0 - least * least < PARALLEL_SINE**2 / 4.0 and not (problem.data.kind == FeatureKind.CURVE).any()
 
 
-def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> MatchResult:
+def _match_hypotheses(
+    problem: Problem, params: MatchParams, started: float, views: Views | None, claimed: Sequence[Presence]
+) -> MatchResult:
     """The production search and what follows it."""
     index, rows = problem.index, problem.rows
     n = len(rows)
@@ -135,7 +159,16 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
         if late or found.stopped_by != 'patience' or refined.evidence.max() >= needed_evidence(problem, params):
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.evidence.max()))
-    accepted, rejected = accept(problem, refined, params)
+    outlines: tuple[Presence, ...] = ()
+    if views is not None and index.shape is not None:
+        many = params.replace(max_interpretations=max(params.max_interpretations, LOOKED_AT))
+        hypotheses = [one for part in accept(problem, refined, many) for one in part][:LOOKED_AT]
+        needed, deadline = needed_evidence(problem, params), started + params.time_limit_s
+        looked = accepted_by_images(index, index.shape, hypotheses, views, needed, deadline, claimed)
+        most = params.max_interpretations
+        accepted, rejected, outlines = looked.accepted[:most], looked.rejected[:most], looked.outlines[:most]
+    else:
+        accepted, rejected = accept(problem, refined, params)
     stopped = found.stopped_by if all_ranked or found.stopped_by != 'exhausted' else 'time limit'
     stats = {
         'search': 'hypotheses',
@@ -151,7 +184,7 @@ def _match_hypotheses(problem: Problem, params: MatchParams, started: float) -> 
     reason = None
     if not accepted:
         reason = rejected[0].rejected_reason if rejected else 'no pair of data features fits the model'
-    return MatchResult(accepted, rejected, stats, reason)
+    return MatchResult(accepted, rejected, stats, reason, outlines)
 
 
 class _Found(NamedTuple):
@@ -251,16 +284,19 @@ def recognise(
 
 
 def survey(
-    models: Sequence[FeatureSet | ModelIndex], data: FeatureSet, params: MatchParams | None = None
+    models: Sequence[FeatureSet | ModelIndex],
+    data: FeatureSet,
+    params: MatchParams | None = None,
+    views: Views | None = None,
 ) -> MatchResult:
     """As :func:`recognise`, with the rejected hypotheses and their reasons.
 
-    The interpretation that explains most data over all models claims it; the search goes on in what is left, until
-    nothing more is accepted.
+    What has the most evidence of all models claims the data that it explains, and with images the edges on which its
+    outline lies; the search goes on in what is left, until nothing more is accepted.
 
     Parameters
     ----------
-    models, data, params
+    models, data, params, views
         As for :func:`recognise`.
 
     Returns
@@ -281,6 +317,7 @@ def survey(
             reasons.append(str(error))
     accepted: list[Interpretation] = []
     rejected: list[Interpretation] = []
+    outlines: list[Presence] = []
     left = np.arange(len(data))
     n_models = len(indexes)
     if n_models > LIBRARY and params.scale == 'known':
@@ -288,28 +325,31 @@ def survey(
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
     if not _warm:
         warm_up()
-    results = spread(lambda index: match(index, data, params), indexes)
+    results = spread(partial(_match, data=data, params=params, views=views), indexes)
     # The time limit is for a message and model, however often it is searched for.
     spent = [float(result.stats.get('seconds', 0.0)) for result in results]
     while True:
         bests = [result.best for result in results]
-        score = [0 if best is None else best.matched for best in bests]
+        score = [-np.inf if best is None else _weight(best, views) for best in bests]
         winner = int(np.argmax(score)) if score else 0
         best = bests[winner] if score else None
         if best is None:
             break
         accepted.append(_spread(best, left, len(data)))
         keep = best.assignment == BIN
-        # Models that did not use the claimed data keep their result; it only has to be renumbered.
+        new = results[winner].outlines[:1]
+        outlines += new
+        # Models that did not use what is claimed keep their result; it only has to be renumbered.
         again: list[int] = []
         for number, result in enumerate(results):
             other = result.best
-            if other is None or not (other.assignment[~keep] != BIN).any():
+            if other is None or not ((other.assignment[~keep] != BIN).any() or compete(result.outlines[:1], new)):
                 results[number] = MatchResult(
                     tuple(_thin(one, keep) for one in result.interpretations[:1]),
                     tuple(_thin(one, keep) for one in result.rejected),
                     {},
                     result.reason,
+                    result.outlines[:1],
                 )
             elif spent[number] < params.time_limit_s:
                 again.append(number)
@@ -318,8 +358,9 @@ def survey(
         left = left[keep]
         rest = data.select(left)
 
-        def search_again(number: int, rest: FeatureSet = rest) -> MatchResult:
-            return match(indexes[number], rest, params.replace(time_limit_s=params.time_limit_s - spent[number]))
+        def search_again(number: int, rest: FeatureSet = rest, claimed: Sequence[Presence] = outlines) -> MatchResult:
+            left_over = params.replace(time_limit_s=params.time_limit_s - spent[number])
+            return _match(indexes[number], rest, left_over, views, claimed)
 
         for number, result in zip(again, spread(search_again, again)):
             results[number] = result
@@ -335,7 +376,12 @@ def survey(
         'seconds': time.perf_counter() - started,
     }
     reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'
-    return MatchResult(tuple(accepted), tuple(rejected), stats, reason)
+    return MatchResult(tuple(accepted), tuple(rejected), stats, reason, tuple(outlines))
+
+
+def _weight(one: Interpretation, views: Views | None) -> float:
+    """By what interpretations of several models are compared: data explained; with images, evidence."""
+    return one.matched if views is None else one.evidence
 
 
 def _spread(one: Interpretation, left: np.ndarray, n: int) -> Interpretation:

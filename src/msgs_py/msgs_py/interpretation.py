@@ -48,6 +48,11 @@ class Interpretation:
         lie about one axis. The covariance then has the variance of a uniform angle, pi squared / 3, about it.
     note : str, optional
         What else is to be known of it, as a sentence.
+    evidence : float
+        Nats by which the data, and the images where they were looked at, speak for it more than chance would; not a
+        number where it was not weighed.
+    support : float
+        Share of the visible outline that the images confirm, 0 to 1; not a number without images.
 
     Raises
     ------
@@ -74,6 +79,8 @@ class Interpretation:
     free_shift: FloatArray | None = None
     free_turn: FloatArray | None = None
     note: str | None = None
+    evidence: float = float('nan')
+    support: float = float('nan')
 
     def __post_init__(self) -> None:
         assignment = np.array(self.assignment, dtype=np.int32)

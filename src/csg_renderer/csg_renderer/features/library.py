@@ -9,6 +9,8 @@ from msgs_py import FeatureSet
 
 from ..brep.model_features import model_features
 from ..language import load_models
+from ..scene.terrain import sheets
+from ..visibility.outline import SolidOutline
 from .mesh_features import MESH_SUFFIXES, features_from_mesh
 
 SCENE_SUFFIX = '.csg'
@@ -54,3 +56,31 @@ def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0
     if suffix == FEATURE_SUFFIX:
         return {Path(path).stem: FeatureSet.load(Path(path))}
     return {name: model_features(solid) for name, solid in load_models(path).items()}
+
+
+def load_model_outlines(path: str | os.PathLike[str]) -> dict[str, SolidOutline]:
+    """What cameras see of the models in a file, for those of which more than features is known.
+
+    Parameters
+    ----------
+    path : str or path
+        As for :func:`load_model_features`.
+
+    Returns
+    -------
+    dict of str to SolidOutline
+        By the model's name; empty for a feature file or a mesh.
+
+    Raises
+    ------
+    FileNotFoundError, SceneError
+        As :func:`load_model_features`.
+
+    Examples
+    --------
+    >>> round(load_model_outlines('l_shape')['l_shape'].size, 3)
+    0.083
+    """
+    if Path(path).suffix.lower() in (*MESH_SUFFIXES, FEATURE_SUFFIX):
+        return {}
+    return {name: SolidOutline(solid) for name, solid in load_models(path).items() if not sheets(solid)}

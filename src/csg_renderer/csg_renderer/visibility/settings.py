@@ -39,3 +39,8 @@ NO_NORM = 1e-300
 CREASE_POINTS = 65
 # Largest number of array elements computed at once.
 RAY_CHUNK = 6_000_000
+# Knots along a crease or contour between which points are spread evenly in the image: perspective and the curvature of
+# an ellipse make spacings between two knots differ by about the square of this in parts.
+OUTLINE_KNOTS = 33
+# Distance from a curved surface, in model sizes, at which it is looked whether material stands on one side of it only.
+OFF_SURFACE = 1e-4

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from csg_renderer import SolidOutline
 from msgs_py import FeatureKind, FeatureSet
 
 from ..geometry.back_projection import build_voxels
@@ -74,6 +75,8 @@ class ModelIndex:
         Metres; 0 without curves.
     pair_reach, pair_starts, pair_members, pair_values
         The table of pairs, see :attr:`pair_table`.
+    shape : SolidOutline, optional
+        What of the model a camera sees, when more of it is known than its features.
     """
 
     name: str
@@ -88,6 +91,7 @@ class ModelIndex:
     pair_starts: np.ndarray
     pair_members: np.ndarray
     pair_values: np.ndarray
+    shape: SolidOutline | None = None
     _voxels: dict[float, VoxelGrid] = field(default_factory=dict)
     _parallel: list[ParallelPairs] = field(default_factory=list)
 
@@ -148,7 +152,7 @@ def model_size(features: FeatureSet) -> float:
     return float(np.sqrt(max(0.0, (squares[:, None] + squares - 2.0 * points @ points.T).max())))
 
 
-def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
+def index_model(features: FeatureSet, name: str = 'model', shape: SolidOutline | None = None) -> ModelIndex:
     """Make a model ready for matching.
 
     Parameters
@@ -157,6 +161,8 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
         Model frame, metres; edges without length are left out.
     name : str
         Written to the interpretations.
+    shape : SolidOutline, optional
+        Of the same model; with it, poses are measured in the images.
 
     Returns
     -------
@@ -182,9 +188,8 @@ def index_model(features: FeatureSet, name: str = 'model') -> ModelIndex:
     curve = used.kind == FeatureKind.CURVE
     max_radius = float(used.radii[curve].max()) if curve.any() else 0.0
     starts, members, values = build_pair_table(rows, size)
-    return ModelIndex(
-        name, used, rows, np.ascontiguousarray(used.kind), keep, size, middle, max_radius, size, starts, members, values
-    )
+    kinds = np.ascontiguousarray(used.kind)
+    return ModelIndex(name, used, rows, kinds, keep, size, middle, max_radius, size, starts, members, values, shape)
 
 
 _cache: dict[int, tuple[weakref.ref[FeatureSet], ModelIndex]] = {}

@@ -117,14 +117,14 @@ def symmetric_poses(index: ModelIndex, pose: Pose, known: tuple[Pose, ...] = ())
     for motion in symmetries(index):
         other = pose.compose(motion)
         if not any(
-            _alike(index, other, one) if axis is None else equal_but_for_turn(other, one, axis, index.size)
+            near(index, other, one) if axis is None else equal_but_for_turn(other, one, axis, index.size)
             for one in (pose, *poses)
         ):
             poses.append(other)
     return tuple(poses)
 
 
-def _alike(index: ModelIndex, a: Pose, b: Pose) -> bool:
+def near(index: ModelIndex, a: Pose, b: Pose) -> bool:
     """Within 1 degree and 1 % of the model's size."""
     return (
         a.error_to(b).rotation_deg < SAME_POSE_DEG
@@ -173,8 +173,8 @@ def _that_map(
     rows, tree = index.rows, cKDTree(index.rows[:, :3])
     # What does not lay a few features near any is none: most are ruled out so.
     for k in range(0, len(rows), max(1, len(rows) // SYMMETRY_LOOKS)):
-        near = tree.query(rotations @ rows[k, :3] + shifts)[0] < tolerance
-        rotations, shifts = rotations[near], shifts[near]
+        close = tree.query(rotations @ rows[k, :3] + shifts)[0] < tolerance
+        rotations, shifts = rotations[close], shifts[close]
     middles = rotations @ index.middle + shifts
     found: list[int] = []
     for k in range(len(rotations)):
@@ -185,7 +185,7 @@ def _that_map(
         if ((turns > same_turn) & (gaps < SAME * index.size)).any():
             continue
         motion = Pose(rotations[k], shifts[k])
-        if not _alike(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance):
+        if not near(index, motion, Pose.identity()) and _maps(motion, rows, alike, tolerance):
             found.append(k)
     return tuple(Pose(rotations[k], shifts[k]) for k in found)
 

@@ -104,6 +104,7 @@ def as_interpretation(
         rejected_reason=reason,
         free_turn=turn,
         note=note,
+        evidence=float(refined.evidence[k]),
     )
 
 

@@ -152,3 +152,12 @@ OUTDONE, FURTHER = 4.0, 2.0
 SAME_COVER = 0.02
 # Places along a model edge that are looked at.
 PLACES = 64
+
+# -- what images say -------------------------------------------------------------------------------------------------
+
+# Pixels between points of two outlines, SPACING apart on each, that may stand on one step.
+SAME_STEP = 4.0
+# Square radians, about an axis: a turn known to a tenth of a radian is not free.
+FREE_TURN_VARIANCE = 0.01
+# Pixels that the outline moves from one of the tried turns to the next: within reach of both.
+TURN_PX = 8.0

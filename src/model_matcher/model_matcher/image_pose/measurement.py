@@ -1,0 +1,290 @@
+"""The pose of a model measured in images, from a pose near it (Harris & Stennett 1990; Drummond & Cipolla 2002).
+
+First the pose is drawn in: steps of grey are looked for along the normals of the visible outline, several of each, and
+the pose is laid on them by a mixture of normal errors and steps that are something else, at half the resolution first
+where it may be far off. Then every step is fitted with its blur and with what runs beside it, and the pose is laid on
+those, each by the variance that noise gives it and by what the outline itself may be off. Last the images are asked
+whether the outline is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msgs_py import Pose
+from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array, IntArray
+
+from ..geometry.least_squares import covariances
+from .alignment import Steps, align
+from .model_error import ModelError, fitted_model_error
+from .neighbours import neighbours
+from .presence import chance_beside, confirmations, log_ratio
+from .profiles import Stretches, find_steps, fit_steps
+from .settings import (
+    BLURS,
+    CANDIDATES,
+    DRAWN_IN,
+    FEWEST_POINTS,
+    FIRST_CURVE_ERROR,
+    FIRST_POINT_ERROR,
+    FLANK,
+    NEAR,
+    REACH,
+    SHOWN,
+    SIGNIFICANT,
+    STRONG,
+    TO_ERROR,
+    TO_POSE,
+)
+from .sight import Shape, Sight, look
+from .views import Views
+
+
+@dataclass(frozen=True, eq=False)
+class Presence:
+    """How far the images show an outline at a pose.
+
+    Attributes
+    ----------
+    log_ratio : float
+        Nats: log-likelihood ratio of the outline being there, parts of it hidden, against other edges being there.
+    support : float
+        Share of the length of the outline that the images confirm.
+    sight : Sight
+        The points of the outline.
+    found : (n,) int8
+        Of each, whether it is confirmed: 1, 0, or -1 outside the images.
+    """
+
+    log_ratio: float
+    support: float
+    sight: Sight
+    found: Int8Array
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePose:
+    """A pose as the images have it.
+
+    Attributes
+    ----------
+    pose : Pose
+        first_T_model.
+    covariance : (6, 6) float64
+        Of (x, y, z, rx, ry, rz), metres and radians, first camera's frame. A direction that the images leave free has
+        the variance of its whole range.
+    presence : Presence
+        Whether the model is there at all.
+    residual : (n,) float64
+        Pixels along the normals, of the points of ``presence.sight``; not a number where no step was measured.
+    weight : (n,) float64
+        What each counted for: the chance that its step is the outline's, over its variance; one over square pixels.
+    error : ModelError
+        What the outline was found to be off, pixels.
+    reason : str, optional
+        Why there is no such pose; None when there is one.
+    """
+
+    pose: Pose
+    covariance: FloatArray
+    presence: Presence
+    residual: FloatArray = field(default_factory=lambda: np.zeros(0))
+    weight: FloatArray = field(default_factory=lambda: np.zeros(0))
+    error: ModelError = ModelError(0.0, 0.0)
+    reason: str | None = None
+
+
+def measure_pose(shape: Shape, pose: Pose, views: Views, search_px: float = REACH) -> ImagePose:
+    """Measure where a model is.
+
+    Parameters
+    ----------
+    shape : Shape
+        The model, such as a :class:`csg_renderer.visibility.outline.SolidOutline`.
+    pose : Pose
+        first_T_model near the true one: its outline lies within ``search_px`` of the true one.
+    views : Views
+        Images of one moment, of any number of cameras.
+    search_px : float
+        Pixels.
+
+    Returns
+    -------
+    ImagePose
+        With a reason when nothing of the model is in view.
+    """
+    motion = drawn_in(shape, as_motion(pose), views, search_px)
+    return polished(shape, motion, views)
+
+
+def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = REACH) -> FloatArray:
+    """A pose (12,) laid on the steps within ``search_px`` of its outline; a rough one, a tenth of a pixel off."""
+    motion = motion.copy()
+    levels = [views]
+    while REACH * 2 ** (len(levels) - 1) < search_px:
+        levels.append(levels[-1].halved)
+    for level in levels[::-1]:
+        sight = look(shape, as_pose(motion), level)
+        steps = searched(sight, level, REACH)
+        _aligned(shape, motion, level, sight, steps, np.array(DRAWN_IN), ModelError(0.0, 0.0), elsewhere(steps, REACH))
+    return motion
+
+
+def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
+    """The pose from fitted steps, from one (12,) that is a pixel off at most; see :func:`measure_pose`."""
+    motion = motion.copy()
+    density = 0.0
+    error = ModelError(FIRST_CURVE_ERROR, FIRST_POINT_ERROR)
+    residual = weight = np.zeros(0)
+    normal = np.zeros((6, 6))
+    for last in (False, True):
+        sight = look(shape, as_pose(motion), views)
+        if len(sight) < FEWEST_POINTS:
+            return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+        if not last:
+            near = searched(sight, views, NEAR)
+            density = elsewhere(near, NEAR)
+        steps = fitted(sight, views)
+        for _ in range(TO_ERROR):
+            residual, weight, normal = _aligned(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
+            use = weight > 0.0
+            if use.sum() < FEWEST_POINTS:
+                break
+            error = fitted_model_error(
+                sight.placed.group[use],
+                sight.placed.abscissa[use],
+                residual[use],
+                weight[use],
+                steps.variance[use],
+                error,
+            )
+    pose = as_pose(motion)
+    arm = (pose.translation - pose.apply(shape.centre))[None]
+    covariance = covariances(normal[None], np.ones(1), arm, shape.size)[0]
+    return ImagePose(pose, covariance, presence(shape, pose, views), residual, weight, error)
+
+
+def presence(shape: Shape, pose: Pose, views: Views, known: IntArray | None = None) -> Presence:
+    """Whether images show an outline at a pose.
+
+    Parameters
+    ----------
+    shape : Shape
+    pose : Pose
+        first_T_model, laid on the images.
+    views : Views
+    known : (k,) int, optional
+        Features of the model that say nothing here, because they have been counted elsewhere.
+
+    Returns
+    -------
+    Presence
+    """
+    sight = look(shape, pose, views)
+    if not len(sight):
+        return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8))
+    steps = searched(sight, views, REACH + 1)
+    chance = chance_beside(steps, sight.placed.group)
+    found = confirmations(steps.offset, steps.number, 0.0)
+    inside = found >= 0
+    support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
+    said = found.copy()
+    if known is not None:
+        said[np.isin(sight.feature, known)] = -1
+    return Presence(float(log_ratio(said, sight.placed.group, chance)), support, sight, found)
+
+
+def searched(sight: Sight, views: Views, reach: int) -> Steps:
+    """The strongest steps within ``reach`` pixels of all points, along their normals."""
+    n = len(sight)
+    steps = Steps(np.full((n, CANDIDATES), np.nan), np.zeros(n, np.int32), np.zeros(n))
+    strength = np.zeros((n, CANDIDATES))
+    for eye, image in enumerate(views.images):
+        rows = sight.rows(eye)
+        find_steps(
+            image,
+            sight.placed.pixel[rows],
+            sight.placed.normal[rows],
+            sight.spacing[rows],
+            reach,
+            SIGNIFICANT * float(views.noise[eye]),
+            steps.offset[rows],
+            strength[rows],
+            steps.number[rows],
+        )
+    return steps
+
+
+def elsewhere(steps: Steps, reach: int) -> float:
+    """Steps a pixel that are not the outline's, over the chance that a point of it shows one."""
+    inside = steps.number >= 0
+    each = float(steps.number[inside].mean()) if inside.any() else 0.0
+    return max(each, 1.0 / CANDIDATES) / (2 * reach + 1) / SHOWN
+
+
+def fitted(sight: Sight, views: Views) -> Steps:
+    """The step at each point where the outline says it is, fitted to the grey levels."""
+    beside, flank = neighbours(sight.placed, sight.spacing)
+    out = np.empty((len(sight), 4))
+    for eye, image in enumerate(views.images):
+        rows = sight.rows(eye)
+        outline = Stretches(
+            sight.placed.pixel[rows],
+            sight.placed.normal[rows],
+            sight.spacing[rows],
+            sight.bend[rows],
+            sight.limb[rows],
+            flank[rows],
+        )
+        noise = float(views.noise[eye])
+        if views.blur[eye] <= 0.0:
+            views.blur[eye] = _best_blur(image, outline, beside[rows], noise, out[rows])
+        fit_steps(image, outline, beside[rows], views.blur[eye], noise, out[rows])
+    known = np.isfinite(out[:, 0])
+    return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
+
+
+def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, noise: float, out: FloatArray) -> float:
+    """The blur, pixels, with which strong steps that stand alone are explained best; out : (n, 4) to work in."""
+    alone = (outline.flank == FLANK) & np.isnan(beside).all(axis=1)
+    costs = np.full(len(BLURS), np.inf)
+    for k, blur in enumerate(BLURS):
+        fit_steps(image, outline, beside, blur, noise, out)
+        good = alone & (np.abs(out[:, 2]) > STRONG * noise)
+        if good.any():
+            costs[k] = np.median(out[good, 3] / out[good, 2] ** 2)
+    return BLURS[int(np.argmin(costs))] if np.isfinite(costs).any() else BLURS[1]
+
+
+def _aligned(
+    shape: Shape,
+    motion: FloatArray,
+    views: Views,
+    sight: Sight,
+    steps: Steps,
+    widths: FloatArray,
+    error: ModelError,
+    density: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
+    residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
+    own = Steps(steps.offset, steps.number, steps.variance + error.point**2)
+    align(motion, shape.centre, views.rows, sight.placed, own, widths, density, error.curve, residual, weight, normal)
+    return residual, weight, normal
+
+
+def _nothing(motion: FloatArray, there: Presence) -> ImagePose:
+    """The result where nothing can be measured."""
+    return ImagePose(as_pose(motion), np.full((6, 6), np.nan), there, reason='too little of the model is in view')
+
+
+def as_motion(pose: Pose) -> FloatArray:
+    """A pose as a row of twelve: rotation row by row, translation in metres."""
+    return np.append(pose.rotation.ravel(), pose.translation)
+
+
+def as_pose(motion: FloatArray) -> Pose:
+    """The pose of a row of twelve."""
+    return Pose(motion[:9].reshape(3, 3), motion[9:])

@@ -1,0 +1,270 @@
+"""Grey levels along normals of an outline, and the steps in them: compiled loops."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array
+
+from ..geometry.least_squares import cholesky
+from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LONGEST_FIT_STEP, OFF_PREDICTED, SIGNIFICANT, TAPS
+
+
+class Stretches(NamedTuple):
+    """Short stretches of an outline in one image.
+
+    Attributes
+    ----------
+    pixel, normal : (n, 2) float64
+        Middles and unit normals, pixels.
+    spacing : (n,) float64
+        Pixels, their lengths.
+    bend : (n,) float64
+        Their curvatures, towards the normal, one over pixels.
+    limb : (n,) float64
+        1 or -1: the side, along the normal, on which a curved surface turns away from the eye; 0 where none does.
+    flank : (n,) int32
+        Pixels to either side that nothing else of the outline crosses but what runs beside it; 0: there is no room.
+    """
+
+    pixel: FloatArray
+    normal: FloatArray
+    spacing: FloatArray
+    bend: FloatArray
+    limb: FloatArray
+    flank: Int32Array
+
+
+@njit(nogil=True)
+def profile(image: ByteArray, at: tuple[float, ...], spacing: float, bend: float, reach: int, out: FloatArray) -> bool:
+    """Grey levels at whole pixels along a normal, each the mean of a stretch along the tangent.
+
+    Parameters
+    ----------
+    image : (h, w) uint8
+    at : tuple of 4 float
+        The middle and the unit normal, pixels.
+    spacing : float
+        Pixels, length of the stretch.
+    bend : float
+        Its curvature towards the normal, one over pixels.
+    reach : int
+        Pixels to either side.
+    out : (2 reach + 1,) float64
+        Filled.
+
+    Returns
+    -------
+    bool
+        Whether all of it lies in the image.
+    """
+    height, width = image.shape
+    u, v, nx, ny = at
+    half = 0.5 * spacing
+    for side in (-1.0, 1.0):
+        for end in (-half, half):
+            x, y = u + side * (reach + 1) * nx + end * ny, v + side * (reach + 1) * ny - end * nx
+            if not (x >= 0.0 and y >= 0.0 and x < width - 1 and y < height - 1):
+                return False
+    count = max(1, int(round(spacing)))
+    for k in range(2 * reach + 1):
+        total = 0.0
+        for j in range(count):
+            along = spacing * ((j + 0.5) / count - 0.5)
+            across = k - reach + 0.5 * bend * along * along
+            x, y = u + across * nx + along * ny, v + across * ny - along * nx
+            i0, j0 = int(x), int(y)
+            a, b = x - i0, y - j0
+            top = (1.0 - a) * image[j0, i0] + a * image[j0, i0 + 1]
+            low = (1.0 - a) * image[j0 + 1, i0] + a * image[j0 + 1, i0 + 1]
+            total += (1.0 - b) * top + b * low
+        out[k] = total / count
+    return True
+
+
+@njit(nogil=True)
+def find_steps(
+    image: ByteArray,
+    pixel: FloatArray,
+    normal: FloatArray,
+    spacing: FloatArray,
+    reach: int,
+    least: float,
+    offset: FloatArray,
+    strength: FloatArray,
+    count: Int32Array,
+) -> None:
+    """Steps of grey along normals, the strongest of each.
+
+    Parameters
+    ----------
+    image : (h, w) uint8
+    pixel, normal : (n, 2) float64
+    spacing : (n,) float64
+        Pixels along the tangent that each stands for.
+    reach : int
+        Pixels to either side that are searched.
+    least : float
+        Grey levels, response of the filter to a stretch of one pixel; it falls with the root of the stretch.
+    offset, strength : (n, c) float64
+        Filled with the steps: pixels along the normal, grey levels with their sign.
+    count : (n,) int32
+        Filled with how many there are; -1 where the profile leaves the image.
+    """
+    taps = len(TAPS)
+    half = reach + taps + 1
+    grey, response = np.empty(2 * half + 1), np.empty(2 * reach + 3)
+    most = offset.shape[1]
+    for n in range(len(pixel)):
+        count[n] = -1
+        at = (pixel[n, 0], pixel[n, 1], normal[n, 0], normal[n, 1])
+        if not profile(image, at, spacing[n], 0.0, half, grey):
+            continue
+        count[n] = 0
+        for k in range(2 * reach + 3):
+            total = 0.0
+            for j in range(taps):
+                total += TAPS[j] * (grey[k + taps + j + 1] - grey[k + taps - j - 1])
+            response[k] = total
+        enough = least / math.sqrt(max(spacing[n], 1.0))
+        for k in range(1, 2 * reach + 2):
+            here = abs(response[k])
+            way = 1.0 if response[k] > 0.0 else -1.0
+            before, after = way * response[k - 1], way * response[k + 1]
+            if here < enough or here <= before or here < after:
+                continue
+            place = k - 1 - reach + 0.5 * (before - after) / (before - 2.0 * here + after)
+            slot = count[n]
+            if slot < most:
+                count[n] += 1
+            else:
+                slot = 0
+                for j in range(1, most):
+                    if abs(strength[n, j]) < abs(strength[n, slot]):
+                        slot = j
+                if abs(strength[n, slot]) >= here:
+                    continue
+            offset[n, slot], strength[n, slot] = place, response[k]
+
+
+@njit(nogil=True)
+def fit_steps(
+    image: ByteArray, outline: Stretches, beside: FloatArray, blur: float, noise: float, fitted: FloatArray
+) -> None:
+    """The steps of an outline fitted to the profiles across it: a + sum of b_k Phi((x - o_k - d_k) / blur).
+
+    Least squares in the levels and the places. The derivative by a place is largest at its step, so that nothing which
+    white noise allows is given away (the maximum of a filter gives up a third).
+
+    Parameters
+    ----------
+    image : (h, w) uint8
+    outline : Stretches
+    beside : (n, m) float64
+        Pixels from each point to further steps across its normal, o_k; not a number where there are fewer.
+    blur : float
+        Pixels, sigma.
+    noise : float
+        Grey levels, sigma.
+    fitted : (n, 4) float64
+        Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual. Not a
+        number where the profile leaves the image, shows no step or one farther than FARTHEST_STEP away.
+    """
+    grey = np.empty(2 * FLANK + 1)
+    most = 4 + 2 * beside.shape[1]
+    row, right, x = np.empty(most), np.empty(most), np.empty(most)
+    normal, low = np.empty((most, most)), np.empty((most, most))
+    for n in range(len(outline.spacing)):
+        for i in range(4):
+            fitted[n, i] = np.nan
+        r = outline.flank[n]
+        stretch = max(outline.spacing[n], 1.0)
+        at = (outline.pixel[n, 0], outline.pixel[n, 1], outline.normal[n, 0], outline.normal[n, 1])
+        if r == 0 or not profile(image, at, outline.spacing[n], outline.bend[n], r, grey):
+            continue
+        size = 3
+        while size < most - 1 and not math.isnan(beside[n, (size - 3) // 2]):
+            size += 2
+        steps = size
+        if outline.limb[n] != 0.0:
+            size += 1
+        # What is believed beforehand of contrasts and places, in units of the noise of a pixel of the profile.
+        variance = noise * noise / stretch
+        ridge_level, ridge_place = variance / CONTRAST**2, variance / OFF_PREDICTED**2
+        x[:] = 0.0
+        squares = 0.0
+        for turn in range(FIT_TURNS):
+            normal[:], right[:] = 0.0, 0.0
+            squares = 0.0
+            for k in range(2 * r + 1):
+                # Unknowns: place and contrast of each step, first the point's own, and the level before all.
+                row[0] = 1.0
+                e = grey[k] - x[0]
+                for j in range(1, steps, 2):
+                    t = (k - r - x[j] - (beside[n, (j - 3) // 2] if j > 1 else 0.0)) / blur
+                    row[j + 1] = 0.5 * math.erfc(-t * 0.7071067811865476)
+                    row[j] = -x[j + 1] * math.exp(-0.5 * t * t) * 0.3989422804014327 / blur
+                    e -= x[j + 1] * row[j + 1]
+                if size > steps:
+                    # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the
+                    # distance.
+                    row[steps] = math.sqrt(max(outline.limb[n] * (k - r - x[1]), 0.0))
+                    e -= x[steps] * row[steps]
+                squares += e * e
+                for i in range(size):
+                    right[i] += row[i] * e
+                    for j in range(i + 1):
+                        normal[i, j] += row[i] * row[j]
+            for j in range(1, steps, 2):
+                normal[j, j] += ridge_place
+                right[j] -= ridge_place * x[j]
+                normal[j + 1, j + 1] += ridge_level
+                right[j + 1] -= ridge_level * x[j + 1]
+            if size > steps:
+                normal[steps, steps] += ridge_level
+                right[steps] -= ridge_level * x[steps]
+            if not cholesky(normal, size, low):
+                break
+            _solve(low, size, right)
+            for j in range(1, steps, 2):
+                right[j] = 0.0 if turn == 0 else min(max(right[j], -LONGEST_FIT_STEP), LONGEST_FIT_STEP)
+            for i in range(size):
+                x[i] += right[i]
+        if not abs(x[1]) < FARTHEST_STEP or abs(x[2]) < SIGNIFICANT * math.sqrt(variance):
+            continue
+        fitted[n, 0], fitted[n, 2] = x[1], x[2]
+        fitted[n, 3] = squares / max(2 * r + 1 - size, 1)
+        # Where the profile is not what the outline says, the step is known as badly as the rest is explained: the noise
+        # of the image counts as many residuals as the profile has.
+        fitted[n, 1] = _variance(low, size, 1) * 0.5 * (variance + fitted[n, 3])
+
+
+@njit(nogil=True)
+def _solve(low: FloatArray, n: int, x: FloatArray) -> None:
+    """Solve L L^T x = right in place."""
+    for i in range(n):
+        for k in range(i):
+            x[i] -= low[i, k] * x[k]
+        x[i] /= low[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= low[k, i] * x[k]
+        x[i] /= low[i, i]
+
+
+@njit(nogil=True)
+def _variance(low: FloatArray, n: int, which: int) -> float:
+    """Element (which, which) of the inverse of L L^T: the squared length of that column of the inverse of L."""
+    column = np.zeros(n)
+    total = 0.0
+    for i in range(which, n):
+        value = 1.0 if i == which else 0.0
+        for k in range(which, i):
+            value -= low[i, k] * column[k]
+        column[i] = value / low[i, i]
+        total += column[i] * column[i]
+    return total

@@ -1,0 +1,81 @@
+"""Numbers of the pose in the images, each with its unit and its reason."""
+
+from __future__ import annotations
+
+# Taps of the derivative of a Gaussian of 1 px, with which steps of grey are found along a profile, at 1, 2, 3 px from
+# its middle; a step of one grey level gives one (Canny 1986, whose best filter this is close to).
+TAPS = (0.6661, 0.2973, 0.0366)
+# Sigma of the noise, times this: the least response of a step. Of profiles without a step one in a hundred has one.
+SIGNIFICANT = 3.0
+# Steps of a profile that are kept, the strongest. Print and shadows stand beside an edge, rarely more than these.
+CANDIDATES = 4
+# Sigma of the difference of neighbours, times this, is the noise of a pixel: second differences (1, -2, 1).
+SECOND_DIFFERENCE = 6.0**-0.5
+# Rows between those whose noise is looked at: enough pixels in a small image, few in a large one.
+NOISE_ROWS = 8
+# Least noise, grey levels: that of rounding to whole ones.
+ROUNDING_NOISE = 12.0**-0.5
+# Pixels between neighbouring points of an outline, and to either side along their normals that steps are looked for:
+# beyond, images of half the size are searched first.
+SPACING = 4.0
+REACH = 8
+# Pixels to either side of a step that its fit takes in, at most: the flanks must say what the levels are.
+FLANK = 5
+# Chance that the edge of a visible point shows as a step: the rest is lost to equal brightness on both sides.
+SHOWN = 0.7
+# Pixels, sigmas that are added to the steps' own while a pose is drawn in: from half the reach to the width of an edge.
+DRAWN_IN = (4.0, 2.8, 2.0, 1.4, 1.0, 0.7)
+# Pixels to either side in which steps are counted once the pose is drawn in.
+NEAR = 4
+# Points without which a pose of six unknowns is not measured.
+FEWEST_POINTS = 12
+# Unknowns of a pose, which the errors of curves have lost.
+POSE_UNKNOWNS = 6
+# Rounds of sigmas of the outline's error and pose, and steps to the pose in each.
+TO_ERROR = 8
+TO_POSE = 2
+# Sigmas of the noise, of steps that tell the blur.
+STRONG = 8.0
+# Lengths and sums are divided by at least this.
+NOT_ZERO = 1e-12
+# Blurs that are tried, pixels, sigma: from that of bilinear look-up to strong motion.
+BLURS = (0.4, 0.5, 0.62, 0.78, 0.97, 1.2, 1.5, 1.9, 2.4, 3.0)
+# Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
+FIT_TURNS = 5
+LONGEST_FIT_STEP = 0.5
+# Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.
+FARTHEST_STEP = 1.5
+# Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.
+BESIDE = 2
+# Cosine of the angle between edges that run beside one another: across a stretch of 4 px they stay within a pixel.
+PARALLEL = 0.97
+# What is believed of a step before it is looked at, sigmas: grey levels of its contrast, pixels from where it is
+# predicted.
+CONTRAST = 100.0
+OFF_PREDICTED = 1.0
+# Pixels to either side without which a step's levels cannot be told.
+LEAST_FLANK = 2
+# Pixels from the predicted place within which a step confirms a point: the blur of an edge, and what its pose is off.
+ON_EDGE = 1.0
+# Pixels along the normals by which an outline is moved to see what chance does.
+CONTROLS = (-8.0, -6.5, -5.0, -3.5, 3.5, 5.0, 6.5, 8.0)
+# Confirmations and points believed to have been seen beforehand: after none, after one, where a curve begins.
+PRIOR_CHANCES = ((3.0, 15.0), (6.0, 15.0), (4.0, 15.0))
+# The same of points in runs, of which there are at least so many: 20 px, which texture alone does not do.
+PRIOR_ALIGNED = (1.5, 50.0)
+LEAST_RUN = 5
+# Places that a pose drawn in had to choose from along each normal: half a reach, in steps of the width of an edge.
+PLACES_TRIED = 4
+# Chance that a point in sight is confirmed; that the next one is hidden; that a hidden one's next is not, at most.
+SEEN_STEP = 0.9
+STOPS = 0.03
+REVEALED = 0.5
+# Chance that a run of confirmations by another edge ends at a point: it is as long as edges are, 80 px.
+RUN_ENDS = 0.05
+# Shares of an outline that may be hidden, equally likely.
+HIDDEN = (0.1, 0.3, 0.5, 0.7)
+# Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.
+FIRST_CURVE_ERROR = 0.5
+FIRST_POINT_ERROR = 0.25
+# One over square radians: what is known of a turn that nothing tells, uniform over a half turn to either side.
+HALF_TURN_INFORMATION = 3.0 / 3.141592653589793**2

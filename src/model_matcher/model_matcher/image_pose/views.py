@@ -1,0 +1,116 @@
+"""Images and the cameras that took them, made ready for measuring."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.robust import sigma_from_median
+from msgs_py.numeric.typed import ByteArray, FloatArray
+
+from .settings import NOISE_ROWS, ROUNDING_NOISE, SECOND_DIFFERENCE
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Images of one moment, and where their cameras stand.
+
+    Parameters
+    ----------
+    images : sequence of (h, w) uint8
+        Grey, free of distortion; one for each camera.
+    cameras : sequence of PinholeCamera
+    poses : sequence of Pose
+        first_T_camera of each.
+
+    Raises
+    ------
+    ValueError
+        Names the image that does not fit its camera.
+    """
+
+    images: Sequence[ByteArray]
+    cameras: Sequence[PinholeCamera]
+    poses: Sequence[Pose]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'images', tuple(np.ascontiguousarray(image) for image in self.images))
+        object.__setattr__(self, 'cameras', tuple(self.cameras))
+        object.__setattr__(self, 'poses', tuple(self.poses))
+        if not len(self.images) == len(self.cameras) == len(self.poses) > 0:
+            raise ValueError(
+                f'images: expected one for each camera, got {len(self.images)} for {len(self.cameras)} cameras '
+                f'and {len(self.poses)} poses'
+            )
+        for k, (image, camera) in enumerate(zip(self.images, self.cameras)):
+            if image.dtype != np.uint8 or image.shape != (camera.height, camera.width):
+                raise ValueError(
+                    f'images: image {k} is {image.dtype} of shape {image.shape}, expected uint8 of shape '
+                    f'{(camera.height, camera.width)}, as its camera has it'
+                )
+
+    @classmethod
+    def of(cls, images: Sequence[ByteArray], cameras: CameraRig | StereoRig | PinholeCamera) -> Views:
+        """Images of a rig, or one image of one camera (in a sequence).
+
+        Parameters
+        ----------
+        images : sequence of (h, w) uint8
+        cameras : CameraRig, StereoRig or PinholeCamera
+        """
+        if isinstance(cameras, PinholeCamera):
+            return cls(images, (cameras,), (Pose.identity(),))
+        rig = CameraRig.from_stereo(cameras) if isinstance(cameras, StereoRig) else cameras
+        return cls(images, rig.cameras, rig.poses)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @cached_property
+    def noise(self) -> FloatArray:
+        """Sigma of each image's noise, (views,) float64, grey levels (Immerkaer 1996, along rows)."""
+        return np.array([_noise(image) for image in self.images])
+
+    @cached_property
+    def blur(self) -> FloatArray:
+        """Sigma of each image's blur, (views,) float64, pixels; 0 where it has not been measured yet."""
+        return np.zeros(len(self))
+
+    @cached_property
+    def halved(self) -> Views:
+        """The same at half the resolution."""
+        images = [np.asarray(cv2.pyrDown(image), np.uint8) for image in self.images]
+        # A pixel of the smaller image is centred on every second one of the larger.
+        cameras = [
+            PinholeCamera(image.shape[1], image.shape[0], c.fx / 2, c.fy / 2, c.cx / 2, c.cy / 2)
+            for image, c in zip(images, self.cameras)
+        ]
+        return Views(images, cameras, self.poses)
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """The cameras as compiled functions take them, (views, 16): camera_R_first, camera_t_first, fx, fy, cx, cy."""
+        out = np.empty((len(self), 16))
+        for row, camera, pose in zip(out, self.cameras, self.poses):
+            back = pose.inverse()
+            row[:9], row[9:12] = back.rotation.ravel(), back.translation
+            row[12:] = camera.fx, camera.fy, camera.cx, camera.cy
+        return out
+
+
+def _noise(image: ByteArray) -> float:
+    """Sigma of the noise of an image (h, w), grey levels."""
+    some = image[::NOISE_ROWS].astype(np.int16)
+    bend = some[:, :-2] - 2 * some[:, 1:-1] + some[:, 2:]
+    count = np.bincount(np.abs(bend).ravel())
+    # The median between whole numbers: values are taken as spread evenly about each.
+    below = np.cumsum(count)
+    middle = 0.5 * below[-1]
+    level = int(np.searchsorted(below, middle))
+    median = level - 0.5 + (middle - (below[level - 1] if level else 0)) / max(count[level], 1)
+    return max(sigma_from_median(median) * SECOND_DIFFERENCE, ROUNDING_NOISE)

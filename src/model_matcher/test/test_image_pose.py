@@ -1,0 +1,256 @@
+"""The pose measured in images: steps, alignment, presence, and the whole on rendered pairs."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from csg_renderer import Light, Scene, SolidOutline, load_models, model_features, render_stereo
+from csg_renderer.raycast.sensor import SensorModel, grey
+from model_matcher import MatchParams, index_model, match
+from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
+from model_matcher.image_pose.model_error import ModelError, fitted_model_error
+from model_matcher.image_pose.presence import Chance, log_ratio
+from model_matcher.image_pose.profiles import Stretches, find_steps, fit_steps
+from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FLANK
+from model_matcher.image_pose.sight import look
+from model_matcher.image_pose.views import Views
+from msgs_py import PinholeCamera, Pose, StereoRig
+from stereo_recovery import recover
+
+CAMERA = PinholeCamera.centred(512, 512, 700.0)
+
+
+def step_image(places, levels, angle, blur=0.6, noise=0.0, seed=0):
+    """(64, 64) uint8 with straight steps across its middle: places along the normal, pixels; levels, one more."""
+    v, u = np.mgrid[0:64, 0:64] - 31.5
+    across = u * np.cos(angle) + v * np.sin(angle)
+    phi = np.vectorize(lambda t: 0.5 * math.erfc(-t / math.sqrt(2.0)))
+    image = np.full(across.shape, float(levels[0]))
+    for place, before, after in zip(places, levels[:-1], levels[1:]):
+        image += (after - before) * phi((across - place) / blur)
+    image += np.random.default_rng(seed).normal(scale=noise, size=image.shape) if noise else 0.0
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def stretches(angle, count=8, spacing=4.0):
+    """Points along the middle line of a step image."""
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    along = (np.arange(count) - 0.5 * (count - 1)) * spacing
+    pixel = 31.5 + along[:, None] * np.array([-normal[1], normal[0]])
+    still = np.zeros(count)
+    return Stretches(
+        pixel, np.tile(normal, (count, 1)), np.full(count, spacing), still, still, np.full(count, FLANK, np.int32)
+    )
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-1.0, 1.0), st.floats(0.0, 2.0 * math.pi), st.floats(0.5, 1.2))
+def test_a_step_is_fitted_where_it_is(place, angle, blur):
+    outline = stretches(angle)
+    out = np.empty((len(outline.spacing), 4))
+    image = step_image([place], [60, 180], angle, blur)
+    # Looking an image up between its pixels blurs it by a little more.
+    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), math.hypot(blur, 0.35), 0.3, out)
+    assert np.abs(out[:, 0].mean() - place) < 0.01
+    np.testing.assert_allclose(out[:, 2], 120.0, atol=4.0)
+
+
+def test_steps_beside_one_another_are_told_apart():
+    angle = 0.4
+    outline = stretches(angle)
+    out = np.empty((len(outline.spacing), 4))
+    image = step_image([0.2, 2.0], [160, 60, 150], angle)
+    beside = np.full((len(out), BESIDE), np.nan)
+    beside[:, 0] = 1.7
+    fit_steps(image, outline, beside, 0.73, 0.3, out)
+    assert np.abs(out[:, 0] - 0.2).max() < 0.06
+
+
+def test_the_stated_variance_is_that_of_noise():
+    angle, noise = 0.7, 3.0
+    outline = stretches(angle)
+    places, stated = [], []
+    for seed in range(60):
+        out = np.empty((len(outline.spacing), 4))
+        image = step_image([0.3], [80, 140], angle, 0.7, noise, seed)
+        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 0.8, noise, out)
+        places.append(out[:, 0])
+        stated.append(out[:, 1])
+    assert 0.8 < np.var(places) / np.mean(stated) < 1.25
+
+
+def test_all_steps_of_a_profile_are_found_with_their_signs():
+    angle = 0.0
+    outline = stretches(angle, 5)
+    n = len(outline.spacing)
+    offset, strength, count = np.full((n, CANDIDATES), np.nan), np.zeros((n, CANDIDATES)), np.zeros(n, np.int32)
+    image = step_image([-5.2, 1.4, 6.0], [50, 120, 70, 200], angle)
+    find_steps(image, outline.pixel, outline.normal, outline.spacing, 8, 5.0, offset, strength, count)
+    assert (count == 3).all()
+    order = np.argsort(offset[:, :3], axis=1)
+    np.testing.assert_allclose(np.take_along_axis(offset[:, :3], order, 1), [[-5.2, 1.4, 6.0]] * n, atol=0.15)
+    assert (np.sign(np.take_along_axis(strength[:, :3], order, 1)) == [1, -1, 1]).all()
+
+
+def test_the_errors_of_curves_are_told_from_those_of_points():
+    rng = np.random.default_rng(4)
+    curves, points = 40, 30
+    group = np.repeat(np.arange(curves), points).astype(np.int32)
+    abscissa = np.tile((2.0 * np.arange(points) + 1.0) / points - 1.0, curves)
+    offset, slope = rng.normal(scale=0.3, size=(2, curves))
+    residual = offset[group] + slope[group] * abscissa + rng.normal(scale=math.hypot(0.1, 0.05), size=len(group))
+    error = ModelError(0.5, 0.25)
+    variance = np.full(len(group), 0.05**2)
+    for _ in range(20):
+        weight = 1.0 / (variance + error.point**2)
+        error = fitted_model_error(group, abscissa, residual, weight, variance, error)
+    assert error.curve == pytest.approx(0.3, rel=0.2)
+    assert error.point == pytest.approx(0.1, rel=0.1)
+
+
+def test_curves_count_for_presence_and_not_their_lengths():
+    chance = Chance(0.2, 0.4, 0.25, 0.1)
+
+    def of(curves, points, share):
+        group = np.repeat(np.arange(curves), points).astype(np.int32)
+        found = (np.arange(curves * points) % 100 < 100 * share).astype(np.int8)
+        return log_ratio(found, group, chance)
+
+    assert of(12, 20, 1.0) > 15.0
+    assert of(12, 40, 1.0) < 1.5 * of(12, 20, 1.0)
+    assert of(24, 20, 1.0) > 1.8 * of(12, 20, 1.0)
+    assert log_ratio(np.zeros(200, np.int8), np.repeat(np.arange(10), 20).astype(np.int32), chance) < -5.0
+    assert log_ratio(np.full(50, -1, np.int8), np.zeros(50, np.int32), chance) == pytest.approx(0.0, abs=1e-9)
+
+
+def rendered(name, seed, noise=2.0):
+    """Shape, features, true pose and the views of an object of a scene file in a random pose."""
+    solid = next(iter(load_models(name).values()))
+    shape = SolidOutline(solid)
+    rng = np.random.default_rng([seed, 7])
+    distance = 4.0 * shape.size
+    rig = StereoRig.symmetric(CAMERA, 0.2 * distance)
+    turn = Rotation.random(random_state=rng).as_matrix()
+    pose = Pose(turn, np.array([0.5 * rig.baseline, 0.0, distance]) - turn @ shape.centre)
+    lights = [Light((0.3, -0.5, 0.2), (0.8,) * 3), Light((-0.5, -0.2, -0.3), (0.3,) * 3)]
+    scene = Scene([solid.transformed(pose)], lights, (0.2,) * 3, (0.4,) * 3)
+    frames = render_stereo(scene, rig, antialias=2)
+    images = [SensorModel(0.5, noise, (seed, eye)).apply(grey(frame.image)) for eye, frame in enumerate(frames)]
+    return shape, solid, pose, Views.of(images, rig), rig
+
+
+def moved(pose, about, degrees, millimetres, seed):
+    rng = np.random.default_rng(seed)
+    turn, shift = rng.normal(size=(2, 3))
+    turn *= np.radians(degrees) / np.linalg.norm(turn)
+    shift *= 1e-3 * millimetres / np.linalg.norm(shift)
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    middle = pose.apply(about)
+    return Pose(rotation @ pose.rotation, middle + shift + rotation @ (pose.translation - middle))
+
+
+@pytest.mark.parametrize(('name', 'seed'), [('plug', 1), ('cylinder_box', 5), ('wedge', 1)])
+def test_a_rendered_pose_is_measured_within_its_covariance(name, seed):
+    shape, _, pose, views, _ = rendered(name, seed)
+    found = measure_pose(shape, moved(pose, shape.centre, 2.0, 10.0 * shape.size, seed), views)
+    assert found.reason is None
+    assert pose.error_to(found.pose).rotation_deg < 0.1
+    turn = Rotation.from_matrix(found.pose.rotation @ pose.rotation.T).as_rotvec()
+    off = np.concatenate([found.pose.translation - pose.translation, turn])
+    assert off @ np.linalg.solve(found.covariance, off) < 30.0  # one of 25,000 has more
+    assert found.presence.log_ratio > 15.0
+    assert found.presence.support > 0.7
+
+
+def test_a_pose_far_off_is_drawn_in_at_half_resolution():
+    shape, _, pose, views, _ = rendered('plug', 1)
+    start = moved(pose, shape.centre, 4.0, 30.0 * shape.size, 3)
+    found = measure_pose(shape, start, views, search_px=32)
+    assert pose.error_to(found.pose).rotation_deg < 0.1
+
+
+def test_one_camera_is_enough():
+    shape, _, pose, views, rig = rendered('plug', 1)
+    found = measure_pose(
+        shape, moved(pose, shape.centre, 1.0, 4.0 * shape.size, 2), Views.of(views.images[:1], rig.left)
+    )
+    assert pose.error_to(found.pose).rotation_deg < 0.5
+
+
+def test_what_is_not_there_is_not_confirmed():
+    shape, _, pose, views, _ = rendered('plug', 1)
+    other = SolidOutline(next(iter(load_models('chair').values())))
+    at = Pose(pose.rotation, pose.apply(shape.centre) - pose.rotation @ other.centre)
+    motion = drawn_in(other, np.append(at.rotation.ravel(), at.translation), views)
+    assert presence(other, Pose(motion[:9].reshape(3, 3), motion[9:]), views).log_ratio < 10.0
+
+
+def test_a_shape_out_of_view_is_a_reason():
+    shape, _, _, views, _ = rendered('plug', 1)
+    found = measure_pose(shape, Pose(np.eye(3), np.array([0.0, 0.0, -1.0])), views)
+    assert found.reason == 'too little of the model is in view'
+
+
+def test_a_ball_leaves_its_turn_free():
+    from csg_renderer import Solid
+
+    solid = Solid.sphere(0.03)
+    pose = Pose(np.eye(3), np.array([0.04, 0.0, 0.4]))
+    rig = StereoRig.symmetric(CAMERA, 0.08)
+    scene = Scene([solid.transformed(pose)], [Light((0.3, -0.5, 0.2), (0.8,) * 3)], (0.2,) * 3, (0.7,) * 3)
+    images = [
+        SensorModel(0.5, 2.0, (3, eye)).apply(grey(frame.image))
+        for eye, frame in enumerate(render_stereo(scene, rig, antialias=2))
+    ]
+    shape = SolidOutline(solid)
+    found = measure_pose(shape, Pose(np.eye(3), pose.translation + [0.001, 0.0, 0.002]), Views.of(images, rig))
+    assert np.linalg.norm(found.pose.translation - pose.translation) < 3e-4
+    assert np.linalg.eigvalsh(found.covariance[3:, 3:]).min() > 1.0
+
+
+def test_points_say_which_curve_and_view_they_are_of():
+    shape, _, pose, views, _ = rendered('cylinder_box', 5)
+    sight = look(shape, pose, views)
+    assert (np.diff(sight.placed.group) >= 0).all()
+    assert set(sight.placed.eye.tolist()) == {0, 1}
+    assert np.abs(sight.placed.abscissa).max() < 1.0
+    np.testing.assert_allclose(np.linalg.norm(sight.placed.normal, axis=1), 1.0)
+    assert (sight.limb[sight.feature >= 0] == 0.0).all()
+
+
+def test_images_of_another_size_than_the_camera_are_refused():
+    with pytest.raises(ValueError, match=r'images: image 0 is uint8 of shape \(4, 4\)'):
+        Views.of([np.zeros((4, 4), np.uint8)], CAMERA)
+
+
+class TestMatching:
+    def test_the_images_give_the_accepted_pose_and_its_support(self):
+        shape, solid, pose, views, rig = rendered('plug', 1)
+        data = recover(*views.images, rig).features
+        index = index_model(model_features(solid), 'plug', shape)
+        by_features, by_images = match(index, data), match(index, data, views=views)
+        assert by_images.best is not None
+        assert by_images.best.support > 0.7
+        assert len(by_images.outlines) == len(by_images.interpretations)
+        assert pose.error_to(by_images.best.pose).rotation_deg < 0.1
+        assert by_features.best is None or np.isnan(by_features.best.support)
+
+    def test_an_absent_model_is_refused_with_what_the_images_say(self):
+        _, _, _, views, rig = rendered('plug', 1)
+        data = recover(*views.images, rig).features
+        solid = next(iter(load_models('chair').values()))
+        result = match(index_model(model_features(solid), 'chair', SolidOutline(solid)), data, views=views)
+        assert result.best is None
+        assert all(one.rejected_reason for one in result.rejected)
+
+    def test_the_time_limit_holds_while_images_are_looked_at(self):
+        shape, solid, _, views, rig = rendered('plug', 1)
+        data = recover(*views.images, rig).features
+        index = index_model(model_features(solid), 'plug', shape)
+        match(index, data, views=views)
+        result = match(index, data, MatchParams(time_limit_s=1e-6), views=views)
+        assert result.stats['seconds'] < 1.0
