@@ -86,16 +86,16 @@ def solved(seen: StereoSegments, beside: Beside) -> tuple[Estimate, FloatArray]:
         if beside.late():
             break
         own = _as_they_meet(Factors.concatenate([junction_factors(seen, found.x), *fixed]), found)
-        alone = by_factors(lines, own, found.used[: len(own)], found.unit_variance)
+        alone = by_factors(lines, own, found.used[: len(own)], found)
         so_far = found.x, found.covariance
         parallel = parallel_factors(seen.segments[0], seen.matches.left, so_far, alone, beside.curves, beside.rig)
         used = np.concatenate([found.used[: len(own)], np.zeros(len(parallel), bool)])
-        found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own))
+        found = estimate(lines, Factors.concatenate([own, parallel]), used, len(own), found.place)
         # Groups whose edges miss them by more than their sigmas say are told with larger ones, and no other factor.
         scatter = unit_variance(found.misfit[len(own) :])
         if scatter > 1.0:
             parallel = replace(parallel, sigma=np.sqrt(scatter) * parallel.sigma)
-            found = estimate(lines, Factors.concatenate([own, parallel]), found.used, len(own))
+            found = estimate(lines, Factors.concatenate([own, parallel]), found.used, len(own), found.place)
     return found, lines.covariance_with_line(found.covariance)
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
-from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray
+from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
 from .factors import Factors
 from .normal_equations import NormalEquations, Solution
@@ -92,6 +92,8 @@ class Estimate:
         How much larger covariances are than the stated sigmas have them; those of x hold it.
     off, variance : (k,) float64, pixels, and its square
         What each factor's statement misses by all others, and what they know it to; without its own sigma.
+    place : (n,) int
+        The order in which edges were eliminated, for estimates of much the same factors.
     """
 
     x: FloatArray
@@ -103,6 +105,7 @@ class Estimate:
     unit_variance: float
     off: FloatArray
     variance: FloatArray
+    place: IntArray
 
 
 def without_itself(factors: Factors, solution: Solution, used: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -171,7 +174,9 @@ def end_sigma(covariance: AnyArray, lines: OwnLines) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum('nei,nij,nej->ne', lines.ends, covariance, lines.ends)))
 
 
-def estimate(lines: OwnLines, factors: Factors, used: BoolArray, telling: int | None = None) -> Estimate:
+def estimate(
+    lines: OwnLines, factors: Factors, used: BoolArray, telling: int | None = None, place: IntArray | None = None
+) -> Estimate:
     """The disparities of all edges.
 
     Parameters
@@ -184,12 +189,14 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray, telling: int | 
         Factors that were found to hold before.
     telling : int, optional
         The unit variance is told by so many of the factors, the first; by all when it is not given.
+    place : (n,) int, optional
+        See :class:`.normal_equations.NormalEquations`.
     """
     count = len(lines.extent)
     if count == 0:
         none = np.zeros(0)
-        return Estimate(lines.vector, lines.information, used, none, none, none, 1.0, none, none)
-    equations = NormalEquations(lines.information, lines.vector, factors)
+        return Estimate(lines.vector, lines.information, used, none, none, none, 1.0, none, none, np.zeros(0, np.int64))
+    equations = NormalEquations(lines.information, lines.vector, factors, place)
     used = _start(equations, lines, used)
     removed = np.zeros(len(factors), np.int64)
     for _ in range(ROUNDS):
@@ -210,20 +217,18 @@ def estimate(lines: OwnLines, factors: Factors, used: BoolArray, telling: int | 
     unit = unit_variance(misses[:telling])
     sure = reliability(factors, solution, used, holds, lines)
     alone = without_itself(factors, solution, used)
-    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, misses, unit, *alone)
+    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, misses, unit, *alone, equations.place)
 
 
-def by_factors(
-    lines: OwnLines, factors: Factors, used: BoolArray, unit_variance: float
-) -> tuple[FloatArray, FloatArray]:
+def by_factors(lines: OwnLines, factors: Factors, used: BoolArray, found: Estimate) -> tuple[FloatArray, FloatArray]:
     """Unknowns (n, 2) and covariance (n, 2, 2) of edges by given factors that are taken to hold, (k,) bool.
 
-    unit_variance : how much larger covariances are than the stated sigmas have them, see :class:`Estimate`
+    found : an estimate of much the same factors, whose unit variance is theirs
     """
     if len(lines.extent) == 0:
         return lines.vector, lines.information
-    solution = NormalEquations(lines.information, lines.vector, factors).solve(used)
-    return solution.x, solution.covariance * unit_variance
+    solution = NormalEquations(lines.information, lines.vector, factors, found.place).solve(used)
+    return solution.x, solution.covariance * found.unit_variance
 
 
 def misfit(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:

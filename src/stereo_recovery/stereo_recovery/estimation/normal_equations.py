@@ -43,14 +43,18 @@ class NormalEquations:
         What each edge says of itself.
     factors : Factors
         Statements that may be used.
+    place : (n,) int, optional
+        An order of elimination, of equations that tie much the same edges; by default one of least degree.
     """
 
-    def __init__(self, information: FloatArray, vector: FloatArray, factors: Factors) -> None:
+    def __init__(
+        self, information: FloatArray, vector: FloatArray, factors: Factors, place: IntArray | None = None
+    ) -> None:
         self.information, self.vector, self.factors = information, vector, factors
         n = len(information)
         both = factors.other >= 0
         e, f = factors.edge, np.where(both, factors.other, factors.edge)
-        self.place = _numbering(n, e[both], f[both])
+        self.place = _numbering(n, e[both], f[both]) if place is None else place
         low, high = np.minimum(self.place[e], self.place[f]), np.maximum(self.place[e], self.place[f])
         self.pattern = sparse_kernels.pattern(n, low[both], high[both])
         # Where the pattern has the block of a factor's two edges; -1 where it is about one.

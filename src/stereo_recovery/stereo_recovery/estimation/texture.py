@@ -129,8 +129,10 @@ class AlignedStrips:
             self._good[k, fresh], self._value[k, fresh] = found[:2]
             self._covariance[k, fresh] = STRIP_CORRELATION * found[2]
 
-        with ThreadPoolExecutor(2) as both:
-            list(both.map(side, range(2)))
+        with ThreadPoolExecutor(1) as beside:
+            first = beside.submit(side, 0)
+            side(1)
+            first.result()
         self._asked[fresh] = True
 
 

@@ -225,8 +225,11 @@ def _log_odds(
     return float(gain - 0.5 * (value @ prior @ value + told))
 
 
-def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float) -> tuple[FloatArray, float]:
-    """Of residuals (k,), pixels: those of witnesses, and of what is none and lies anywhere in the range."""
+def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float | FloatArray) -> tuple[FloatArray, float]:
+    """Of residuals (k,), pixels: those of witnesses, and of what is none and lies anywhere in the range.
+
+    single : sigma of single rows, pixels; of several (m, 1) the likelihoods are (m, k)
+    """
     variance = sigma**2 + single**2
     right = ROW_WITNESS_PRIOR * np.exp(-0.5 * left_over**2 / variance) / np.sqrt(2.0 * np.pi * variance)
     return right, (1.0 - ROW_WITNESS_PRIOR) / (2.0 * ROW_SHIFT_MOST)
@@ -235,8 +238,7 @@ def _likelihoods(left_over: FloatArray, sigma: FloatArray, single: float) -> tup
 def _single(left_over: FloatArray, sigma: FloatArray, least: float) -> float:
     """Sigma, pixels, of single rows: by the residuals of witnesses, and by what real rigs have; the mean of all."""
     tried = np.geomspace(max(least, ROW_LEAST_SIGMA), ROW_SHIFT_MOST, ROW_SIGMAS)
-    log_odds = -0.5 * (np.log(tried / ROW_SIGMA) / ROW_SIGMA_SPREAD) ** 2
-    for k, single in enumerate(tried):
-        log_odds[k] += np.log(np.add(*_likelihoods(left_over, sigma, float(single)))).sum()
+    prior = -0.5 * (np.log(tried / ROW_SIGMA) / ROW_SIGMA_SPREAD) ** 2
+    log_odds = prior + np.log(np.add(*_likelihoods(left_over, sigma, tried[:, None]))).sum(axis=1)
     probability = np.exp(log_odds - log_odds.max())
     return float((probability * tried).sum() / probability.sum())
