@@ -181,11 +181,7 @@ def _curve_of_arcs(pair: _ArcPair, edgels: StereoEdgels) -> Curve | None:
         for ellipse, is_right in zip(pair.ellipses, (False, True))
         for start in circles_of_ellipse(ellipse, pair.samples, edgels.rig, is_right)
     ]
-    # What ends in the plane of the one that is known is that one.
-    starts = [
-        start for start in _two_planes(one_view, pair, edgels) if curve is None or not _in_one_plane(start, curve)
-    ]
-    others = [recover_curve(start, edgels, pair.masks) for start in starts]
+    others = [recover_curve(start, edgels, pair.masks) for start in _two_planes(one_view, pair, edgels)]
     return _best_of([curve, _best_of(others, pair, edgels)], pair, edgels)
 
 
@@ -221,12 +217,7 @@ def _rough_circle(start: Curve, curve_edgels: StereoEdgels) -> Curve | None:
 def _competes(other: Curve, best: Curve) -> bool:
     """Whether a curve in another plane fits nearly as well as the best."""
     limit = settings.COMPETITOR_FACTOR * (best.rms + settings.COMPETITOR_RMS)
-    return other.rms <= limit and not _in_one_plane(other, best)
-
-
-def _in_one_plane(one: Curve, other: Curve) -> bool:
-    """Whether two curves fitted to the same arcs have planes that hardly differ."""
-    return bool(abs(one.normal @ other.normal) > settings.SAME_PLANE_COSINE)
+    return bool(abs(other.normal @ best.normal) <= settings.SAME_PLANE_COSINE and other.rms <= limit)
 
 
 def _two_planes(starts: list[Curve], pair: _ArcPair, edgels: StereoEdgels) -> list[Curve]:
