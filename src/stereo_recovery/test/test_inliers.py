@@ -20,9 +20,9 @@ def around(count: int, radius: float = 20.0, share: float = 1.0) -> tuple[np.nda
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), angle
 
 
-def on_circle(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Edgels on the circle, as those of a curve are."""
-    return np.asarray(inlier_kernels.on_conic(CIRCLE, position, direction, INLIER_DISTANCE))
+def on_circle(position: np.ndarray, direction: np.ndarray, conic: np.ndarray = CIRCLE) -> np.ndarray:
+    """Edgels on the circle or another conic, as those of a curve are."""
+    return np.asarray(inlier_kernels.on_conic(conic, position, direction, INLIER_DISTANCE))
 
 
 def test_edgels_belong_by_distance_and_by_gradient():
@@ -59,3 +59,22 @@ def test_a_circle_seen_edge_on_is_a_line(degrees, line):
     assert is_line(curve, CameraView(camera, 0.0)) == line
     # From the side the other camera sees its face.
     assert not is_line(curve, CameraView(camera, 0.3))
+
+
+@pytest.mark.parametrize(('wide', 'high', 'turn'), [(20.0, 20.0, 0.0), (60.0, 15.0, 0.4), (30.0, 5.0, 1.3)])
+def test_none_is_missed_because_it_is_far_from_the_middle(wide, high, turn):
+    """All edgels of a picture, by the same distance, without a box about the ellipse."""
+    axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    block = axes @ np.diag([wide**-2.0, high**-2.0]) @ axes.T
+    centre = np.array([150.0, 110.0])
+    conic = np.block([[block, -(block @ centre)[:, None]], [-(block @ centre)[None], centre @ block @ centre - 1.0]])
+    rng = np.random.default_rng(3)
+    angle = rng.uniform(0.0, 2.0 * np.pi, 4000)
+    on = centre + np.stack([wide * np.cos(angle), high * np.sin(angle)], axis=1) @ axes.T
+    position = np.concatenate([rng.uniform([0.0, 0.0], [320.0, 240.0], (4000, 2)), on + rng.normal(0.0, 0.7, on.shape)])
+    gradient = (position - centre) @ block
+    value = ((position - centre) * gradient).sum(axis=1) - 1.0
+    near = np.abs(value) < 2.0 * INLIER_DISTANCE * np.hypot(*gradient.T)
+    found = on_circle(position, np.arctan2(*gradient.T[::-1]), conic)
+    assert found.sum() > 1000
+    assert (found == near).all()

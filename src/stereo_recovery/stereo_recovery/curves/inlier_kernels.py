@@ -18,8 +18,11 @@ def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray, mos
     conic : (3, 3), symmetric; position : (n, 2) pixels; direction : (n,) radians, of the gradients
     """
     belongs = np.zeros(len(position), np.bool_)
+    left, top, right, bottom = _box(conic, most)
     for k in range(len(position)):
         x, y = position[k, 0], position[k, 1]
+        if x < left or x > right or y < top or y > bottom:
+            continue
         # Half the conic's gradient, and its value, to first order their ratio times two is the distance.
         gx = conic[0, 0] * x + conic[1, 0] * y + conic[2, 0]
         gy = conic[0, 1] * x + conic[1, 1] * y + conic[2, 1]
@@ -30,6 +33,21 @@ def on_conic(conic: FloatArray, position: FloatArray, direction: FloatArray, mos
         cosine = abs(gx * np.cos(direction[k]) + gy * np.sin(direction[k]))
         belongs[k] = cosine > ACROSS_COSINE * np.sqrt(square)
     return belongs
+
+
+@njit
+def _box(conic: FloatArray, most: float) -> tuple[float, float, float, float]:
+    """Least and largest column and row, pixels, of what is nearer than this to an ellipse; all, of another conic."""
+    a, b, c = conic[0, 0], conic[0, 1], conic[1, 1]
+    d, e, f = conic[0, 2], conic[1, 2], conic[2, 2]
+    block = a * c - b * b
+    if not block > 0.0:
+        return -np.inf, -np.inf, np.inf, np.inf
+    u, v = (b * e - c * d) / block, (b * d - a * e) / block
+    level = max(-(d * u + e * v + f), 0.0) / block
+    # Twice the distance, which is one to first order.
+    wide, high = np.sqrt(level * c) + 2.0 * most, np.sqrt(level * a) + 2.0 * most
+    return u - wide, v - high, u + wide, v + high
 
 
 @njit
