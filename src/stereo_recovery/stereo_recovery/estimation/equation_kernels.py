@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, IntArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 
 class Ties(NamedTuple):
@@ -87,3 +87,20 @@ def products(
             variance[k] -= g[0] * second[k, 0] + g[1] * second[k, 1]
         variance[k] += h[0] * first[k, 0] + h[1] * first[k, 1]
     return residual, variance, first, second
+
+
+@njit
+def first_of_edges(edge: IntArray, other: IntArray, chosen: BoolArray, value: FloatArray, count: int) -> BoolArray:
+    """(k,) bool: chosen factors than which none has a smaller value at either of their edges, of equals the first.
+
+    edge, other : (k,) the edges of each, other -1 where it is about one; value : (k,); count : of edges
+    """
+    best = np.full(count, -1)
+    for k in np.flatnonzero(chosen):
+        for e in (edge[k], other[k]):
+            if e >= 0 and (best[e] < 0 or value[k] < value[best[e]]):
+                best[e] = k
+    first = np.zeros(len(edge), np.bool_)
+    for k in np.flatnonzero(chosen):
+        first[k] = best[edge[k]] == k and (other[k] < 0 or best[other[k]] == k)
+    return first

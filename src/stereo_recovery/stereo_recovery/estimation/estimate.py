@@ -21,6 +21,7 @@ import numpy as np
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
+from . import equation_kernels
 from .factors import Factors
 from .normal_equations import NormalEquations, Solution
 from .settings import (
@@ -131,15 +132,8 @@ def first_of_edges(factors: Factors, chosen: BoolArray, value: FloatArray, count
     One wrong statement makes all those around it look wrong, and several that each fit may not fit together; so the
     clearest goes first.
     """
-    at = np.flatnonzero(chosen)
-    rank = np.full(len(factors), np.inf)
-    rank[at[np.argsort(value[at], kind='stable')]] = np.arange(len(at))
-    least = np.full(count + 1, np.inf)
-    other = np.where(factors.other < 0, count, factors.other)
-    for edge in (factors.edge, other):
-        np.minimum.at(least, edge[at], rank[at])
-    least[count] = np.inf
-    return np.asarray(chosen & (rank <= least[factors.edge]) & (rank <= least[other]))
+    first: BoolArray = equation_kernels.first_of_edges(factors.edge, factors.other, chosen, value, count)
+    return first
 
 
 def _statements(factors: Factors, count: int) -> Statements:
