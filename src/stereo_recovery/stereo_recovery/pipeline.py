@@ -18,7 +18,6 @@ from .curves.curve import Curve, curve_features
 from .curves.curved_shapes import CurvedShapes, recover_curved_shapes
 from .curves.observations import StereoEdgels
 from .curves.occluding_contours import on_contours
-from .curves.opposite_rims import hidden_opposite_rims
 from .curves.orientation import oriented_by_faces
 from .detection.conics import sampson
 from .detection.edgels import Edgels, as_grey, blur_variance
@@ -246,13 +245,12 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     lines, line_segments = _straight_lines(shown, shapes, beside)
     watch.stage('lines')
     in_space = to_space(lines, line_segments[0], rig)
-    hidden_rims = hidden_opposite_rims(shapes.reported, stereo_edgels)
-    kept = is_edge(lines, in_space, line_segments, shapes, hidden_rims, params.min_length, rig)
+    kept = is_edge(lines, in_space, line_segments, shapes, params.min_length, rig)
     curves = oriented_by_faces(shapes.reported, in_space.ends[kept], in_space.err_per[kept])
     in_space = with_rig_error(in_space, COLUMNS_OVER_ROWS * rows.sigma, rig)
     parts = EdgesInSpace(*join_parts(in_space.ends[kept], in_space.covariance[kept], rig, pair.views[0].grey))
     features = FeatureSet.concatenate(
-        [_edge_features(parts, [*curves, *hidden_rims]), curve_features(curves), axis_features(shapes.axes)]
+        [_edge_features(parts, curves), curve_features(curves), axis_features(shapes.axes)]
     )
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'

@@ -6,7 +6,6 @@ other, up to its position along the axis, and the contours end there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,6 @@ from .axis_constraint import AxisConstraint
 from .curve import CameraView, Curve, image_conic
 from .curve_search import is_determined, recover_curve
 from .inlier_kernels import on_conic
-from .inliers import inliers
 from .observations import StereoEdgels
 from .occluding_contours import cylinder_contours
 
@@ -69,55 +67,6 @@ def with_opposite_rims(curves: list[Curve], segments: tuple[Segments, Segments],
                 result.append(found)
                 break
     return result
-
-
-def hidden_opposite_rims(curves: Sequence[Curve], edgels: StereoEdgels) -> list[Curve]:
-    """Circles that the walls of a slot or of a rounded block have in the plane of another rim.
-
-    Too little of them is seen to recover them, but edges end where they touch them, and segments on them are no edges.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        Left optical frame, metres.
-    edgels : StereoEdgels
-        All edgels of chains.
-
-    Returns
-    -------
-    list of Curve
-        New circles, with the edgels on them.
-    """
-    result: list[Curve] = []
-    circles = [c for c in curves if c.is_circle]
-    for curve in circles:
-        for other in circles:
-            if not _may_be_one_block(curve, other):
-                continue
-            height = float((other.centre - curve.centre) @ curve.normal)
-            centre = curve.centre + height * curve.normal
-            near = settings.APART * curve.radii[0]
-            if any(np.linalg.norm(c.centre - centre) < near for c in [*curves, *result]) or centre[2] <= 0.0:
-                continue
-            covariance = curve.covariance.copy()
-            covariance[:3, :3] += other.covariance[:3, :3] + (curve.tilt * height) ** 2 * np.eye(3)
-            moved = replace(curve, centre=centre, covariance=covariance)
-            left, right = (inliers(moved, side, view, edgels.blur)[0] for side, view in edgels.sides)
-            result.append(replace(moved, left=left, right=right))
-    return result
-
-
-def _may_be_one_block(curve: Curve, other: Curve) -> bool:
-    """Whether two circles may bound one rounded block: parallel, of one radius, in different planes, not far apart."""
-    run = other.centre - curve.centre
-    height = float(run @ curve.normal)
-    radius = curve.radii[0]
-    return bool(
-        abs(curve.normal @ other.normal) >= settings.SAME_PLANE_COSINE
-        and abs(height) >= settings.APART * radius
-        and abs(other.radii[0] / radius - 1.0) <= settings.SAME_RADIUS
-        and np.linalg.norm(run - height * curve.normal) <= settings.WIDEST_BLOCK * radius
-    )
 
 
 def _is_opposite(curve: Curve, other: Curve) -> bool:

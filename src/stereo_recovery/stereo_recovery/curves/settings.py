@@ -253,8 +253,6 @@ APART = 0.25
 # Most relative difference of the two radii, and most share of edgels that other curves have.
 SAME_RADIUS = 0.05
 MOST_TAKEN = 0.3
-# The rims of one rounded block are at most so many radii apart.
-WIDEST_BLOCK = 8.0
 # Two curves whose centres and radii differ by less than this, in radii, in one plane are one.
 SAME_RIM = 0.04
 

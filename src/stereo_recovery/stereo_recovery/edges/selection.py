@@ -71,7 +71,6 @@ def is_edge(
     edges: EdgesInSpace,
     segments: tuple[Segments, Segments],
     shapes: CurvedShapes,
-    hidden_rims: Sequence[Curve],
     min_length: float,
     rig: StereoRig,
 ) -> BoolArray:
@@ -87,8 +86,6 @@ def is_edge(
         Of the two images, that the lines refer to.
     shapes : CurvedShapes
         The curves and curved surfaces of the pair.
-    hidden_rims : sequence of Curve
-        Curves that exist by symmetry, see :func:`.curves.opposite_rims.hidden_opposite_rims`.
     min_length : float
         Pixels. Of the part of an edge that both images show.
     rig : StereoRig
@@ -104,7 +101,7 @@ def is_edge(
         & (lines.extent[:, 1] - lines.extent[:, 0] >= min_length)
         & has_possible_slope(lines, segments[0])
         & is_no_arc(lines, segments, len(shapes.curves) > 0)
-        & ~on_curves(lines, segments, [*shapes.curves, *hidden_rims])
+        & ~on_curves(lines, segments, shapes.curves)
         & ~on_contours((lines.left, lines.right), segments, shapes.surfaces, rig)
     )
     return selected
