@@ -164,7 +164,7 @@ def _match_hypotheses(
         many = params.replace(max_interpretations=max(params.max_interpretations, LOOKED_AT))
         hypotheses = [one for part in accept(problem, refined, many) for one in part][:LOOKED_AT]
         needed, deadline = needed_evidence(problem, params), started + params.time_limit_s
-        looked = accepted_by_images(index, index.shape, hypotheses, views, needed, deadline, claimed)
+        looked = accepted_by_images(problem, index.shape, hypotheses, views, needed, deadline, claimed)
         most = params.max_interpretations
         accepted, rejected, outlines = looked.accepted[:most], looked.rejected[:most], looked.outlines[:most]
     else:

@@ -34,6 +34,7 @@ from .settings import (
     REACH,
     SHOWN,
     SIGNIFICANT,
+    SPACING,
     STRONG,
     TO_ERROR,
     TO_POSE,
@@ -50,6 +51,9 @@ class Presence:
     ----------
     log_ratio : float
         Nats: log-likelihood ratio of the outline being there, parts of it hidden, against other edges being there.
+    further : float
+        Nats: the same of what is no feature that is known to be seen. Those were found because they are seen well, and
+        say little of how well the rest is.
     support : float
         Share of the length of the outline that the images confirm.
     sight : Sight
@@ -59,6 +63,7 @@ class Presence:
     """
 
     log_ratio: float
+    further: float
     support: float
     sight: Sight
     found: Int8Array
@@ -142,7 +147,7 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     for last in (False, True):
         sight = look(shape, as_pose(motion), views)
         if len(sight) < FEWEST_POINTS:
-            return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+            return _nothing(motion, Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
         if not last:
             near = searched(sight, views, NEAR)
             density = elsewhere(near, NEAR)
@@ -166,7 +171,9 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     return ImagePose(pose, covariance, presence(shape, pose, views), residual, weight, error)
 
 
-def presence(shape: Shape, pose: Pose, views: Views, known: IntArray | None = None) -> Presence:
+def presence(
+    shape: Shape, pose: Pose, views: Views, known: IntArray | None = None, spacing: float = SPACING
+) -> Presence:
     """Whether images show an outline at a pose.
 
     Parameters
@@ -176,24 +183,27 @@ def presence(shape: Shape, pose: Pose, views: Views, known: IntArray | None = No
         first_T_model, laid on the images.
     views : Views
     known : (k,) int, optional
-        Features of the model that say nothing here, because they have been counted elsewhere.
+        Features of the model that are known to be seen, and have been counted elsewhere.
+    spacing : float
+        Pixels between neighbouring points of the outline.
 
     Returns
     -------
     Presence
     """
-    sight = look(shape, pose, views)
+    sight = look(shape, pose, views, spacing)
     if not len(sight):
-        return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8))
+        return Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(0, np.int8))
     steps = searched(sight, views, REACH + 1)
     chance = chance_beside(steps, sight.placed.group)
     found = confirmations(steps.offset, steps.number, 0.0)
     inside = found >= 0
     support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
-    said = found.copy()
+    ratio = further = float(log_ratio(found, sight.placed.group, chance))
     if known is not None:
-        said[np.isin(sight.feature, known)] = -1
-    return Presence(float(log_ratio(said, sight.placed.group, chance)), support, sight, found)
+        others = np.where(np.isin(sight.feature, known), np.int8(-1), found)
+        further = float(log_ratio(others, sight.placed.group, chance))
+    return Presence(ratio, further, support, sight, found)
 
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:

@@ -7,8 +7,9 @@ feature, and a step of the image, belong to the first that explains it.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,8 +22,11 @@ from ..image_pose.measurement import Presence, as_motion, as_pose, drawn_in, pol
 from ..image_pose.sight import Shape
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
+from ..model.problem import Problem
+from ..model.regularity import regularity
 from ..model.symmetry import axis_of_revolution, common_axis, near, symmetries
-from .settings import CLAIMED, FREE_TURN_VARIANCE, SAME_STEP, TURN_PX
+from .evidence import displaced
+from .settings import CLAIMED, DRAWN, FREE_TURN_VARIANCE, GLANCE, LIKE_PART, SAME_STEP, TURN_PX, TURNED, WHOLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +39,27 @@ class Weighed:
         What the features say.
     motion : (12,) float64
         Its pose, drawn in.
-    rest : Presence
-        Of the outline that no feature was matched to.
+    shown : Presence
+        What the images show of its outline.
     evidence : float
         Nats, of features and images together.
+    tried : int
+        Poses that were looked at for it; the best of many is chance's best.
     """
 
     hypothesis: Interpretation
     motion: FloatArray
-    rest: Presence
+    shown: Presence
     evidence: float
+    tried: int
 
 
-def weigh(index: ModelIndex, shape: Shape, hypothesis: Interpretation, views: Views) -> Weighed:
+def weigh(
+    index: ModelIndex, shape: Shape, hypothesis: Interpretation, views: Views, turned: FloatArray | None = None
+) -> Weighed:
     """Look for a hypothesis in the images.
 
-    Of the poses that explain its data equally well, and of the turns that it leaves free, the one is taken that the
-    images show most of.
+    Of the poses that explain its data equally well, the one is taken that the images show most of.
 
     Parameters
     ----------
@@ -61,20 +69,26 @@ def weigh(index: ModelIndex, shape: Shape, hypothesis: Interpretation, views: Vi
     hypothesis : Interpretation
         Its pose is first_T_model.
     views : Views
+    turned : (12,) float64, optional
+        The pose drawn in, of a hypothesis that leaves a turn free: all turns are looked at from there.
 
     Returns
     -------
     Weighed
     """
-    best: tuple[float, FloatArray] | None = None
-    for pose in _poses(index, shape, hypothesis, views):
+    poses = _equal_poses(index, hypothesis) if turned is None else _turns(index, shape, hypothesis, turned, views)
+    chosen = poses
+    if len(poses) > DRAWN:
+        # One look at each, as coarse as its steps are, says which to draw in.
+        glances = [presence(shape, pose, views, spacing=GLANCE).log_ratio for pose in poses]
+        chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
+    matched = _matched(hypothesis)
+    found = []
+    for pose in chosen:
         motion = drawn_in(shape, as_motion(pose), views)
-        ratio = presence(shape, as_pose(motion), views).log_ratio
-        if best is None or ratio > best[0]:
-            best = ratio, motion
-    assert best is not None
-    rest = presence(shape, as_pose(best[1]), views, _matched(hypothesis))
-    return Weighed(hypothesis, best[1], rest, hypothesis.evidence + rest.log_ratio)
+        found.append((presence(shape, as_pose(motion), views, matched), motion))
+    shown, motion = max(found, key=lambda each: each[0].log_ratio)
+    return Weighed(hypothesis, motion, shown, hypothesis.evidence + shown.further, len(poses))
 
 
 def _matched(hypothesis: Interpretation) -> IntArray:
@@ -82,26 +96,25 @@ def _matched(hypothesis: Interpretation) -> IntArray:
     return np.unique(hypothesis.assignment[hypothesis.assignment != BIN])
 
 
-def _poses(index: ModelIndex, shape: Shape, hypothesis: Interpretation, views: Views) -> Iterator[Pose]:
-    """The poses that a hypothesis stands for: its own, those equal to it for the data, and its free turns.
+def _equal_poses(index: ModelIndex, hypothesis: Interpretation) -> list[Pose]:
+    """The poses equal for the data of a hypothesis, but for those that a symmetry of the model makes look the same."""
+    alike = [hypothesis.pose.compose(motion) for motion in symmetries(index)]
+    others = (one for one in hypothesis.symmetric_poses if not any(near(index, one, other) for other in alike))
+    return [hypothesis.pose, *others]
 
-    What a symmetry of the model makes equal looks the same, and is left out.
-    """
-    own = hypothesis.pose
-    alike = [own.compose(motion) for motion in symmetries(index)]
-    poses = [own, *(one for one in hypothesis.symmetric_poses if not any(near(index, one, other) for other in alike))]
+
+def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: FloatArray, views: Views) -> list[Pose]:
+    """Turns of a pose about the axis that the data of a hypothesis is about; just it where they all look the same."""
+    pose = as_pose(motion)
     rows = np.flatnonzero(np.isin(index.source, _matched(hypothesis)))
     axis = common_axis(index.rows[rows], index.size) if hypothesis.free_turn is not None else None
     if axis is None or axis_of_revolution(index) is not None:
-        yield from poses
-        return
+        return [pose]
     # So fine that the outline moves by TURN_PX from one to the next.
-    depth = max(float(own.apply(shape.centre)[2]), shape.size)
+    depth = max(float(pose.apply(shape.centre)[2]), shape.size)
     steps = int(np.ceil(np.pi * shape.size * views.cameras[0].fx / depth / TURN_PX))
-    for pose in poses:
-        for angle in np.arange(steps) * (2.0 * np.pi / steps):
-            turn = Pose.from_rotation_vector(angle * axis.direction)
-            yield pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point))
+    turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / steps) * axis.direction) for k in range(steps)]
+    return [pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point)) for turn in turns]
 
 
 class LookedAt(NamedTuple):
@@ -121,7 +134,7 @@ class LookedAt(NamedTuple):
 
 
 def accepted_by_images(
-    index: ModelIndex,
+    problem: Problem,
     shape: Shape,
     hypotheses: Sequence[Interpretation],
     views: Views,
@@ -133,14 +146,15 @@ def accepted_by_images(
 
     Parameters
     ----------
-    index : ModelIndex
+    problem : Problem
+        The model and the data that the hypotheses explain.
     shape : Shape
         Of the same model.
     hypotheses : sequence of Interpretation
         Best first.
     views : Views
     needed : float
-        Nats that an accepted one has.
+        Nats that a hypothesis has if it is accepted by features alone.
     deadline : float
         Of ``time.perf_counter``; hypotheses that it does not leave time for stay as they are.
     claimed : sequence of Presence
@@ -150,26 +164,78 @@ def accepted_by_images(
     -------
     LookedAt
     """
-    weighed, rejected = [], []
+    weighed: list[Weighed] = []
+    rejected: list[Interpretation] = []
     for one in hypotheses:
-        if time.perf_counter() < deadline:
-            weighed.append(weigh(index, shape, one, views))
-        else:
+        if time.perf_counter() >= deadline:
             rejected.append(replace(one, rejected_reason=one.rejected_reason or 'no time was left to look for it'))
+        elif any(_leaves_no_room(other, one, needed) for other in weighed):
+            rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
+        else:
+            weighed.append(weigh(problem.index, shape, one, views))
+    weighed = _with_turns(problem.index, shape, _best_of_many(weighed), views, deadline)
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
     for found in sorted(weighed, key=lambda one: -one.evidence):
-        reason = _why_rejected(found, taken, claimed, needed)
+        reason = _why_rejected(found, taken, claimed, needed) or _another(problem, found)
         if reason is None:
             taken.append(found)
             accepted.append(_measured(shape, found, views))
         else:
             hypothesis = found.hypothesis
             refused.append(
-                replace(hypothesis, evidence=found.evidence, support=found.rest.support, rejected_reason=reason)
+                replace(hypothesis, evidence=found.evidence, support=found.shown.support, rejected_reason=reason)
             )
-    return LookedAt(tuple(accepted), (*refused, *rejected), tuple(one.rest for one in taken))
+    return LookedAt(tuple(accepted), (*refused, *rejected), tuple(one.shown for one in taken))
+
+
+def _leaves_no_room(found: Weighed, other: Interpretation, needed: float) -> bool:
+    """Whether a hypothesis is seen so well that no other one can explain the same data better."""
+    mine = other.assignment != BIN
+    shared = int((mine & (found.hypothesis.assignment != BIN)).sum())
+    return found.evidence >= needed and found.shown.support > WHOLE and shared > CLAIMED * int(mine.sum())
+
+
+def _with_turns(
+    index: ModelIndex, shape: Shape, weighed: list[Weighed], views: Views, deadline: float
+) -> list[Weighed]:
+    """The hypotheses, the best of those that leave a turn free at the turn that the images show most of."""
+    weighed = sorted(weighed, key=lambda one: -one.evidence)
+    for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
+        if axis_of_revolution(index) is None and time.perf_counter() < deadline:
+            one = weighed[k]
+            weighed[k] = _best_of_many([weigh(index, shape, one.hypothesis, views, one.motion)])[0]
+    return weighed
+
+
+def _best_of_many(weighed: list[Weighed]) -> list[Weighed]:
+    """Hypotheses with what images say for them, less what chance shows of the best of all poses that were looked at."""
+    of_chance = math.log(max(sum(one.tried for one in weighed), 1))
+    return [
+        replace(one, evidence=one.hypothesis.evidence + min(one.shown.further, max(one.shown.further - of_chance, 0.0)))
+        for one in weighed
+    ]
+
+
+def _another(problem: Problem, one: Weighed) -> str | None:
+    """Why a hypothesis is another object that is like the model, or None.
+
+    Both have the same outline, so it does not matter how much of that is seen: a curve where the model has none
+    decides.
+    """
+    assignment = np.full(len(problem.rows), BIN, np.int32)
+    number = np.full(int(problem.index.source.max()) + 1, BIN, np.int32)
+    number[problem.index.source] = np.arange(len(problem.index))
+    matched = one.hypothesis.assignment[problem.keep]
+    assignment[matched != BIN] = number[matched[matched != BIN]]
+    used = np.zeros(len(problem.index), bool)
+    used[assignment[assignment != BIN]] = True
+    faces = regularity(problem.index).faces
+    against = displaced(one.motion, problem.model, problem.features, assignment, used, faces)
+    if against < LIKE_PART:
+        return None
+    return f'a curve is seen where the model has none ({against:.1f} nats): this is another object like it'
 
 
 def _measured(shape: Shape, one: Weighed, views: Views) -> Interpretation:
@@ -196,7 +262,7 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
     if not one.evidence >= needed:
         return (
             f'chance explains as much: evidence {one.evidence:.1f} of {needed:.1f} nats needed, features '
-            f'{one.hypothesis.evidence:.1f}, images {one.rest.log_ratio:+.1f} (they confirm {one.rest.support:.0%} of '
+            f'{one.hypothesis.evidence:.1f}, images {one.shown.further:+.1f} (they confirm {one.shown.support:.0%} of '
             'the outline)'
         )
     mine = one.hypothesis.assignment != BIN
@@ -207,7 +273,7 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
                 'competes for the same data with a better interpretation '
                 f'(evidence {one.evidence:.1f} against {other.evidence:.1f} nats)'
             )
-    if compete([one.rest], [*claimed, *(other.rest for other in taken)]):
+    if compete([one.shown], [*claimed, *(other.shown for other in taken)]):
         return 'competes for the same edges of the images with a better interpretation'
     return None
 

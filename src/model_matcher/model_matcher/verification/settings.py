@@ -161,3 +161,13 @@ SAME_STEP = 4.0
 FREE_TURN_VARIANCE = 0.01
 # Pixels that the outline moves from one of the tried turns to the next: within reach of both.
 TURN_PX = 8.0
+# Nats: one object in twenty that has a model's outline is not the model but a part like it.
+LIKE_PART = 3.0
+# Pixels between points of an outline that is only glanced at, to choose among poses of one hypothesis; and how many of
+# these are then drawn in.
+GLANCE = 10.0
+DRAWN = 3
+# Hypotheses with a free turn, the best of a search, all turns of which are looked at: many share one axis.
+TURNED = 2
+# Share of an outline that is confirmed where nothing of it is hidden; its data is then no other pose's.
+WHOLE = 0.85
