@@ -64,8 +64,8 @@ PRIOR_CHANCES = ((3.0, 15.0), (6.0, 15.0), (4.0, 15.0))
 # The same of points in runs, of which there are at least so many: 20 px, which texture alone does not do.
 PRIOR_ALIGNED = (1.5, 50.0)
 LEAST_RUN = 5
-# Places that a pose drawn in had to choose from along each normal: half a reach, in steps of the width of an edge.
-PLACES_TRIED = 4
+# Places that a pose drawn in had to choose from along each normal: features say where it is, within a pixel or two.
+PLACES_TRIED = 2
 # Chance that a point in sight is confirmed; that the next one is hidden; that a hidden one's next is not, at most.
 SEEN_STEP = 0.9
 STOPS = 0.03

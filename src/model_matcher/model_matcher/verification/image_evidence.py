@@ -26,6 +26,7 @@ from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.symmetry import axis_of_revolution, common_axis, near, symmetries
 from .evidence import displaced
+from .refinement import evidence_at
 from .settings import CLAIMED, DRAWN, FREE_TURN_VARIANCE, GLANCE, LIKE_PART, SAME_STEP, TURN_PX, TURNED, WHOLE
 
 
@@ -36,7 +37,7 @@ class Weighed:
     Attributes
     ----------
     hypothesis : Interpretation
-        What the features say.
+        What the features say of the pose as the images have it.
     motion : (12,) float64
         Its pose, drawn in.
     shown : Presence
@@ -55,15 +56,17 @@ class Weighed:
 
 
 def weigh(
-    index: ModelIndex, shape: Shape, hypothesis: Interpretation, views: Views, turned: FloatArray | None = None
+    problem: Problem, shape: Shape, hypothesis: Interpretation, views: Views, turned: FloatArray | None = None
 ) -> Weighed:
     """Look for a hypothesis in the images.
 
-    Of the poses that explain its data equally well, the one is taken that the images show most of.
+    Of the poses that explain its data equally well, the one is taken that the images show most of. Features and images
+    speak of one pose: where the images have drawn it away from its data, that is no longer explained.
 
     Parameters
     ----------
-    index : ModelIndex
+    problem : Problem
+        The model and the data.
     shape : Shape
         Of the same model.
     hypothesis : Interpretation
@@ -76,19 +79,32 @@ def weigh(
     -------
     Weighed
     """
-    poses = _equal_poses(index, hypothesis) if turned is None else _turns(index, shape, hypothesis, turned, views)
+    if turned is None:
+        poses = _equal_poses(problem.index, hypothesis)
+    else:
+        poses = _turns(problem.index, shape, hypothesis, turned, views)
     chosen = poses
     if len(poses) > DRAWN:
         # One look at each, as coarse as its steps are, says which to draw in.
         glances = [presence(shape, pose, views, spacing=GLANCE).log_ratio for pose in poses]
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
-    matched = _matched(hypothesis)
     found = []
     for pose in chosen:
         motion = drawn_in(shape, as_motion(pose), views)
-        found.append((presence(shape, as_pose(motion), views, matched), motion))
-    shown, motion = max(found, key=lambda each: each[0].log_ratio)
-    return Weighed(hypothesis, motion, shown, hypothesis.evidence + shown.further, len(poses))
+        there = _at(problem, hypothesis, motion)
+        found.append((presence(shape, as_pose(motion), views, _matched(there)), motion, there))
+    shown, motion, there = max(found, key=lambda each: each[0].log_ratio)
+    return Weighed(there, motion, shown, there.evidence + shown.further, len(poses))
+
+
+def _at(problem: Problem, hypothesis: Interpretation, motion: FloatArray) -> Interpretation:
+    """A hypothesis with the data that it explains at another pose (12,), and the evidence of that."""
+    evidence, chosen, way = evidence_at(problem, motion)
+    assignment, sign = np.full(problem.n_data, BIN, np.int32), np.zeros(problem.n_data, np.int8)
+    used = np.flatnonzero(chosen != BIN)
+    assignment[problem.keep[used]] = problem.index.source[chosen[used]]
+    sign[problem.keep[used]] = way[used]
+    return replace(hypothesis, assignment=assignment, sign=sign, matched=len(used), evidence=evidence)
 
 
 def _matched(hypothesis: Interpretation) -> IntArray:
@@ -172,8 +188,8 @@ def accepted_by_images(
         elif any(_leaves_no_room(other, one, needed) for other in weighed):
             rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
         else:
-            weighed.append(weigh(problem.index, shape, one, views))
-    weighed = _with_turns(problem.index, shape, _best_of_many(weighed), views, deadline)
+            weighed.append(weigh(problem, shape, one, views))
+    weighed = _with_turns(problem, shape, _best_of_many(weighed), views, deadline)
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
@@ -197,15 +213,13 @@ def _leaves_no_room(found: Weighed, other: Interpretation, needed: float) -> boo
     return found.evidence >= needed and found.shown.support > WHOLE and shared > CLAIMED * int(mine.sum())
 
 
-def _with_turns(
-    index: ModelIndex, shape: Shape, weighed: list[Weighed], views: Views, deadline: float
-) -> list[Weighed]:
+def _with_turns(problem: Problem, shape: Shape, weighed: list[Weighed], views: Views, deadline: float) -> list[Weighed]:
     """The hypotheses, the best of those that leave a turn free at the turn that the images show most of."""
     weighed = sorted(weighed, key=lambda one: -one.evidence)
     for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
-        if axis_of_revolution(index) is None and time.perf_counter() < deadline:
+        if axis_of_revolution(problem.index) is None and time.perf_counter() < deadline:
             one = weighed[k]
-            weighed[k] = _best_of_many([weigh(index, shape, one.hypothesis, views, one.motion)])[0]
+            weighed[k] = _best_of_many([weigh(problem, shape, one.hypothesis, views, one.motion)])[0]
     return weighed
 
 

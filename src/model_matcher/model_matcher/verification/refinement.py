@@ -151,3 +151,29 @@ def refine_all(
         if time.perf_counter() > deadline:
             break
     return refined
+
+
+def evidence_at(problem: Problem, motion: FloatArray) -> tuple[float, Int32Array, Int8Array]:
+    """What the features say of a pose as it is.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    motion : (12,) float64
+
+    Returns
+    -------
+    evidence : float
+        Nats.
+    assignment : (n,) int32
+        The model feature of each usable data feature, BIN for none.
+    sign : (n,) int8
+        Which way round each data feature lies on its model feature.
+    """
+    n = len(problem.rows)
+    assignment, sign = np.empty(n, np.int32), np.empty(n, np.int8)
+    assign(motion, problem.model, problem.features, WIDTHS[-1], assignment, sign)
+    regular = regularity(problem.index)
+    planes = plane_table(regular.offsets, regular.sorted, 1.0 / float(np.mean(1.0 / problem.tolerances[:, 0])))
+    return evidence(motion, problem.model, problem.features, assignment, regular, planes), assignment, sign
