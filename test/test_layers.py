@@ -47,6 +47,7 @@ ROOMS = {
         'settings',
         'model',
         'verification',
+        'tracking',
         'interpretation_tree',
         'search',
         'proof',

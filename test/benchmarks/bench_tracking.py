@@ -3,7 +3,8 @@
 A tracker is made for a part and the pose to start from, ``make(part, first) -> step``; then every frame is a call
 ``step(images, rig) -> pose or None``, in the frame of the first camera. rig is a PinholeCamera for one image, else a
 StereoRig or CameraRig, and may differ from step to step. None says that the part is lost. ``--tracker module:function``
-names one; the default finds the part anew in every frame, from features alone, and needs a rectified pair for it.
+names one; the default is model_matcher's Tracker, which asks recovery and matcher again when it has lost the part and
+has a rectified pair; ``bench_tracking:found_anew`` finds the part anew in every frame, from features alone.
 
     python test/benchmarks/bench_tracking.py --frames 30
     python test/benchmarks/bench_tracking.py --tracks occluded cube --tracker mine:make
@@ -28,7 +29,9 @@ from tracking_sequences import RENDERED_TRACKS, Rig, Track, cube_tracks, rendere
 from true_pairs import data_folder
 from true_poses import Part
 
+from model_matcher.image_pose.views import Views
 from model_matcher.pipeline import match, warm_up
+from model_matcher.tracking.tracker import Tracker
 from msgs_py import Pose, StereoRig
 from stereo_recovery import recover
 from stereo_recovery.pipeline import warm_up as warm_up_recovery
@@ -60,12 +63,30 @@ def found_anew(part: Part, first: Pose) -> TrackerStep:
     return step
 
 
+def tracked(part: Part, first: Pose) -> TrackerStep:
+    """The Tracker from the first pose; where it is lost, recovery and matcher find the part again."""
+    shape = part.index.shape
+    assert shape is not None
+    tracker = Tracker(shape, first)
+
+    def step(images: tuple[np.ndarray, ...], rig: Rig) -> Pose | None:
+        pose = tracker(images, rig)
+        if pose is None and isinstance(rig, StereoRig):
+            found = match(part.index, recover(images[0], images[1], rig).features, views=Views.of(images, rig)).best
+            if found is not None:
+                tracker.restart(found)
+                pose = found.pose
+        return pose
+
+    return step
+
+
 def standing(part: Part, first: Pose) -> TrackerStep:
     """The pose of the first frame for ever: what a score is where nothing is done."""
     return lambda images, rig: first
 
 
-def run(tracks: list[Track], make: MakeTracker = found_anew) -> list[dict[str, Any]]:
+def run(tracks: list[Track], make: MakeTracker = tracked) -> list[dict[str, Any]]:
     """A row a track, see :func:`track_scoring.score_track`; ``absent`` where the tracker cannot do with the cameras."""
     rows = []
     for track in tracks:
@@ -175,7 +196,7 @@ def main(arguments: list[str] | None = None) -> int:
         '--tracks', nargs='+', help=f'names begin so: {", ".join(RENDERED_TRACKS)}, cube (default: all)'
     )
     parser.add_argument('--frames', type=int, default=FRAMES, metavar='N', help='of each rendered track')
-    parser.add_argument('--tracker', type=function_named, default=found_anew, metavar='MODULE:FUNCTION')
+    parser.add_argument('--tracker', type=function_named, default=tracked, metavar='MODULE:FUNCTION')
     parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'tracking.json', help='the JSON file')
     options = parser.parse_args(arguments)
     tracks = tracks_of(options.tracks, options.frames, options.data)

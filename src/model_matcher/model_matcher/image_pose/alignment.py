@@ -88,6 +88,7 @@ def align(
     widths: FloatArray,
     elsewhere: float,
     common: float,
+    prior: FloatArray,
     residual: FloatArray,
     weight: FloatArray,
     normal: FloatArray,
@@ -113,13 +114,15 @@ def align(
         A pixel: density of steps that are not the point's, over the chance that a point has its own.
     common : float
         Pixels, sigma of either unknown of that line.
+    prior : (6, 6) float64
+        Information beforehand on turn and shift from the given pose; zeros where there is none.
     residual, weight : (n,) float64
         Filled with what remains (not a number without step) and what it counts: the chance that the step is the
         point's, over its variance.
     normal : (6, 6) float64
-        Filled with the normal matrix, turn and shift, about the middle.
+        Filled with the normal matrix, turn and shift, about the middle; the prior is not in it.
     """
-    right, step, centre = np.zeros(6), np.zeros(6), np.zeros(3)
+    right, step, centre, moved = np.zeros(6), np.zeros(6), np.zeros(3), np.zeros(6)
     shared = np.empty((2, 9))
     for turn in range(len(widths) + 1):
         last = turn == len(widths)
@@ -167,13 +170,17 @@ def align(
                 normal[j, i] = normal[i, j]
         if last:
             break
-        damped = normal.copy()
+        damped = normal + prior
+        for i in range(6):
+            for j in range(6):
+                right[i] -= prior[i, j] * moved[j]
         for i in range(3):
             damped[i, i] += HALF_TURN_INFORMATION
         damp(damped)
         if not solve6(damped, right, step):
             break
         compose_small(motion, centre, step)
+        moved += step
 
 
 @njit(nogil=True)

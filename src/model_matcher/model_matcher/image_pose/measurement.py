@@ -23,6 +23,7 @@ from .neighbours import neighbours
 from .presence import chance_beside, confirmations, log_ratio
 from .profiles import Stretches, find_steps, fit_steps
 from .settings import (
+    BLUR_POINTS,
     BLURS,
     CANDIDATES,
     DRAWN_IN,
@@ -250,19 +251,29 @@ def fitted(sight: Sight, views: Views) -> Steps:
         )
         noise = float(views.noise[eye])
         if views.blur[eye] <= 0.0:
-            views.blur[eye] = _best_blur(image, outline, beside[rows], noise, out[rows])
+            views.blur[eye] = _best_blur(image, outline, beside[rows], noise)
         fit_steps(image, outline, beside[rows], views.blur[eye], noise, out[rows])
     known = np.isfinite(out[:, 0])
     return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
 
 
-def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, noise: float, out: FloatArray) -> float:
-    """The blur, pixels, with which strong steps that stand alone are explained best; out : (n, 4) to work in."""
-    alone = (outline.flank == FLANK) & np.isnan(beside).all(axis=1)
+def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, noise: float) -> float:
+    """The blur, pixels, with which strong steps that stand alone are explained best."""
+    alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
+    some = alone[:: max(1, -(-len(alone) // BLUR_POINTS))]
+    part = Stretches(
+        outline.pixel[some],
+        outline.normal[some],
+        outline.spacing[some],
+        outline.bend[some],
+        outline.limb[some],
+        outline.flank[some],
+    )
+    nothing, out = beside[some], np.empty((len(some), 4))
     costs = np.full(len(BLURS), np.inf)
     for k, blur in enumerate(BLURS):
-        fit_steps(image, outline, beside, blur, noise, out)
-        good = alone & (np.abs(out[:, 2]) > STRONG * noise)
+        fit_steps(image, part, nothing, blur, noise, out)
+        good = np.abs(out[:, 2]) > STRONG * noise
         if good.any():
             costs[k] = np.median(out[good, 3] / out[good, 2] ** 2)
     return BLURS[int(np.argmin(costs))] if np.isfinite(costs).any() else BLURS[1]
@@ -281,7 +292,21 @@ def _aligned(
     """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
     residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
     own = Steps(steps.offset, steps.number, steps.variance + error.point**2)
-    align(motion, shape.centre, views.rows, sight.placed, own, widths, density, error.curve, residual, weight, normal)
+    none = np.zeros((6, 6))
+    align(
+        motion,
+        shape.centre,
+        views.rows,
+        sight.placed,
+        own,
+        widths,
+        density,
+        error.curve,
+        none,
+        residual,
+        weight,
+        normal,
+    )
     return residual, weight, normal
 
 

@@ -11,7 +11,17 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int32Array
 
 from ..geometry.least_squares import cholesky
-from .settings import CONTRAST, FARTHEST_STEP, FIT_TURNS, FLANK, LONGEST_FIT_STEP, OFF_PREDICTED, SIGNIFICANT, TAPS
+from .settings import (
+    CONTRAST,
+    FARTHEST_STEP,
+    FIT_TURNS,
+    FLANK,
+    LAST_FIT_STEP,
+    LONGEST_FIT_STEP,
+    OFF_PREDICTED,
+    SIGNIFICANT,
+    TAPS,
+)
 
 
 class Stretches(NamedTuple):
@@ -234,6 +244,8 @@ def fit_steps(
                 right[j] = 0.0 if turn == 0 else min(max(right[j], -LONGEST_FIT_STEP), LONGEST_FIT_STEP)
             for i in range(size):
                 x[i] += right[i]
+            if turn > 0 and abs(right[1]) < LAST_FIT_STEP:
+                break
         if not abs(x[1]) < FARTHEST_STEP or abs(x[2]) < SIGNIFICANT * math.sqrt(variance):
             continue
         fitted[n, 0], fitted[n, 2] = x[1], x[2]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from csg_renderer.visibility.outline import OutlinePoints
 from msgs_py import PinholeCamera, Pose
-from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, Int32Array
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import FloatArray, Int32Array
 
+from ..geometry.rigid_motion import Motion, rotate, transform
 from .alignment import Placed
 from .settings import NOT_ZERO, SPACING
 from .views import Views
@@ -63,6 +67,46 @@ class Sight:
         return slice(*np.searchsorted(self.placed.eye, (eye, eye + 1)).tolist())
 
 
+# What is seen where nothing is looked at.
+NO_SIGHT = Sight(
+    Placed(
+        np.zeros((0, 3)),
+        np.zeros(0, np.int32),
+        np.zeros((0, 2)),
+        np.zeros((0, 2)),
+        np.zeros(0, np.int32),
+        np.zeros(0),
+        np.zeros((0, 6)),
+    ),
+    np.zeros(0),
+    np.zeros(0),
+    np.zeros(0),
+    np.zeros(0, np.int32),
+)
+
+
+class Outline(NamedTuple):
+    """What each of several views sees of a shape, in the model's frame: it serves for all poses of about that aspect.
+
+    Attributes
+    ----------
+    point, tangent, outward : (n, 3) float64
+        Points, metres; unit vectors along their curves, and out of the surface where they lie on occluding contours.
+    eye, curve, feature : (n,) int32
+        View of each, ascending; curve and view, ascending with the views; row of the model's features or -1.
+    spacing : (n,) float64
+        Pixels of the image that each stands for.
+    """
+
+    point: FloatArray
+    tangent: FloatArray
+    outward: FloatArray
+    eye: Int32Array
+    curve: Int32Array
+    feature: Int32Array
+    spacing: FloatArray
+
+
 def look(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Sight:
     """What views see of a shape.
 
@@ -79,77 +123,144 @@ def look(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Si
     -------
     Sight
     """
-    parts, groups = [], 0
-    for eye, (camera, stand) in enumerate(zip(views.cameras, views.poses)):
-        back = stand.inverse()
-        part, curves = _in_view(shape, back.compose(pose), camera, spacing)
-        point, pixel, normal, curve, *more = part
-        arm = pose.rotate(point - shape.centre)
-        slope = _slope(normal, arm, back.apply(pose.apply(point)), camera, back.rotation)
-        group = (curve + groups).astype(np.int32)
-        parts.append((point, np.full(len(point), eye, np.int32), pixel, normal, group, slope, *more))
-        groups += curves
-    point, eye_of, pixel, normal, group, slope, steps, limb, feature = (np.concatenate(part) for part in zip(*parts))
-    placed = Placed(point, eye_of, pixel, normal, group, _abscissa(group), slope)
-    return Sight(placed, steps, _curvature(placed, steps), limb, feature)
+    motion = np.append(pose.rotation.ravel(), pose.translation)
+    outline = outline_of(shape, pose, views.cameras, views.poses, spacing)
+    return drawn(outline, motion, shape.centre, views)
 
 
-def _slope(
-    normal: FloatArray, arm: FloatArray, at: FloatArray, camera: PinholeCamera, camera_R_first: FloatArray
-) -> FloatArray:
-    """Derivatives (n, 6) of the places along normals (n, 2), by turn and shift in the first camera's frame.
+def outline_of(
+    shape: Shape, pose: Pose, cameras: Sequence[PinholeCamera], stands: Sequence[Pose], spacing: float = SPACING
+) -> Outline:
+    """The points of a shape at first_T_model that cameras at first_T_camera see, ``spacing`` pixels apart."""
+    seen: list[OutlinePoints] = [
+        shape.visible(stand.inverse().compose(pose), camera, spacing) for camera, stand in zip(cameras, stands)
+    ]
+    curves = np.cumsum([0, *(int(one.curve.max(initial=-1)) + 1 for one in seen)])
+    return Outline(
+        np.concatenate([one.point for one in seen]),
+        np.concatenate([one.tangent for one in seen]),
+        np.concatenate([one.outward for one in seen]),
+        np.repeat(np.arange(len(seen), dtype=np.int32), [len(one) for one in seen]),
+        np.concatenate([one.curve + first for one, first in zip(seen, curves)]).astype(np.int32),
+        np.concatenate([one.feature for one in seen]).astype(np.int32),
+        np.concatenate([one.spacing for one in seen]),
+    )
 
-    arm : (n, 3), from the middle of the turn to the points, first camera's frame; at : (n, 3), the points, this one's
+
+def drawn(outline: Outline, motion: FloatArray, middle: FloatArray, views: Views) -> Sight:
+    """An outline as the views have it at a pose.
+
+    Parameters
+    ----------
+    outline : Outline
+        Of a pose from which the shape looks about the same.
+    motion : (12,) float64
+        first_T_model.
+    middle : (3,) float64
+        Metres, model frame, about which the pose turns.
+    views : Views
     """
-    along = normal * np.array([camera.fx, camera.fy]) / at[:, 2:]
-    gradient = np.concatenate([along, -(along * at[:, :2]).sum(axis=1, keepdims=True) / at[:, 2:]], axis=1)
-    shift = gradient @ camera_R_first
-    return np.concatenate([np.cross(arm, shift), shift], axis=1)
+    keep, pixel, normal, slope, limb = _projected(outline, motion, middle, views.rows, views.sizes)
+    eye, group, spacing = outline.eye[keep], outline.curve[keep], outline.spacing[keep]
+    abscissa, bend = _along(group, pixel, normal, spacing)
+    placed = Placed(outline.point[keep], eye, pixel, normal, group, abscissa, slope)
+    return Sight(placed, spacing, bend, limb, outline.feature[keep])
 
 
-def _in_view(shape: Shape, pose: Pose, camera: PinholeCamera, spacing: float) -> tuple[tuple[AnyArray, ...], int]:
-    """What one camera sees at camera_T_model, and how many curves there are.
+@njit(nogil=True)
+def _projected(
+    outline: Outline, motion: FloatArray, middle: FloatArray, cameras: FloatArray, sizes: FloatArray
+) -> tuple[Int32Array, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Rows of the points in the images (n,), their places and normals (n, 2), slopes (n, 6) and limbs (n,); see Sight.
 
-    Points, pixels, normals, curves, spacings, limbs, features.
+    cameras, sizes : see :attr:`.views.Views.rows` and :attr:`.views.Views.sizes`
     """
-    seen = shape.visible(pose, camera, spacing)
-    at, along = pose.apply(seen.point), pose.rotate(seen.tangent)
-    pixel, flow = camera.project(at), _image_direction(along, at, camera)
-    length = np.linalg.norm(flow, axis=1, keepdims=True)
-    normal = np.stack([-flow[:, 1], flow[:, 0]], axis=1) / np.maximum(length, NOT_ZERO)
-    outward = _image_direction(pose.rotate(seen.outward), at, camera)
-    limb = -np.sign((normal * outward).sum(axis=1))
-    keep: BoolArray = (length[:, 0] > 0.0) & camera.contains(pixel)
-    every = (seen.point, pixel, normal, seen.curve, seen.spacing, limb, seen.feature)
-    return tuple(one[keep] for one in every), int(seen.curve.max(initial=-1)) + 1
+    most = len(outline.eye)
+    keep = np.empty(most, np.int32)
+    pixel, normal = np.empty((most, 2)), np.empty((most, 2))
+    slope, limb = np.empty((most, 6)), np.empty(most)
+    cx, cy, cz = transform(motion, middle[0], middle[1], middle[2])
+    n = 0
+    for k in range(most):
+        c = cameras[outline.eye[k]]
+        px, py, pz = transform(motion, outline.point[k, 0], outline.point[k, 1], outline.point[k, 2])
+        x = c[0] * px + c[1] * py + c[2] * pz + c[9]
+        y = c[3] * px + c[4] * py + c[5] * pz + c[10]
+        z = c[6] * px + c[7] * py + c[8] * pz + c[11]
+        if not z > 0.0:
+            continue
+        u, v = c[12] * x / z + c[14], c[13] * y / z + c[15]
+        size = sizes[outline.eye[k]]
+        if not (u >= -0.5 and v >= -0.5 and u <= size[0] - 0.5 and v <= size[1] - 0.5):
+            continue
+        du, dv = _image_direction(c, motion, outline.tangent[k], x / z, y / z)
+        length = math.sqrt(du * du + dv * dv)
+        if not length > 0.0:
+            continue
+        nu, nv = -dv / max(length, NOT_ZERO), du / max(length, NOT_ZERO)
+        ou, ov = _image_direction(c, motion, outline.outward[k], x / z, y / z)
+        keep[n] = k
+        pixel[n, 0], pixel[n, 1] = u, v
+        normal[n, 0], normal[n, 1] = nu, nv
+        limb[n] = -np.sign(nu * ou + nv * ov)
+        # Derivatives by a shift, in this camera's frame, then in the first one's.
+        gx, gy = nu * c[12] / z, nv * c[13] / z
+        gz = -(gx * x + gy * y) / z
+        ax, ay, az = px - cx, py - cy, pz - cz
+        sx = c[0] * gx + c[3] * gy + c[6] * gz
+        sy = c[1] * gx + c[4] * gy + c[7] * gz
+        sz = c[2] * gx + c[5] * gy + c[8] * gz
+        if limb[n] != 0.0:
+            # The limb moves as its tangent plane does; its points may have left it a little when the outline is reused.
+            ox, oy, oz = rotate(motion, outline.outward[k, 0], outline.outward[k, 1], outline.outward[k, 2])
+            share = ox * sx + oy * sy + oz * sz
+            sx, sy, sz = share * ox, share * oy, share * oz
+        slope[n, 0], slope[n, 1], slope[n, 2] = ay * sz - az * sy, az * sx - ax * sz, ax * sy - ay * sx
+        slope[n, 3], slope[n, 4], slope[n, 5] = sx, sy, sz
+        n += 1
+    return keep[:n].copy(), pixel[:n].copy(), normal[:n].copy(), slope[:n].copy(), limb[:n].copy()
 
 
-def _image_direction(direction: FloatArray, at: FloatArray, camera: PinholeCamera) -> FloatArray:
-    """(n, 2): where in the image points move that move by directions (n, 3) of the camera frame; up to a factor."""
-    across = direction[:, :2] - direction[:, 2:] * at[:, :2] / at[:, 2:]
-    direction_2d: FloatArray = across * np.array([camera.fx, camera.fy])
-    return direction_2d
+@njit(nogil=True)
+def _image_direction(
+    camera: FloatArray, motion: Motion, direction: FloatArray, x: float, y: float
+) -> tuple[float, float]:
+    """Where in the image a point at (x, y, 1) moves that moves by a direction (3,) of the model; up to a factor."""
+    dx, dy, dz = rotate(motion, direction[0], direction[1], direction[2])
+    ex = camera[0] * dx + camera[1] * dy + camera[2] * dz
+    ey = camera[3] * dx + camera[4] * dy + camera[5] * dz
+    ez = camera[6] * dx + camera[7] * dy + camera[8] * dz
+    return camera[12] * (ex - ez * x), camera[13] * (ey - ez * y)
 
 
-def _abscissa(group: Int32Array) -> FloatArray:
-    """Where on its curve each point is, (n,) from -1 to 1."""
-    start = np.flatnonzero(np.diff(group, prepend=-1))
-    count = np.diff(np.append(start, len(group)))
-    rank = np.arange(len(group)) - np.repeat(start, count)
-    share: FloatArray = (2.0 * rank + 1.0) / np.repeat(count, count) - 1.0
-    return share
+@njit(nogil=True)
+def _along(
+    group: Int32Array, pixel: FloatArray, normal: FloatArray, spacing: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where on its curve each point is (n,), from -1 to 1; its curvature in the image (n,), one over pixels.
 
-
-def _curvature(placed: Placed, spacing: FloatArray) -> FloatArray:
-    """Curvature in the image, (n,) one over pixels, towards the normals: from neighbours on one curve."""
-    step = np.linalg.norm(np.diff(placed.pixel, axis=0), axis=1)
-    # Two neighbours are a spacing apart; more lies between them where something hides the curve.
-    linked = (np.diff(placed.group) == 0) & (step < 1.5 * spacing[1:])
-    before, after = placed.normal[:-1], placed.normal[1:]
-    turn = np.where(linked, (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) / np.maximum(step, NOT_ZERO), 0.0)
-    count, total = np.zeros(len(placed.pixel)), np.zeros(len(placed.pixel))
-    for some in (slice(None, -1), slice(1, None)):
-        count[some] += linked
-        total[some] += turn
-    bend: FloatArray = total / np.maximum(count, 1.0)
-    return bend
+    The curvature is towards the normals, from neighbours on one curve.
+    """
+    n = len(group)
+    abscissa, bend, turn = np.empty(n), np.zeros(n), 0.0
+    start = 0
+    for k in range(n + 1):
+        if k < n and group[k] == group[start]:
+            continue
+        for j in range(start, k):
+            abscissa[j] = (2.0 * (j - start) + 1.0) / (k - start) - 1.0
+        start = k
+    before = False
+    for k in range(n):
+        # Two neighbours are a spacing apart; more lies between them where something hides the curve.
+        after, next_turn = False, 0.0
+        if k + 1 < n and group[k + 1] == group[k]:
+            step = math.hypot(pixel[k + 1, 0] - pixel[k, 0], pixel[k + 1, 1] - pixel[k, 1])
+            after = step < 1.5 * spacing[k + 1]
+            if after:
+                next_turn = (normal[k, 0] * normal[k + 1, 1] - normal[k, 1] * normal[k + 1, 0]) / max(step, NOT_ZERO)
+        count = (1 if before else 0) + (1 if after else 0)
+        if count > 0:
+            bend[k] = ((turn if before else 0.0) + (next_turn if after else 0.0)) / count
+        before, turn = after, next_turn
+    return abscissa, bend

@@ -93,6 +93,11 @@ class Views:
         return Views(images, cameras, self.poses)
 
     @cached_property
+    def sizes(self) -> FloatArray:
+        """Width and height of each image, (views, 2) float64, pixels."""
+        return np.array([[camera.width, camera.height] for camera in self.cameras], float)
+
+    @cached_property
     def rows(self) -> FloatArray:
         """The cameras as compiled functions take them, (views, 16): camera_R_first, camera_t_first, fx, fy, cx, cy."""
         out = np.empty((len(self), 16))

@@ -1,0 +1,159 @@
+"""One frame: a pose laid on the images from the one that was predicted, and whether they show the outline there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+
+from ..geometry.least_squares import covariances
+from ..image_pose.alignment import Steps, align
+from ..image_pose.measurement import Presence, elsewhere, fitted, searched
+from ..image_pose.model_error import ModelError, fitted_model_error
+from ..image_pose.presence import chance_beside, confirmations, log_ratio
+from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, TO_POSE
+from ..image_pose.sight import Outline, Shape, Sight, drawn
+from ..image_pose.views import Views
+from .settings import ROUNDS
+
+# Where nothing is known of a pose beforehand.
+NO_PRIOR = np.zeros((6, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A pose drawn in, and what the images say of it.
+
+    Attributes
+    ----------
+    motion : (12,) float64
+        first_T_model.
+    presence : Presence
+    steps : Steps
+        That were found about the outline at this pose.
+    """
+
+    motion: FloatArray
+    presence: Presence
+    steps: Steps
+
+
+def searched_for(
+    shape: Shape,
+    outline: Outline,
+    motion: FloatArray,
+    views: Views,
+    search_px: float,
+    covariance: FloatArray,
+    hidden: BoolArray | None,
+) -> Place:
+    """Draw a pose in, and ask the images.
+
+    Parameters
+    ----------
+    shape : Shape
+    outline : Outline
+        About as the views see it.
+    motion : (12,) float64
+        Predicted.
+    views : Views
+    search_px : float
+        How far the outline may be from where it is predicted.
+    covariance : (6, 6) float64
+        Of middle and turn, as predicted.
+    hidden : (n,) bool, optional
+        Points of the outline that something nearer hides.
+    """
+    seen = outline if hidden is None else _some(outline, ~hidden)
+    turn_first = np.roll(np.arange(6), 3)
+    prior = np.asarray(np.linalg.inv(covariance)[np.ix_(turn_first, turn_first)], np.float64)
+    motion = motion.copy()
+    levels = [views]
+    while REACH * 2 ** (len(levels) - 1) < search_px:
+        levels.append(levels[-1].halved)
+    for level in range(len(levels) - 1, -1, -1):
+        reach = int(np.ceil(min(search_px, REACH)))
+        widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
+        # In an image of half the size neighbours are half as far apart: every second one is looked at.
+        sight = drawn(_some(seen, np.arange(0, len(seen.eye), 2**level)), motion, shape.centre, levels[level])
+        steps = searched(sight, levels[level], reach)
+        density = elsewhere(steps, reach)
+        laid(shape, motion, levels[level], sight, steps, widths, ModelError(0.0, 0.0), density, prior)
+    sight = drawn(seen, motion, shape.centre, views)
+    steps = searched(sight, views, REACH + 1)
+    if not len(sight):
+        return Place(motion, Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps)
+    chance = chance_beside(steps, sight.placed.group)
+    found = confirmations(steps.offset, steps.number, 0.0)
+    inside = found >= 0
+    support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
+    ratio = float(log_ratio(found, sight.placed.group, chance))
+    return Place(motion, Presence(ratio, support, sight, found), steps)
+
+
+def measured(
+    shape: Shape, place: Place, views: Views, error: ModelError
+) -> tuple[FloatArray, FloatArray, ModelError] | None:
+    """The pose (12,) by fitted steps, the covariance (6, 6) of middle and turn, and the outline's errors.
+
+    None where too little of the outline shows a step.
+    """
+    sight, motion = place.presence.sight, place.motion.copy()
+    if len(sight) < FEWEST_POINTS:
+        return None
+    near = np.abs(place.steps.offset) <= NEAR
+    counted = place.steps._replace(number=np.where(place.steps.number < 0, -1, near.sum(axis=1)).astype(np.int32))
+    density = elsewhere(counted, NEAR)
+    steps = fitted(sight, views)
+    for _ in range(ROUNDS):
+        residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
+        use = weight > 0.0
+        if use.sum() < FEWEST_POINTS:
+            return None
+        placed = sight.placed
+        error = fitted_model_error(
+            placed.group[use], placed.abscissa[use], residual[use], weight[use], steps.variance[use], error
+        )
+    if error.point > FARTHEST_STEP:
+        return None
+    covariance = covariances(normal[None], np.ones(1), np.zeros((1, 3)), shape.size)[0]
+    return motion, covariance, error
+
+
+def laid(
+    shape: Shape,
+    motion: FloatArray,
+    views: Views,
+    sight: Sight,
+    steps: Steps,
+    widths: FloatArray,
+    error: ModelError,
+    density: float,
+    prior: FloatArray = NO_PRIOR,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
+    residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
+    own = Steps(steps.offset, steps.number, steps.variance + error.point**2)
+    align(
+        motion,
+        shape.centre,
+        views.rows,
+        sight.placed,
+        own,
+        widths,
+        density,
+        error.curve,
+        prior,
+        residual,
+        weight,
+        normal,
+    )
+    return residual, weight, normal
+
+
+def _some(outline: Outline, rows: BoolArray | IntArray) -> Outline:
+    """Some of the points of an outline."""
+    point, tangent, outward, eye, curve, feature, spacing = outline
+    return Outline(point[rows], tangent[rows], outward[rows], eye[rows], curve[rows], feature[rows], spacing[rows])

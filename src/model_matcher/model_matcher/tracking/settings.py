@@ -1,0 +1,46 @@
+"""Numbers of tracking, each with its unit and its reason."""
+
+from __future__ import annotations
+
+# Seconds between frames where nobody says: that of most cameras.
+PERIOD_S = 1.0 / 30.0
+# Metres a second squared: sigma of the acceleration of any point of an object that a hand or a robot moves, 0.2 g.
+ACCELERATION = 2.0
+# Metres a second: sigma of the speed of any point of an object of which nothing is known yet.
+SPEED = 0.25
+# Metres: sigma of a pose to start from that comes without covariance, of any point of the object.
+START = 0.003
+# Sigmas of what is predicted, within which it is looked for; of a normal error 3 in 1000 lie outside.
+SEARCHED_SIGMAS = 3.0
+# Pixels that are searched at least: the width of an edge, and of what an outline that is reused is off.
+LEAST_SEARCH = 3.0
+# Frames that ACCELERATION counts for when an object's own is learnt, and frames that are remembered.
+FIRST_FRAMES = 2.0
+REMEMBERED = 10
+# Share of the outline that something may cover from one frame to the next; where more is missed all at once, the object
+# may as well be elsewhere, and is searched for farther away.
+COVERED = 0.1
+# Chance a frame that an object is moved as no acceleration does, and how far then, metres and radians: by a push.
+JUMPS = 1e-3
+JUMP_M = 0.02
+JUMP_RAD = 0.087
+# Chance a frame that an object vanishes, and that one that had vanished is there again where it was looked for: of a
+# thousand frames.
+VANISHES = 1e-3
+RETURNS = 1e-3
+# Log odds (nats) of an object being there, below which it is given up: even odds.
+GIVEN_UP = 0.0
+# Seconds after which a lost object is not looked for any more where it was last seen: what moves as fast as SPEED has
+# left the range of JUMP_M several times over.
+SOUGHT_S = 0.5
+# Pixels that the limb of a curved surface may be off where an outline is reused: a fifth of what confirms a point.
+SAGITTA_PX = 0.1
+# Pixels around the images in which an outline is prepared, so that it need not be made again at once where it enters.
+MARGIN_PX = 64
+# Rounds of the outline's sigmas in a frame: they begin at those of the frame before.
+ROUNDS = 2
+# Variance of a turn, square radians, above which nothing shows it: that of an angle anywhere within a quarter turn.
+UNSEEN_TURN = 0.2
+# Pixels: of a side of the picture of an object that is looked for again, at most and at least; it is halved until so.
+PATCH_PX = 48
+LEAST_PATCH = 6
