@@ -332,6 +332,8 @@ class TestMarkersAndReports:
             free_shift=None if accepted else [0.0, 0.6, 0.8],
             free_turn=[0.6, 0.0, 0.8] if accepted else None,
             note='free to turn' if accepted else None,
+            evidence=12.5 if accepted else float('nan'),
+            support=residual,
         )
         (back,) = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
         for name in ('assignment', 'sign'):
@@ -345,17 +347,21 @@ class TestMarkersAndReports:
             'proven',
             'rejected_reason',
             'note',
+            'support',
         ):
             assert getattr(back, name) == getattr(item, name)
         assert (back.covariance is None) == (item.covariance is None)
         assert np.array_equal(back.free_shift, item.free_shift)
         assert np.array_equal(back.free_turn, item.free_turn)
+        assert np.array_equal(back.evidence, item.evidence, equal_nan=True)
 
     def test_a_report_from_before_free_turns_and_notes_is_read(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose(), note='new')])
-        report.status[0].values = [v for v in report.status[0].values if v.key not in ('free_turn', 'note')]
+        later = ('free_turn', 'note', 'evidence', 'support')
+        report.status[0].values = [v for v in report.status[0].values if v.key not in later]
         (back,) = codecs.interpretations_from_report(report)
         assert back.free_turn is None and back.note is None
+        assert np.isnan(back.evidence) and np.isnan(back.support)
 
     def test_a_damaged_report_names_status_and_key(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose())])

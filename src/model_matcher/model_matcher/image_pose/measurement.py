@@ -192,10 +192,14 @@ def presence(
     -------
     Presence
     """
-    sight = look(shape, pose, views, spacing)
-    if not len(sight):
-        return Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(0, np.int8))
+    return shown(look(shape, pose, views, spacing), views, known)[0]
+
+
+def shown(sight: Sight, views: Views, known: IntArray | None = None) -> tuple[Presence, Steps]:
+    """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`."""
     steps = searched(sight, views, REACH + 1)
+    if not len(sight):
+        return Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
     chance = chance_beside(steps, sight.placed.group)
     found = confirmations(steps.offset, steps.number, 0.0)
     inside = found >= 0
@@ -204,7 +208,7 @@ def presence(
     if known is not None:
         others = np.where(np.isin(sight.feature, known), np.int8(-1), found)
         further = float(log_ratio(others, sight.placed.group, chance))
-    return Presence(ratio, further, support, sight, found)
+    return Presence(ratio, further, support, sight, found), steps
 
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:

@@ -10,9 +10,8 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps, align
-from ..image_pose.measurement import Presence, elsewhere, fitted, searched
+from ..image_pose.measurement import Presence, elsewhere, fitted, searched, shown
 from ..image_pose.model_error import ModelError, fitted_model_error
-from ..image_pose.presence import chance_beside, confirmations, log_ratio
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, TO_POSE
 from ..image_pose.sight import Outline, Shape, Sight, drawn
 from ..image_pose.views import Views
@@ -82,15 +81,7 @@ def searched_for(
         density = elsewhere(steps, reach)
         laid(shape, motion, levels[level], sight, steps, widths, ModelError(0.0, 0.0), density, prior)
     sight = drawn(seen, motion, shape.centre, views)
-    steps = searched(sight, views, REACH + 1)
-    if not len(sight):
-        return Place(motion, Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps)
-    chance = chance_beside(steps, sight.placed.group)
-    found = confirmations(steps.offset, steps.number, 0.0)
-    inside = found >= 0
-    support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
-    ratio = float(log_ratio(found, sight.placed.group, chance))
-    return Place(motion, Presence(ratio, support, sight, found), steps)
+    return Place(motion, *shown(sight, views))
 
 
 def measured(

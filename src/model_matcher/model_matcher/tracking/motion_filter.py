@@ -128,6 +128,18 @@ def mahalanobis(state: BodyState, pose: Pose, covariance: FloatArray) -> float:
     return float(innovation @ np.linalg.solve(spread, innovation))
 
 
+def occam(before: FloatArray, measured: FloatArray) -> float:
+    """Nats that a pose costs which was fitted: how many it was chosen from (MacKay 2003, section 28.1).
+
+    A pose has six unknowns, with which an outline lays some of its edges on whatever edges there are. The likelihood of
+    the object being there is the mean over all poses that were possible beforehand, of which the best has a share.
+
+    before, measured : (6, 6) float64, covariance predicted, and that of the measurement alone
+    """
+    ratio = np.linalg.slogdet(np.eye(6) + np.linalg.solve(measured, before))[1]
+    return float(0.5 * ratio)
+
+
 def _innovation(state: BodyState, pose: Pose, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shift and turn (6,) from the predicted pose to a measured one, and their covariance (6, 6)."""
     turn = Pose(pose.rotation @ state.pose.rotation.T, np.zeros(3)).rotation_vector

@@ -26,7 +26,7 @@ from .appearance import patches, shifted
 from .aspect import AspectCache
 from .hiding import behind
 from .measuring import Place, measured, searched_for
-from .motion_filter import BodyState, about_middle, at_rest, corrected, mahalanobis, moved_camera, predicted
+from .motion_filter import BodyState, about_middle, at_rest, corrected, mahalanobis, moved_camera, occam, predicted
 from .settings import (
     ACCELERATION,
     COVERED,
@@ -218,24 +218,24 @@ class Tracker:
             views.blur[:] = self._blur
         self._lost_s = self._lost_s + seconds if lost else 0.0
         if self._lost_s > SOUGHT_S:
-            return self._result(state, Presence(-math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
+            return self._result(state, Presence(-math.inf, -math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
         outline = self._aspects.outline(state.pose, views)
         hidden = behind(outline, state.pose, views, nearer) if nearer else None
         place, search = self._best_place(outline, state, views, hidden, lost)
-        self._weigh(place.presence.log_ratio)
+        found = measured(self.shape, place, views, self._error)
+        if found is None:
+            self._weigh(-math.inf)
+            return self._result(state, place.presence, search)
+        motion, covariance, error = found
+        moved = lost or search > self._near(state, views)
+        ahead = self._unsettled(state) if moved else state
+        self._weigh(place.presence.log_ratio - occam(ahead.covariance[:6, :6], covariance))
         if self._log_odds > GIVEN_UP:
-            found = measured(self.shape, place, views, self._error)
-            if found is not None:
-                motion, covariance, self._error = found
-                if lost or search > self._near(state, views):
-                    state = self._unsettled(state)
-                else:
-                    self._learn(state, as_pose(motion), covariance)
-                state = corrected(state, as_pose(motion), covariance)
-            self._blur = views.blur
-            self._support = place.presence.support
+            if not moved:
+                self._learn(state, as_pose(motion), covariance)
+            self._error, self._blur, self._support = error, views.blur, place.presence.support
+            state = self._state = corrected(ahead, as_pose(motion), covariance)
             self._last = place.presence.sight, state.place, views
-            self._state = state
         return self._result(state, place.presence, search)
 
     def _best_place(
@@ -305,7 +305,7 @@ class Tracker:
         """One step of the hidden Markov chain of being there."""
         there = 1.0 / (1.0 + math.exp(-min(max(self._log_odds, -700.0), 700.0)))
         there = there * (1.0 - VANISHES) + (1.0 - there) * RETURNS
-        self._log_odds = math.log(there) - math.log1p(-there) + log_ratio
+        self._log_odds = max(math.log(there) - math.log1p(-there) + log_ratio, math.log(RETURNS))
 
     def _result(self, state: BodyState, presence: Presence, search: float) -> Tracked:
         lost = self._log_odds <= GIVEN_UP

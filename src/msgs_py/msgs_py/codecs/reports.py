@@ -6,6 +6,7 @@ Values are JSON text, so that a person reads them and a program parses them back
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -22,7 +23,7 @@ ACCEPTED = 'accepted'
 # Values that are read back; 'matched' and 'score' are there for a person.
 READ_BACK = ('residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven', 'free_shift')
 # As these, but reports written before there were any lack them.
-ADDED = ('free_turn', 'note')
+ADDED = ('free_turn', 'note', 'evidence', 'support')
 
 
 def report_from_interpretations(
@@ -58,6 +59,8 @@ def report_from_interpretations(
             'free_shift': None if item.free_shift is None else item.free_shift.tolist(),
             'free_turn': None if item.free_turn is None else item.free_turn.tolist(),
             'note': item.note,
+            'evidence': _number(item.evidence),
+            'support': _number(item.support),
         }
         report.status.append(
             DiagnosticStatus(
@@ -99,6 +102,8 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
                     free_shift=decoded['free_shift'],
                     free_turn=decoded['free_turn'],
                     note=decoded['note'],
+                    evidence=_or_nan(decoded['evidence']),
+                    support=_or_nan(decoded['support']),
                 )
             )
         except KeyError as error:
@@ -106,6 +111,16 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
         except (TypeError, ValueError) as error:
             raise CodecError(f'report.status[{index}]: {error}') from None
     return result
+
+
+def _number(value: float) -> float | None:
+    """A number as JSON writes it; None where it is not known."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _or_nan(value: float | None) -> float:
+    """What :func:`_number` wrote."""
+    return math.nan if value is None else float(value)
 
 
 def _pose_values(pose: Pose) -> dict[str, Any]:

@@ -112,6 +112,7 @@ class GraphNode(Node, Generic[_C]):
         super().__init__(name, **kwargs)
         self.health = Health(time.monotonic())
         self._sync: StampSync | None = None
+        self._optional_syncs: list[StampSync] = []
         self._received: dict[str, int] = {}
         self._callback_start = time.monotonic()
         self._preparation: Preparation | None = None
@@ -420,7 +421,12 @@ class GraphNode(Node, Generic[_C]):
         return publisher.get_subscription_count() > 0
 
     def listen(
-        self, message_type: type, topic: str, callback: Callable[[Any], None], formerly: tuple[str, ...] = ()
+        self,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        formerly: tuple[str, ...] = (),
+        optional: bool = False,
     ) -> Subscription:
         """A subscription whose callback may raise: that is reported, and the node lives on.
 
@@ -432,11 +438,18 @@ class GraphNode(Node, Generic[_C]):
             Takes the message.
         formerly : tuple of str
             Old names of the topic; what comes there is taken too, with a warning.
+        optional : bool
+            Nothing is wrong when nothing comes.
         """
-        return self._subscribe(message_type, topic, self._when_prepared(topic, callback), formerly)
+        return self._subscribe(message_type, topic, self._when_prepared(topic, callback), formerly, optional)
 
     def _subscribe(
-        self, message_type: type, topic: str, callback: Callable[[Any], None], formerly: tuple[str, ...] = ()
+        self,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        formerly: tuple[str, ...] = (),
+        optional: bool = False,
     ) -> Subscription:
         """As :meth:`listen`, also while the node compiles."""
         for old in formerly:
@@ -446,12 +459,14 @@ class GraphNode(Node, Generic[_C]):
                 guarded(message)
 
             self.create_subscription(message_type, old, on_old, INPUT_QOS)
-        self._received.setdefault(topic, 0)
+        if not optional:
+            self._received.setdefault(topic, 0)
         guarded = self._guard(topic, callback)
         gaps = SequenceGaps()
 
         def on_message(message: Any, info: Any) -> None:
-            self._received[topic] += 1
+            if not optional:
+                self._received[topic] += 1
             # Numbers of several writers cannot be told apart; then nothing is counted rather than something wrong.
             missed = gaps.missed(info.get('publication_sequence_number'))
             if subscription.get_publisher_count() > 1:
@@ -475,7 +490,11 @@ class GraphNode(Node, Generic[_C]):
         return subscription
 
     def listen_stereo(
-        self, callback: Callable[[StereoMessages], None], queue_size: int = PENDING_SETS, tolerance_s: float = 0.0
+        self,
+        callback: Callable[[StereoMessages], None],
+        queue_size: int = PENDING_SETS,
+        tolerance_s: float = 0.0,
+        optional: bool = False,
     ) -> None:
         """Subscribe to the four stereo topics.
 
@@ -487,12 +506,14 @@ class GraphNode(Node, Generic[_C]):
             Incomplete sets that are kept.
         tolerance_s : float
             Largest difference of stamps inside a set, seconds.
+        optional : bool
+            Nothing is wrong when none come.
         """
 
         def on_set(messages: dict[str, Any]) -> None:
             callback(StereoMessages(*(messages[name] for name in STEREO_TOPICS)))
 
-        self.listen_together('stereo pair', STEREO_TOPICS, on_set, queue_size, tolerance_s)
+        self.listen_together('stereo pair', STEREO_TOPICS, on_set, queue_size, tolerance_s, optional)
 
     def listen_cameras(
         self,
@@ -500,6 +521,7 @@ class GraphNode(Node, Generic[_C]):
         callback: Callable[[Sequence[tuple[Image, CameraInfo]]], None],
         queue_size: int = PENDING_SETS,
         tolerance_s: float = 0.0,
+        optional: bool = False,
     ) -> None:
         """Subscribe to the topics of any number of cameras: camera_0/image_rect, camera_0/camera_info, camera_1/...
 
@@ -509,7 +531,7 @@ class GraphNode(Node, Generic[_C]):
             Of cameras.
         callback : callable
             Takes image and camera_info of each camera, of one stamp.
-        queue_size, tolerance_s
+        queue_size, tolerance_s, optional
             As for :meth:`listen_stereo`.
         """
         topics = [f'camera_{k}/{name}' for k in range(count) for name in ('image_rect', 'camera_info')]
@@ -517,7 +539,7 @@ class GraphNode(Node, Generic[_C]):
         def on_set(messages: dict[str, Any]) -> None:
             callback([(messages[image], messages[info]) for image, info in zip(topics[::2], topics[1::2])])
 
-        self.listen_together('set of images', topics, on_set, queue_size, tolerance_s)
+        self.listen_together('set of images', topics, on_set, queue_size, tolerance_s, optional)
 
     def listen_together(
         self,
@@ -526,6 +548,7 @@ class GraphNode(Node, Generic[_C]):
         callback: Callable[[dict[str, Any]], None],
         queue_size: int,
         tolerance_s: float,
+        optional: bool = False,
     ) -> None:
         """Subscribe to topics of images and camera_info that belong together.
 
@@ -537,11 +560,15 @@ class GraphNode(Node, Generic[_C]):
             Those that end in camera_info carry one, the others images.
         callback : callable
             Takes the messages of one stamp by their topics.
-        queue_size, tolerance_s
+        queue_size, tolerance_s, optional
             As for :meth:`listen_stereo`.
         """
         on_set = self._when_prepared(source, callback)
-        self._sync = sync = StampSync(topics, queue_size, round(tolerance_s * NANOSECONDS))
+        sync = StampSync(topics, queue_size, round(tolerance_s * NANOSECONDS))
+        if optional:
+            self._optional_syncs.append(sync)
+        else:
+            self._sync = sync
 
         def joined(topic: str) -> Callable[[Any], None]:
             def on_message(message: Any) -> None:
@@ -553,7 +580,8 @@ class GraphNode(Node, Generic[_C]):
             return on_message
 
         for topic in topics:
-            self._subscribe(CameraInfo if topic.endswith('camera_info') else Image, topic, joined(topic))
+            kind = CameraInfo if topic.endswith('camera_info') else Image
+            self._subscribe(kind, topic, joined(topic), optional=optional)
 
     def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
         """A callback that reports what the given one raises, under the name of its source."""
@@ -647,8 +675,9 @@ class GraphNode(Node, Generic[_C]):
         self._diagnostics_out.publish(message)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._sync is not None:
-            self._sync.forget()
+        for sync in (self._sync, *self._optional_syncs):
+            if sync is not None:
+                sync.forget()
         self.health = Health(time.monotonic())
         self._newest.clear()
         try:
