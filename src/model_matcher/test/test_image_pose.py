@@ -54,7 +54,7 @@ def test_a_step_is_fitted_where_it_is(place, angle, blur):
     out = np.empty((len(outline.spacing), 4))
     image = step_image([place], [60, 180], angle, blur)
     # Looking an image up between its pixels blurs it by a little more.
-    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), math.hypot(blur, 0.35), 0.3, out)
+    fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, math.hypot(blur, 0.35), 0.3, out)
     assert np.abs(out[:, 0].mean() - place) < 0.01
     np.testing.assert_allclose(out[:, 2], 120.0, atol=4.0)
 
@@ -66,7 +66,7 @@ def test_steps_beside_one_another_are_told_apart():
     image = step_image([0.2, 2.0], [160, 60, 150], angle)
     beside = np.full((len(out), BESIDE), np.nan)
     beside[:, 0] = 1.7
-    fit_steps(image, outline, beside, 0.73, 0.3, out)
+    fit_steps(image, outline, beside, 1.0, 0.73, 0.3, out)
     assert np.abs(out[:, 0] - 0.2).max() < 0.06
 
 
@@ -77,10 +77,34 @@ def test_the_stated_variance_is_that_of_noise():
     for seed in range(60):
         out = np.empty((len(outline.spacing), 4))
         image = step_image([0.3], [80, 140], angle, 0.7, noise, seed)
-        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 0.8, noise, out)
+        fit_steps(image, outline, np.full((len(out), BESIDE), np.nan), 1.0, 0.8, noise, out)
         places.append(out[:, 0])
         stated.append(out[:, 1])
     assert 0.8 < np.var(places) / np.mean(stated) < 1.25
+
+
+def test_a_tone_curve_does_not_move_a_step():
+    angle = 0.9
+    outline = stretches(angle)
+    light = step_image([0.3], [20, 200], angle, 0.8).astype(float)
+    coded = np.rint(255.0 * (light / 255.0) ** (1.0 / 2.2)).astype(np.uint8)
+    out = np.empty((len(outline.spacing), 4))
+    nothing = np.full((len(out), BESIDE), np.nan)
+    fit_steps(coded, outline, nothing, 2.2, 0.88, 0.3, out)
+    assert np.abs(out[:, 0].mean() - 0.3) < 0.02
+    fit_steps(coded, outline, nothing, 1.0, 0.88, 0.3, out)
+    assert np.abs(out[:, 0].mean() - 0.3) > 0.1
+
+
+def test_the_tone_curve_is_told_from_the_outline():
+    shape, _, pose, views, rig = rendered('plug', 1)
+    assert views.tone[0] == 0.0
+    measure_pose(shape, pose, views)
+    assert views.tone[0] == 1.0
+    coded = Views.of([np.rint(255.0 * (image / 255.0) ** (1.0 / 2.2)).astype(np.uint8) for image in views.images], rig)
+    found = measure_pose(shape, pose, coded)
+    assert coded.tone[0] == 2.2
+    assert pose.error_to(found.pose).rotation_deg < 0.1
 
 
 def test_all_steps_of_a_profile_are_found_with_their_signs():

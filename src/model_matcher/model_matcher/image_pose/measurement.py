@@ -32,6 +32,8 @@ from .settings import (
     FIRST_POINT_ERROR,
     FLANK,
     NEAR,
+    NOT_ZERO,
+    POSE_UNKNOWNS,
     REACH,
     SHOWN,
     SIGNIFICANT,
@@ -39,6 +41,8 @@ from .settings import (
     STRONG,
     TO_ERROR,
     TO_POSE,
+    TONE_NATS,
+    TONES,
 )
 from .sight import Shape, Sight, look
 from .views import Views
@@ -139,7 +143,28 @@ def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = 
 
 
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
-    """The pose from fitted steps, from one (12,) that is a pixel off at most; see :func:`measure_pose`."""
+    """The pose from fitted steps, from one (12,) that is a pixel off at most; see :func:`measure_pose`.
+
+    Whether the camera codes light by a tone curve is not said in an image. A wrong curve moves every step to its dark
+    side, and which side that is differs from edge to edge: the right one leaves the outline less to be off.
+    """
+    if views.tone[0] > 0.0:
+        return _polished(shape, motion, views)
+    found = []
+    for tone in TONES:
+        views.tone[0], views.blur[:] = tone, 0.0
+        found.append((_polished(shape, motion, views), views.blur.copy()))
+    linear, coded = (one for one, _ in found)
+    curves = len(np.unique(linear.presence.sight.placed.group))
+    unknowns = max(2 * curves - POSE_UNKNOWNS, 0)
+    gain = unknowns * np.log(max(linear.error.curve, NOT_ZERO) / max(coded.error.curve, NOT_ZERO))
+    best = int(gain > TONE_NATS)
+    views.tone[0], views.blur[:] = TONES[best], found[best][1]
+    return found[best][0]
+
+
+def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
+    """As :func:`polished`, with the tone curve of the views."""
     motion = motion.copy()
     density = 0.0
     error = ModelError(FIRST_CURVE_ERROR, FIRST_POINT_ERROR)
@@ -241,6 +266,7 @@ def elsewhere(steps: Steps, reach: int) -> float:
 
 def fitted(sight: Sight, views: Views) -> Steps:
     """The step at each point where the outline says it is, fitted to the grey levels."""
+    tone = max(float(views.tone[0]), TONES[0])
     beside, flank = neighbours(sight.placed, sight.spacing)
     out = np.empty((len(sight), 4))
     for eye, image in enumerate(views.images):
@@ -255,13 +281,13 @@ def fitted(sight: Sight, views: Views) -> Steps:
         )
         noise = float(views.noise[eye])
         if views.blur[eye] <= 0.0:
-            views.blur[eye] = _best_blur(image, outline, beside[rows], noise)
-        fit_steps(image, outline, beside[rows], views.blur[eye], noise, out[rows])
+            views.blur[eye] = _best_blur(image, outline, beside[rows], tone, noise)
+        fit_steps(image, outline, beside[rows], tone, views.blur[eye], noise, out[rows])
     known = np.isfinite(out[:, 0])
     return Steps(np.where(known, out[:, 0], 0.0)[:, None], known.astype(np.int32), np.where(known, out[:, 1], 1.0))
 
 
-def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, noise: float) -> float:
+def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, noise: float) -> float:
     """The blur, pixels, with which strong steps that stand alone are explained best."""
     alone = np.flatnonzero((outline.flank == FLANK) & np.isnan(beside).all(axis=1))
     some = alone[:: max(1, -(-len(alone) // BLUR_POINTS))]
@@ -276,7 +302,7 @@ def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, noise: 
     nothing, out = beside[some], np.empty((len(some), 4))
     costs = np.full(len(BLURS), np.inf)
     for k, blur in enumerate(BLURS):
-        fit_steps(image, part, nothing, blur, noise, out)
+        fit_steps(image, part, nothing, tone, blur, noise, out)
         good = np.abs(out[:, 2]) > STRONG * noise
         if good.any():
             costs[k] = np.median(out[good, 3] / out[good, 2] ** 2)

@@ -50,12 +50,22 @@ class Stretches(NamedTuple):
 
 
 @njit(nogil=True)
-def profile(image: ByteArray, at: tuple[float, ...], spacing: float, bend: float, reach: int, out: FloatArray) -> bool:
+def profile(
+    image: ByteArray,
+    levels: FloatArray,
+    at: tuple[float, ...],
+    spacing: float,
+    bend: float,
+    reach: int,
+    out: FloatArray,
+) -> bool:
     """Grey levels at whole pixels along a normal, each the mean of a stretch along the tangent.
 
     Parameters
     ----------
     image : (h, w) uint8
+    levels : (256,) float64
+        What each value of a pixel stands for.
     at : tuple of 4 float
         The middle and the unit normal, pixels.
     spacing : float
@@ -89,8 +99,8 @@ def profile(image: ByteArray, at: tuple[float, ...], spacing: float, bend: float
             x, y = u + across * nx + along * ny, v + across * ny - along * nx
             i0, j0 = int(x), int(y)
             a, b = x - i0, y - j0
-            top = (1.0 - a) * image[j0, i0] + a * image[j0, i0 + 1]
-            low = (1.0 - a) * image[j0 + 1, i0] + a * image[j0 + 1, i0 + 1]
+            top = (1.0 - a) * levels[image[j0, i0]] + a * levels[image[j0, i0 + 1]]
+            low = (1.0 - a) * levels[image[j0 + 1, i0]] + a * levels[image[j0 + 1, i0 + 1]]
             total += (1.0 - b) * top + b * low
         out[k] = total / count
     return True
@@ -128,11 +138,12 @@ def find_steps(
     taps = len(TAPS)
     half = reach + taps + 1
     grey, response = np.empty(2 * half + 1), np.empty(2 * reach + 3)
+    levels = np.arange(256.0)
     most = offset.shape[1]
     for n in range(len(pixel)):
         count[n] = -1
         at = (pixel[n, 0], pixel[n, 1], normal[n, 0], normal[n, 1])
-        if not profile(image, at, spacing[n], 0.0, half, grey):
+        if not profile(image, levels, at, spacing[n], 0.0, half, grey):
             continue
         count[n] = 0
         for k in range(2 * reach + 3):
@@ -163,7 +174,7 @@ def find_steps(
 
 @njit(nogil=True)
 def fit_steps(
-    image: ByteArray, outline: Stretches, beside: FloatArray, blur: float, noise: float, fitted: FloatArray
+    image: ByteArray, outline: Stretches, beside: FloatArray, tone: float, blur: float, noise: float, fitted: FloatArray
 ) -> None:
     """The steps of an outline fitted to the profiles across it: a + sum of b_k Phi((x - o_k - d_k) / blur).
 
@@ -176,14 +187,17 @@ def fit_steps(
     outline : Stretches
     beside : (n, m) float64
         Pixels from each point to further steps across its normal, o_k; not a number where there are fewer.
+    tone : float
+        Exponent that makes light of grey levels: what is blurred is light, not its code.
     blur : float
         Pixels, sigma.
     noise : float
-        Grey levels, sigma.
+        Grey levels of the image, sigma.
     fitted : (n, 4) float64
         Filled with: d_0, pixels along the normal; its variance; the contrast b_0; mean squared residual. Not a
         number where the profile leaves the image, shows no step or one farther than FARTHEST_STEP away.
     """
+    levels = 255.0 * (np.arange(256.0) / 255.0) ** tone
     grey = np.empty(2 * FLANK + 1)
     most = 4 + 2 * beside.shape[1]
     row, right, x = np.empty(most), np.empty(most), np.empty(most)
@@ -194,7 +208,7 @@ def fit_steps(
         r = outline.flank[n]
         stretch = max(outline.spacing[n], 1.0)
         at = (outline.pixel[n, 0], outline.pixel[n, 1], outline.normal[n, 0], outline.normal[n, 1])
-        if r == 0 or not profile(image, at, outline.spacing[n], outline.bend[n], r, grey):
+        if r == 0 or not profile(image, levels, at, outline.spacing[n], outline.bend[n], r, grey):
             continue
         size = 3
         while size < most - 1 and not math.isnan(beside[n, (size - 3) // 2]):
@@ -203,7 +217,8 @@ def fit_steps(
         if outline.limb[n] != 0.0:
             size += 1
         # What is believed beforehand of contrasts and places, in units of the noise of a pixel of the profile.
-        variance = noise * noise / stretch
+        mean = max(grey[: 2 * r + 1].mean(), 1.0) / 255.0
+        variance = (noise * tone * mean ** (1.0 - 1.0 / tone)) ** 2 / stretch
         ridge_level, ridge_place = variance / CONTRAST**2, variance / OFF_PREDICTED**2
         x[:] = 0.0
         squares = 0.0

@@ -83,3 +83,7 @@ FIRST_CURVE_ERROR = 0.5
 FIRST_POINT_ERROR = 0.25
 # One over square radians: what is known of a turn that nothing tells, uniform over a half turn to either side.
 HALF_TURN_INFORMATION = 3.0 / 3.141592653589793**2
+# Exponents of light by grey level that cameras have: none, and about that of sRGB (IEC 61966-2-1).
+TONES = (1.0, 2.2)
+# Nats by which the second must explain an outline better: with less, errors of the outline alone decide by chance.
+TONE_NATS = 5.0

@@ -82,6 +82,11 @@ class Views:
         return np.zeros(len(self))
 
     @cached_property
+    def tone(self) -> FloatArray:
+        """Exponent that makes light of the images' grey levels, (1,) float64; 0 where it has not been measured yet."""
+        return np.zeros(1)
+
+    @cached_property
     def halved(self) -> Views:
         """The same at half the resolution."""
         images = [np.asarray(cv2.pyrDown(image), np.uint8) for image in self.images]
