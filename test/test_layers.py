@@ -53,7 +53,9 @@ ROOMS = {
         'proof',
         'drawing',
         'pipeline',
+        'node_views',
         'node',
+        'tracker_node',
         'closed_form',
     ),
 }
@@ -94,11 +96,22 @@ def imports(path: Path) -> set[str]:
     return found
 
 
+# Modules outside of the codecs that know ROS.
+ROS_MODULES = (
+    'node',
+    'node_views',
+    'tracker_node',
+    'recognise_node',
+    'runtime',
+    'service_link',
+    'parameter_values',
+    'run_graph',
+    'run_sequence',
+)
+
+
 def may_use_ros(path: Path) -> bool:
-    return (
-        path.stem in ('node', 'runtime', 'service_link', 'parameter_values', 'run_graph', 'run_sequence')
-        or 'codecs' in path.parts
-    )
+    return path.stem in ROS_MODULES or 'codecs' in path.parts
 
 
 def inner_imports(path: Path, package: str) -> set[str]:

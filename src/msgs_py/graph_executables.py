@@ -35,3 +35,13 @@ def recovery_node() -> int:
 def matcher_node() -> int:
     """Run matcher_node."""
     return start('model_matcher.node')
+
+
+def tracker_node() -> int:
+    """Run tracker_node."""
+    return start('model_matcher.tracker_node')
+
+
+def recognise() -> int:
+    """Run recovery_node, matcher_node and tracker_node in one process."""
+    return start('model_matcher.closed_form.recognise_node')

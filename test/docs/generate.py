@@ -4,8 +4,9 @@
     python test/docs/generate.py --check    # exit code 1, naming the files, when they are not what the code says
 
 In src/dap_emulator/docs/dap.md the table of cycles counted on bit-planes is written.
-In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written, and in
-ARCHITECTURE.md the table of rooms; the rest is left alone. config/<node>.yaml is written whole.
+In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written (of a second
+node with another word), and in ARCHITECTURE.md the table of rooms; the rest is left alone. config/<node>.yaml is
+written whole.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from csg_renderer.node import RendererNode
 from dap_emulator.machine import counted
 from dap_emulator.node import EmulatorNode
 from model_matcher.node import MatcherNode
+from model_matcher.tracker_node import TrackerNode
 from msgs_py.node_runtime.config import ParameterSpec
 from msgs_py.node_runtime.runtime import GraphNode
 from stereo_recovery.node import RecoveryNode
 
 ROOT = Path(__file__).resolve().parents[2]
-BEGIN, END = '<!-- node:begin (written by test/docs/generate.py) -->', '<!-- node:end -->'
 COUNTED_BEGIN, COUNTED_END = '<!-- counted:begin (written by test/docs/generate.py) -->', '<!-- counted:end -->'
 ROOMS_BEGIN, ROOMS_END = '<!-- rooms:begin (written by test/docs/generate.py) -->', '<!-- rooms:end -->'
 
@@ -49,6 +50,9 @@ MEANING = {
     'interpretations/l_shape': 'best accepted pose of a model; one topic for each model',
     'interpretations/report': 'one status for each hypothesis: score, assignment, reason of rejection',
     'interpretations/markers': 'wire frames of what was recognised; on demand',
+    'tracked/l_shape': 'pose of a followed model in every frame, with its covariance; none when it is lost',
+    'tracked/report': 'one status for each model: followed or lost, support, evidence, sigmas, velocities; on demand',
+    'track/l_shape': 'a pose from which to follow a model; one topic for each model',
     'image_in': 'images for the program named by `image_program`',
     'image_out': 'what the program made of them',
     '/diagnostics': 'rate, latency, drops, last error; once a second',
@@ -60,7 +64,10 @@ MEANING = {
     '~/list': 'programs that come with the package, as JSON',
 }
 # The same of a topic that a node both publishes and hears, where that differs.
-HEARD = {'/diagnostics': 'which nodes of the graph are still compiling; their silence is no fault then'}
+HEARD = {
+    '/diagnostics': 'which nodes of the graph are still compiling; their silence is no fault then',
+    'interpretations/report': 'where objects were found that are not followed yet',
+}
 EVERY_NODE_HAS = (
     'rosout',
     'parameter_events',
@@ -89,6 +96,15 @@ class Documented:
     node_class: type[GraphNode]
     parameters: dict[str, object]
     config: str
+    mark: str = 'node'
+
+    @property
+    def begin(self) -> str:
+        return f'<!-- {self.mark}:begin (written by test/docs/generate.py) -->'
+
+    @property
+    def end(self) -> str:
+        return f'<!-- {self.mark}:end -->'
 
     @property
     def page(self) -> Path:
@@ -103,6 +119,7 @@ NODES = (
     Documented('csg_renderer', RendererNode, {'rate': 0.0}, 'renderer.yaml'),
     Documented('stereo_recovery', RecoveryNode, {}, 'recovery.yaml'),
     Documented('model_matcher', MatcherNode, {'models': ['l_shape']}, 'matcher.yaml'),
+    Documented('model_matcher', TrackerNode, {'models': ['l_shape']}, 'tracker.yaml', 'tracker'),
     Documented('dap_emulator', EmulatorNode, {}, 'emulator.yaml'),
 )
 
@@ -157,9 +174,9 @@ def _type_name(message_type: type) -> str:
     )
 
 
-def tables(found: Interface) -> str:
+def tables(documented: Documented, found: Interface) -> str:
     """Topics, services and parameters as Markdown."""
-    lines = [BEGIN, '', f'### `{found.name}`', '']
+    lines = [documented.begin, '', f'### `{found.name}`', '']
     for title, rows in (('subscribes', found.subscribed), ('publishes', found.published), ('serves', found.served)):
         if rows:
             lines += [f'| {title} | type | |', '| --- | --- | --- |']
@@ -172,11 +189,11 @@ def tables(found: Interface) -> str:
         text += '. Fixed at the start' if spec.read_only else ''
         text += f'. Formerly {", ".join(f"`{old}`" for old in spec.formerly)}' if spec.formerly else ''
         lines.append(f'| `{spec.name}` | `{_plain(spec.default)}` | {spec.range_text} | {text} |')
-    return '\n'.join([*lines, '', END])
+    return '\n'.join([*lines, '', documented.end])
 
 
 def _topic(name: str) -> str:
-    return 'interpretations/<model>' if name == 'interpretations/l_shape' else name
+    return name.replace('/l_shape', '/<model>')
 
 
 def _plain(value: object) -> str:
@@ -237,11 +254,11 @@ def expected_files() -> dict[Path, str]:
         if unknown:
             raise ValueError(f'{documented.package}: no meaning is given for {", ".join(sorted(unknown))}')
         used |= names
-        page = documented.page.read_text(encoding='utf-8')
-        if BEGIN not in page or END not in page:
-            raise ValueError(f'{documented.page}: has no {BEGIN} ... {END}')
-        before, rest = page.split(BEGIN, 1)
-        files[documented.page] = before + tables(found) + rest.split(END, 1)[1]
+        page = files.get(documented.page) or documented.page.read_text(encoding='utf-8')
+        if documented.begin not in page or documented.end not in page:
+            raise ValueError(f'{documented.page}: has no {documented.begin} ... {documented.end}')
+        before, rest = page.split(documented.begin, 1)
+        files[documented.page] = before + tables(documented, found) + rest.split(documented.end, 1)[1]
         files[documented.yaml] = config_file(found)
     page = (ROOT / 'ARCHITECTURE.md').read_text(encoding='utf-8')
     files[ROOT / 'ARCHITECTURE.md'] = page.split(ROOMS_BEGIN)[0] + rooms() + page.split(ROOMS_END)[1]

@@ -3,5 +3,16 @@
 from .model.index import ModelIndex, index_model
 from .params import MatchParams, MatchResult
 from .pipeline import match, recognise
+from .tracking.tracker import Tracked, Tracker, TrackParams
 
-__all__ = ['MatchParams', 'MatchResult', 'ModelIndex', 'index_model', 'match', 'recognise']
+__all__ = [
+    'MatchParams',
+    'MatchResult',
+    'ModelIndex',
+    'TrackParams',
+    'Tracked',
+    'Tracker',
+    'index_model',
+    'match',
+    'recognise',
+]

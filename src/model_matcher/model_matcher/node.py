@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from csg_renderer.language.includes import models_folder
@@ -25,12 +26,16 @@ from msgs_py.codecs import (
 )
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
-from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
 from msgs_py.renaming import without_effect
 
+from .image_pose.views import Views
 from .model.library import Library, load_library
+from .node_views import ViewMemory, stamp_ns, views_of_cameras, views_of_pair
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import compile_steps, survey
+from .settings import MOST_CAMERAS, WAIT_FOR_IMAGES_S
+from .tracking.compiling import compile_steps as image_steps
 
 TOPIC = 'interpretations'
 WATCH_PERIOD_S = 1.0
@@ -100,6 +105,18 @@ class MatcherConfig(Config):
     time_limit: float = parameter(
         2.0, 'Time for one message and model; the best so far is taken then', unit='s', minimum=0.001, maximum=3600.0
     )
+    use_images: bool = parameter(
+        True,
+        'Take the rectified images that the features were recovered from, when they are published: what they show of a '
+        'model counts, and poses are measured in them. Turn it off where the image topics carry raw images',
+    )
+    cameras: int = parameter(
+        2,
+        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...',
+        minimum=2,
+        maximum=MOST_CAMERAS,
+        read_only=True,
+    )
     tf: bool = parameter(False, 'Broadcast the best pose of each model on /tf (needs tf2_msgs)')
     tf_prefix: str = parameter('', "Put before the model's name to make its frame")
     seed: int = parameter(0, 'Deprecated: has no effect', minimum=0, maximum=2**31 - 1)
@@ -153,9 +170,17 @@ class MatcherNode(GraphNode[MatcherConfig]):
         )
         self._warn_of_seed()
         self._load()
-        self.prepare(compile_steps(self._params, len(self._library.models)))
+        self.prepare((*compile_steps(self._params, len(self._library.models)), *image_steps()))
         self._start_transforms()
+        self._images = ViewMemory()
+        self._waiting: tuple[PointCloud2, float] | None = None
+        self._seen = 0
+        if self.config.cameras == 2:
+            self.listen_stereo(self._on_pair, optional=True)
+        else:
+            self.listen_cameras(self.config.cameras, self._on_cameras, optional=True)
         self.listen(PointCloud2, 'features', self._on_features)
+        self.create_timer(WAIT_FOR_IMAGES_S, self._wait_no_longer, clock=self._steady_clock)
 
     # -- configuration -----------------------------------------------------------------------------------------
 
@@ -186,7 +211,9 @@ class MatcherNode(GraphNode[MatcherConfig]):
     def reset(self) -> str:
         """Read the models again; says what was reset."""
         self._load()
-        return f'counters, and {len(self._library)} models read again'
+        self._images.clear()
+        self._waiting, self._seen = None, 0
+        return f'counters, images, and {len(self._library)} models read again'
 
     def _load(self) -> None:
         """Read the models; what cannot be used is reported by name and left out."""
@@ -222,10 +249,45 @@ class MatcherNode(GraphNode[MatcherConfig]):
 
     # -- work --------------------------------------------------------------------------------------------------
 
+    def _on_pair(self, messages: StereoMessages) -> None:
+        if self.config.use_images:
+            self._keep(stamp_ns(messages.left.header), views_of_pair(messages))
+
+    def _on_cameras(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
+        if self.config.use_images:
+            self._keep(stamp_ns(messages[0][0].header), views_of_cameras(messages))
+
+    def _keep(self, stamp: int, views: Views) -> None:
+        """Remember images; features that waited for them, or for older ones, wait no longer."""
+        self._images.keep(stamp, views)
+        if self._waiting is not None and stamp >= stamp_ns(self._waiting[0].header):
+            self._answer_waiting()
+
     def _on_features(self, message: PointCloud2) -> None:
+        """Features, with the images of their stamp; they wait a moment when images come that are not there yet."""
+        self._answer_waiting()
+        newest = self._images.newest
+        if self.config.use_images and newest is not None and newest < stamp_ns(message.header):
+            self._waiting = message, time.monotonic()
+        else:
+            self._recognise(message)
+
+    def _wait_no_longer(self) -> None:
+        if self._waiting is not None and time.monotonic() - self._waiting[1] >= WAIT_FOR_IMAGES_S:
+            self._images.clear()  # they may have ended: what follows waits only when they come again
+            self._answer_waiting()
+
+    def _answer_waiting(self) -> None:
+        if self._waiting is not None:
+            (message, _), self._waiting = self._waiting, None
+            self._guard('features', self._recognise)(message)
+
+    def _recognise(self, message: PointCloud2) -> None:
         self._look_for_changes()
         data = cloud_to_features(message)
-        result = survey(self._library.models, data, self._params)
+        views = self._images.at(stamp_ns(message.header)) if self.config.use_images else None
+        self._seen += views is not None
+        result = survey(self._library.models, data, self._params, views)
         self._reason = result.reason or ''
         self._publish(result, message.header)
         self.done(message.header)
@@ -267,6 +329,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
             'models': ', '.join(model.name for model in self._library.models),
             'unusable_models': '; '.join(self._library.problems),
             'why_nothing_found': self._reason,
+            'with_images': self._seen,
         }
 
 

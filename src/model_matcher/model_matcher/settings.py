@@ -62,3 +62,9 @@ SHARES = TimeShares(0.3, 0.75, 0.95)
 # Hypotheses of a search, the best by their features, that are looked for in the images: of 61 right ones in real and
 # path-traced pairs none was farther behind.
 LOOKED_AT = 12
+# Images that nodes keep by their stamps: a second of 30 Hz, within which features and poses of them come.
+IMAGES_KEPT = 30
+# Seconds for which features wait for the images that they were recovered from, once images have come at all.
+WAIT_FOR_IMAGES_S = 0.1
+# Cameras that one node listens to.
+MOST_CAMERAS = 16

@@ -1,6 +1,7 @@
 """matcher_node over real topics: features in, poses, report and markers out; bad input reported, node alive."""
 
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -18,12 +19,22 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
-from sensor_msgs.msg import PointCloud2  # noqa: E402
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
+sys.path.insert(0, str(Path(__file__).parent))
+from test_tracking import at, images, part, rig_for  # noqa: E402
+
 from model_matcher.node import MatcherNode  # noqa: E402
-from msgs_py.codecs import features_to_cloud, interpretations_from_report, pose_from_message  # noqa: E402
+from msgs_py.codecs import (  # noqa: E402
+    array_to_image,
+    camera_infos_from_rig,
+    features_to_cloud,
+    interpretations_from_report,
+    pose_from_message,
+)
+from stereo_recovery import recover  # noqa: E402
 
 OUTPUTS = {
     'interpretations': PoseArray,
@@ -136,6 +147,43 @@ def test_a_damaged_message_is_reported_and_the_node_lives(bench):
     arrays = bench.heard['interpretations']
     bench.wait(lambda: arrays and arrays[-1].header.stamp.sec == 44)
     assert len(arrays[-1].poses) == 1
+
+
+def test_images_of_the_same_stamp_confirm_what_features_say():
+    solid, shape = part('l_shape')
+    pose, rig = at(shape, [25, 30, 0]), rig_for(shape)
+    pair = images(solid, shape, [pose])
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+    other = Bench(['l_shape'], 40 + worker % 8)
+    try:
+        sides = ('left', 'right')
+        infos = [other.other.create_publisher(CameraInfo, f'{side}/camera_info', 5) for side in sides]
+        pictures = [other.other.create_publisher(Image, f'{side}/image_rect', 5) for side in sides]
+        other.wait(lambda: all(out.get_subscription_count() == 1 for out in (*infos, *pictures)))
+        assert other.node.silence() is None or 'image' not in other.node.silence()
+        reports = other.heard['interpretations/report']
+        for second, with_images in ((50, False), (51, True)):
+            message = stamped(recover(*pair, rig).features, second)
+            other.send(message)
+            if with_images:  # they may come later than the features
+                for out, info in zip(infos, camera_infos_from_rig(rig, message.header)):
+                    out.publish(info)
+                for out, picture in zip(pictures, pair):
+                    out.publish(array_to_image(picture, 'mono8', message.header))
+                other.wait(lambda: other.node._images.newest == 51 * 10**9)
+                message.header.stamp.nanosec = 0
+                other.send(message)
+            other.wait(lambda second=second: reports and reports[-1].header.stamp.sec == second)
+            best = interpretations_from_report(reports[-1])[0]
+            assert np.isnan(best.support) != with_images
+        assert best.accepted and best.support > 0.7 and best.evidence > 15.0
+        assert pose.error_to(best.pose).rotation_deg < 0.3
+        assert other.node.report_values()['with_images'] >= 1
+        # Images have come: features that are ahead of them wait, but not for ever.
+        other.send(stamped(FeatureSet.empty(), 60))
+        other.wait(lambda: reports and reports[-1].header.stamp.sec == 60)
+    finally:
+        other.close()
 
 
 def test_the_seed_is_accepted_without_effect(bench):

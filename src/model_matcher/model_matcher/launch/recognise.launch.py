@@ -1,4 +1,4 @@
-r"""recovery_node and matcher_node on your stereo camera.
+r"""recovery_node, matcher_node and tracker_node on your stereo camera.
 
 ros2 launch model_matcher recognise.launch.py models:="['/robot/models/part.csg']" \
         left_image:=/stereo/left/image_rect left_info:=/stereo/left/camera_info \
@@ -10,20 +10,20 @@ from typing import List  # noqa: UP035  (launch knows this List, not the built-i
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = {
-    'namespace': ('', 'Namespace of both nodes'),
+    'namespace': ('', 'Namespace of all nodes'),
     'models': ("['l_shape']", 'Model files, folders, or names of models of csg_renderer'),
     'left_image': ('left/image_rect', 'Topic of the left image'),
     'left_info': ('left/camera_info', 'Topic of its camera_info'),
     'right_image': ('right/image_rect', 'Topic of the right image'),
     'right_info': ('right/camera_info', 'Topic of its camera_info'),
-    'rectify': ('false', 'true when the images are raw'),
-    'tf': ('false', 'true to broadcast poses on /tf'),
+    'rectify': ('false', 'true when the images are raw; then only recovery_node looks at them, and nothing is tracked'),
+    'tf': ('false', 'true to broadcast the poses of followed objects on /tf'),
     'use_sim_time': ('false', 'true when a bag or a simulator publishes /clock'),
     'respawn': ('true', 'Start a node again that has died'),
     'rviz': ('false', 'true to open RViz'),
@@ -35,6 +35,14 @@ def generate_launch_description():
     """The launch description, as ros2 launch asks for it."""
     share = FindPackageShare('model_matcher')
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
+    models = ParameterValue(value['models'], value_type=List[str])  # noqa: UP006
+    rectified = PythonExpression(["'", value['rectify'], "' != 'true'"])
+    topics = [
+        ('left/image_rect', value['left_image']),
+        ('left/camera_info', value['left_info']),
+        ('right/image_rect', value['right_image']),
+        ('right/camera_info', value['right_info']),
+    ]
     sim_time = {'use_sim_time': ParameterValue(value['use_sim_time'], value_type=bool)}
 
     def node(**arguments):
@@ -63,24 +71,28 @@ def generate_launch_description():
                     {'rectify': ParameterValue(value['rectify'], value_type=bool)},
                     sim_time,
                 ],
-                remappings=[
-                    ('left/image_rect', value['left_image']),
-                    ('left/camera_info', value['left_info']),
-                    ('right/image_rect', value['right_image']),
-                    ('right/camera_info', value['right_info']),
-                ],
+                remappings=topics,
             ),
             node(
                 package='model_matcher',
                 executable='matcher_node',
                 parameters=[
                     PathJoinSubstitution([share, 'config', 'matcher.yaml']),
-                    {
-                        'models': ParameterValue(value['models'], value_type=List[str]),  # noqa: UP006
-                        'tf': ParameterValue(value['tf'], value_type=bool),
-                    },
+                    {'models': models, 'use_images': ParameterValue(rectified, value_type=bool)},
                     sim_time,
                 ],
+                remappings=topics,
+            ),
+            node(
+                package='model_matcher',
+                executable='tracker_node',
+                condition=IfCondition(rectified),
+                parameters=[
+                    PathJoinSubstitution([share, 'config', 'tracker.yaml']),
+                    {'models': models, 'tf': ParameterValue(value['tf'], value_type=bool)},
+                    sim_time,
+                ],
+                remappings=topics,
             ),
             Node(
                 package='rviz2',

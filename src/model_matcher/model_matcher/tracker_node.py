@@ -1,0 +1,333 @@
+"""tracker_node: follows known objects from image to image, from where matcher_node found them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from csg_renderer.language.includes import models_folder
+from msgs_py import Interpretation, Pose
+from msgs_py.codecs import (
+    interpretations_from_report,
+    pose_from_message,
+    pose_to_message,
+    poses_to_transforms,
+    transform_message_type,
+)
+from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.confinement import TrustedFolders
+from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
+
+from .image_pose.sight import Sight
+from .image_pose.views import Views
+from .model.index import ModelIndex
+from .model.library import Library, load_library
+from .node_views import NANOSECONDS, ViewMemory, stamp_ns, views_of_cameras, views_of_pair
+from .settings import MOST_CAMERAS
+from .tracking.compiling import compile_steps
+from .tracking.settings import ACCELERATION
+from .tracking.tracker import Tracked, Tracker, TrackParams
+
+TOPIC = 'tracked'
+NO_TF = 'parameter tf: tf2_msgs is not installed (ros-jazzy-tf2-msgs), so nothing can be broadcast'
+
+
+@dataclass(frozen=True)
+class TrackerConfig(Config):
+    """Parameters of tracker_node."""
+
+    models: tuple[str, ...] = parameter(
+        (), 'Model files (.csg), folders of them, or names of models of csg_renderer; of each one object is followed'
+    )
+    model_folders: tuple[str, ...] = parameter(
+        (),
+        'Folders that models may be read from when they are changed at run time, besides those of the models given '
+        'at the start and those of csg_renderer',
+        read_only=True,
+    )
+    cameras: int = parameter(
+        2,
+        'How many cameras there are; of three and more the topics are camera_0/image_rect, camera_0/camera_info, ...; '
+        'of one left/image_rect and left/camera_info',
+        minimum=1,
+        maximum=MOST_CAMERAS,
+        read_only=True,
+    )
+    acceleration: float = parameter(
+        ACCELERATION,
+        'Sigma of the acceleration of any point of an object, until its own is learnt',
+        unit='m/s^2',
+        minimum=1e-3,
+        maximum=1e3,
+    )
+    tf: bool = parameter(False, 'Broadcast the pose of each followed object on /tf (needs tf2_msgs)')
+    tf_prefix: str = parameter('', "Put before the model's name to make its frame")
+    sync_queue_size: int = parameter(
+        5, 'Sets of images that may wait for the rest', name='sync.queue_size', minimum=1, maximum=100, read_only=True
+    )
+    sync_tolerance: float = parameter(
+        0.0,
+        'Largest difference of stamps in a set',
+        name='sync.tolerance',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=True,
+    )
+
+
+@dataclass
+class _Followed:
+    """An object that is followed, the stamp (nanoseconds) of its last frame and what was found there."""
+
+    tracker: Tracker
+    stamp: int
+    last: Tracked | None = None
+
+    def take(self, stamp: int, views: Views, nearer: Sequence[Sight] = ()) -> None:
+        """Take in a frame; one that was taken before, or is older, is left out."""
+        if stamp > self.stamp or self.last is None:
+            self.last = self.tracker.step(views, max(stamp - self.stamp, 0) / NANOSECONDS, nearer=nearer)
+            self.stamp = stamp
+
+    @property
+    def depth(self) -> float:
+        """Metres, of its middle."""
+        pose = None if self.last is None else self.last.pose
+        return math.inf if pose is None else float(pose.apply(self.tracker.shape.centre)[2])
+
+
+class TrackerNode(GraphNode[TrackerConfig]):
+    """Publishes the pose of every object that it follows at the rate of the images."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('tracker_node', TrackerConfig, **kwargs)
+        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
+        self._pose_out: dict[str, Publisher] = {}
+        self._starts: dict[str, Any] = {}
+        self._transforms_type = transform_message_type()
+        self._transforms_out: Publisher | None = None
+        self._library = Library((), (), {})
+        self._models: dict[str, ModelIndex] = {}
+        self._followed: dict[str, _Followed] = {}
+        self._images = ViewMemory()
+        self._lost = 0
+        self._trusted = TrustedFolders(
+            [*self.config.model_folders, models_folder()], self.config.models, 'model_folders'
+        )
+        self._load()
+        self._start_transforms()
+        self.prepare(compile_steps())
+        queue = self.config.sync_queue_size, self.config.sync_tolerance
+        if self.config.cameras == 1:
+            self.listen_together('image', ('left/image_rect', 'left/camera_info'), self._on_one, *queue)
+        elif self.config.cameras == 2:
+            self.listen_stereo(self._on_pair, *queue)
+        else:
+            self.listen_cameras(self.config.cameras, self._on_cameras, *queue)
+        self.listen(DiagnosticArray, 'interpretations/report', self._on_report, optional=True)
+
+    # -- configuration -----------------------------------------------------------------------------------------
+
+    def check_config(self, new: TrackerConfig) -> None:
+        """Raise ValueError for a change that cannot be made: no tf messages, or models from elsewhere."""
+        if new.tf and not self.config.tf and self._transforms_type is None:
+            raise ValueError(NO_TF)
+        for given in set(new.models) - set(self.config.models):
+            try:
+                self._trusted.check(given)
+            except ValueError as error:
+                raise ValueError(f'parameter models: {error}') from None
+
+    def on_config(self, old: TrackerConfig, new: TrackerConfig) -> None:
+        """Take over what was changed."""
+        if new.tf != old.tf:
+            self._start_transforms()
+        if new.models != old.models:
+            self._load()
+
+    def reset(self) -> str:
+        """Read the models again and follow nothing; says what was reset."""
+        self._images.clear()
+        self._followed.clear()
+        self._lost = 0
+        self._load()
+        return f'counters, images, what was followed, and {len(self._models)} models read again'
+
+    def _load(self) -> None:
+        """Read the models; what cannot be used is reported by name and left out."""
+        self._library = load_library(self.config.models)
+        for problem in self._library.problems:
+            self.problem(f'models: {problem}')
+        if not self.config.models:
+            self.problem('parameter models: empty, expected model files, folders or names')
+        self._models = {}
+        for model in self._library.models:
+            if model.shape is None:
+                self.problem(f'models: {model.name}: no solid is known of it, only features: it cannot be followed')
+            else:
+                self._models[model.name] = model
+        for name in set(self._pose_out) - set(self._models):
+            self.destroy_publisher(self._pose_out.pop(name))
+            self.destroy_subscription(self._starts.pop(name))
+        for name in sorted(set(self._models) - set(self._pose_out)):
+            self._pose_out[name] = self.create_output(PoseWithCovarianceStamped, f'{TOPIC}/{_topic_name(name)}')
+            self._starts[name] = self.listen(
+                PoseWithCovarianceStamped, f'track/{_topic_name(name)}', partial(self._on_start, name), optional=True
+            )
+        self._followed = {name: one for name, one in self._followed.items() if name in self._models}
+
+    def _start_transforms(self) -> None:
+        """Begin or end broadcasting, as the parameter says."""
+        if self._transforms_out is not None:
+            self.destroy_publisher(self._transforms_out)
+            self._transforms_out = None
+        if not self.config.tf:
+            return
+        if self._transforms_type is None:
+            self.problem(NO_TF)
+            return
+        self._transforms_out = self.create_publisher(self._transforms_type, '/tf', 100)
+
+    # -- what to follow ------------------------------------------------------------------------------------------
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        """Begin to follow what was found and is not followed already."""
+        for one in interpretations_from_report(message):
+            followed = self._followed.get(one.model)
+            if one.accepted and (followed is None or followed.tracker.pose is None):
+                self._begin(one.model, one, stamp_ns(message.header))
+
+    def _on_start(self, name: str, message: PoseWithCovarianceStamped) -> None:
+        """Follow an object from a pose that a user gives."""
+        pose = pose_from_message(message.pose.pose)
+        covariance = np.array(message.pose.covariance, float).reshape(6, 6)
+        nothing = np.zeros(0, np.int32), np.zeros(0, np.int8)
+        given = Interpretation(name, *nothing, pose, covariance=covariance if covariance.any() else None)
+        self._begin(name, given, stamp_ns(message.header))
+
+    def _begin(self, name: str, start: Interpretation, stamp: int) -> None:
+        """Follow an object from a pose of an earlier frame, through all images since then."""
+        model = self._models.get(name)
+        if model is None or model.shape is None or start.pose.scale != 1.0:
+            return
+        since = self._images.since(stamp)
+        params = TrackParams(acceleration=self.config.acceleration)
+        followed = _Followed(Tracker(model.shape, start, params), stamp)
+        for when, views in since:
+            followed.take(when, views)
+        self._followed[name] = followed
+
+    # -- work --------------------------------------------------------------------------------------------------
+
+    def _on_one(self, messages: dict[str, Any]) -> None:
+        image, info = messages['left/image_rect'], messages['left/camera_info']
+        self._follow(views_of_cameras([(image, info)]), image.header)
+
+    def _on_pair(self, messages: StereoMessages) -> None:
+        self._follow(views_of_pair(messages), messages.left.header)
+
+    def _on_cameras(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
+        self._follow(views_of_cameras(messages), messages[0][0].header)
+
+    def _follow(self, views: Views, header: Header) -> None:
+        """One set of images: every object, the nearest first, for it hides the others."""
+        stamp = stamp_ns(header)
+        newest = self._images.newest
+        if newest is not None and stamp < newest:
+            self._followed.clear()  # the clock was set back: nobody knows how long ago the last frame was
+        self._images.keep(stamp, views)
+        nearer: list[Sight] = []
+        for followed in sorted(self._followed.values(), key=lambda one: one.depth):
+            held = followed.tracker.pose is not None
+            followed.take(stamp, views, nearer)
+            if followed.tracker.pose is None:
+                self._lost += held
+            elif followed.last is not None:
+                nearer.append(followed.last.presence.sight)
+        self._publish(header)
+        self.done(header)
+
+    def _publish(self, header: Header) -> None:
+        poses: dict[str, Pose] = {}
+        for name, followed in self._followed.items():
+            if followed.last is not None and followed.last.pose is not None:
+                poses[name] = followed.last.pose
+                message = PoseWithCovarianceStamped(header=header)
+                message.pose.pose = pose_to_message(followed.last.pose)
+                message.pose.covariance = followed.last.covariance.ravel()
+                self._pose_out[name].publish(message)
+        if self._transforms_out is not None and self._transforms_type is not None and poses:
+            frames = {self.config.tf_prefix + name: pose for name, pose in poses.items()}
+            self._transforms_out.publish(self._transforms_type(transforms=poses_to_transforms(frames, header)))
+        if self.wanted(self._report_out):
+            status = [_status(name, self._followed.get(name)) for name in self._models]
+            self._report_out.publish(DiagnosticArray(header=header, status=status))
+
+    # -- health ------------------------------------------------------------------------------------------------
+
+    def why_silent(self) -> str | None:
+        """What keeps the node from following anything; None when nothing does."""
+        if not self._models:
+            return 'no model can be followed: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
+        return None
+
+    def report_values(self) -> dict[str, object]:
+        """What diagnostics say besides the counters."""
+        held = {name: one.last for name, one in self._followed.items() if one.tracker.pose is not None}
+        return {
+            'models': ', '.join(self._models),
+            'followed': ', '.join(held),
+            'not_followed': ', '.join(name for name in self._models if name not in held),
+            'times_lost': self._lost,
+            **{f'support.{name}': f'{one.presence.support:.2f}' for name, one in held.items() if one is not None},
+        }
+
+
+def _status(name: str, followed: _Followed | None) -> DiagnosticStatus:
+    """State and quality of one object in a frame; values are JSON, as those of the matcher's report."""
+    last = None if followed is None else followed.last
+    if last is None:
+        return DiagnosticStatus(level=DiagnosticStatus.STALE, name=name, message='not found yet')
+    shift, turn = np.split(np.sqrt(np.maximum(np.diag(last.covariance), 0.0)), 2)
+    values = {
+        'support': last.presence.support,
+        'evidence': last.presence.log_ratio if math.isfinite(last.presence.log_ratio) else None,
+        'log_odds': last.log_odds if math.isfinite(last.log_odds) else None,
+        'sigma_m': float(np.linalg.norm(shift)),
+        'sigma_deg': float(np.degrees(np.linalg.norm(turn))),
+        'velocity_m_s': last.twist[:3].tolist(),
+        'angular_velocity_rad_s': last.twist[3:].tolist(),
+        'search_px': last.search_px,
+    }
+    return DiagnosticStatus(
+        level=DiagnosticStatus.OK if last.pose is not None else DiagnosticStatus.WARN,
+        name=name,
+        message='followed' if last.pose is not None else f'lost: {last.reason}',
+        values=[KeyValue(key=key, value=json.dumps(value)) for key, value in values.items()],
+    )
+
+
+def _topic_name(name: str) -> str:
+    """The last part of a model's topic; 'report' is taken."""
+    return f'{name}_model' if name == 'report' else name
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is told to stop; the exit status."""
+    return run_node(TrackerNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
