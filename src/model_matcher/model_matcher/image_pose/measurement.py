@@ -9,6 +9,7 @@ whether the outline is there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,7 +45,7 @@ from .settings import (
     TONE_NATS,
     TONES,
 )
-from .sight import Shape, Sight, look
+from .sight import Shape, Sight, drawn, look, outline_of
 from .views import Views
 
 
@@ -129,6 +130,32 @@ def measure_pose(shape: Shape, pose: Pose, views: Views, search_px: float = REAC
     return polished(shape, motion, views)
 
 
+def looked_for(
+    shape: Shape, pose: Pose, views: Views, known: Callable[[FloatArray], IntArray] | None = None
+) -> tuple[FloatArray, Presence]:
+    """A pose near one, drawn in, and whether the images show the outline there: one look at the shape serves for both.
+
+    Parameters
+    ----------
+    shape : Shape
+    pose : Pose
+        first_T_model, its outline within REACH pixels of where it is.
+    views : Views
+    known : callable, optional
+        The features that are known to be seen, of a pose (12,); see :func:`presence`.
+
+    Returns
+    -------
+    motion : (12,) float64
+    presence : Presence
+    """
+    outline = outline_of(shape, pose, views.cameras, views.poses)
+    motion = as_motion(pose)
+    _draw_in(shape, motion, views, drawn(outline, motion, shape.centre, views))
+    there = drawn(outline, motion, shape.centre, views)
+    return motion, shown(there, views, None if known is None else known(motion))[0]
+
+
 def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = REACH) -> FloatArray:
     """A pose (12,) laid on the steps within ``search_px`` of its outline; a rough one, a tenth of a pixel off."""
     motion = motion.copy()
@@ -136,10 +163,14 @@ def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = 
     while REACH * 2 ** (len(levels) - 1) < search_px:
         levels.append(levels[-1].halved)
     for level in levels[::-1]:
-        sight = look(shape, as_pose(motion), level)
-        steps = searched(sight, level, REACH)
-        _aligned(shape, motion, level, sight, steps, np.array(DRAWN_IN), ModelError(0.0, 0.0), elsewhere(steps, REACH))
+        _draw_in(shape, motion, level, look(shape, as_pose(motion), level))
     return motion
+
+
+def _draw_in(shape: Shape, motion: FloatArray, views: Views, sight: Sight) -> None:
+    """Lay a pose (12,), in place, on the steps within REACH of its outline."""
+    steps = searched(sight, views, REACH)
+    _aligned(shape, motion, views, sight, steps, np.array(DRAWN_IN), ModelError(0.0, 0.0), elsewhere(steps, REACH))
 
 
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
@@ -171,7 +202,8 @@ def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     residual = weight = np.zeros(0)
     normal = np.zeros((6, 6))
     for last in (False, True):
-        sight = look(shape, as_pose(motion), views)
+        outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
+        sight = drawn(outline, motion, shape.centre, views)
         if len(sight) < FEWEST_POINTS:
             return _nothing(motion, Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
         if not last:
@@ -194,7 +226,8 @@ def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     pose = as_pose(motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(normal[None], np.ones(1), arm, shape.size)[0]
-    return ImagePose(pose, covariance, presence(shape, pose, views), residual, weight, error)
+    there = shown(drawn(outline, motion, shape.centre, views), views)[0]
+    return ImagePose(pose, covariance, there, residual, weight, error)
 
 
 def presence(

@@ -18,7 +18,7 @@ import numpy as np
 from msgs_py import BIN, Interpretation, Pose
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..image_pose.measurement import Presence, as_motion, as_pose, drawn_in, polished, presence
+from ..image_pose.measurement import Presence, as_pose, looked_for, polished, presence
 from ..image_pose.sight import Shape
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
@@ -88,12 +88,9 @@ def weigh(
         # One look at each, as coarse as its steps are, says which to draw in.
         glances = [presence(shape, pose, views, spacing=GLANCE).log_ratio for pose in poses]
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
-    found = []
-    for pose in chosen:
-        motion = drawn_in(shape, as_motion(pose), views)
-        there = _at(problem, hypothesis, motion)
-        found.append((presence(shape, as_pose(motion), views, _matched(there)), motion, there))
-    shown, motion, there = max(found, key=lambda each: each[0].log_ratio)
+    found = [looked_for(shape, pose, views, lambda m: _matched(_at(problem, hypothesis, m))) for pose in chosen]
+    motion, shown = max(found, key=lambda each: each[1].log_ratio)
+    there = _at(problem, hypothesis, motion)
     return Weighed(there, motion, shown, there.evidence + shown.further, len(poses))
 
 
