@@ -13,7 +13,7 @@ TEST_WORKERS ?= 2
 .PHONY: help setup demo test test-oldest coverage lint bench experiments docs site stress colcon clean
 
 help:
-	@echo 'make demo         render, recover, match: two scenes and a real stereo pair, into demo_out/'
+	@echo 'make demo         render, recover, match, track: scenes and a real stereo pair, into demo_out/'
 	@echo 'make test         the test suite'
 	@echo 'make test-oldest  the same on the oldest supported versions (needs python3.12; OLDEST_PYTHON names another)'
 	@echo 'make coverage     how much of the pure modules the tests run, into out/coverage/index.html'

@@ -1,6 +1,6 @@
 """match: find models in a file of recovered features, print what was found, draw it.
 
-match part.csg features.npz -o found.png --image left.png --camera left.json
+match part.csg features.npz -o found.png --image left.png --right right.png --camera left.json
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from msgs_py import FeatureSet, Interpretation, PinholeCamera
+from msgs_py import FeatureSet, Interpretation, PinholeCamera, StereoRig
 from msgs_py.numeric.typed import ByteArray
 
 from .drawing import draw_overlay, draw_views
 from .geometry.settings import ROUNDING
+from .image_pose.views import Views
 from .model.library import load_library
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, RANGES, REAL_BYTES, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey
@@ -54,7 +55,8 @@ def match_parser() -> argparse.ArgumentParser:
     add('--rejected', type=int, default=3, metavar='N', help='rejected interpretations listed (default: 3)')
 
     add = parser.add_argument_group('camera of the drawing (two orthographic views without one)').add_argument
-    add('--image', type=Path, help='left image, to draw over')
+    add('--image', type=Path, help='left image, to draw over, and to look at with --right')
+    add('--right', type=Path, help='right image: what both show of a model counts, and poses are measured in them')
     add('--camera', type=Path, metavar='JSON', help='camera file, as "render --camera" writes it')
     add('--focal', type=float, metavar='PX', help='focal length, principal point in the middle')
     add('--size', type=int, nargs=2, metavar=('WIDTH', 'HEIGHT'), help="pixels (default: the image's)")
@@ -119,7 +121,7 @@ def _run(options: argparse.Namespace) -> int:
         print(f'match: {problem}', file=sys.stderr)
     if not library.models:
         return 2
-    result = survey(library.models, data, params)
+    result = survey(library.models, data, params, views_of(options, image))
     print(table([*result.interpretations, *result.rejected[: max(options.rejected, 0)]]), end='')
     print(summary(result, len(data)))
     if options.out is not None:
@@ -166,6 +168,23 @@ def camera_of(options: argparse.Namespace, image: ByteArray | None) -> PinholeCa
     if size is None:
         raise ValueError('--focal: needs --size or --image')
     return PinholeCamera.centred(size[0], size[1], options.focal)
+
+
+def views_of(options: argparse.Namespace, image: ByteArray | None) -> Views | None:
+    """The pair of --image and --right with the rig of --camera; None without --right. Raises ValueError."""
+    if options.right is None:
+        return None
+    if image is None or options.camera is None:
+        raise ValueError('--right: needs --image and --camera')
+    right = _image(options.right)
+    assert right is not None
+    camera = load_camera(options.camera)
+    try:
+        baseline = float(json.loads(options.camera.read_text(encoding='utf-8'))['baseline'])
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f'{options.camera}: has no baseline, which --right needs') from None
+    pair = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (image, right)]
+    return Views.of([np.asarray(one, np.uint8) for one in pair], StereoRig.symmetric(camera, baseline))
 
 
 def load_camera(path: Path) -> PinholeCamera:

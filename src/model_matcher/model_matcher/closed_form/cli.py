@@ -54,7 +54,7 @@ def closed_form_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('scenes', nargs='*', help='scene files, or names of scenes of csg_renderer (l_shape_v1, ...)')
     add('-o', '--out', default='closed_form_out', help='folder for the results')
-    add('--demo', metavar='DIR', help='run the demonstration (two scenes, one real pair) into DIR')
+    add('--demo', metavar='DIR', help='run the demonstration (two scenes, one real pair, a part that turns) into DIR')
     add('-q', '--quiet', action='store_true', help='no progress bar')
 
     add = parser.add_argument_group('images').add_argument

@@ -23,6 +23,7 @@ from .result import result_document
 from .saved import load_case
 from .scene_files import check_scene
 from .sequence import read_sequence, rendered_sequence, write_found, write_sequence
+from .turning_part import run_turning_part
 
 DEMO_SCENES = ('l_shape_v1', 'chipped_block_v1')
 
@@ -61,6 +62,7 @@ def run(options: argparse.Namespace, misuse: Callable[[str], NoReturn]) -> int:
     passed = [_run_one(case, out / case.name, limits, options.quiet) for case in cases]
     if options.demo:
         print(run_chessboard(out / 'chessboard01'))
+        print(run_turning_part(out / 'turning_part', options.quiet))
     page = f'{cases[0].name if len(cases) == 1 else "<scene>"}/report.html'
     print(f'{sum(passed)} of {len(passed)} scenes passed; open {out}/{page}')
     return 0 if sum(passed) >= options.min_success * len(passed) else 1
