@@ -88,7 +88,13 @@ def weigh(
         # One look at each, as coarse as its steps are, says which to draw in.
         glances = [presence(shape, pose, views, spacing=GLANCE).log_ratio for pose in poses]
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
-    found = [looked_for(shape, pose, views, lambda m: _matched(_at(problem, hypothesis, m))) for pose in chosen]
+    thought_of = _matched(hypothesis)
+
+    def counted(motion: FloatArray) -> IntArray:
+        # What it was thought of for lies on edges wherever the images draw it, and is no chance's doing.
+        return np.union1d(thought_of, _matched(_at(problem, hypothesis, motion)))
+
+    found = [looked_for(shape, pose, views, counted) for pose in chosen]
     motion, shown = max(found, key=lambda each: each[1].log_ratio)
     there = _at(problem, hypothesis, motion)
     return Weighed(there, motion, shown, there.evidence + shown.further, len(poses))
