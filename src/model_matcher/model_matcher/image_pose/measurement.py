@@ -253,9 +253,11 @@ def presence(
     return shown(look(shape, pose, views, spacing), views, known)[0]
 
 
-def shown(sight: Sight, views: Views, known: IntArray | None = None) -> tuple[Presence, Steps]:
+def shown(
+    sight: Sight, views: Views, known: IntArray | None = None, steps: Steps | None = None
+) -> tuple[Presence, Steps]:
     """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`."""
-    steps = searched(sight, views, REACH + 1)
+    steps = searched(sight, views, REACH + 1) if steps is None else steps
     if not len(sight):
         return Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
     chance = chance_beside(steps, sight.placed.group)

@@ -7,11 +7,13 @@ from the residuals, so that the weight of a curve does not grow without end with
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from msgs_py.numeric.robust import sigma_from_median
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from .settings import NOT_ZERO, POSE_UNKNOWNS
@@ -61,16 +63,41 @@ def fitted_model_error(
     -------
     ModelError
     """
-    label = np.unique(group, return_inverse=True)[1]
-    prior = 1.0 / max(before.curve**2, NOT_ZERO)
-    sums = [np.bincount(label, weight * abscissa**k) for k in range(3)]
-    right = [np.bincount(label, weight * residual * abscissa**k) for k in range(2)]
-    a, b, c = sums[0] + prior, sums[1], sums[2] + prior
-    scale = 1.0 / (a * c - b * b)
-    offset, slope = scale * (c * right[0] - b * right[1]), scale * (a * right[1] - b * right[0])
-    inner = residual - offset[label] - slope[label] * abscissa
-    squares = (offset**2 + slope**2 + scale * (a + c)).sum()
+    curve, point = _sigmas(group, abscissa, residual, weight, variance, 1.0 / max(before.curve**2, NOT_ZERO))
+    return ModelError(curve, point)
+
+
+@njit(nogil=True)
+def _sigmas(
+    group: Int32Array,
+    abscissa: FloatArray,
+    residual: FloatArray,
+    weight: FloatArray,
+    variance: FloatArray,
+    prior: float,
+) -> tuple[float, float]:
+    """As :func:`fitted_model_error`; prior : one over square pixels, of either unknown of a curve's line."""
+    n, curves, squares, start = len(group), 0, 0.0, 0
+    inner = np.empty(n)
+    for end in range(1, n + 1):
+        if end < n and group[end] == group[start]:
+            continue
+        a, b, c, first, second = prior, 0.0, prior, 0.0, 0.0
+        for k in range(start, end):
+            w, t = weight[k], abscissa[k]
+            a += w
+            b += w * t
+            c += w * t * t
+            first += w * residual[k]
+            second += w * t * residual[k]
+        scale = 1.0 / (a * c - b * b)
+        offset, slope = scale * (c * first - b * second), scale * (a * second - b * first)
+        squares += offset * offset + slope * slope + scale * (a + c)
+        for k in range(start, end):
+            inner[k] = abs(residual[k] - offset - slope * abscissa[k])
+        curves += 1
+        start = end
     # The pose has taken some of the unknowns of the lines, at most half of them.
-    curve = np.sqrt(squares / max(2 * len(offset) - POSE_UNKNOWNS, len(offset)))
-    point = sigma_from_median(float(np.median(np.abs(inner)))) ** 2 - float(np.median(variance))
-    return ModelError(float(curve), float(np.sqrt(max(point, 0.0))))
+    curve = math.sqrt(squares / max(2 * curves - POSE_UNKNOWNS, curves))
+    point = (np.median(inner) / NORMAL_QUARTILE) ** 2 - np.median(variance)
+    return curve, math.sqrt(max(point, 0.0))

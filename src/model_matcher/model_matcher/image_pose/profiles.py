@@ -23,6 +23,8 @@ from .settings import (
     TAPS,
 )
 
+ONE = np.uint64(1)
+
 
 class Stretches(NamedTuple):
     """Short stretches of an outline in one image.
@@ -97,10 +99,12 @@ def profile(
             along = spacing * ((j + 0.5) / count - 0.5)
             across = k - reach + 0.5 * bend * along * along
             x, y = u + across * nx + along * ny, v + across * ny - along * nx
-            i0, j0 = int(x), int(y)
-            a, b = x - i0, y - j0
-            top = (1.0 - a) * levels[image[j0, i0]] + a * levels[image[j0, i0 + 1]]
-            low = (1.0 - a) * levels[image[j0 + 1, i0]] + a * levels[image[j0 + 1, i0 + 1]]
+            # Unsigned, so that no negative index has to be thought of.
+            i0, j0 = np.uint64(x), np.uint64(y)
+            i1, j1 = i0 + ONE, j0 + ONE
+            a, b = x - np.int64(i0), y - np.int64(j0)
+            top = (1.0 - a) * levels[image[j0, i0]] + a * levels[image[j0, i1]]
+            low = (1.0 - a) * levels[image[j1, i0]] + a * levels[image[j1, i1]]
             total += (1.0 - b) * top + b * low
         out[k] = total / count
     return True

@@ -43,8 +43,8 @@ BLURS = (0.4, 0.5, 0.62, 0.78, 0.97, 1.2, 1.5, 1.9, 2.4, 3.0)
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5
-# Pixels: after a step of the fit this short the next would be its square, and no digit that noise leaves.
-LAST_FIT_STEP = 0.003
+# Pixels: after a step of the fit this short the next would be about its square, and no digit that noise leaves.
+LAST_FIT_STEP = 0.02
 # Points by which the blur of an image is told, at most: of so many the median is good to a tenth of the noise.
 BLUR_POINTS = 64
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.

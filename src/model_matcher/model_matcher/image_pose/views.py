@@ -86,6 +86,11 @@ class Views:
         """Exponent that makes light of the images' grey levels, (1,) float64; 0 where it has not been measured yet."""
         return np.zeros(1)
 
+    def take_over(self, noise: FloatArray, blur: FloatArray, tone: FloatArray) -> None:
+        """Take noise, blur and tone for those that were measured in other images of the same cameras."""
+        # Where cached_property keeps what it has computed.
+        self.__dict__.update(noise=noise.copy(), blur=blur.copy(), tone=tone.copy())
+
     @cached_property
     def halved(self) -> Views:
         """The same at half the resolution."""
@@ -107,8 +112,7 @@ class Views:
         """The cameras as compiled functions take them, (views, 16): camera_R_first, camera_t_first, fx, fy, cx, cy."""
         out = np.empty((len(self), 16))
         for row, camera, pose in zip(out, self.cameras, self.poses):
-            back = pose.inverse()
-            row[:9], row[9:12] = back.rotation.ravel(), back.translation
+            row[:9], row[9:12] = pose.rotation.T.ravel(), -(pose.rotation.T @ pose.translation)
             row[12:] = camera.fx, camera.fy, camera.cx, camera.cy
         return out
 

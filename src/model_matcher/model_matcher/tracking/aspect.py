@@ -49,11 +49,10 @@ class AspectCache:
 
     def outline(self, pose: Pose, views: Views) -> Outline:
         """What views see of the shape at first_T_model, or see all but for SAGITTA_PX."""
-        eyes = np.array([pose.inverse().compose(stand).translation for stand in views.poses])
-        middle = pose.apply(self._shape.centre)
-        pixels = np.array(
-            [camera.project(stand.inverse().apply(middle)) for camera, stand in zip(views.cameras, views.poses)]
-        )
+        eyes = (np.array([stand.translation for stand in views.poses]) - pose.translation) @ pose.rotation
+        middle, rows = pose.apply(self._shape.centre), views.rows
+        at = rows[:, :9].reshape(-1, 3, 3) @ middle + rows[:, 9:12]
+        pixels = rows[:, 12:14] * at[:, :2] / at[:, 2:] + rows[:, 14:]
         kept = self._kept
         if kept is None or not self._serves(kept, views, eyes, pixels):
             wide = [_widened(camera) for camera in views.cameras]

@@ -15,7 +15,7 @@ from ..image_pose.model_error import ModelError, fitted_model_error
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, TO_POSE
 from ..image_pose.sight import Outline, Shape, Sight, drawn
 from ..image_pose.views import Views
-from .settings import ROUNDS
+from .settings import ASKED, ROUNDS
 
 # Where nothing is known of a pose beforehand.
 NO_PRIOR = np.zeros((6, 6))
@@ -73,15 +73,29 @@ def searched_for(
     while REACH * 2 ** (len(levels) - 1) < search_px:
         levels.append(levels[-1].halved)
     for level in range(len(levels) - 1, -1, -1):
-        reach = int(np.ceil(min(search_px, REACH)))
-        widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
         # In an image of half the size neighbours are half as far apart: every second one is looked at.
-        sight = drawn(_some(seen, np.arange(0, len(seen.eye), 2**level)), motion, shape.centre, levels[level])
-        steps = searched(sight, levels[level], reach)
-        density = elsewhere(steps, reach)
-        laid(shape, motion, levels[level], sight, steps, widths, ModelError(0.0, 0.0), density, prior)
-    sight = drawn(seen, motion, shape.centre, views)
-    return Place(motion, *shown(sight, views))
+        some = seen if level == 0 else _some(seen, np.arange(0, len(seen.eye), 2**level))
+        sight = drawn(some, motion, shape.centre, levels[level])
+        reach = int(np.ceil(min(search_px, REACH)))
+        # What is looked for near by serves to ask the images afterwards, when it is found where it was looked for.
+        steps = searched(sight, levels[level], ASKED if search_px <= NEAR else reach)
+        near = within(steps, reach) if search_px <= NEAR else steps
+        widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
+        laid(shape, motion, levels[level], sight, near, widths, ModelError(0.0, 0.0), elsewhere(near, reach), prior)
+    there = drawn(seen, motion, shape.centre, views)
+    if search_px <= NEAR and len(there) == len(sight):
+        moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
+        if np.abs(moved).max(initial=0.0) <= ASKED - REACH - 1:
+            steps = steps._replace(offset=steps.offset - moved[:, None])
+            return Place(motion, *shown(there, views, steps=steps))
+    return Place(motion, *shown(there, views))
+
+
+def within(steps: Steps, reach: int) -> Steps:
+    """The steps within ``reach`` pixels."""
+    near = np.abs(steps.offset) <= reach
+    offset = np.take_along_axis(steps.offset, np.argsort(~near, axis=1, kind='stable'), axis=1)
+    return steps._replace(offset=offset, number=np.where(steps.number < 0, -1, near.sum(axis=1)).astype(np.int32))
 
 
 def measured(
@@ -94,9 +108,7 @@ def measured(
     sight, motion = place.presence.sight, place.motion.copy()
     if len(sight) < FEWEST_POINTS:
         return None
-    near = np.abs(place.steps.offset) <= NEAR
-    counted = place.steps._replace(number=np.where(place.steps.number < 0, -1, near.sum(axis=1)).astype(np.int32))
-    density = elsewhere(counted, NEAR)
+    density = elsewhere(within(place.steps, NEAR), NEAR)
     steps = fitted(sight, views)
     for _ in range(ROUNDS):
         residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from msgs_py import Pose
@@ -85,7 +86,7 @@ def predicted(state: BodyState, seconds: float, acceleration: float, angular_acc
         Sigmas, metres and radians a second squared.
     """
     shift, turn = seconds * state.twist[:3], seconds * state.twist[3:]
-    pose = placed(Pose.from_rotation_vector(turn).rotation @ state.pose.rotation, state.place + shift, state.middle)
+    pose = placed(cv2.Rodrigues(turn)[0] @ state.pose.rotation, state.place + shift, state.middle)
     ahead = np.eye(12)
     ahead[:6, 6:] = seconds * np.eye(6)
     each = np.array([acceleration] * 3 + [angular_acceleration] * 3) ** 2
@@ -117,7 +118,7 @@ def corrected(state: BodyState, pose: Pose, covariance: FloatArray) -> BodyState
     variances, axes = np.linalg.eigh(covariance[3:, 3:])
     for axis in axes.T[variances > UNSEEN_TURN]:
         twist[3:] -= axis * (axis @ twist[3:])
-    turned = Pose.from_rotation_vector(step[3:6]).rotation @ state.pose.rotation
+    turned = cv2.Rodrigues(step[3:6])[0] @ state.pose.rotation
     there = placed(turned, state.place + step[:3], state.middle)
     return BodyState(there, state.middle, twist, 0.5 * (after + after.T))
 
@@ -142,7 +143,7 @@ def occam(before: FloatArray, measured: FloatArray) -> float:
 
 def _innovation(state: BodyState, pose: Pose, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shift and turn (6,) from the predicted pose to a measured one, and their covariance (6, 6)."""
-    turn = Pose(pose.rotation @ state.pose.rotation.T, np.zeros(3)).rotation_vector
+    turn = cv2.Rodrigues(pose.rotation @ state.pose.rotation.T)[0][:, 0]
     innovation = np.concatenate([pose.apply(state.middle) - state.place, turn])
     return innovation, state.covariance[:6, :6] + covariance
 

@@ -44,3 +44,6 @@ UNSEEN_TURN = 0.2
 # Pixels: of a side of the picture of an object that is looked for again, at most and at least; it is halved until so.
 PATCH_PX = 48
 LEAST_PATCH = 6
+# Pixels to either side that are searched at once where little is searched for: those in which the images are asked
+# whether the outline is there, REACH and one beside, and one that it may have moved.
+ASKED = 10

@@ -162,7 +162,7 @@ class Tracker:
         self._begun = False
         self._last: tuple[Sight, FloatArray, Views] | None = None
         self._lost_s = 0.0
-        self._blur = np.zeros(0)
+        self._quality: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def __call__(self, images: Sequence[ByteArray], cameras: Cameras) -> Pose | None:
         """The pose in the next frame, first_T_model, or None; see :meth:`step`."""
@@ -213,9 +213,9 @@ class Tracker:
             state = predicted(state, seconds, acceleration, acceleration / self._arm)
         if expected is not None:
             state = BodyState(expected, state.middle, state.twist, state.covariance)
-        # The blur changes with the motion: every so often it is measured again.
-        if len(self._blur) == len(views) and self.frames % REMEMBERED:
-            views.blur[:] = self._blur
+        # Noise and blur change slowly: every so often they are measured again.
+        if self._quality is not None and len(self._quality[0]) == len(views) and self.frames % REMEMBERED:
+            views.take_over(*self._quality)
         self._lost_s = self._lost_s + seconds if lost else 0.0
         if self._lost_s > SOUGHT_S:
             return self._result(state, Presence(-math.inf, -math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
@@ -233,7 +233,8 @@ class Tracker:
         if self._log_odds > GIVEN_UP:
             if not moved:
                 self._learn(state, as_pose(motion), covariance)
-            self._error, self._blur, self._support = error, views.blur, place.presence.support
+            self._error, self._support = error, place.presence.support
+            self._quality = views.noise, views.blur, views.tone
             state = self._state = corrected(ahead, as_pose(motion), covariance)
             self._last = place.presence.sight, state.place, views
         return self._result(state, place.presence, search)
@@ -274,7 +275,8 @@ class Tracker:
     def _near(self, state: BodyState, views: Views) -> float:
         """How far points may be from where they are predicted, pixels: by the filter's covariance."""
         # Of the three shifts and turns each, the largest; a turn at the point that is farthest from the middle.
-        shift, turn = (np.sqrt(np.linalg.eigvalsh(state.covariance[k : k + 3, k : k + 3])[-1]) for k in (0, 3))
+        blocks = np.stack([state.covariance[:3, :3], state.covariance[3:6, 3:6]])
+        shift, turn = np.sqrt(np.linalg.eigvalsh(blocks)[:, -1]).tolist()
         return max(LEAST_SEARCH, SEARCHED_SIGMAS * self._pixels(state, views) * math.hypot(shift, turn * self._arm))
 
     def _far(self, state: BodyState, views: Views) -> float:
@@ -283,8 +285,8 @@ class Tracker:
 
     def _pixels(self, state: BodyState, views: Views) -> float:
         """Pixels a metre at the object."""
-        places = [stand.inverse().apply(state.place)[2] for stand in views.poses]
-        return max(camera.fx / max(float(z), self._arm) for camera, z in zip(views.cameras, places))
+        rows = views.rows
+        return float((rows[:, 12] / np.maximum(rows[:, 6:9] @ state.place + rows[:, 11], self._arm)).max())
 
     @property
     def _pushed(self) -> FloatArray:
