@@ -282,7 +282,7 @@ def searched(sight: Sight, views: Views, reach: int) -> Steps:
             image,
             sight.placed.pixel[rows],
             sight.placed.normal[rows],
-            sight.spacing[rows],
+            sight.stretch[rows],
             reach,
             SIGNIFICANT * float(views.noise[eye]),
             steps.offset[rows],
@@ -309,7 +309,7 @@ def fitted(sight: Sight, views: Views) -> Steps:
         outline = Stretches(
             sight.placed.pixel[rows],
             sight.placed.normal[rows],
-            sight.spacing[rows],
+            sight.stretch[rows],
             sight.bend[rows],
             sight.limb[rows],
             flank[rows],

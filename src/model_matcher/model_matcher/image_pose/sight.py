@@ -45,6 +45,8 @@ class Sight:
         n points.
     spacing : (n,) float64
         Pixels of the outline that each stands for.
+    stretch : (n,) float64
+        Pixels of the outline along which each is measured.
     bend : (n,) float64
         Curvature in the image towards the normal, one over pixels.
     limb : (n,) float64
@@ -55,6 +57,7 @@ class Sight:
 
     placed: Placed
     spacing: FloatArray
+    stretch: FloatArray
     bend: FloatArray
     limb: FloatArray
     feature: Int32Array
@@ -78,6 +81,7 @@ NO_SIGHT = Sight(
         np.zeros(0),
         np.zeros((0, 6)),
     ),
+    np.zeros(0),
     np.zeros(0),
     np.zeros(0),
     np.zeros(0),
@@ -147,7 +151,7 @@ def outline_of(
     )
 
 
-def drawn(outline: Outline, motion: FloatArray, middle: FloatArray, views: Views) -> Sight:
+def drawn(outline: Outline, motion: FloatArray, middle: FloatArray, views: Views, stretch: float = math.inf) -> Sight:
     """An outline as the views have it at a pose.
 
     Parameters
@@ -159,12 +163,14 @@ def drawn(outline: Outline, motion: FloatArray, middle: FloatArray, views: Views
     middle : (3,) float64
         Metres, model frame, about which the pose turns.
     views : Views
+    stretch : float
+        Pixels along which a point is measured, at most.
     """
     keep, pixel, normal, slope, limb = _projected(outline, motion, middle, views.rows, views.sizes)
     eye, group, spacing = outline.eye[keep], outline.curve[keep], outline.spacing[keep]
     abscissa, bend = _along(group, pixel, normal, spacing)
     placed = Placed(outline.point[keep], eye, pixel, normal, group, abscissa, slope)
-    return Sight(placed, spacing, bend, limb, outline.feature[keep])
+    return Sight(placed, spacing, np.minimum(spacing, stretch), bend, limb, outline.feature[keep])
 
 
 @njit(nogil=True)

@@ -14,9 +14,10 @@ import numpy as np
 from msgs_py import PinholeCamera, Pose
 from msgs_py.numeric.typed import FloatArray
 
+from ..image_pose.settings import SPACING
 from ..image_pose.sight import Outline, Shape, outline_of
 from ..image_pose.views import Views
-from .settings import MARGIN_PX, SAGITTA_PX
+from .settings import MARGIN_PX, MOST_POINTS, SAGITTA_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,7 @@ class AspectCache:
     def __init__(self, shape: Shape) -> None:
         self._shape = shape
         self._kept: _Kept | None = None
+        self._spacing = SPACING
         self.renewed = 0
 
     def outline(self, pose: Pose, views: Views) -> Outline:
@@ -56,7 +58,12 @@ class AspectCache:
         kept = self._kept
         if kept is None or not self._serves(kept, views, eyes, pixels):
             wide = [_widened(camera) for camera in views.cameras]
-            outline = outline_of(self._shape, pose, wide, views.poses)
+            outline = outline_of(self._shape, pose, wide, views.poses, self._spacing)
+            if self._spacing == SPACING and len(outline.eye) > MOST_POINTS:
+                self._spacing *= len(outline.eye) / MOST_POINTS
+                outline = outline_of(self._shape, pose, wide, views.poses, self._spacing)
+            else:  # for the next one
+                self._spacing = max(SPACING, float(outline.spacing.sum()) / MOST_POINTS)
             kept = self._kept = _Kept(outline, tuple(views.cameras), eyes, pixels)
             self.renewed += 1
         return kept.outline

@@ -12,7 +12,7 @@ from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps, align
 from ..image_pose.measurement import Presence, elsewhere, fitted, searched, shown
 from ..image_pose.model_error import ModelError, fitted_model_error
-from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, TO_POSE
+from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING, TO_POSE
 from ..image_pose.sight import Outline, Shape, Sight, drawn
 from ..image_pose.views import Views
 from .settings import ASKED, ROUNDS
@@ -75,14 +75,14 @@ def searched_for(
     for level in range(len(levels) - 1, -1, -1):
         # In an image of half the size neighbours are half as far apart: every second one is looked at.
         some = seen if level == 0 else _some(seen, np.arange(0, len(seen.eye), 2**level))
-        sight = drawn(some, motion, shape.centre, levels[level])
+        sight = drawn(some, motion, shape.centre, levels[level], SPACING)
         reach = int(np.ceil(min(search_px, REACH)))
         # What is looked for near by serves to ask the images afterwards, when it is found where it was looked for.
         steps = searched(sight, levels[level], ASKED if search_px <= NEAR else reach)
         near = within(steps, reach) if search_px <= NEAR else steps
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
         laid(shape, motion, levels[level], sight, near, widths, ModelError(0.0, 0.0), elsewhere(near, reach), prior)
-    there = drawn(seen, motion, shape.centre, views)
+    there = drawn(seen, motion, shape.centre, views, SPACING)
     if search_px <= NEAR and len(there) == len(sight):
         moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
         if np.abs(moved).max(initial=0.0) <= ASKED - REACH - 1:

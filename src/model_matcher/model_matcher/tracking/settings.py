@@ -47,3 +47,6 @@ LEAST_PATCH = 6
 # Pixels to either side that are searched at once where little is searched for: those in which the images are asked
 # whether the outline is there, REACH and one beside, and one that it may have moved.
 ASKED = 10
+# Points that an object is followed by, in all views together: of more each says what its neighbours do, since what a
+# curve is off, a tenth of a pixel and more, they have in common.
+MOST_POINTS = 320
