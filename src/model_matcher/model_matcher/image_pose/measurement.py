@@ -21,7 +21,7 @@ from ..geometry.least_squares import covariances
 from .alignment import Steps, align
 from .model_error import ModelError, fitted_model_error
 from .neighbours import neighbours
-from .presence import chance_beside, confirmations, log_ratio
+from .presence import chance_beside, confirmations, crowded, log_ratio
 from .profiles import Stretches, find_steps, fit_steps
 from .settings import (
     BLUR_POINTS,
@@ -65,7 +65,7 @@ class Presence:
     sight : Sight
         The points of the outline.
     found : (n,) int8
-        Of each, whether it is confirmed: 1, 0, or -1 outside the images.
+        Of each, whether it is confirmed: 1, 0, or -1 outside the images and where another curve is as near.
     """
 
     log_ratio: float
@@ -264,6 +264,7 @@ def shown(
     found = confirmations(steps.offset, steps.number, 0.0)
     inside = found >= 0
     support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
+    found[crowded(sight.placed)] = -1
     ratio = further = float(log_ratio(found, sight.placed.group, chance))
     if known is not None:
         others = np.where(np.isin(sight.feature, known), np.int8(-1), found)

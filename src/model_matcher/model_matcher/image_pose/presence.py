@@ -16,14 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py.numeric.compiled import njit
-from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
-from .alignment import Steps
+from .alignment import Placed, Steps
 from .settings import (
     CONTROLS,
     HIDDEN,
     LEAST_RUN,
     ON_EDGE,
+    OWN_STEP,
     PLACES_TRIED,
     PRIOR_ALIGNED,
     PRIOR_CHANCES,
@@ -91,14 +92,18 @@ def _count_beside(
     in_runs, points = 0.0, 0.0
     for at in CONTROLS:
         found = confirmations(offset, count, at)
-        run = 0
+        run, length = 0, 0
         for k in range(len(found) + 1):
-            if k == len(found) or found[k] != 1 or (k > 0 and group[k] != group[k - 1]):
-                if run >= LEAST_RUN:
+            ends = k == len(found) or (k > 0 and group[k] != group[k - 1])
+            if ends or found[k] != 1:
+                # The whole of a short curve is a run.
+                if run >= LEAST_RUN or (ends and run > 1 and run == length):
                     in_runs += run
                 run = 0
+            length = 0 if ends else length
             if k == len(found) or found[k] < 0:
                 continue
+            length += 1
             linked = k > 0 and group[k] == group[k - 1] and found[k - 1] >= 0
             i = (1 if found[k - 1] else 0) if linked else 2
             all_[i] += 1.0
@@ -106,6 +111,24 @@ def _count_beside(
             points += 1.0
             run += found[k]
     return yes, all_, in_runs, points
+
+
+@njit(nogil=True)
+def crowded(placed: Placed) -> BoolArray:
+    """Points, (n,) bool, that a curve before theirs passes so near that one step of the image would confirm both."""
+    n = len(placed.eye)
+    out = np.zeros(n, np.bool_)
+    for k in range(n):
+        for j in range(k - 1, -1, -1):
+            if placed.eye[j] != placed.eye[k]:
+                break
+            if placed.group[j] == placed.group[k]:
+                continue
+            du, dv = placed.pixel[j, 0] - placed.pixel[k, 0], placed.pixel[j, 1] - placed.pixel[k, 1]
+            if du * du + dv * dv < OWN_STEP * OWN_STEP:
+                out[k] = True
+                break
+    return out
 
 
 @njit(nogil=True)

@@ -87,3 +87,5 @@ HALF_TURN_INFORMATION = 3.0 / 3.141592653589793**2
 TONES = (1.0, 2.2)
 # Nats by which the second must explain an outline better: with less, errors of the outline alone decide by chance.
 TONE_NATS = 5.0
+# Pixels between curves within which one step confirms both: ON_EDGE to either side, and half the spacing of points.
+OWN_STEP = 3.0

@@ -196,7 +196,8 @@ def accepted_by_images(
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
-    for found in sorted(weighed, key=lambda one: -one.evidence):
+    # Of those that want the same edges, the one comes first whose whole outline is seen best.
+    for found in sorted(weighed, key=lambda one: -one.hypothesis.evidence - one.shown.log_ratio):
         reason = _why_rejected(found, taken, claimed, needed) or _another(problem, found)
         if reason is None:
             taken.append(found)
