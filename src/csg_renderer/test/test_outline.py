@@ -67,3 +67,17 @@ def test_spacing_and_tangents_are_those_of_the_image():
 def test_nothing_is_seen_of_what_lies_behind_the_camera():
     outline = SolidOutline(Solid.block(0.1, 0.1, 0.1))
     assert len(outline.visible(Pose(np.eye(3), np.array([0.0, 0.0, -1.0])), CAMERA, 4.0)) == 0
+
+
+def test_the_surface_is_where_rays_meet_it():
+    camera = PinholeCamera.centred(64, 64, 80.0)
+    ball = SolidOutline(Solid.sphere(0.05) - Solid.sphere(0.02))
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 0.3]))
+    seen = ball.surface(pose, camera, np.array([[31.5, 31.5], [40.0, 28.0], [0.0, 0.0]]))
+    np.testing.assert_allclose(seen[0], [0.0, 0.0, -0.05], atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(seen[1]), 0.05, atol=1e-9)
+    np.testing.assert_allclose(camera.project(pose.apply(seen[1])), [40.0, 28.0], atol=1e-9)
+    assert np.isnan(seen[2]).all()
+    hollow = SolidOutline(Solid.block(0.1, 0.1, 0.1) - Solid.block(0.05, 0.05, 0.2))
+    front = hollow.surface(Pose(np.eye(3), np.array([-0.025, -0.025, 0.2])), camera, np.array([[31.5, 31.5]]))
+    assert np.isnan(front).all()

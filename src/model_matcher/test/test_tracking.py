@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,12 +21,14 @@ from model_matcher.tracking.motion_filter import (
     about_middle,
     about_origin,
     at_rest,
+    carried,
     corrected,
     mahalanobis,
     moved_camera,
     placed,
     predicted,
 )
+from model_matcher.tracking.texture import corners_of, followed
 from model_matcher.tracking.tracker import Tracker, TrackParams
 from msgs_py import PinholeCamera, Pose, StereoRig
 
@@ -295,3 +298,46 @@ def test_time_that_does_not_pass_is_refused(seconds):
 def test_parameters_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match='acceleration'):
         TrackParams(acceleration=0.0)
+
+
+# -- texture ---------------------------------------------------------------------------------------------------------
+
+
+def test_corners_of_the_surface_tell_a_motion():
+    shape = SolidOutline(Solid.block(0.06, 0.05, 0.04))
+    middle, camera = shape.centre, RIG.left
+    before = turned([20, 30, 0], middle=middle)
+    after = turned([22, 31, 1], (0.01, -0.005, DISTANCE + 0.004), middle)
+    rng = np.random.default_rng(2)
+    print_ = rng.integers(0, 255, (64, 64)).astype(np.float32)
+
+    def picture(pose):
+        """A block whose faces are printed with noise that stays where it is."""
+        v, u = np.mgrid[0:240, 0:320]
+        pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+        point = shape.surface(pose, camera, pixels)
+        cell = np.nan_to_num((point * [600.0, 600.0, 600.0]) @ [[1.0, 0.3], [0.2, 1.0], [0.7, 0.6]])
+        value = print_[cell[:, 0].astype(int) % 64, cell[:, 1].astype(int) % 64]
+        grey_ = np.where(np.isfinite(point[:, 0]), value, 20.0).reshape(240, 320)
+        return cv2.GaussianBlur(grey_.astype(np.uint8), None, 1.0)
+
+    first, second = (Views.of([picture(pose)], camera) for pose in (before, after))
+    corners = corners_of(shape, before, look(shape, before, first), first)
+    assert len(corners[0].point) > 20
+    start = np.diag([0.02**2] * 3 + [0.087**2] * 3)
+    pose, covariance = followed(corners, before, start, middle, second, 30.0)
+    assert after.error_to(pose).rotation_deg < 0.5
+    off = pose.apply(middle) - after.apply(middle)
+    assert np.linalg.norm(off) < 2e-3
+    assert off @ np.linalg.solve(covariance[:3, :3], off) < 40.0
+    blank = Views.of([np.full((240, 320), 20, np.uint8)], camera)
+    assert followed(corners, before, start, middle, blank, 30.0) is None
+
+
+def test_a_motion_that_was_seen_carries_the_pose_and_its_doubt():
+    state = at_rest(turned([10, 0, 0]), np.zeros(3), 1e-6 * np.eye(6), 0.1, 0.1)
+    there = turned([13, 0, 0], (0.01, 0.0, DISTANCE))
+    after = carried(state, there, 1e-8 * np.eye(6), 0.1, np.eye(6))
+    np.testing.assert_allclose(after.twist, [0.1, 0.0, 0.0, np.radians(30.0), 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(after.covariance[:6, :6], 1.01e-6 * np.eye(6))
+    np.testing.assert_allclose(after.covariance[6:, 6:], (1.0 + 1e-6) * np.eye(6))

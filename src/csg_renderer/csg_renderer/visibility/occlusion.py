@@ -36,6 +36,36 @@ def hidden(table: SurfaceTable, viewpoint: np.ndarray, targets: np.ndarray, thin
     return np.concatenate([_hidden(table, origin[i : i + step], ray[i : i + step], thin) for i in range(0, n, step)])
 
 
+def first_hit(table: SurfaceTable, viewpoint: np.ndarray, ray: np.ndarray) -> np.ndarray:
+    """How far along rays a solid begins.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    viewpoint : (3,) float64, metres, model frame
+    ray : (n, 3) float64, model frame
+
+    Returns
+    -------
+    (n,) float64
+        In lengths of each ray; not a number where it meets nothing.
+    """
+    n = len(ray)
+    if not n or not len(table.leaves):
+        return np.full(n, np.nan)
+    enter, leave = leaf_intervals(table, np.broadcast_to(table.normalised(viewpoint), (n, 3)), ray / table.size)
+    # Beyond this lies nothing: a whole solid, and the viewpoint's distance from it.
+    farthest = 2.0 * (np.linalg.norm(table.normalised(viewpoint)) + 1.0) * table.size
+    far = np.maximum(farthest / np.linalg.norm(ray, axis=1), 1.0)[:, None]
+    enter, leave = np.clip(enter, 0.0, far), np.clip(leave, 0.0, far)
+    stops = np.sort(np.concatenate([enter, leave], axis=1), axis=1)
+    middle = 0.5 * (stops[:, 1:] + stops[:, :-1])
+    inside = (enter[:, None, :] < middle[..., None]) & (middle[..., None] < leave[:, None, :])
+    solid = table.combine(inside) & (np.diff(stops, axis=1) > 0.0)
+    first = solid.argmax(axis=1)
+    return np.where(solid.any(axis=1), stops[np.arange(n), first], np.nan)
+
+
 def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: float) -> np.ndarray:
     """As hidden, for normalised rays (n, 3) from origins (n, 3) to their targets, all at once."""
     enter, leave = leaf_intervals(table, origin, ray)

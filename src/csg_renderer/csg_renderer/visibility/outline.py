@@ -18,7 +18,7 @@ from ..brep.boundary import Boundary
 from ..brep.conics import section
 from ..brep.model_features import boundary
 from ..scene.solid import Solid
-from .occlusion import hidden
+from .occlusion import first_hit, hidden
 from .settings import NO_POLAR_PLANE, OFF_SURFACE, OUTLINE_KNOTS, THIN, THIN_AT_SPACE_CURVE
 
 
@@ -157,6 +157,28 @@ class SolidOutline:
             some = np.flatnonzero(rows)
             keep[some] = ~hidden(table, viewpoint, point[some], thin)
         return found.select(keep)
+
+    def surface(self, pose: Pose, camera: PinholeCamera, pixels: FloatArray) -> FloatArray:
+        """Where the surface is seen.
+
+        Parameters
+        ----------
+        pose : Pose
+            camera_T_model.
+        camera : PinholeCamera
+        pixels : (n, 2) float64
+
+        Returns
+        -------
+        (n, 3) float64
+            Metres, model frame; not a number where there is none.
+        """
+        back = pose.inverse()
+        out = np.full((len(pixels), 3), np.nan)
+        depth = first_hit(self._found.table, back.translation, back.rotate(camera.rays(pixels)))
+        hit = np.isfinite(depth)
+        out[hit] = back.translation + depth[hit, None] * back.rotate(camera.rays(pixels[hit]))
+        return out
 
     def _contours(self, viewpoint: FloatArray) -> tuple[FloatArray, FloatArray, Int32Array]:
         """Where rays touch the quadrics: matrices and ranges as of the creases, and the quadric of each.

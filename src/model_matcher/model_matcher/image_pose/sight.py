@@ -34,6 +34,9 @@ class Shape(Protocol):
     def visible(self, pose: Pose, camera: PinholeCamera, spacing: float) -> OutlinePoints:
         """Points of the outline at camera_T_model, ``spacing`` pixels apart."""
 
+    def surface(self, pose: Pose, camera: PinholeCamera, pixels: FloatArray) -> FloatArray:
+        """Where its surface is seen at camera_T_model, (n, 3) float64, metres, model frame, or not a number."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sight:

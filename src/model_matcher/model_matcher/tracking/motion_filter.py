@@ -95,6 +95,30 @@ def predicted(state: BodyState, seconds: float, acceleration: float, angular_acc
     return BodyState(pose, state.middle, state.twist, covariance)
 
 
+def carried(before: BodyState, pose: Pose, covariance: FloatArray, seconds: float, velocities: FloatArray) -> BodyState:
+    """The body after a motion that was seen: its pose is as uncertain as before, and by what the motion is.
+
+    Parameters
+    ----------
+    before : BodyState
+        In the frame before.
+    pose : Pose
+        first_T_model after the motion.
+    covariance : (6, 6) float64
+        Of the motion, as shift of the middle and turn.
+    seconds : float
+    velocities : (6, 6) float64
+        Covariance that the velocities would have without.
+    """
+    turn = cv2.Rodrigues(pose.rotation @ before.pose.rotation.T)[0][:, 0]
+    twist = np.concatenate([pose.apply(before.middle) - before.place, turn]) / seconds
+    whole = np.zeros((12, 12))
+    whole[:6, :6] = before.covariance[:6, :6] + covariance
+    # A mean velocity between two frames, and one at the end of them: both have their share.
+    whole[6:, 6:] = covariance / seconds**2 + velocities
+    return BodyState(pose, before.middle, twist, whole)
+
+
 def corrected(state: BodyState, pose: Pose, covariance: FloatArray) -> BodyState:
     """The body after its pose was measured.
 

@@ -50,3 +50,23 @@ ASKED = 10
 # Points that an object is followed by, in all views together: of more each says what its neighbours do, since what a
 # curve is off, a tenth of a pixel and more, they have in common.
 MOST_POINTS = 320
+# Corners of an object's surface that are followed in a view, at most; their quality as a share of the best one's;
+# pixels between them, and pixels from the outline inside of which none is looked for.
+CORNERS = 60
+CORNER_QUALITY = 0.03
+CORNER_APART = 5
+OFF_OUTLINE = 5
+# Strength of a corner over the variance of the noise, grey levels: SIGNIFICANT squared times what OpenCV's Sobel filter
+# (sum of squares 12, scaled by 1 / 3060) makes of noise in 9 pixels.
+CORNER_OF_NOISE = 9.0 * 9.0 * 12.0 / 3060.0**2
+# Pixels of the window that is found again, and how often the images are halved for it.
+FLOW_WINDOW = 15
+FLOW_LEVELS = 3
+# Pixels, sigma of a corner that is found again; corners that have to agree; steps to the pose.
+CORNER_SIGMA = 0.3
+FEWEST_CORNERS = 8
+FLOW_TURNS = 6
+# Median of the distance of a point whose two coordinates have normal errors of sigma 1.
+RAYLEIGH_MEDIAN = 1.1774
+# Nats of evidence below which corners are asked, too: of an outline that shows well they say nothing new.
+WEAK = 30.0

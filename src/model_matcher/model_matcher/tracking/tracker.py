@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,17 @@ from .appearance import patches, shifted
 from .aspect import AspectCache
 from .hiding import behind
 from .measuring import Place, measured, searched_for
-from .motion_filter import BodyState, about_middle, at_rest, corrected, mahalanobis, moved_camera, occam, predicted
+from .motion_filter import (
+    BodyState,
+    about_middle,
+    at_rest,
+    carried,
+    corrected,
+    mahalanobis,
+    moved_camera,
+    occam,
+    predicted,
+)
 from .settings import (
     ACCELERATION,
     COVERED,
@@ -44,7 +55,10 @@ from .settings import (
     SPEED,
     START,
     VANISHES,
+    WEAK,
 )
+from .texture import corners_of
+from .texture import followed as by_corners
 
 Cameras = PinholeCamera | StereoRig | CameraRig
 
@@ -105,6 +119,18 @@ class Tracked:
     reason: str | None = None
 
 
+class _Guess(NamedTuple):
+    """Where an object may be: a predicted body, pixels about it that are searched, and nats beforehand.
+
+    by_texture : whether corners predict it
+    """
+
+    state: BodyState
+    search_px: float
+    prior: float
+    by_texture: bool = False
+
+
 class Tracker:
     """Follows an object whose pose is known about.
 
@@ -160,7 +186,9 @@ class Tracker:
         self._support = 1.0
         self._accelerations = np.array([self.params.acceleration**2, 1.0]) * FIRST_FRAMES
         self._begun = False
-        self._last: tuple[Sight, FloatArray, Views] | None = None
+        self._last: tuple[Sight, Pose, Views] | None = None
+        self._measured: FloatArray | None = None
+        self._evidence = math.inf
         self._lost_s = 0.0
         self._quality: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
@@ -221,56 +249,90 @@ class Tracker:
             return self._result(state, Presence(-math.inf, -math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
         outline = self._aspects.outline(state.pose, views)
         hidden = behind(outline, state.pose, views, nearer) if nearer else None
-        place, search = self._best_place(outline, state, views, hidden, lost)
+        before = self._state if camera_motion is None else moved_camera(self._state, camera_motion)
+        place, guess = self._best_place(outline, self._guesses(state, before, seconds, views, lost), views, hidden)
         found = measured(self.shape, place, views, self._error)
         if found is None:
             self._weigh(-math.inf)
-            return self._result(state, place.presence, search)
+            return self._result(state, place.presence, guess.search_px)
         motion, covariance, error = found
-        moved = lost or search > self._near(state, views)
-        ahead = self._unsettled(state) if moved else state
-        self._weigh(place.presence.log_ratio - occam(ahead.covariance[:6, :6], covariance))
+        evidence = place.presence.log_ratio + guess.prior - occam(guess.state.covariance[:6, :6], covariance)
+        self._weigh(evidence)
         if self._log_odds > GIVEN_UP:
-            if not moved:
+            if guess.state is state:
                 self._learn(state, as_pose(motion), covariance)
-            self._error, self._support = error, place.presence.support
+            self._error, self._support, self._evidence = error, place.presence.support, evidence
             self._quality = views.noise, views.blur, views.tone
-            state = self._state = corrected(ahead, as_pose(motion), covariance)
-            self._last = place.presence.sight, state.place, views
-        return self._result(state, place.presence, search)
+            self._measured = covariance
+            state = self._state = corrected(guess.state, as_pose(motion), covariance)
+            self._last = place.presence.sight, state.pose, views
+        return self._result(state, place.presence, guess.search_px)
+
+    def _guesses(
+        self, state: BodyState, before: BodyState, seconds: float, views: Views, lost: bool
+    ) -> Iterator[_Guess]:
+        """Where the object may be, the likeliest first; each is made only when those before it have not served.
+
+        state, before : predicted, and as it was in the last frame
+        """
+        far, jump = self._far(state, views), math.log(JUMPS)
+        if not lost:
+            near = self._near(state, views)
+            yield _Guess(state, min(near, float(REACH)), 0.0)
+            turned = self._by_texture(state, before, seconds, views, far)
+            if turned is not None:
+                yield _Guess(turned, max(LEAST_SEARCH, min(self._near(turned, views), float(REACH))), 0.0, True)
+            if near > REACH:
+                yield _Guess(state, near, 0.0)
+        pushed = self._unsettled(state)
+        there = self._as_it_looked(state, views, far)
+        if there is not None and not lost:
+            yield _Guess(replace(pushed, pose=there), float(REACH), jump)
+        yield _Guess(pushed, far, 0.0 if lost else jump)
 
     def _best_place(
-        self, outline: Outline, state: BodyState, views: Views, hidden: BoolArray | None, lost: bool
-    ) -> tuple[Place, float]:
-        """Where the images show the object, and how far was searched: no farther than they make it needful."""
-        near, far = self._near(state, views), self._far(state, views)
-        motion = as_motion(state.pose)
-        best: tuple[float, Place, float] | None = None
-        for search in (far,) if lost else (min(near, float(REACH)), near, -far, far):
-            start, prior, spread = motion, 0.0, state.covariance[:6, :6]
-            if search < 0.0:
-                there = self._as_it_looked(state, views, far)
-                if there is None:
-                    continue
-                start, prior, spread = as_motion(there), math.log(JUMPS), self._pushed
-            elif best is not None and search <= best[2]:
-                continue
-            elif search > near:
-                prior, spread = math.log(JUMPS), self._pushed
-            place = searched_for(self.shape, outline, start, views, search if search > 0 else REACH, spread, hidden)
-            score = place.presence.log_ratio + prior
+        self, outline: Outline, guesses: Iterable[_Guess], views: Views, hidden: BoolArray | None
+    ) -> tuple[Place, _Guess]:
+        """Where the images show the object best; guesses are tried until one shows as much of it as before."""
+        best: tuple[float, Place, _Guess] | None = None
+        served = False
+        for guess in guesses:
+            if served and not guess.by_texture:
+                break
+            spread = guess.state.covariance[:6, :6]
+            start = as_motion(guess.state.pose)
+            place = searched_for(self.shape, outline, start, views, guess.search_px, spread, hidden)
+            # What a pose costs that is chosen from more: see occam; by the last measurement's covariance.
+            cost = 0.0 if self._measured is None else occam(spread, self._measured)
+            score = place.presence.log_ratio + guess.prior - cost
             if best is None or score > best[0]:
-                best = score, place, abs(search)
-            if place.presence.support >= self._support - COVERED:
+                best = score, place, guess
+            served = served or place.presence.support >= self._support - COVERED
+            # Where the outline says little the texture is asked, too.
+            if served and (self._evidence >= WEAK or guess.by_texture):
                 break
         assert best is not None
         return best[1], best[2]
+
+    def _by_texture(
+        self, state: BodyState, before: BodyState, seconds: float, views: Views, reach_px: float
+    ) -> BodyState | None:
+        """The body as the motion of its corners predicts it; None where it has too few."""
+        if self._last is None or seconds <= 0.0:
+            return None
+        corners = corners_of(self.shape, self._last[1], self._last[0], self._last[2])
+        found = by_corners(corners, state.pose, self._pushed, state.middle, views, reach_px)
+        if found is None:
+            return None
+        pose, covariance = found
+        return carried(before, pose, covariance, seconds, state.covariance[6:, 6:])
 
     def _as_it_looked(self, state: BodyState, views: Views, reach_px: float) -> Pose | None:
         """The predicted pose shifted to where the images look most as the object did when it was last seen."""
         if self._last is None:
             return None
-        return shifted(patches(*self._last), state.pose, state.middle, views, reach_px)
+        sight, pose, then = self._last
+        return shifted(patches(sight, pose.apply(state.middle), then), state.pose, state.middle, views, reach_px)
 
     def _near(self, state: BodyState, views: Views) -> float:
         """How far points may be from where they are predicted, pixels: by the filter's covariance."""

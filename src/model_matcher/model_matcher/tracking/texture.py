@@ -1,0 +1,192 @@
+"""How an object moved from one frame to the next, by corners of its surface (Lucas & Kanade 1981; Shi & Tomasi 1994).
+
+Print and stains are not in the model, but they keep their places on it: corners inside the outline are put on the
+surface as the last pose has it, found again in the next image, and the pose is laid on them. That tells the motion, not
+where the object is; it is a prediction, better than that of a constant velocity where there is print.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from msgs_py import Pose
+from msgs_py.numeric.typed import BoolArray, ByteArray, Float32Array, FloatArray
+
+from ..image_pose.sight import Shape, Sight
+from ..image_pose.views import Views
+from .motion_filter import placed
+from .settings import (
+    CORNER_APART,
+    CORNER_OF_NOISE,
+    CORNER_QUALITY,
+    CORNER_SIGMA,
+    CORNERS,
+    FEWEST_CORNERS,
+    FLOW_LEVELS,
+    FLOW_TURNS,
+    FLOW_WINDOW,
+    OFF_OUTLINE,
+    RAYLEIGH_MEDIAN,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of an object in one view.
+
+    Attributes
+    ----------
+    eye : int
+        Which view.
+    image : (h, w) uint8
+        The whole view.
+    pixel : (n, 2) float32
+        Where they were.
+    point : (n, 3) float64
+        On the surface, metres, model frame.
+    """
+
+    eye: int
+    image: ByteArray
+    pixel: Float32Array
+    point: FloatArray
+
+
+def corners_of(shape: Shape, pose: Pose, sight: Sight, views: Views) -> list[Corners]:
+    """The corners inside the outline of a shape at first_T_model, on its surface."""
+    found = []
+    for eye, (image, camera, stand) in enumerate(zip(views.images, views.cameras, views.poses)):
+        outline = sight.placed.pixel[sight.rows(eye)].astype(np.float32)
+        if len(outline) < 3:
+            continue
+        first, last = _box(outline, 0.0, image)
+        if (last - first).min() <= 2 * OFF_OUTLINE:
+            continue
+        mask = np.zeros(last[::-1] - first[::-1], np.uint8)
+        hull = cv2.convexHull(outline)
+        cv2.fillConvexPoly(mask, np.rint(hull - first).astype(np.int32), 255)
+        cv2.polylines(mask, [np.rint(hull - first).astype(np.int32)], True, 0, 2 * OFF_OUTLINE)
+        piece = np.ascontiguousarray(image[first[1] : last[1], first[0] : last[0]])
+        corners = cv2.goodFeaturesToTrack(piece, CORNERS, CORNER_QUALITY, CORNER_APART, mask=mask)
+        if corners is None:
+            continue
+        strength = cv2.cornerMinEigenVal(piece, 3)
+        column, row = corners[:, 0].astype(int).T
+        corners = corners[strength[row, column] > CORNER_OF_NOISE * float(views.noise[eye]) ** 2]
+        pixel = (corners[:, 0] + first).astype(np.float32)
+        point = shape.surface(stand.inverse().compose(pose), camera, pixel.astype(float))
+        on = np.isfinite(point[:, 0])
+        if on.any():
+            found.append(Corners(eye, image, pixel[on], point[on]))
+    return found
+
+
+def followed(
+    was: list[Corners], pose: Pose, covariance: FloatArray, middle: FloatArray, views: Views, reach_px: float
+) -> tuple[Pose, FloatArray] | None:
+    """The pose laid on corners where they are found again, and the covariance (6, 6) of middle and turn.
+
+    Parameters
+    ----------
+    was : list of Corners
+        Of the frame before.
+    pose : Pose
+        first_T_model, predicted.
+    covariance : (6, 6) float64
+        Of middle and turn, as predicted after a sudden move: what corners leave open stays about there.
+    middle : (3,) float64
+        Metres, model frame.
+    views : Views
+    reach_px : float
+        Pixels that the object may be from where it is predicted.
+
+    Returns
+    -------
+    pose, covariance
+        None where too few corners agree.
+    """
+    point, seen, eye = [], [], []
+    for one in was:
+        if one.eye >= len(views):
+            continue
+        pixel, good = _flow(one, pose, views, reach_px)
+        point.append(one.point[good])
+        seen.append(pixel[good])
+        eye.append(np.full(int(good.sum()), one.eye))
+    if sum(len(part) for part in point) < FEWEST_CORNERS:
+        return None
+    return _laid(np.concatenate(point), np.concatenate(seen), np.concatenate(eye), pose, covariance, middle, views)
+
+
+def _flow(one: Corners, pose: Pose, views: Views, reach_px: float) -> tuple[FloatArray, BoolArray]:
+    """Where corners are now (n, 2), pixels, and which of them were found, there and back (n,)."""
+    camera, image = views.cameras[one.eye], views.images[one.eye]
+    ahead = camera.project(views.poses[one.eye].inverse().apply(pose.apply(one.point)))
+    ahead = np.where(np.isfinite(ahead), ahead, one.pixel).astype(np.float32)
+    first, last = _box(np.concatenate([one.pixel, ahead]), reach_px + FLOW_WINDOW, image)
+    if image.shape != one.image.shape or (last - first).min() < 2 * FLOW_WINDOW:
+        return ahead.astype(float), np.zeros(len(ahead), bool)
+    before, after = (
+        np.ascontiguousarray(whole[first[1] : last[1], first[0] : last[0]]) for whole in (one.image, image)
+    )
+    window = (FLOW_WINDOW, FLOW_WINDOW)
+    start, guess = (one.pixel - first).astype(np.float32)[:, None], (ahead - first).astype(np.float32)[:, None]
+    moved, good, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, start, guess.copy(), None, None, window, FLOW_LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    back, again, _ = cv2.calcOpticalFlowPyrLK(
+        after, before, moved, start.copy(), None, None, window, FLOW_LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    kept: BoolArray = (good[:, 0] > 0) & (again[:, 0] > 0) & (np.abs(back - start).max(axis=(1, 2)) < 1.0)
+    return (moved[:, 0] + first).astype(float), kept
+
+
+def _laid(
+    point: FloatArray,
+    seen: FloatArray,
+    eye: FloatArray,
+    pose: Pose,
+    covariance: FloatArray,
+    middle: FloatArray,
+    views: Views,
+) -> tuple[Pose, FloatArray] | None:
+    """Robust Gauss-Newton (Cauchy's weights) of a pose on points (n, 3) seen at pixels (n, 2) of views (n,)."""
+    prior = np.linalg.inv(covariance)
+    camera = views.rows[eye.astype(int)]
+    turn = camera[:, :9].reshape(-1, 3, 3)
+    total = np.zeros(6)
+    normal, weight = prior, np.ones(len(point))
+    for _ in range(FLOW_TURNS):
+        arm = pose.rotate(point - middle)
+        at = np.einsum('nij,nj->ni', turn, pose.apply(point)) + camera[:, 9:12]
+        if not (at[:, 2] > 0.0).all():
+            return None
+        scale = camera[:, 12:14] / at[:, 2:]
+        off = seen - (scale * at[:, :2] + camera[:, 14:])
+        along = np.zeros((len(point), 2, 3))
+        along[:, 0, 0], along[:, 1, 1] = scale[:, 0], scale[:, 1]
+        along[:, :, 2] = -scale * at[:, :2] / at[:, 2:]
+        shift = along @ turn
+        slope = np.concatenate([shift, np.cross(arm[:, None], shift)], axis=2)
+        length = np.linalg.norm(off, axis=1)
+        sigma = max(CORNER_SIGMA, float(np.median(length)) / RAYLEIGH_MEDIAN)
+        weight = 1.0 / (1.0 + (length / sigma) ** 2)
+        weighted = slope * (weight / sigma**2)[:, None, None]
+        normal = np.einsum('nki,nkj->ij', weighted, slope) + prior
+        step = np.linalg.solve(normal, np.einsum('nki,nk->i', weighted, off) - prior @ total)
+        total = total + step
+        pose = placed(cv2.Rodrigues(step[3:])[0] @ pose.rotation, pose.apply(middle) + step[:3], middle)
+    # Within two sigmas.
+    if (weight > 0.2).sum() < max(FEWEST_CORNERS, 0.5 * len(weight)):
+        return None
+    return pose, np.linalg.inv(normal)
+
+
+def _box(pixel: FloatArray | Float32Array, more: float, image: ByteArray) -> tuple[FloatArray, FloatArray]:
+    """First column and row of the box about pixels (n, 2), and those after its last, inside the image."""
+    first = np.maximum(np.floor(pixel.min(axis=0) - more), 0).astype(int)
+    last = np.minimum(np.ceil(pixel.max(axis=0) + more).astype(int) + 1, image.shape[::-1])
+    return first, last
