@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from csg_renderer import Light, Scene, Solid, SolidOutline, load_models, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
+from model_matcher.image_pose.alignment import Steps
 from model_matcher.image_pose.sight import look
 from model_matcher.image_pose.views import Views
 from model_matcher.tracking.appearance import patches, shifted
 from model_matcher.tracking.aspect import AspectCache
 from model_matcher.tracking.hiding import behind
+from model_matcher.tracking.measuring import within
 from model_matcher.tracking.motion_filter import (
     BodyState,
     about_middle,
@@ -341,3 +343,11 @@ def test_a_motion_that_was_seen_carries_the_pose_and_its_doubt():
     np.testing.assert_allclose(after.twist, [0.1, 0.0, 0.0, np.radians(30.0), 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(after.covariance[:6, :6], 1.01e-6 * np.eye(6))
     np.testing.assert_allclose(after.covariance[6:, 6:], (1.0 + 1e-6) * np.eye(6))
+
+
+def test_only_near_steps_are_kept():
+    offset = np.array([[-5.0, 1.0, 3.0], [2.0, np.nan, np.nan], [np.nan] * 3])
+    steps = Steps(offset, np.array([3, 1, -1], np.int32), np.zeros(3))
+    near = within(steps, 3)
+    assert near.number.tolist() == [2, 1, -1]
+    assert near.offset[0, :2].tolist() == [1.0, 3.0]

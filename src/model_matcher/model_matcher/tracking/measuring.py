@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps, align
@@ -93,9 +94,23 @@ def searched_for(
 
 def within(steps: Steps, reach: int) -> Steps:
     """The steps within ``reach`` pixels."""
-    near = np.abs(steps.offset) <= reach
-    offset = np.take_along_axis(steps.offset, np.argsort(~near, axis=1, kind='stable'), axis=1)
-    return steps._replace(offset=offset, number=np.where(steps.number < 0, -1, near.sum(axis=1)).astype(np.int32))
+    offset, number = _within(steps.offset, steps.number, reach)
+    return Steps(offset, number, steps.variance)
+
+
+@njit(nogil=True)
+def _within(offset: FloatArray, number: Int32Array, reach: int) -> tuple[FloatArray, Int32Array]:
+    """Steps (n, c) and how many they are (n,), less those farther away."""
+    kept, count = np.full_like(offset, np.nan), number.copy()
+    for k in range(len(number)):
+        if number[k] <= 0:
+            continue
+        count[k] = 0
+        for j in range(number[k]):
+            if abs(offset[k, j]) <= reach:
+                kept[k, count[k]] = offset[k, j]
+                count[k] += 1
+    return kept, count
 
 
 def measured(
