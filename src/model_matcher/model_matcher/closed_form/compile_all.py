@@ -18,6 +18,7 @@ from msgs_py.numeric.steps import CompileStep
 from stereo_recovery.pipeline import compile_steps as recovery_steps
 
 from ..pipeline import compile_steps as matcher_steps
+from ..tracking.compiling import compile_steps as tracker_steps
 
 # The dearest first: with two cores the third is compiled by who is ready first.
 PACKAGES = ('model_matcher', 'stereo_recovery', 'csg_renderer')
@@ -27,7 +28,7 @@ def steps_of(package: str) -> tuple[CompileStep, ...]:
     """What a package's node needs compiled."""
     if package == 'csg_renderer':
         return renderer_steps(load_scene(scene_path('l_shape_v1')))
-    return recovery_steps() if package == 'stereo_recovery' else matcher_steps()
+    return recovery_steps() if package == 'stereo_recovery' else (*matcher_steps(), *tracker_steps())
 
 
 def compile_all(workers: int | None = None) -> float:
