@@ -79,7 +79,7 @@ def load_model_outlines(path: str | os.PathLike[str]) -> dict[str, SolidOutline]
     Examples
     --------
     >>> round(load_model_outlines('l_shape')['l_shape'].size, 3)
-    0.083
+    0.062
     """
     if Path(path).suffix.lower() in (*MESH_SUFFIXES, FEATURE_SUFFIX):
         return {}
