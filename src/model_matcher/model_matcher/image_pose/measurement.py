@@ -9,7 +9,6 @@ whether the outline is there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +17,7 @@ from msgs_py import Pose
 from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array, IntArray
 
 from ..geometry.least_squares import covariances
+from ..geometry.pose_rows import as_motion, as_pose
 from .alignment import Steps, align
 from .model_error import ModelError, fitted_model_error
 from .neighbours import neighbours
@@ -47,6 +47,9 @@ from .settings import (
 )
 from .sight import Shape, Sight, drawn, look, outline_of
 from .views import Views
+
+# Where nothing is known of a pose beforehand.
+NO_PRIOR = np.zeros((6, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +133,8 @@ def measure_pose(shape: Shape, pose: Pose, views: Views, search_px: float = REAC
     return polished(shape, motion, views)
 
 
-def looked_for(
-    shape: Shape, pose: Pose, views: Views, known: Callable[[FloatArray], IntArray] | None = None
-) -> tuple[FloatArray, Presence]:
-    """A pose near one, drawn in, and whether the images show the outline there: one look at the shape serves for both.
+def looked_for(shape: Shape, pose: Pose, views: Views) -> tuple[FloatArray, Sight]:
+    """A pose near one, drawn in, and the outline there: one look at the shape serves for both.
 
     Parameters
     ----------
@@ -141,28 +142,22 @@ def looked_for(
     pose : Pose
         first_T_model, its outline within REACH pixels of where it is.
     views : Views
-    known : callable, optional
-        The features that are known to be seen, of a pose (12,); see :func:`presence`.
 
     Returns
     -------
     motion : (12,) float64
-    presence : Presence
+    sight : Sight
     """
     outline = outline_of(shape, pose, views.cameras, views.poses)
     motion = as_motion(pose)
     _draw_in(shape, motion, views, drawn(outline, motion, shape.centre, views))
-    there = drawn(outline, motion, shape.centre, views)
-    return motion, shown(there, views, None if known is None else known(motion))[0]
+    return motion, drawn(outline, motion, shape.centre, views)
 
 
 def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = REACH) -> FloatArray:
     """A pose (12,) laid on the steps within ``search_px`` of its outline; a rough one, a tenth of a pixel off."""
     motion = motion.copy()
-    levels = [views]
-    while REACH * 2 ** (len(levels) - 1) < search_px:
-        levels.append(levels[-1].halved)
-    for level in levels[::-1]:
+    for level in views.pyramid(search_px)[::-1]:
         _draw_in(shape, motion, level, look(shape, as_pose(motion), level))
     return motion
 
@@ -170,7 +165,7 @@ def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = 
 def _draw_in(shape: Shape, motion: FloatArray, views: Views, sight: Sight) -> None:
     """Lay a pose (12,), in place, on the steps within REACH of its outline."""
     steps = searched(sight, views, REACH)
-    _aligned(shape, motion, views, sight, steps, np.array(DRAWN_IN), ModelError(0.0, 0.0), elsewhere(steps, REACH))
+    laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), ModelError(0.0, 0.0), elsewhere(steps, REACH))
 
 
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
@@ -210,19 +205,7 @@ def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
             near = searched(sight, views, NEAR)
             density = elsewhere(near, NEAR)
         steps = fitted(sight, views)
-        for _ in range(TO_ERROR):
-            residual, weight, normal = _aligned(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
-            use = weight > 0.0
-            if use.sum() < FEWEST_POINTS:
-                break
-            error = fitted_model_error(
-                sight.placed.group[use],
-                sight.placed.abscissa[use],
-                residual[use],
-                weight[use],
-                steps.variance[use],
-                error,
-            )
+        residual, weight, normal, error = settled(shape, motion, views, sight, steps, error, density, TO_ERROR)
     pose = as_pose(motion)
     arm = (pose.translation - pose.apply(shape.centre))[None]
     covariance = covariances(normal[None], np.ones(1), arm, shape.size)[0]
@@ -345,7 +328,7 @@ def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, tone: f
     return BLURS[int(np.argmin(costs))] if np.isfinite(costs).any() else BLURS[1]
 
 
-def _aligned(
+def laid(
     shape: Shape,
     motion: FloatArray,
     views: Views,
@@ -354,11 +337,11 @@ def _aligned(
     widths: FloatArray,
     error: ModelError,
     density: float,
+    prior: FloatArray = NO_PRIOR,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
     residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
     own = Steps(steps.offset, steps.number, steps.variance + error.point**2)
-    none = np.zeros((6, 6))
     align(
         motion,
         shape.centre,
@@ -368,7 +351,7 @@ def _aligned(
         widths,
         density,
         error.curve,
-        none,
+        prior,
         residual,
         weight,
         normal,
@@ -376,16 +359,36 @@ def _aligned(
     return residual, weight, normal
 
 
+def settled(
+    shape: Shape,
+    motion: FloatArray,
+    views: Views,
+    sight: Sight,
+    steps: Steps,
+    error: ModelError,
+    density: float,
+    rounds: int,
+) -> tuple[FloatArray, FloatArray, FloatArray, ModelError]:
+    """Lay a pose (12,) on fitted steps, in place, and tell the outline's errors, in turns; until too few points count.
+
+    Returns
+    -------
+    residual, weight, normal
+        As :func:`laid`.
+    error : ModelError
+    """
+    for _ in range(rounds):
+        residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
+        use = weight > 0.0
+        if use.sum() < FEWEST_POINTS:
+            break
+        placed = sight.placed
+        error = fitted_model_error(
+            placed.group[use], placed.abscissa[use], residual[use], weight[use], steps.variance[use], error
+        )
+    return residual, weight, normal, error
+
+
 def _nothing(motion: FloatArray, there: Presence) -> ImagePose:
     """The result where nothing can be measured."""
     return ImagePose(as_pose(motion), np.full((6, 6), np.nan), there, reason='too little of the model is in view')
-
-
-def as_motion(pose: Pose) -> FloatArray:
-    """A pose as a row of twelve: rotation row by row, translation in metres."""
-    return np.append(pose.rotation.ravel(), pose.translation)
-
-
-def as_pose(motion: FloatArray) -> Pose:
-    """The pose of a row of twelve."""
-    return Pose(motion[:9].reshape(3, 3), motion[9:])

@@ -14,6 +14,7 @@ from msgs_py import PinholeCamera, Pose
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
+from ..geometry.pose_rows import as_motion
 from ..geometry.rigid_motion import Motion, rotate, transform
 from .alignment import Placed
 from .settings import NOT_ZERO, SPACING
@@ -130,9 +131,8 @@ def look(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Si
     -------
     Sight
     """
-    motion = np.append(pose.rotation.ravel(), pose.translation)
     outline = outline_of(shape, pose, views.cameras, views.poses, spacing)
-    return drawn(outline, motion, shape.centre, views)
+    return drawn(outline, as_motion(pose), shape.centre, views)
 
 
 def outline_of(

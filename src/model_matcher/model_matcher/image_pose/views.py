@@ -13,7 +13,7 @@ from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.robust import sigma_from_median
 from msgs_py.numeric.typed import ByteArray, FloatArray
 
-from .settings import NOISE_ROWS, ROUNDING_NOISE, SECOND_DIFFERENCE
+from .settings import NOISE_ROWS, REACH, ROUNDING_NOISE, SECOND_DIFFERENCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +101,13 @@ class Views:
             for image, c in zip(images, self.cameras)
         ]
         return Views(images, cameras, self.poses)
+
+    def pyramid(self, search_px: float) -> list[Views]:
+        """These and as many halvings of them as it takes until ``search_px`` pixels here are REACH there."""
+        levels = [self]
+        while REACH * 2 ** (len(levels) - 1) < search_px:
+            levels.append(levels[-1].halved)
+        return levels
 
     @cached_property
     def sizes(self) -> FloatArray:

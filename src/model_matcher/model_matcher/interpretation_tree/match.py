@@ -11,6 +11,7 @@ import numpy as np
 from msgs_py import BIN, FeatureSet, Interpretation
 from msgs_py.numeric.typed import FloatArray, IntArray
 
+from ..geometry.pose_rows import as_motion
 from ..model.problem import Problem
 from ..params import MatchParams, MatchResult, no_match
 from ..verification.acceptance import accept
@@ -71,9 +72,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
     for name, free in (('free_shift', checked.free_shift), ('free_turn', checked.free_turn)):
         if np.isfinite(free[order[0]]).all():
             stats[name] = [float(value) for value in free[order[0]]]  # of the best, camera frame
-    motions = np.array(
-        [np.concatenate([checked.poses[k].rotation.ravel(), checked.poses[k].translation]) for k in order]
-    )
+    motions = np.array([as_motion(checked.poses[k]) for k in order])
     refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)
     accepted, rejected = accept(problem, refined, params)
     if 'free_shift' in stats:

@@ -20,11 +20,12 @@ import numpy as np
 from msgs_py import BIN, FeatureSet, Interpretation
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
+from ..geometry.pose_rows import as_motion, as_pose
 from ..model.index import ModelIndex, index_model
 from ..model.problem import Problem, make_problem
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams, MatchResult
-from ..verification.interpretations import as_interpretation, as_pose
+from ..verification.interpretations import as_interpretation
 from ..verification.pose_fit import fitted_poses, stated_errors
 from ..verification.refinement import Refined
 from .branch_and_bound import BranchAndBound, GivenUp, Larger, sample_of
@@ -114,7 +115,7 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
     if left <= 0.0:
         result.stats['unproven'] = 'time limit'
         return result
-    motion = np.concatenate([best.pose.rotation.ravel(), best.pose.translation])
+    motion = as_motion(best.pose)
     proof = prove_problem(problem, best.matched, params, left, motion)
     result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
     reason = proof.reason

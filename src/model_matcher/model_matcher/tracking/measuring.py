@@ -10,16 +10,13 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.least_squares import covariances
-from ..image_pose.alignment import Steps, align
-from ..image_pose.measurement import Presence, elsewhere, fitted, searched, shown
-from ..image_pose.model_error import ModelError, fitted_model_error
-from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING, TO_POSE
-from ..image_pose.sight import Outline, Shape, Sight, drawn
+from ..image_pose.alignment import Steps
+from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, settled, shown
+from ..image_pose.model_error import ModelError
+from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
+from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
 from .settings import ASKED, ROUNDS
-
-# Where nothing is known of a pose beforehand.
-NO_PRIOR = np.zeros((6, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +67,7 @@ def searched_for(
     turn_first = np.roll(np.arange(6), 3)
     prior = np.asarray(np.linalg.inv(covariance)[np.ix_(turn_first, turn_first)], np.float64)
     motion = motion.copy()
-    levels = [views]
-    while REACH * 2 ** (len(levels) - 1) < search_px:
-        levels.append(levels[-1].halved)
+    levels = views.pyramid(search_px)
     for level in range(len(levels) - 1, -1, -1):
         # In an image of half the size neighbours are half as far apart: every second one is looked at.
         some = seen if level == 0 else _some(seen, np.arange(0, len(seen.eye), 2**level))
@@ -125,50 +120,13 @@ def measured(
         return None
     density = elsewhere(within(place.steps, NEAR), NEAR)
     steps = fitted(sight, views)
-    for _ in range(ROUNDS):
-        residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
-        use = weight > 0.0
-        if use.sum() < FEWEST_POINTS:
-            return None
-        placed = sight.placed
-        error = fitted_model_error(
-            placed.group[use], placed.abscissa[use], residual[use], weight[use], steps.variance[use], error
-        )
+    _, weight, normal, error = settled(shape, motion, views, sight, steps, error, density, ROUNDS)
+    if (weight > 0.0).sum() < FEWEST_POINTS:
+        return None
     if error.point > FARTHEST_STEP:
         return None
     covariance = covariances(normal[None], np.ones(1), np.zeros((1, 3)), shape.size)[0]
     return motion, covariance, error
-
-
-def laid(
-    shape: Shape,
-    motion: FloatArray,
-    views: Views,
-    sight: Sight,
-    steps: Steps,
-    widths: FloatArray,
-    error: ModelError,
-    density: float,
-    prior: FloatArray = NO_PRIOR,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Lay a pose (12,) on steps, in place: residuals, weights (n,) and the normal matrix (6, 6); see :func:`.align`."""
-    residual, weight, normal = np.empty(len(sight)), np.empty(len(sight)), np.zeros((6, 6))
-    own = Steps(steps.offset, steps.number, steps.variance + error.point**2)
-    align(
-        motion,
-        shape.centre,
-        views.rows,
-        sight.placed,
-        own,
-        widths,
-        density,
-        error.curve,
-        prior,
-        residual,
-        weight,
-        normal,
-    )
-    return residual, weight, normal
 
 
 def _some(outline: Outline, rows: BoolArray | IntArray) -> Outline:

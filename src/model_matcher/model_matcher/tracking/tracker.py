@@ -18,7 +18,8 @@ import numpy as np
 from msgs_py import CameraRig, Interpretation, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
-from ..image_pose.measurement import Presence, as_motion, as_pose
+from ..geometry.pose_rows import as_motion, as_pose
+from ..image_pose.measurement import Presence
 from ..image_pose.model_error import ModelError
 from ..image_pose.settings import FIRST_CURVE_ERROR, FIRST_POINT_ERROR, REACH
 from ..image_pose.sight import NO_SIGHT, Outline, Shape, Sight

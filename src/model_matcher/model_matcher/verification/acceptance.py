@@ -12,13 +12,14 @@ import numpy as np
 
 from msgs_py import BIN, Interpretation
 
+from ..geometry.pose_rows import as_pose
 from ..geometry.settings import NOT_ZERO, ROUNDING
 from ..model.problem import Problem
 from ..model.settings import SAME
 from ..model.symmetry import symmetric_poses
 from ..params import MatchParams
 from .false_alarms import needed_evidence
-from .interpretations import as_interpretation, as_pose, covered
+from .interpretations import as_interpretation, covered
 from .pose_fit import fitted_poses, stated_errors
 from .refinement import Refined
 from .settings import CANDIDATES, CLAIMED, FURTHER, NEARLY_ALL, OUTDONE, SAME_COVER

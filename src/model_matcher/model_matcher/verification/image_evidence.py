@@ -18,7 +18,8 @@ import numpy as np
 from msgs_py import BIN, Interpretation, Pose
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
-from ..image_pose.measurement import Presence, as_pose, looked_for, polished, presence
+from ..geometry.pose_rows import as_pose
+from ..image_pose.measurement import Presence, looked_for, polished, presence, shown
 from ..image_pose.sight import Shape
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
@@ -88,16 +89,15 @@ def weigh(
         # One look at each, as coarse as its steps are, says which to draw in.
         glances = [presence(shape, pose, views, spacing=GLANCE).log_ratio for pose in poses]
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
-    thought_of = _matched(hypothesis)
-
-    def counted(motion: FloatArray) -> IntArray:
+    found = []
+    for pose in chosen:
+        motion, sight = looked_for(shape, pose, views)
+        there = _at(problem, hypothesis, motion)
         # What it was thought of for lies on edges wherever the images draw it, and is no chance's doing.
-        return np.union1d(thought_of, _matched(_at(problem, hypothesis, motion)))
-
-    found = [looked_for(shape, pose, views, counted) for pose in chosen]
-    motion, shown = max(found, key=lambda each: each[1].log_ratio)
-    there = _at(problem, hypothesis, motion)
-    return Weighed(there, motion, shown, there.evidence + shown.further, len(poses))
+        counted = np.union1d(_matched(hypothesis), _matched(there))
+        seen = shown(sight, views, counted)[0]
+        found.append(Weighed(there, motion, seen, there.evidence + seen.further, len(poses)))
+    return max(found, key=lambda one: one.shown.log_ratio)
 
 
 def _at(problem: Problem, hypothesis: Interpretation, motion: FloatArray) -> Interpretation:

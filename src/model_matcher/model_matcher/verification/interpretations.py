@@ -6,6 +6,7 @@ import numpy as np
 
 from msgs_py import BIN, FeatureKind, Interpretation, Pose
 
+from ..geometry.pose_rows import as_pose
 from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.symmetry import Axis, axis_of_revolution, common_axis, equal_but_for_turn
@@ -16,11 +17,6 @@ from .settings import PLACES
 # Notes of an interpretation whose turn about an axis is free.
 SAME_ALL_ROUND = 'free to turn: the model is the same all round its axis'
 TURN_NOT_SEEN = 'free to turn: of the model only what is about one axis was found, and that does not tell its turn'
-
-
-def as_pose(motion: np.ndarray) -> Pose:
-    """The pose of a row of twelve: rotation row by row, translation in metres."""
-    return Pose(motion[:9].reshape(3, 3), motion[9:])
 
 
 def covered(problem: Problem, motion: np.ndarray, assignment: np.ndarray) -> float:
