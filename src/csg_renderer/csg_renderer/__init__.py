@@ -4,7 +4,7 @@ from msgs_py.renaming import renamed_names
 
 from .brep.model_features import boundary, model_features
 from .features.ideal_data import Degradation, IdealData, ideal_data
-from .features.library import load_model_features, load_model_outlines
+from .features.library import KnownModel, load_known_models, load_model_features
 from .features.mesh_features import features_from_mesh
 from .language import SceneError, SceneWarning, load_models, load_scene, parse_scene, scene_names, scene_path
 from .raycast.frame import Frame, RenderOptions, RenderStats
@@ -19,6 +19,7 @@ __all__ = [
     'Degradation',
     'Frame',
     'IdealData',
+    'KnownModel',
     'Light',
     'Placement',
     'RenderOptions',
@@ -36,8 +37,8 @@ __all__ = [
     'default_rig',
     'features_from_mesh',
     'ideal_data',
+    'load_known_models',
     'load_model_features',
-    'load_model_outlines',
     'load_models',
     'load_scene',
     'model_features',

@@ -104,8 +104,6 @@ def evaluate(solid: Solid) -> Boundary:
     edges, curves = creases(straight), creases(curved, 2.0 * np.pi)
     point, direction = found.point[edges.curve], found.direction[edges.curve]
     axis_start, axis_end = axes(table, curved, is_ellipse(found.conic))
-    to_metres = np.diag([table.size] * 3 + [1.0])
-    to_metres[:3, 3] = table.centre
     ellipse = is_ellipse(found.conic)[curves.curve]
     in_space = space_curve_pieces(table, found.space_pairs)
     anatomy = Anatomy(table, found.point, found.direction, found.conic, straight, curved, in_space, edges, curves)
@@ -113,7 +111,7 @@ def evaluate(solid: Solid) -> Boundary:
         anatomy,
         table.metres(point + edges.low[:, None] * direction),
         table.metres(point + edges.high[:, None] * direction),
-        to_metres @ found.conic,
+        table.metres_T_normalised @ found.conic,
         curves.curve,
         curves.low,
         curves.high,

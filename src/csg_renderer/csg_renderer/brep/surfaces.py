@@ -92,6 +92,13 @@ class SurfaceTable:
         """Every leaf is bounded (none is a PLANE)."""
         return bool(np.isfinite(self.low).all())
 
+    @property
+    def metres_T_normalised(self) -> np.ndarray:
+        """(4, 4): from the normalised frame to model-frame metres."""
+        matrix = np.diag([self.size] * 3 + [1.0])
+        matrix[:3, 3] = self.centre
+        return matrix
+
     def metres(self, points: np.ndarray) -> np.ndarray:
         """Normalised points (..., 3) to model-frame metres."""
         metres: FloatArray = points * self.size + self.centre

@@ -4,18 +4,33 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from msgs_py import FeatureSet
 
 from ..brep.model_features import model_features
 from ..language import load_models
-from ..scene.terrain import sheets
 from ..visibility.outline import SolidOutline
 from .mesh_features import MESH_SUFFIXES, features_from_mesh
 
 SCENE_SUFFIX = '.csg'
 FEATURE_SUFFIX = '.npz'
 MODEL_SUFFIXES = (SCENE_SUFFIX, FEATURE_SUFFIX, *MESH_SUFFIXES)
+
+
+class KnownModel(NamedTuple):
+    """What is known of a model.
+
+    Attributes
+    ----------
+    features : FeatureSet
+        Model frame, metres.
+    outline : SolidOutline, optional
+        What cameras see of it; None of a mesh or a feature file.
+    """
+
+    features: FeatureSet
+    outline: SolidOutline | None
 
 
 def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0) -> dict[str, FeatureSet]:
@@ -50,37 +65,31 @@ def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0
     >>> len(features), round(float(features.lengths.max()), 3)
     (18, 0.056)
     """
-    suffix = Path(path).suffix.lower()
-    if suffix in MESH_SUFFIXES:
-        return {Path(path).stem: features_from_mesh(path, scale=mesh_scale)}
-    if suffix == FEATURE_SUFFIX:
-        return {Path(path).stem: FeatureSet.load(Path(path))}
-    return {name: model_features(solid) for name, solid in load_models(path).items()}
+    return {name: known.features for name, known in load_known_models(path, mesh_scale=mesh_scale).items()}
 
 
-def load_model_outlines(path: str | os.PathLike[str]) -> dict[str, SolidOutline]:
-    """What cameras see of the models in a file, for those of which more than features is known.
+def load_known_models(path: str | os.PathLike[str], *, mesh_scale: float = 1.0) -> dict[str, KnownModel]:
+    """Read all that matching and measuring need of every model in a file.
 
     Parameters
     ----------
-    path : str or path
-        As for :func:`load_model_features`.
+    path, mesh_scale
+        As for :func:`load_model_features`, which raises the same.
 
     Returns
     -------
-    dict of str to SolidOutline
-        By the model's name; empty for a feature file or a mesh.
-
-    Raises
-    ------
-    FileNotFoundError, SceneError
-        As :func:`load_model_features`.
+    dict of str to KnownModel
+        By the model's name.
 
     Examples
     --------
-    >>> round(load_model_outlines('l_shape')['l_shape'].size, 3)
-    0.062
+    >>> known = load_known_models('l_shape')['l_shape']
+    >>> len(known.features), known.outline is None
+    (18, False)
     """
-    if Path(path).suffix.lower() in (*MESH_SUFFIXES, FEATURE_SUFFIX):
-        return {}
-    return {name: SolidOutline(solid) for name, solid in load_models(path).items() if not sheets(solid)}
+    suffix = Path(path).suffix.lower()
+    if suffix in MESH_SUFFIXES:
+        return {Path(path).stem: KnownModel(features_from_mesh(path, scale=mesh_scale), None)}
+    if suffix == FEATURE_SUFFIX:
+        return {Path(path).stem: KnownModel(FeatureSet.load(Path(path)), None)}
+    return {name: KnownModel(model_features(solid), SolidOutline(solid)) for name, solid in load_models(path).items()}

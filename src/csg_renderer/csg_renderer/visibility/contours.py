@@ -7,11 +7,13 @@ viewpoint and is no crease: a stereo pair sees two different ones.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from msgs_py.numeric.typed import IntArray
 
-from ..brep.conics import section
+from ..brep.conics import Line, section
 from ..brep.pieces import Pieces, conic_pieces, line_pieces
 from ..brep.surfaces import SurfaceTable
 from .image_cuts import Wires
@@ -31,17 +33,34 @@ def contours(table: SurfaceTable, viewpoint: np.ndarray) -> Wires:
     Wires
         Model frame, metres.
     """
+    parts = [
+        _on_boundary(table, len(table.planes) + k, conics, lines)
+        for k, conics, lines in polar_sections(table, viewpoint)
+    ]
+    return Wires.concatenate(parts).moved(table.metres_T_normalised)
+
+
+def polar_sections(table: SurfaceTable, viewpoint: np.ndarray) -> Iterator[tuple[int, list[np.ndarray], list[Line]]]:
+    """Where rays from a viewpoint touch the quadrics: the whole curves, of which parts may bound nothing.
+
+    Parameters
+    ----------
+    table : SurfaceTable
+    viewpoint : (3,) float64, metres, model frame
+
+    Yields
+    ------
+    quadric : int
+        Row of ``table.quadrics``.
+    conics, lines
+        As :func:`.conics.section` has them, normalised frame.
+    """
     origin = np.append(table.normalised(viewpoint), 1.0)
-    parts = []
     for k, quadric in enumerate(table.quadrics):
         polar = quadric @ origin
-        if np.linalg.norm(polar[:3]) <= NO_POLAR_PLANE:
-            continue
-        conics, lines = section(table, k, polar / np.linalg.norm(polar[:3]))
-        parts.append(_on_boundary(table, len(table.planes) + k, conics, lines))
-    matrix = np.diag([table.size] * 3 + [1.0])
-    matrix[:3, 3] = table.centre
-    return Wires.concatenate(parts).moved(matrix)
+        length = np.linalg.norm(polar[:3])
+        if length > NO_POLAR_PLANE:
+            yield k, *section(table, k, polar / length)
 
 
 def _on_boundary(

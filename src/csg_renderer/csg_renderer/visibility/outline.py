@@ -15,11 +15,11 @@ from msgs_py import PinholeCamera, Pose
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..brep.boundary import Boundary
-from ..brep.conics import section
 from ..brep.model_features import boundary
 from ..scene.solid import Solid
+from .contours import polar_sections
 from .occlusion import first_hit, hidden
-from .settings import NO_POLAR_PLANE, OFF_SURFACE, OUTLINE_KNOTS, THIN, THIN_AT_SPACE_CURVE
+from .settings import OFF_SURFACE, OUTLINE_KNOTS, THIN, THIN_AT_SPACE_CURVE
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,26 +187,17 @@ class SolidOutline:
         touch a quadric do so in one plane, the point's polar plane.
         """
         table = self._found.table
-        origin = np.append(table.normalised(viewpoint), 1.0)
         matrices, limits, owner = [], [], []
-        for k, quadric in enumerate(table.quadrics):
-            polar = quadric @ origin
-            if np.linalg.norm(polar[:3]) <= NO_POLAR_PLANE:
-                continue
-            conics, lines = section(table, k, polar / np.linalg.norm(polar[:3]))
-            for conic in conics:
-                matrices.append(conic)
-                limits.append((0.0, 2.0 * np.pi))
-                owner.append(k)
+        for k, conics, lines in polar_sections(table, viewpoint):
+            matrices += conics
+            limits += [(0.0, 2.0 * np.pi)] * len(conics)
+            owner += [k] * (len(conics) + len(lines))
             for point, direction in lines:
                 # The solid lies within half a size of the origin, so the ruling does within that of its nearest point.
                 near = point - (point @ direction) * direction
                 matrices.append(np.stack([np.append(direction, 0), np.zeros(4), np.append(near, 1)], axis=1))
                 limits.append((-0.5, 0.5))
-                owner.append(k)
-        to_metres = np.diag([table.size] * 3 + [1.0])
-        to_metres[:3, 3] = table.centre
-        matrix = to_metres @ np.array(matrices).reshape(-1, 4, 3)
+        matrix = table.metres_T_normalised @ np.array(matrices).reshape(-1, 4, 3)
         return matrix, np.array(limits).reshape(-1, 2), np.array(owner, np.int32)
 
     def _on_boundary(self, points: FloatArray, quadric: Int32Array) -> tuple[BoolArray, FloatArray]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from csg_renderer import load_model_features, load_model_outlines
+from csg_renderer import load_known_models
 from csg_renderer.features.library import MODEL_SUFFIXES
 from csg_renderer.language import find_scene
 
@@ -74,10 +74,10 @@ def load_library(paths: Iterable[str]) -> Library:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter('ignore')  # a scene's useless statements do not matter to the matcher
-                    loaded, outlines = load_model_features(path), load_model_outlines(path)
-                for given_name, features in loaded.items():
+                    loaded = load_known_models(path)
+                for given_name, known in loaded.items():
                     name = _unique(safe_name(given_name), taken)
-                    models.append(index_model(features, name, outlines.get(given_name)))
+                    models.append(index_model(known.features, name, known.outline))
                     taken.add(name)
             except Exception as error:  # a parser, a mesh reader or the geometry: whatever it is, the rest must load
                 problems.append(f'{given}: {error}' if str(path.name) in str(given) else f'{path.name}: {error}')
