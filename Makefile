@@ -10,7 +10,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHONUNBUFFERED := 1
 TEST_WORKERS ?= 2
 
-.PHONY: help setup demo test test-oldest coverage lint bench experiments docs site stress colcon clean
+.PHONY: help setup demo test test-oldest coverage lint bench experiments docs site stress fresh-seeds colcon clean
 
 help:
 	@echo 'make demo         render, recover, match, track: scenes and a real stereo pair, into demo_out/'
@@ -22,7 +22,8 @@ help:
 	@echo 'make experiments  the tables of the thesis, beside ours'
 	@echo 'make docs         tables, parameter files and pictures of the pages, from the code; then the site'
 	@echo 'make site         the HTML site alone, with the reference, into out/site/html'
-	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts'
+	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts, 20,000 certificates'
+	@echo 'make fresh-seeds  the property tests with seeds of this moment and many examples (part of stress)'
 	@echo 'make colcon       colcon build of src/ inside the virtual environment'
 
 setup: $(READY)
@@ -92,8 +93,16 @@ site: $(DOCS_READY)
 stress: $(READY)
 	$(PY) test/stress/fuzz.py --messages 10000
 	$(PY) test/stress/fuzz_files.py --files 5000
+	$(PY) test/stress/hostile.py --calls 1000 --programs 100
 	$(PY) test/stress/soak.py --pairs 10000
+	$(MAKE) fresh-seeds
 	$(PY) test/stress/restart.py --rounds 3
+	$(PY) test/stress/certificates.py --cases 20000
+
+# Property tests on examples that no run has seen before; the pinned seed of pyproject.toml is for commits.
+fresh-seeds: $(READY)
+	for run in 1 2 3; do ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m pytest -n $(TEST_WORKERS) -m hypothesis \
+	    --hypothesis-seed=random --hypothesis-profile=many --timeout 1200 || exit 1; done
 
 colcon: $(READY)
 	. .venv/bin/activate && colcon build --base-paths src

@@ -10,7 +10,7 @@ from csg_renderer.raycast.program import program_of, view_of
 from dap_emulator import Dap
 from dap_emulator.fortran_plus.library import load_program
 from model_matcher import MatchParams, index_model
-from model_matcher.closed_form.synthetic import random_pose
+from model_matcher.closed_form.synthetic.scenes import random_pose
 from model_matcher.geometry.constraints import A_MINUS, A_PLUS, B_MINUS, B_PLUS, DIFFERENT, SAME
 from model_matcher.interpretation_tree.absolute_pose import validate
 from model_matcher.interpretation_tree.tables import all_pairs, build_tables, constraints_used

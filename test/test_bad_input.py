@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 import csg_renderer
 from csg_renderer.node import RendererNode
-from model_matcher import node as matcher_module
+from model_matcher import model_node
 from model_matcher.node import MatcherNode
 from msgs_py import FeatureSet, PinholeCamera, StereoRig, codecs
 from stereo_recovery.node import RecoveryNode
@@ -264,7 +264,7 @@ def test_what_is_broadcast_with_a_stand_in_for_tf2(graph, monkeypatch):
         def destroy_publisher(self, publisher):
             return isinstance(publisher, SimpleNamespace) or super().destroy_publisher(publisher)
 
-    monkeypatch.setattr(matcher_module, 'transform_message_type', lambda: TFMessage)
+    monkeypatch.setattr(model_node, 'transform_message_type', lambda: TFMessage)
     node = graph.add(Broadcasting, parameters={'models': ['l_shape'], 'tf': True, 'tf_prefix': 'found/'})
     arrays = graph.collect(PoseArray, 'interpretations')
     talk = graph.publisher(PointCloud2, 'features')

@@ -5,13 +5,19 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseArray
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
 pytest.importorskip('rosbags', reason='rosbags (pip) is not installed')
 
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from model_matcher.closed_form.following.picture_frames import picture_frames
 from model_matcher.closed_form.real_pair import chessboard_model, reference_pose
 from model_matcher.node import MatcherNode
 from msgs_py import Pose, codecs
@@ -40,6 +46,46 @@ def play(graph, tools, bag: Path, outputs: list) -> list[int]:
         players[topic].publish(data)
     graph.spin_until(lambda: len(outputs) == len(stamps), what='the last answer')
     return stamps
+
+
+@pytest.mark.parametrize('ending', ['.png', '.jpg'])
+def test_compressed_images_and_one_camera_info_are_read(tmp_path, ending):
+    """As foreign drivers record: camera_info latched, here the last message of the bag, and a clock that jumps back."""
+    tools = bag_tools()
+    store = get_typestore(Stores.LATEST)
+    recorded = list(tools.messages(3, 2.0, raw=False))
+    images = [item for item in recorded if item[0].endswith('image_rect')]
+    infos = [item for item in recorded if item[0].endswith('camera_info')][:2]
+    for _, _, message in images[4::2]:  # both sides share one header
+        message.header.stamp.sec -= 3600
+    with Writer(tmp_path / 'bag', version=9) as writer:
+        connections = {}
+        for number, (topic, _, message) in enumerate([*images, *infos]):
+            if topic.endswith('image_rect'):
+                pixels = codecs.gray_from_image(message)
+                data = cv2.imencode(ending, pixels)[1].tobytes()
+                topic, message = topic + '/compressed', CompressedImage(header=message.header, format=ending, data=data)
+            if topic not in connections:
+                kind = 'sensor_msgs/msg/' + type(message).__name__
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], 10**9 + number, serialize_message(message))
+    frames = list(picture_frames(tmp_path / 'bag'))
+    assert [frame.stamp_s - tools.START_S for frame in frames] == pytest.approx([0.0, 0.5, -3599.0])
+    assert frames[0].rig.baseline > 0.0
+    original = codecs.gray_from_image(images[0][2])
+    difference = np.abs(frames[0].images[0].astype(int) - original)
+    assert difference.max() == 0 if ending == '.png' else difference.mean() < 3.0
+
+
+def test_a_bag_without_camera_info_says_so(tmp_path):
+    tools = bag_tools()
+    store = get_typestore(Stores.LATEST)
+    with Writer(tmp_path / 'bag', version=9) as writer:
+        topic, time_ns, message = next(tools.messages(1, 2.0, raw=False))
+        connection = writer.add_connection(topic, 'sensor_msgs/msg/Image', typestore=store)
+        writer.write(connection, time_ns, serialize_message(message))
+    with pytest.raises(ValueError, match='left/camera_info or right/camera_info'):
+        list(picture_frames(tmp_path / 'bag'))
 
 
 def nanoseconds(stamp) -> int:

@@ -311,12 +311,76 @@ def test_a_case_for_another_machine_takes_its_scene_along_and_brings_its_results
     (case,) = sweep_cases(Case('desk.csg', width=256, antialias=2), 'turntable', 1)
     job, files = (0, case, Limits(rotation_deg=0.0), str(tmp_path / 'out'), False, False), files_of(case)
     monkeypatch.chdir(elsewhere)
-    _, document = brought_home(*run_far(job, files))
+    _, document = brought_home(job, run_far(job, files))
     assert document['case'] == 'desk_turntable_0' and document['rotation_error_deg'] < 1.0
     folder = tmp_path / 'out' / document['saved']
     assert main(['--replay', str(folder), '-o', str(tmp_path / 'again'), '-q']) == 1
     again = json.loads((tmp_path / 'again' / 'desk_turntable_0' / 'result.json').read_text())
     assert again['rotation_error_deg'] == pytest.approx(document['rotation_error_deg'], rel=1e-6)
+
+
+HOSTILE_NAMES = ('../../precious', '/etc', '..', '.', '', 'a/../../b', 'failing/other', 'x\0y', 'cases', 'failing')
+
+
+@pytest.mark.parametrize('name', HOSTILE_NAMES)
+def test_the_answer_of_a_worker_names_no_folder_outside_its_case(tmp_path, name):
+    """What is removed is said by the job; what is written lies below it; everything else is a failed case."""
+    out = tmp_path / 'results'
+    job = (0, Case(SCENE), Limits(), str(out), False, False)
+    kept = [tmp_path / 'precious' / 'file', out / 'failing' / 'other' / 'file']
+    for file in kept:
+        file.parent.mkdir(parents=True)
+        file.write_text('keep')
+    before = sorted(path for path in tmp_path.rglob('*'))
+    for answer in (
+        (0, {'case': name, 'passed': True}, str(out), {f'{name}/file': b'spoilt'}),
+        (0, {'case': name, 'passed': False, 'saved': name}, str(out), {}),
+        (7, {'case': name, 'passed': True}, name, {name: b'spoilt'}),
+        (0, {'case': name}, str(out), {}),
+        None,
+        (0, None, None, None),
+    ):
+        index, document = brought_home(job, answer)
+        assert index == 0 and not document['passed'] and document['verdict'].startswith('error: the answer of a worker')
+    good = (7, {'case': name, 'passed': True}, name, {f'failing/{SCENE}/file': b'mine'})
+    assert brought_home(job, good)[1] == {'case': SCENE, 'passed': True}
+    (out / 'failing' / SCENE / 'file').unlink()
+    (out / 'failing' / SCENE).rmdir()
+    assert sorted(path for path in tmp_path.rglob('*')) == before
+    assert all(file.read_text() == 'keep' for file in kept)
+
+
+@pytest.mark.parametrize(
+    ('values', 'told'),
+    [
+        *(({'label': name}, 'label') for name in HOSTILE_NAMES if '/' in name or len(name) < 3 or '\0' in name),
+        *(({'scene': name}, 'scene') for name in ('/etc/passwd', '../x.csg', 'a/../../x.csg', 'no/such.csg', 'a\0b')),
+        ({'scene': 3}, 'scene'),
+        ({'seed': 'one'}, 'seed'),
+        ({'noise': None}, 'noise'),
+        ({'width': [1]}, 'width'),
+        ({'pose': 'abcdefghijklmnop'}, 'could not convert'),
+        ({'pose': 3}, 'not iterable'),
+        ({'time_limit_s': True}, 'time_limit_s'),
+    ],
+)
+def test_what_a_saved_case_says_is_checked(tmp_path, values, told):
+    folder = tmp_path / 'saved'
+    folder.mkdir()
+    (folder / 'case.json').write_text(json.dumps({'case': {'scene': SCENE, **values}, 'limits': {}}))
+    with pytest.raises(ValueError, match=told) as error:
+        load_case(folder)
+    assert str(error.value).startswith(str(folder / 'case.json'))
+
+
+def test_a_saved_case_may_not_lead_out_of_its_folder_by_a_link(tmp_path):
+    folder = tmp_path / 'saved'
+    folder.mkdir()
+    (tmp_path / 'secret.csg').write_text('DRAW BLOCK (1, 1, 1);')
+    (folder / 'scene.csg').symlink_to(tmp_path / 'secret.csg')
+    (folder / 'case.json').write_text(json.dumps({'case': {'scene': 'scene.csg'}, 'limits': {}}))
+    with pytest.raises(ValueError, match='below the folder'):
+        load_case(folder)
 
 
 def test_dask_runs_the_cases_or_says_that_it_is_not_installed(tmp_path):

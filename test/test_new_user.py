@@ -155,7 +155,7 @@ def test_own_part_is_recognised_with_the_commands_of_the_readme(shell, graph, tm
     run_all(shell, marked('stand-in'))
     answer = run_all(shell, block)
     assert re.search(r'^part .* accepted$', answer, re.MULTILINE), answer
-    assert (tmp_path / 'part.png').exists() and (tmp_path / 'found/match.png').exists()
+    assert (tmp_path / 'part.png').exists() and (tmp_path / 'match.png').exists()
     topic = re.search(r'ros2 topic echo (\S+)', block).group(1)
     poses = graph.collect(PoseStamped, topic)
     camera = Camera(graph, tmp_path, 'stereo', raw=False)

@@ -1,5 +1,8 @@
 """renderer_node alone in a real graph: topics, truth, errors, reload."""
 
+import itertools
+import time
+
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -171,3 +174,59 @@ def test_a_terrain_is_rendered_and_the_truth_is_of_what_stands_on_it(graph, tmp_
     pose = pose_from_message(listener.messages['ground_truth/pose'][0].pose)
     assert np.allclose(pose.translation, [-0.01, 0.01, 0.35], atol=1e-9)
     assert len(cloud_to_features(listener.messages['ground_truth/features'][0])) >= 4
+
+
+def hall_of_mirrors() -> str:
+    """Mirroring glass balls all around the camera, of which every ray becomes two at every level."""
+    places = [place for place in itertools.product((-500, -250, 0, 250, 500), repeat=3) if any(place)]
+    balls = ''.join(f'DRAW ball AT {place};\n' for place in places)
+    return f'UNITS MM;\nball = SPHERE(120) REFLECT(0.5) TRANSPARENT(0.5);\nLIGHT(10, -20, -10);\n{balls}'
+
+
+@pytest.mark.parametrize('engine', ['native', 'reference', 'dap'])
+def test_a_rendering_that_takes_for_ever_holds_nothing_up(graph, tmp_path, engine):
+    """The node answers meanwhile, ends it in time or when parameters change, says so, and renders the next."""
+    path = tmp_path / 'mirrors.csg'
+    path.write_text(hall_of_mirrors())
+    node = renderer(graph, path, rate=0.0, width=16, levels=1, engine=engine, baseline=0.01)
+    listener = Listener(graph, ['left/image_rect'])
+    client = listener.node.create_client(Trigger, 'renderer_node/render')
+    reset = listener.node.create_client(Trigger, 'renderer_node/reset')
+    graph.spin_until(lambda: client.service_is_ready() and reset.service_is_ready() and not node.compiling)
+
+    def asked(service, within):
+        answer, start = service.call_async(Trigger.Request()), time.monotonic()
+        graph.spin_until(answer.done)
+        assert time.monotonic() - start < within
+        return answer.result()
+
+    for levels in (1, 2):
+        node.set_parameters([Parameter('levels', value=levels)])
+        assert asked(client, 60.0).success  # compiled before
+    endless = [Parameter('levels', value=64), Parameter('width', value=512)]
+    easy = [Parameter('levels', value=1), Parameter('width', value=16)]
+
+    node.set_parameters_atomically([*endless, Parameter('time_limit', value=1.0)])
+    late = asked(client, 2.5)
+    assert not late.success and 'stopped: it took longer than the time_limit of 1 s' in late.message
+
+    node.set_parameters_atomically([*endless, Parameter('time_limit', value=3600.0)])
+    for what, told in (
+        ('parameters', 'stopped: the parameters have changed'),
+        ('reset', 'stopped: the node was reset'),
+    ):
+        answer = client.call_async(Trigger.Request())
+        graph.spin_until(lambda: node._picture is not None)
+        if what == 'reset':
+            assert asked(reset, 1.0).success
+        else:
+            node.set_parameters_atomically(easy)
+        start = time.monotonic()
+        graph.spin_until(answer.done)
+        assert time.monotonic() - start < 1.5
+        assert not answer.result().success and told in answer.result().message
+        node.set_parameters_atomically(easy)
+        assert asked(client, 10.0 if engine == 'dap' else 1.0).success  # the machine is emulated
+        node.set_parameters_atomically(endless)
+    answer = client.call_async(Trigger.Request())
+    graph.spin_until(lambda: node._picture is not None)  # and a node that ends does not wait for it

@@ -15,9 +15,9 @@ from model_matcher import match
 from model_matcher.closed_form.case import Case
 from model_matcher.closed_form.cli import main
 from model_matcher.closed_form.comparison import best_pose_error
-from model_matcher.closed_form.motion import PATHS, Course, Foreground, Motion, bars_at
 from model_matcher.closed_form.placement import load_case_scene
-from model_matcher.closed_form.sequence import read_sequence, rendered_sequence, write_sequence
+from model_matcher.closed_form.sequences.motion import PATHS, Course, Foreground, Motion, bars_at
+from model_matcher.closed_form.sequences.sequence import read_sequence, rendered_sequence, write_sequence
 from msgs_py import Pose
 from stereo_recovery import recover
 

@@ -29,3 +29,8 @@ def test_some_pairs_all_come_back_and_memory_stays(graph):
 
 def test_a_few_hundred_malformed_files_are_read_or_refused_with_words():
     assert 'every file read or refused with words' in run('fuzz_files.py', '--files', '300', '--seed', '3')
+
+
+def test_hostile_calls_and_programs_leave_the_nodes_answering_within_a_second(graph):
+    answer = run('hostile.py', '--calls', '20', '--programs', '6', '--seed', '2', '--domain', str(graph.domain_id))
+    assert 'every node answered the next good input within 1 s' in answer

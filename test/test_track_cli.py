@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from model_matcher.closed_form.case import Case
-from model_matcher.closed_form.motion import Motion
-from model_matcher.closed_form.sequence import read_sequence, rendered_sequence, write_sequence
-from model_matcher.closed_form.track_cli import main
-from model_matcher.closed_form.track_film import animated_png
+from model_matcher.closed_form.following.track_cli import main
+from model_matcher.closed_form.following.track_film import animated_png
+from model_matcher.closed_form.sequences.motion import Motion
+from model_matcher.closed_form.sequences.sequence import read_sequence, rendered_sequence, write_sequence
 from model_matcher.match_cli import main as match_main
 from msgs_py import Pose
 from stereo_recovery import recover

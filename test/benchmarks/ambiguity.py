@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model_matcher import MatchParams, MatchResult, ModelIndex
-from model_matcher.closed_form.synthetic import SyntheticScene
+from model_matcher.closed_form.synthetic.scenes import SyntheticScene
 from model_matcher.model.problem import make_problem
 from model_matcher.model.settings import SEARCH_WIDTH
 from model_matcher.model.symmetry import symmetries

@@ -23,7 +23,7 @@ from ambiguity import is_listed, is_pose, judge
 from matcher_shapes import SHAPES
 
 from model_matcher import MatchParams, index_model, match, recognise
-from model_matcher.closed_form.synthetic import (
+from model_matcher.closed_form.synthetic.scenes import (
     MODELS,
     SyntheticScene,
     box,
@@ -223,7 +223,7 @@ def instances(models: list[str], seeds: range) -> None:
 
 
 def prove(models: list[str], seeds: range) -> None:
-    for share in (0.0, 0.5):
+    for share in (0.0, 0.5, 0.8):
         for name in models:
             run(
                 f'prove {100 * share:.0f} %',

@@ -16,7 +16,7 @@ import numpy as np
 from measure import Absent, Measurement, milliseconds
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import MODELS, make_scene
+from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene
 from model_matcher.interpretation_tree.tables import Tables, build_tables
 from model_matcher.model.index import ModelIndex
 from msgs_py import FeatureSet

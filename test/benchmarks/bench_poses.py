@@ -279,7 +279,7 @@ def measurements(quick: bool) -> Iterator[Measurement | Absent]:
 
 def _ready() -> None:
     warm_up_recovery()
-    warm_up()
+    warm_up(images=True)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from model_matcher.closed_form.synthetic import box, prism
+from model_matcher.closed_form.synthetic.scenes import box, prism
 from msgs_py import FeatureSet
 
 Shape = Callable[[np.random.Generator], FeatureSet]

@@ -14,7 +14,7 @@ import numpy as np
 from real_scoring import RealPair, score_box
 
 from model_matcher import MatchParams, match
-from model_matcher.closed_form.synthetic import box, chair, chipped_block, computer, l_shape, scaled, wedge
+from model_matcher.closed_form.synthetic.scenes import box, chair, chipped_block, computer, l_shape, scaled, wedge
 from model_matcher.verification.false_alarms import false_alarm_evidence
 from msgs_py import FeatureSet, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover

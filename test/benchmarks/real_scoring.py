@@ -19,9 +19,11 @@ import cv2
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
-from stereo_recovery.cameras.calibration import load_rig
+from stereo_recovery.cameras.calibration import load_cameras, load_rig
+from stereo_recovery.cameras.rectification import Rectifier
 
 PACKAGED = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
+BOARDS = Path(__file__).resolve().parents[1] / 'chessboards'
 # Where the printed pattern ends, squares; the inner corners (i, j) lie at (i, j, 0).
 COLUMNS, ROWS = np.array([-0.52, *range(9), 8.48]), np.array([-0.96, *range(6), 5.94])
 # A found edge belongs to the box when its direction and its ends are this near to one of its edges (the rounded card
@@ -82,9 +84,31 @@ def _grey(path: Path) -> np.ndarray:
 
 
 def chessboards() -> list[RealPair]:
-    """All pairs that are here: at least the packaged one."""
+    """All seven pairs: rectified ones where the real data is, else the packaged one and six that are rectified here."""
     folder = real_folder()
-    folder = PACKAGED if folder is None or not (folder / 'chessboard').is_dir() else folder / 'chessboard'
+    if folder is None or not (folder / 'chessboard').is_dir():
+        return [*_rectified_boards(PACKAGED), *_raw_boards()]
+    return _rectified_boards(folder / 'chessboard')
+
+
+def _raw_boards() -> list[RealPair]:
+    """Pairs 02 to 07 of the repository, as the cameras took them, rectified."""
+    poses = json.loads((BOARDS / 'board_poses.json').read_text())
+    size = (640, 480)
+    rectifier = Rectifier(*load_cameras(PACKAGED / 'calibration.yaml', size))
+    rig = load_rig(PACKAGED / 'calibration.yaml', size)
+    result = []
+    for number, pose in sorted(poses.items()):
+        images = rectifier.apply(*(_grey(BOARDS / f'{side}{number}.jpg') for side in ('left', 'right')))
+        joint = pose['joint']
+        result.append(
+            RealPair(f'chessboard {number}', *images, rig, Pose.from_rotation_vector(joint['rvec'], joint['tvec']))
+        )
+    return result
+
+
+def _rectified_boards(folder: Path) -> list[RealPair]:
+    """The pairs of a folder that are rectified."""
     poses = json.loads((folder / 'board_poses.json').read_text())
     result = []
     for number in sorted(poses):

@@ -13,9 +13,9 @@ import numpy as np
 from true_poses import Instance, Part, make_part, part_in, rigid_pose
 
 from model_matcher.closed_form.case import Case
-from model_matcher.closed_form.motion import Motion
 from model_matcher.closed_form.placement import load_case_scene
-from model_matcher.closed_form.sequence import Sequence, rendered_sequence
+from model_matcher.closed_form.sequences.motion import Motion
+from model_matcher.closed_form.sequences.sequence import Sequence, rendered_sequence
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 
 Rig = PinholeCamera | StereoRig | CameraRig

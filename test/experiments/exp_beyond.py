@@ -9,7 +9,7 @@ import numpy as np
 from lab import Experiment, Line, Outcome, Plot, Setting, Table, average, within
 
 from model_matcher import MatchParams, index_model, match, recognise
-from model_matcher.closed_form.synthetic import MODELS, SyntheticScene, make_scene, random_polyhedron
+from model_matcher.closed_form.synthetic.scenes import MODELS, SyntheticScene, make_scene, random_polyhedron
 from model_matcher.model.index import ModelIndex
 from msgs_py import Interpretation
 

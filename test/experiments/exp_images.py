@@ -34,7 +34,7 @@ from csg_renderer import Scene, render_stereo
 from csg_renderer.raycast.sensor import grey
 from model_matcher import MatchParams, index_model, match
 from model_matcher.closed_form.comparison import squared_deviation
-from model_matcher.closed_form.synthetic import MODELS, make_scene, measured, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene, measured, random_pose
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
 

@@ -243,7 +243,7 @@ def say_signs(tables: list[Table]) -> str:
 
 def combinatorics(setting: Setting) -> Outcome:
     """7.4: the search effort against spurious data, with and without the elimination of what cannot belong."""
-    from model_matcher.closed_form.synthetic import MODELS, make_scene
+    from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene
 
     model = MODELS['l_shape']()
     index = index_model(model, 'l_shape')

@@ -1,14 +1,16 @@
-"""Thousands of malformed files and programs: each is read, or refused with words, within two seconds.
+"""Thousands of malformed files and programs: each is read, or refused with words, within a second.
 
     python test/stress/fuzz_files.py --files 5000
 
-Kinds: scene files, feature files (.npz), meshes (.obj), calibrations (YAML), array programs. Files are good ones with
-bytes, lines and numbers changed, cut or repeated.
+Kinds: scene files, feature files (.npz), meshes (.obj, .stl, .ply), calibrations (YAML), array programs, terrains
+(.npy, .png, .asc), arrays, pictures (.png, .jpg, .tiff, .bmp), saved cases. Files are good ones with bytes, lines and
+numbers changed, cut or repeated; now and then one whose header promises gigabytes.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import io
 import sys
 import tempfile
@@ -19,15 +21,20 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 import csg_renderer
+from csg_renderer.scene.height_files import read_heights
+from dap_emulator.dap_cli import value_of
 from dap_emulator.fortran_plus import compile as compile_program
 from dap_emulator.fortran_plus.library import program_names, program_source
+from model_matcher.closed_form.saved import load_case
 from msgs_py import FeatureSet
 from stereo_recovery.cameras.calibration import load_cameras
+from stereo_recovery.pair_files import read_image as read_picture
 
-HANG_S = 2.0
+HANG_S = 1.0
 ODD_NUMBERS = ('0', '-1', '1e308', '-1e-320', '9' * 400, 'nan', 'inf', '1e', '0x10', '1..2', '99999999999')
 
 
@@ -129,6 +136,43 @@ class Source:
         return path
 
 
+def picture(suffix: str, depth: type = np.uint8) -> bytes:
+    """A good picture of a gradient."""
+    done, data = cv2.imencode(suffix, np.linspace(0, np.iinfo(depth).max, 48 * 64).reshape(48, 64).astype(depth))
+    assert done
+    return bytes(data)
+
+
+def array_file(shape: tuple[int, ...], values: int = 0) -> bytes:
+    """A .npy file whose header says a shape, and which holds so many numbers."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {'descr': '<f8', 'fortran_order': False, 'shape': shape})
+    return file.getvalue() + np.arange(float(values)).tobytes()
+
+
+def mesh(kind: str) -> bytes:
+    trimesh = optional('trimesh')
+    made = trimesh.creation.cylinder(0.02, 0.05, sections=24).export(file_type=kind)
+    return made if isinstance(made, bytes) else made.encode()
+
+
+def optional(name: str):
+    """An optional library; the run needs it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise SystemExit(f'{name} is not installed') from None
+
+
+def read_case(path: Path) -> object:
+    (path.parent / 'case').mkdir(exist_ok=True)
+    (path.parent / 'case' / 'case.json').write_bytes(path.read_bytes())
+    return load_case(path.parent / 'case')
+
+
+CASE = '{"case": {"scene": "l_shape_v1", "seed": 3, "noise": 2.0, "label": "one"}, "limits": {"rotation_deg": 0.5}}'
+
+
 def sources() -> dict[str, Source]:
     models = Path(csg_renderer.scene_path('l_shape')).parent
     buffer = io.BytesIO()
@@ -159,6 +203,17 @@ def sources() -> dict[str, Source]:
             [program_source(name) for name in program_names()],
             lambda path: compile_program(path.read_text(encoding='utf-8')),
         ),
+        'mesh_stl': Source('.stl', [mesh('stl')], csg_renderer.features_from_mesh),
+        'mesh_ply': Source('.ply', [mesh('ply')], csg_renderer.features_from_mesh),
+        'terrain_npy': Source('.npy', [array_file((12, 12), 144), array_file((10**6, 10**6))], read_heights),
+        'terrain_png': Source('.png', [picture('.png', np.uint16)], read_heights),
+        'terrain_asc': Source('.asc', ['ncols 3\nnrows 2\ncellsize 1\n1 2 3\n4 5 6\n'], read_heights),
+        'array': Source('.npy', [array_file((5, 5), 25), array_file((2**40, 8))], lambda path: value_of(str(path))),
+        **{
+            f'picture_{suffix}': Source(f'.{suffix}', [picture(f'.{suffix}')], read_picture)
+            for suffix in ('png', 'jpg', 'tiff', 'bmp', 'pgm')
+        },
+        'case': Source('.json', [CASE], read_case),
     }
 
 

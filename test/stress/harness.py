@@ -33,6 +33,7 @@ class Harness:
         self.tester = Node('fuzzer', context=self.context)
         for node in (self.node, self.tester):
             self.executor.add_node(node)
+        self.spin(lambda: not self.node.compiling, 300.0)  # what is not compiled yet is no hang
 
     def spin(self, done, timeout_s: float) -> float | None:
         """Spin until done() and return the seconds it took, or None."""

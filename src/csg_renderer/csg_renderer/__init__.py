@@ -3,6 +3,7 @@
 from msgs_py.renaming import renamed_names
 
 from .brep.model_features import boundary, model_features
+from .features.collision_shapes import planning_scene
 from .features.ideal_data import Degradation, IdealData, ideal_data
 from .features.library import KnownModel, load_known_models, load_model_features
 from .features.mesh_features import features_from_mesh
@@ -43,6 +44,7 @@ __all__ = [
     'load_scene',
     'model_features',
     'parse_scene',
+    'planning_scene',
     'render',
     'render_stereo',
     'scene_names',

@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose
+from msgs_py.commands import DONE, add_json, run_command
 
 from .brep.model_features import boundary
 from .brep.settings import WHOLE_TURN
@@ -29,31 +30,28 @@ OUTPUTS = (*DRAWINGS, '.dxf', '.json', '.npz')
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; 0 if all went well, 2 with one line on stderr if not."""
-    options = _parser().parse_args(argv)
-    try:
-        for output in options.output:
-            if Path(output).suffix.lower() not in OUTPUTS:
-                raise ValueError(f'--output: {output}: expected one of {", ".join(OUTPUTS)}')
-        if not 0.0 < options.crease_angle < 180.0:
-            raise ValueError(f'--crease-angle: expected degrees between 0 and 180, got {options.crease_angle:g}')
-        if Path(options.model).suffix.lower() in MESH_SUFFIXES:
-            _mesh(options)
-        else:
-            _scene(options)
-    except BrokenPipeError:  # the reader of the output has closed it
-        sys.stderr.close()
-        return 0
-    except (OSError, ValueError) as error:
-        print(f'features: {error}', file=sys.stderr)
-        return 2
-    return 0
+    return run_command('features', _run, features_parser().parse_args(argv))
 
 
-def _parser() -> argparse.ArgumentParser:
+def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    """Exit code and what --json prints. Raises OSError or ValueError."""
+    for output in options.output:
+        if Path(output).suffix.lower() not in OUTPUTS:
+            raise ValueError(f'--output: {output}: expected one of {", ".join(OUTPUTS)}')
+    if not 0.0 < options.crease_angle < 180.0:
+        raise ValueError(f'--crease-angle: expected degrees between 0 and 180, got {options.crease_angle:g}')
+    of_mesh = Path(options.model).suffix.lower() in MESH_SUFFIXES
+    exported = _mesh(options) if of_mesh else _scene(options)
+    _save_json(options, exported)
+    return DONE, exported
+
+
+def features_parser() -> argparse.ArgumentParser:
+    """The options of the command."""
     parser = argparse.ArgumentParser(
         'features',
         description='Edges, planar curves and axes of a model, exactly from '
-        'its CSG tree, or of a mesh within the error of its facets.',
+        'its CSG tree, or of a mesh within the error of its facets. Exit status 0: done, 2: bad input.',
     )
     parser.add_argument(
         'model', help='a scene (.csg; also the name of an installed one) or a mesh (.stl, .obj, .ply, .off)'
@@ -85,11 +83,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--scale', type=float, default=1.0, metavar='M', help='meshes: metres per unit of the file')
     parser.add_argument('-q', '--quiet', action='store_true', help='print counts, not the table')
+    add_json(parser)
     return parser
 
 
-def _scene(options: argparse.Namespace) -> None:
-    """The features of every model of a scene file, printed and written."""
+def _scene(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """The features of every model of a scene file, printed and written; for JSON, by model."""
     models = load_models(options.model)
     grounds = [placement for placement in load_scene(options.model).placements if isinstance(placement.model, Terrain)]
     if not models and not grounds:
@@ -120,7 +119,7 @@ def _scene(options: argparse.Namespace) -> None:
             terrain = cast(Terrain, ground.model)
             edges = facet_edges(terrain, np.radians(options.crease_angle))
             exported[ground.name] = _written(ground.name, edges, *terrain.mesh(), options, len(models) + len(grounds))
-    _save_json(options, exported)
+    return exported
 
 
 def _draw(solid: Solid, pose: Pose | None, camera: PinholeCamera | None, look: Sequence[float]) -> Drawing:
@@ -131,15 +130,15 @@ def _draw(solid: Solid, pose: Pose | None, camera: PinholeCamera | None, look: S
     return draw_solid(solid, pose, camera)
 
 
-def _mesh(options: argparse.Namespace) -> None:
-    """The features of a mesh, printed and written."""
+def _mesh(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """The features of a mesh, printed and written; for JSON, by model."""
     if not 0.0 < options.scale < np.inf:
         raise ValueError(f'--scale: expected metres per unit > 0, got {options.scale:g}')
     vertices, triangles = read_mesh(options.model)
     vertices = vertices * options.scale
     name = Path(options.model).stem
     features = mesh_features(vertices, triangles, np.radians(options.crease_angle))
-    _save_json(options, {name: _written(name, features, vertices, triangles, options, 1)})
+    return {name: _written(name, features, vertices, triangles, options, 1)}
 
 
 def _written(

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from msgs_py import FeatureKind
+from msgs_py.commands import BAD_INPUT, DONE, as_text
 
 from .brep.model_features import boundary
 from .features import thesis_counts
@@ -103,17 +104,21 @@ def _number(value: int | None) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: prints the tables."""
     parser = argparse.ArgumentParser('model_table', description="The thesis' models: its counts beside ours.")
-    parser.add_argument('--json', metavar='FILE', help='also write the numbers to a JSON file')
+    parser.add_argument(
+        '--json', metavar='FILE', nargs='?', const='-', help='write the numbers to a JSON file; to stdout without one'
+    )
     options = parser.parse_args(argv)
     rows = table()
-    print(as_markdown(rows))
-    if options.json:
+    print(as_markdown(rows), file=sys.stderr if options.json == '-' else sys.stdout)
+    if options.json == '-':
+        print(as_text(rows))
+    elif options.json:
         try:
             Path(options.json).write_text(json.dumps(rows, indent=1) + '\n', encoding='utf-8')
         except OSError as error:
             print(f'model_table: --json: {error}', file=sys.stderr)
-            return 2
-    return 0
+            return BAD_INPUT
+    return DONE
 
 
 if __name__ == '__main__':

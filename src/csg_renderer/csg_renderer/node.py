@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import time
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +18,9 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from msgs_py import PinholeCamera, Pose, StereoRig
+from msgs_py import FeatureSet, Pose, StereoRig
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, features_to_cloud, pose_to_stamped
+from msgs_py.node_runtime.background import Background
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
@@ -28,12 +32,18 @@ from .raycast.engines import ENGINES
 from .raycast.frame import Frame
 from .raycast.render import render_stereo, scene_rig, viewing_hints
 from .raycast.sensor import SensorModel, grey
+from .raycast.stop import RenderStopped, Stop
 from .scene.scene import Scene
 from .scene.terrain import Terrain
+from .visibility.hidden_lines import compile_steps as hidden_line_steps
 from .visibility.hidden_lines import visible_features
 
 # Pixels of the largest image: about a gigabyte for each frame. Anybody on the network can set the size.
 MAX_PIXELS = 2**25
+# Seconds that a rendering has left when parameters change: what is nearly done is not lost, and nobody waits.
+CHANGED_GRACE_S = 0.25
+# Seconds between two looks at whether a rendering is late.
+LOOK_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -85,7 +95,58 @@ class RendererConfig(Config):
         'given at the start and that of this package',
         read_only=True,
     )
+    time_limit: float = parameter(
+        60.0,
+        'Longest time for one pair; a rendering that takes longer is stopped',
+        unit='s',
+        minimum=0.001,
+        maximum=3600.0,
+    )
     watch: bool = parameter(True, 'Read the scene again when one of its files changes')
+
+
+@dataclass(eq=False)
+class Picture:
+    """A stereo pair that is rendered in a thread of its own.
+
+    Attributes
+    ----------
+    config : RendererConfig
+        When it began.
+    header : Header
+    number : int
+        Of the pair.
+    stop : Stop
+    begun, deadline : float
+        Seconds of a steady clock.
+    late : str
+        What is said when the deadline ends it.
+    job : Background
+        Messages of what is published.
+    published : bool
+    """
+
+    config: RendererConfig
+    header: Header
+    number: int
+    stop: Stop
+    begun: float
+    deadline: float
+    late: str
+    job: Background[Rendered] | None = None
+    published: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """What a rendering gives: rig, images as published, depth, and pose and features of the truth where wanted."""
+
+    rig: StereoRig
+    images: list[np.ndarray]
+    depth: np.ndarray
+    pose: Pose | None
+    features: FeatureSet | None
+    problems: tuple[str, ...]
 
 
 class RendererNode(GraphNode[RendererConfig]):
@@ -104,12 +165,15 @@ class RendererNode(GraphNode[RendererConfig]):
         self._read_at: dict[str, int] = {}
         self._pair_index = 0
         self._timer: Timer | None = None
+        self._picture: Picture | None = None
+        self._rendered = self.create_guard_condition(self._on_rendered)
         self._trusted = TrustedFolders(
             [*self.config.scene_folders, models_folder()], [self.config.scene], 'scene_folders'
         )
         self._load(self.config.scene)
         self.prepare(self._compile_steps())
         self._start_timer()
+        self.create_timer(LOOK_S, self._look_at_the_clock, clock=self._steady_clock)
 
     # -- configuration -----------------------------------------------------------------------------------------
 
@@ -123,7 +187,10 @@ class RendererNode(GraphNode[RendererConfig]):
             _read(new.scene)
 
     def on_config(self, old: RendererConfig, new: RendererConfig) -> None:
-        """Read the new scene, and keep the new rate."""
+        """Read the new scene, and keep the new rate; what is rendered as it was wanted before is soon stopped."""
+        picture = self._picture
+        if picture is not None and time.monotonic() + CHANGED_GRACE_S < picture.deadline:
+            picture.deadline, picture.late = time.monotonic() + CHANGED_GRACE_S, 'the parameters have changed'
         if new.scene != old.scene:
             self._load(new.scene)
         if new.rate != old.rate:
@@ -131,6 +198,8 @@ class RendererNode(GraphNode[RendererConfig]):
 
     def reset(self) -> str:
         """Read the scene again and start noise and turntable over; returns what was done."""
+        if self._picture is not None:
+            self._picture.stop.set('the node was reset')
         self._pair_index = 0
         self._load(self.config.scene)
         return 'scene read again, noise and turntable started over'
@@ -167,12 +236,13 @@ class RendererNode(GraphNode[RendererConfig]):
         self._read_at = {str(path): _changed_at(path) for path in file.files}
 
     def _compile_steps(self) -> tuple[CompileStep, ...]:
-        """What the first frame needs, so that it does not come seconds late."""
+        """What the first frame and its features need, so that they do not come seconds late."""
         if self._file is None or self.config.engine != 'native':
-            return ()
+            return hidden_line_steps()
         scene = self._file.scene
         small = scene_rig(scene, 32, 32, baseline=self.config.baseline)
-        return (CompileStep('ray casting', lambda: self._frames(scene, small, scene.camera_T_scene)),)
+        casting = CompileStep('ray casting', lambda: frames_of(scene, small, scene.camera_T_scene, self.config))
+        return (casting, *hidden_line_steps())
 
     def _start_timer(self) -> None:
         if self._timer is not None:
@@ -184,18 +254,24 @@ class RendererNode(GraphNode[RendererConfig]):
     # -- rendering ---------------------------------------------------------------------------------------------
 
     def _on_timer(self) -> None:
-        if not self.compiling and any(self.wanted(output) for output in self._outputs):
-            self._render()
+        if not self.compiling and self._picture is None and any(self.wanted(output) for output in self._outputs):
+            self._begin()
 
     async def _on_render(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         await self.prepared()
-        before = self._pair_index
-        self._guard('render', self._render)()
-        response.success = self._pair_index > before
-        response.message = f'pair {before}' if response.success else self.health.last_error
+        await _Until(lambda: self._picture is None)
+        self._guard('render', self._begin)()
+        picture = self._picture
+        if picture is not None:
+            await _Until(lambda: self._picture is not picture)
+        response.success = picture is not None and picture.published
+        response.message = (
+            f'pair {picture.number}' if picture is not None and picture.published else self.health.last_error
+        )
         return response
 
-    def _render(self) -> None:
+    def _begin(self) -> None:
+        """Render the next pair in a thread of its own, so that the node answers meanwhile."""
         config = self.config
         if config.watch and any(_changed_at(path) != at for path, at in self._read_at.items()):
             self._load(config.scene)
@@ -208,52 +284,135 @@ class RendererNode(GraphNode[RendererConfig]):
                 f'parameters width, height: {rig.left.width} x {rig.left.height} pixels are too many, '
                 f'expected at most {MAX_PIXELS}'
             )
-        camera_T_scene = turned(scene, config.turntable * self._pair_index)
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=config.frame_id)
-        frames = self._frames(scene, rig, camera_T_scene)
-        for output, info in zip(self._infos, camera_infos_from_rig(rig, header)):
+        now = time.monotonic()
+        late = f'it took longer than the time_limit of {config.time_limit:g} s'
+        picture = Picture(config, header, self._pair_index, Stop(), now, now + config.time_limit, late)
+        truth = self.wanted(self._pose), self.wanted(self._features)
+        self._picture = picture
+        picture.job = Background(lambda: rendered(scene, rig, picture, *truth), self._wake_renderer)
+
+    def _wake_renderer(self) -> None:
+        """Called by the thread that renders; the node may be gone by then."""
+        with contextlib.suppress(Exception):
+            self._rendered.trigger()
+
+    def _look_at_the_clock(self) -> None:
+        """Stop what is late; take what is done, should its guard condition have been overheard."""
+        picture = self._picture
+        if picture is not None and time.monotonic() > picture.deadline:
+            picture.stop.set(picture.late)
+        self._on_rendered()
+
+    def _on_rendered(self) -> None:
+        picture = self._picture
+        if picture is not None and picture.job is not None and picture.job.done:
+            self._guard('render', self._publish)(picture, picture.job)
+            self._picture = None
+
+    def _publish(self, picture: Picture, job: Background[Rendered]) -> None:
+        """Publish a pair; raises what went wrong with it."""
+        self._callback_start = picture.begun
+        try:
+            done = job.result()
+        except RenderStopped as stopped:
+            raise ValueError(f'stopped: {stopped}') from None
+        config, header = picture.config, picture.header
+        for problem in done.problems:
+            self.problem(problem)
+        for output, info in zip(self._infos, camera_infos_from_rig(done.rig, header)):
             output.publish(info)
-        for output, image in zip(self._images, sensor_images(frames, config, self._pair_index)):
+        for output, image in zip(self._images, done.images):
             output.publish(array_to_image(image, config.encoding, header))
         if self.wanted(self._depth):
-            self._depth.publish(array_to_image(frames[0].depth, '32FC1', header))
-        self._publish_truth(scene, camera_T_scene, rig.left, header)
-        self._pair_index += 1
+            self._depth.publish(array_to_image(done.depth, '32FC1', header))
+        if done.pose is not None:
+            self._pose.publish(pose_to_stamped(done.pose, header))
+        if done.features is not None:
+            self._features.publish(features_to_cloud(done.features, header))
+        self._pair_index = picture.number + 1
+        picture.published = True
         self.done(header)
 
-    def _frames(self, scene: Scene, rig: StereoRig, camera_T_scene: Pose) -> tuple[Frame, Frame]:
-        config = self.config
-        return render_stereo(
-            scene,
-            rig,
-            camera_T_scene,
-            engine=config.engine,
-            tiling=config.tiling,
-            levels=config.levels,
-            antialias=config.antialias,
-            shadows=config.shadows,
-        )
+    def destroy_node(self) -> None:
+        """As GraphNode's; what is being rendered is stopped."""
+        picture = getattr(self, '_picture', None)
+        if picture is not None:
+            picture.stop.set('the node ends')
+            if picture.job is not None:
+                picture.job.wait(2.0)
+        super().destroy_node()
 
-    def _publish_truth(self, scene: Scene, camera_T_scene: Pose, camera: PinholeCamera, header: Header) -> None:
-        """Pose and visible features of the scene's first object but terrains, if anybody wants them and it has them."""
-        models = [placement for placement in scene.placements if not isinstance(placement.model, Terrain)]
-        if not (self.wanted(self._pose) or self.wanted(self._features)) or not models:
-            return
-        placement = models[0]
+
+class _Until:
+    """Awaitable: until something holds. The executor asks again and again, and leaves the processor in between."""
+
+    def __init__(self, holds: Callable[[], bool]) -> None:
+        self.holds = holds
+
+    def __await__(self) -> Generator[None, None, None]:
+        while not self.holds():
+            time.sleep(0.001)
+            yield
+
+
+def rendered(scene: Scene, rig: StereoRig, picture: Picture, with_pose: bool, with_features: bool) -> Rendered:
+    """Render a pair, with the truth of its first object but terrains.
+
+    Parameters
+    ----------
+    scene : Scene
+    rig : StereoRig
+    picture : Picture
+        Whose options count; its ``stop`` ends it.
+    with_pose, with_features : bool
+        What of the truth is wanted.
+
+    Returns
+    -------
+    Rendered
+
+    Raises
+    ------
+    RenderStopped
+    """
+    config, stop = picture.config, picture.stop
+    camera_T_scene = turned(scene, config.turntable * picture.number)
+    frames = frames_of(scene, rig, camera_T_scene, config, stop)
+    stop.check()
+    images = sensor_images(frames, config, picture.number)
+    stop.check()
+    models = [placement for placement in scene.placements if not isinstance(placement.model, Terrain)]
+    pose, features, problems = None, None, []
+    if models and (with_pose or with_features):
+        name = models[0].name
         try:
-            camera_T_model = camera_T_scene.compose(placement.pose)
+            pose = camera_T_scene.compose(models[0].pose)
         except ValueError as error:
-            self.problem(f'ground_truth: object {placement.name} has no pose: {error}')
-            return
-        if self.wanted(self._pose):
-            self._pose.publish(pose_to_stamped(camera_T_model, header))
-        if self.wanted(self._features):
-            try:
-                features = visible_features(placement.model, camera_T_model, camera)
-            except ValueError as error:
-                self.problem(f'ground_truth/features: object {placement.name} has none: {error}')
-                return
-            self._features.publish(features_to_cloud(features, header))
+            problems.append(f'ground_truth: object {name} has no pose: {error}')
+    if pose is not None and with_features:
+        try:
+            features = visible_features(models[0].model, pose, rig.left)
+        except ValueError as error:
+            problems.append(f'ground_truth/features: object {name} has none: {error}')
+    return Rendered(rig, images, frames[0].depth, pose if with_pose else None, features, tuple(problems))
+
+
+def frames_of(
+    scene: Scene, rig: StereoRig, camera_T_scene: Pose, config: RendererConfig, stop: Stop | None = None
+) -> tuple[Frame, Frame]:
+    """Both pictures, as the parameters of the node say."""
+    return render_stereo(
+        scene,
+        rig,
+        camera_T_scene,
+        engine=config.engine,
+        stop=stop,
+        tiling=config.tiling,
+        levels=config.levels,
+        antialias=config.antialias,
+        shadows=config.shadows,
+    )
 
 
 def sensor_images(frames: tuple[Frame, Frame], config: RendererConfig, pair_index: int = 0) -> list[np.ndarray]:

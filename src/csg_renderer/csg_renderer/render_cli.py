@@ -8,11 +8,13 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from msgs_py import Pose
+from msgs_py.commands import DONE, INTERRUPTED, add_json, run_command
 
 from .language import SceneError, SceneFile, find_scene, format_scene, read_scene, scene_names
 from .raycast.engines import ENGINES
@@ -38,47 +40,54 @@ WATCH_PERIOD = 0.25
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Exit status: 0 when everything was written, 1 for a wrong scene or file, 2 for wrong arguments."""
-    parser = _parser()
+    """Exit status: 0 when everything was written, 2 for a wrong scene, file or argument."""
+    parser = render_parser()
     options = parser.parse_args(arguments)
-    if options.list:
-        print('\n'.join(scene_names()))
-        return 0
-    if options.scene is None:
+    if options.scene is None and not options.list:
         parser.error('name a scene file, or a scene of the package (--list shows them)')
     if options.turntable is not None and options.turntable < 2:
         parser.error(f'--turntable: expected at least 2 pictures, got {options.turntable}')
     try:
-        if options.watch:
-            return watch(options)
-        run(options)
-    except SceneError as error:
-        print(error, file=sys.stderr)
-        return 1
-    except (OSError, ValueError, ExportError) as error:
-        print(f'render: {error}', file=sys.stderr)
-        return 1
+        return run_command('render', _run, options)
     except KeyboardInterrupt:
-        return 130
-    return 0
+        return INTERRUPTED
 
 
-def run(options: argparse.Namespace) -> SceneFile:
-    """Read the scene and write everything asked for. Raises SceneError, OSError, ValueError, ExportError."""
+def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    """Exit code and what --json prints. Raises OSError or ValueError."""
+    if options.list:
+        print('\n'.join(scene_names()))
+        return DONE, {'scenes': scene_names()}
+    if options.watch:
+        return watch(options), {}
+    try:
+        _, pictures = run(options)
+    except ExportError as error:
+        raise ValueError(error) from None
+    return DONE, {'written': pictures}
+
+
+def run(options: argparse.Namespace) -> tuple[SceneFile, list[Path]]:
+    """Read the scene and write everything asked for; the scene and the files.
+
+    Raises SceneError, OSError, ValueError, ExportError.
+    """
     found = read_scene(options.scene)
     for warning in found.warnings:
         print(f'warning: {warning}', file=sys.stderr)
     if options.print:
         print(format_scene(found.scene), end='')
-        return found
+        return found, []
+    written = []
     if options.export:
         triangles = export_mesh(found.scene, options.export, options.segments)
         _say(options, f'{options.export}: {triangles} triangles')
+        written.append(options.export)
     if options.output or not options.export:
         for hint in viewing_hints(found.scene):
             print(f'hint: {options.scene}: {hint}', file=sys.stderr)
-        render_files(found.scene, options)
-    return found
+        written += render_files(found.scene, options)
+    return found, written
 
 
 def render_files(scene: Scene, options: argparse.Namespace) -> list[Path]:
@@ -195,7 +204,7 @@ def watch(options: argparse.Namespace, wait: Callable[[float], None] = time.slee
             if now != seen:
                 seen = now
                 try:
-                    files = run(options).files
+                    files = run(options)[0].files
                 except SceneError as error:
                     print(error, file=sys.stderr)
                     # Includes named in the broken text are unknown; the ones known so far are still looked at.
@@ -248,9 +257,12 @@ def _antialias(text: str) -> bool | int:
         raise argparse.ArgumentTypeError(f"expected 'edges' or a number of samples a side, got {text!r}") from None
 
 
-def _parser() -> argparse.ArgumentParser:
+def render_parser() -> argparse.ArgumentParser:
+    """The options of the command."""
     parser = argparse.ArgumentParser(
-        prog='render', description='Render a scene of the modelling language, with its ground truth.'
+        prog='render',
+        description='Render a scene of the modelling language, with its ground truth. '
+        'Exit status 0: all was written, 2: bad input.',
     )
     parser.add_argument('scene', nargs='?', help='a scene file, or the name of a scene of the package')
     parser.add_argument('--list', action='store_true', help='list the scenes of the package')
@@ -308,6 +320,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--watch', action='store_true', help='render again whenever a file of the scene changes')
     parser.add_argument('-q', '--quiet', action='store_true', help='no progress, no figures')
+    add_json(parser)
     return parser
 
 

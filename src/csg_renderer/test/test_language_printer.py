@@ -38,6 +38,7 @@ def assert_same_scene(a: Scene, b: Scene) -> None:
     assert [p.name for p in a.placements] == [p.name for p in b.placements]
     for p, q in zip(a.placements, b.placements):
         assert np.array_equal(p.matrix, q.matrix)
+        assert p.frames == q.frames
         assert_same_solid(p.model, q.model)
     for name, solid in a.definitions.items():
         assert_same_solid(solid, b.definitions[name])

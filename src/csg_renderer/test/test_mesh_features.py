@@ -146,3 +146,21 @@ def test_bad_files_are_named(tmp_path, name, content, error, match):
 def test_bad_arguments_are_named(tmp_path, argument):
     with pytest.raises(ValueError, match=next(iter(argument))):
         features_from_mesh(tmp_path / 'x.stl', **argument)
+
+
+@pytest.mark.parametrize('index', [-1, 4, 2**31 - 1])
+def test_triangles_of_vertices_that_are_not_there_are_refused(tmp_path, index):
+    path = tmp_path / 'odd.ply'
+    path.write_text(
+        'ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n'
+        'element face 1\nproperty list uchar int vertex_indices\nend_header\n'
+        f'0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 {index}\n'
+    )
+    with pytest.raises(ValueError, match='odd.ply: '):
+        features_from_mesh(path)
+
+
+def test_a_mesh_of_creases_only_is_refused_in_time():
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match='30000 creases, expected at most 8000: is it a scan'):
+        mesh_features(rng.normal(size=(30_000, 3)), np.arange(30_000).reshape(-1, 3))

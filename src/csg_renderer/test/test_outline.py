@@ -81,3 +81,20 @@ def test_the_surface_is_where_rays_meet_it():
     hollow = SolidOutline(Solid.block(0.1, 0.1, 0.1) - Solid.block(0.05, 0.05, 0.2))
     front = hollow.surface(Pose(np.eye(3), np.array([-0.025, -0.025, 0.2])), camera, np.array([[31.5, 31.5]]))
     assert np.isnan(front).all()
+
+
+def test_the_limbs_of_a_cylinder_run_from_rim_to_rim():
+    """Its rulings are as long as the cylinders are that share the surface, one on the other."""
+    shared = Solid.cylinder(0.01, (0.0, 0.0, 0.03)) | Solid.cylinder(0.01, (0.0, 0.0, 0.05)).transformed(
+        Pose(np.eye(3), np.array([0.0, 0.0, 0.04]))
+    )
+    outline = SolidOutline(shared)
+    pose = Pose(Rotation.from_euler('x', 90, degrees=True).as_matrix(), np.array([0.0, 0.045, 0.5]))
+    points = outline.visible(pose, CAMERA, 2.0)
+    limb = points.point[(points.outward**2).sum(axis=1) > 0.5]
+    height = np.sort(limb[:, 2])
+    # Both cylinders from end to end, two points at each height, and none in the gap between them.
+    step = np.diff(np.unique(height.round(9)))
+    assert height[0] < 0.001 and height[-1] > 0.089
+    assert not ((height > 0.03) & (height < 0.04)).any()
+    assert np.sort(step)[-2] < 0.003

@@ -88,7 +88,7 @@ def test_options_reach_the_renderer(scene_file, tmp_path):
         ['--focal', '40'],
     ):
         assert main([str(scene_file), '-o', str(out), '--size', '32', '-q', *extra]) == 0
-    assert main([str(scene_file), '-o', str(out), '--size', '32', '-q', '--levels', '0']) == 1
+    assert main([str(scene_file), '-o', str(out), '--size', '32', '-q', '--levels', '0']) == 2
 
 
 def test_a_turntable_is_a_full_turn(tmp_path):
@@ -103,12 +103,12 @@ def test_a_turntable_is_a_full_turn(tmp_path):
 
 def test_mistakes_are_one_clear_message(scene_file, tmp_path, capsys):
     scene_file.write_text('DRAW BLOK (1, 2, 3);')
-    assert main([str(scene_file)]) == 1
+    assert main([str(scene_file)]) == 2
     assert "ball.csg:1:6: 'BLOK'" in capsys.readouterr().err
-    assert main(['no_such_scene']) == 1
+    assert main(['no_such_scene']) == 2
     assert "no scene 'no_such_scene'" in capsys.readouterr().err
     scene_file.write_text(BALL)
-    assert main([str(scene_file), '-o', str(tmp_path / 'out.xyz'), '--size', '9', '-q']) == 1
+    assert main([str(scene_file), '-o', str(tmp_path / 'out.xyz'), '--size', '9', '-q']) == 2
     assert 'no such picture format' in capsys.readouterr().err
     with pytest.raises(SystemExit, match='2'):
         main([str(scene_file), '--size', 'big'])
@@ -171,7 +171,7 @@ def test_watch_renders_again_and_survives_a_typo(scene_file, tmp_path, capsys):
         file.write_text(text)
         os.utime(file, ns=(0, len(depths) * 10**9))
 
-    options = render_cli._parser().parse_args([str(scene_file), '-o', str(out), '--size', '17', '--watch', '-q'])
+    options = render_cli.render_parser().parse_args([str(scene_file), '-o', str(out), '--size', '17', '--watch', '-q'])
     assert render_cli.watch(options, wait=next_step) == 0
     assert depths == [0.08, 0.08, 0.18, 0.15]
     assert "'BOLL' is not defined" in capsys.readouterr().err
@@ -186,9 +186,9 @@ def test_ids_have_colours_of_their_own():
 
 def test_a_missing_mesh_library_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, 'manifold3d', None)
-    assert main(['l_shape', '--export', str(tmp_path / 'l.stl')]) == 1
+    assert main(['l_shape', '--export', str(tmp_path / 'l.stl')]) == 2
     assert 'manifold3d is missing (pip install' in capsys.readouterr().err
-    assert main(['l_shape', '--export', str(tmp_path / 'l.step')]) == 1
+    assert main(['l_shape', '--export', str(tmp_path / 'l.step')]) == 2
     assert "unknown format '.step'" in capsys.readouterr().err
 
 

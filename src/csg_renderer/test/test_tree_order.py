@@ -117,5 +117,5 @@ def test_engines_without_an_option_refuse_it_by_name(option, capsys):
         with pytest.raises(ValueError, match=f"{option}: the engine '{engine}' has no such option, only 'dap' has"):
             render(scene, CAMERA, engine=engine, **{option: True})
     flag = f'--{option.replace("_", "-")}'
-    assert main(['l_shape_v1', flag, '-q', '-o', '/nonexistent/out.png']) == 1
+    assert main(['l_shape_v1', flag, '-q', '-o', '/nonexistent/out.png']) == 2
     assert f"render: {option}: the engine 'native' has no such option" in capsys.readouterr().err

@@ -20,6 +20,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.files import check_image, load_array, load_arrays
 from msgs_py.numeric.typed import AnyArray
 
 from .fortran_plus import FortranError, Limits, Result, Stopped
@@ -50,14 +52,14 @@ def value_of(text: str) -> Any:
         return _made(text)
     file, _, key = text.partition(':')
     if low.endswith('.npy'):
-        return np.load(text, allow_pickle=False)
+        return load_array(text)
     if file.lower().endswith('.npz'):
-        with np.load(file, allow_pickle=False) as archive:
-            if key not in archive:
-                raise ValueError(f'{file}: holds {", ".join(archive)}; name one as {file}:NAME')
-            return archive[key]
+        archive = load_arrays(file)
+        if key not in archive:
+            raise ValueError(f'{file}: holds {", ".join(archive)}; name one as {file}:NAME')
+        return archive[key]
     if Path(text).suffix.lower() in IMAGE_SUFFIXES:
-        image = cv2.imread(text, cv2.IMREAD_GRAYSCALE)
+        image = cv2.imread(str(check_image(text)), cv2.IMREAD_GRAYSCALE)
         if image is None:
             raise ValueError(f'{text}: not an image that can be read')
         return image.astype(np.int16)
@@ -144,6 +146,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         '--counted', action='store_true', help='print the cost model beside the instructions counted on bit-planes'
     )
+    add_json(result)
     return result
 
 
@@ -155,18 +158,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0: it ran; 1: the program failed; 2: an option makes no sense.
     """
-    options = parser().parse_args(_words(sys.argv[1:] if argv is None else argv))
+    return run_command('dap', _command, parser().parse_args(_words(sys.argv[1:] if argv is None else argv)))
+
+
+def _command(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    """Exit code and what --json prints. Raises ValueError or OSError for what makes no sense."""
     if options.list or options.functions or options.counted:
         print(_library() if options.list else _functions() if options.functions else counted_table())
-        return 0
+        described = {name: summary(name) for name in program_names()} if options.list else {}
+        return DONE, described or {name: function.doc for name, function in FUNCTIONS.items()}
+    dap = _machine(options)
+    if options.costs:
+        print(dap.costs.table())
+        return DONE, {'costs': dap.costs.table()}
+    if not options.program:
+        raise ValueError('name a program, or ask for list, functions, costs or --help')
     try:
-        dap = _machine(options)
-        if options.costs:
-            print(dap.costs.table())
-            return 0
-        if not options.program:
-            print('dap: name a program, or ask for list, functions, costs or --help', file=sys.stderr)
-            return 2
         recorder = Recorder(dap) if options.html else None
         result = _run(options, dap, recorder)
         _report(options, dap, result)
@@ -180,11 +187,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f'wrote {options.html}')
     except (FortranError, Stopped, OutOfStore) as error:
         print(f'{options.program}: {error}', file=sys.stderr)
-        return 1
-    except (ValueError, OSError) as error:
-        print(f'dap: {error}', file=sys.stderr)
-        return 2
-    return 0
+        return NOTHING, {'error': str(error)}
+    arrays = {name: np.asarray(value) for name, value in result.items()}
+    return DONE, {'arguments': arrays, 'printed': result.printed, 'stats': vars(result.stats)}
 
 
 def _machine(options: argparse.Namespace) -> Dap:

@@ -76,7 +76,7 @@ def test_one_plane_can_be_drawn_alone(tmp_path):
         (['life', '-a', 'cells=random:axb'], 2, 'random:32x32'),
         (['life', '-a', 'colour=1'], 2, 'no such argument'),
         (['life', '-a', 'cells=random:0x3'], 2, 'at least 1'),
-        (['life', '-a', 'cells=nothing.png'], 2, 'nothing.png: not an image'),
+        (['life', '-a', 'cells=nothing.png'], 2, 'nothing.png: no such file'),
         (['life', '--set', 'speed=1'], 2, 'unknown constant'),
         (['life', '-a', 'cells=random:9x9:logical', '--memory', '3'], 1, 'out of store'),
         (['sorts'], 2, '2 entries'),

@@ -1,5 +1,6 @@
-"""match: find models in a file of recovered features, print what was found, draw it.
+"""match: find models in a stereo pair or in a file of recovered features, print what was found, draw it.
 
+match part.csg left.png right.png calibration.yaml -o found.png
 match part.csg features.npz -o found.png --image left.png --right right.png --camera left.json
 """
 
@@ -10,21 +11,31 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+from csg_renderer.features.mesh_features import MESH_SUFFIXES
+from csg_renderer.features.mesh_units import GUESS, MESH_UNITS, METRES
 from msgs_py import FeatureSet, Interpretation, PinholeCamera, StereoRig
+from msgs_py.commands import DONE, NOTHING, add_json, run_command
+from msgs_py.files import check_image, read_text
 from msgs_py.numeric.typed import ByteArray
+from stereo_recovery.settings import PICTURES
 
 from .drawing import draw_overlay, draw_views
 from .geometry.settings import ROUNDING
 from .image_pose.views import Views
-from .model.library import load_library
+from .model.index import ModelIndex
+from .model.library import load_library, working_distance
+from .pair_match import RecoveredPair, recovered_pair, scale_remedy, wrong_scale
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, RANGES, REAL_BYTES, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import survey
 
 COLUMNS = ('model', 'matched', 'residual mm', 'x y z mm', 'turned deg about', 'signs', 'same', 'state')
+# Left image, right image, calibration.
+PAIR_FILES = 3
 # Options that are fields of MatchParams, by type.
 NUMBERS = {
     'fracdev': float,
@@ -45,16 +56,28 @@ def match_parser() -> argparse.ArgumentParser:
     """The options of the command; defaults are those of MatchParams."""
     parser = argparse.ArgumentParser(
         prog='match',
-        description='Find models among recovered features; print and draw the interpretations. '
+        description='Find models in a stereo pair, or among recovered features; print and draw the interpretations. '
         'Exit status 0: something was found, 1: nothing, 2: bad input.',
     )
     add = parser.add_argument
     add('model', help='.csg, .npz, mesh, a folder of them, or the name of a model of csg_renderer')
-    add('features', help='.npz file of recovered features (FeatureSet.save)')
+    add(
+        'files',
+        nargs='+',
+        type=Path,
+        metavar='FILE',
+        help='left image, right image and calibration, as "recover" takes them; or one .npz file of recovered features',
+    )
+    add('--raw', action='store_true', help='the images are raw: undistort and rectify them first')
+    add('--baseline', type=float, metavar='M', help='in metres, for a calibration in other units, or without one')
+    add('--mesh-units', choices=MESH_UNITS, default=GUESS, help='unit of a mesh file (default: guessed, and said)')
     add('-o', '--out', type=Path, metavar='FILE', help='draw data and found models into this picture')
     add('--rejected', type=int, default=3, metavar='N', help='rejected interpretations listed (default: 3)')
+    add_json(parser)
 
-    add = parser.add_argument_group('camera of the drawing (two orthographic views without one)').add_argument
+    add = parser.add_argument_group(
+        'camera of features from a file (drawn as two orthographic views without one)'
+    ).add_argument
     add('--image', type=Path, help='left image, to draw over, and to look at with --right')
     add('--right', type=Path, help='right image: what both show of a model counts, and poses are measured in them')
     add('--camera', type=Path, metavar='JSON', help='camera file, as "render --camera" writes it')
@@ -81,7 +104,7 @@ def match_parser() -> argparse.ArgumentParser:
         '--ranges', choices=RANGES, default=default.ranges, help=f"of the tree's constraints; default: {default.ranges}"
     )
     add('--real-bytes', type=int, choices=REAL_BYTES, default=default.real_bytes, help='word length, for --engine dap')
-    add('--prove', action='store_true', help='certify that no larger interpretation exists')
+    add('--prove', action='store_true', help='certify that no larger interpretation exists, or none at all')
     seconds = default.time_limit_s
     add('--time-limit', type=float, default=seconds, metavar='S', help=f'of one search (default: {seconds:g})')
     return parser
@@ -100,38 +123,128 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit status: 0 something was found, 1 nothing, 2 bad input.
     """
-    options = match_parser().parse_args(arguments)
-    try:
-        return _run(options)
-    except (OSError, ValueError) as error:
-        print(f'match: {error}', file=sys.stderr)
-        return 2
+    return run_command('match', _run, match_parser().parse_args(arguments))
 
 
-def _run(options: argparse.Namespace) -> int:
-    """As :func:`main`; raises OSError or ValueError for bad input."""
+class _Data(NamedTuple):
+    """What is searched, what it is drawn over, and the pair that it was recovered from."""
+
+    features: FeatureSet
+    image: ByteArray | None
+    camera: PinholeCamera | None
+    views: Views | None
+    recovered: RecoveredPair | None = None
+
+
+def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    """Exit code and what --json prints; raises OSError or ValueError for bad input."""
     params = params_of(options)
-    data = FeatureSet.load(options.features)
-    image = _image(options.image)
-    camera = camera_of(options, image)
     if options.out is not None and not options.out.suffix:
         raise ValueError(f'{options.out}: expected a file name of a picture, such as found.png')
-    library = load_library([options.model])
+    _check_files(options)
+    # A model that cannot be read is said before the seconds that recovery takes.
+    known = load_library([options.model], options.mesh_units)
+    if not known.models:
+        raise ValueError('; '.join(known.problems) or f'{options.model}: holds no model')
+    data = _data(options)
+    library = load_library([options.model], options.mesh_units, working_distance(data.features))
+    for name, unit in library.units.items():
+        print(f'{name}: {unit}', file=sys.stderr if unit.guessed else sys.stdout)
     for problem in library.problems:
         print(f'match: {problem}', file=sys.stderr)
-    if not library.models:
-        return 2
-    result = survey(library.models, data, params, views_of(options, image))
+    result = survey(library.models, data.features, params, data.views)
+    hints = [] if data.recovered is None else data.recovered.doubts()
+    if not result:
+        hints += hints_of(options.model, library.models, data.features, params, data.recovered)
+    for hint in hints:
+        print(f'match: {hint}', file=sys.stderr)
     print(table([*result.interpretations, *result.rejected[: max(options.rejected, 0)]]), end='')
-    print(summary(result, len(data)))
+    print(summary(result, len(data.features)))
     if options.out is not None:
         models = {model.name: model.features for model in library.models}
-        if camera is not None:
-            draw_overlay(options.out, data, models, result.interpretations, camera, image)
+        if data.camera is not None:
+            draw_overlay(options.out, data.features, models, result.interpretations, data.camera, data.image)
         else:
-            draw_views(options.out, data, models, result.interpretations)
+            draw_views(options.out, data.features, models, result.interpretations)
         print(f'wrote {options.out}')
-    return 0 if result else 1
+    return (DONE if result else NOTHING), record(result, len(data.features), hints)
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Refuse a wrong number of files, and options that go with others. Raises ValueError."""
+    files = options.files
+    names = ' '.join(map(str, files))
+    if len(files) not in (1, PAIR_FILES) or (len(files) == 1 and files[0].suffix.lower() in PICTURES):
+        raise ValueError(
+            f'{names}: expected left image, right image and calibration, or one .npz file of features, after the model'
+        )
+    for name, given in (('--raw', options.raw), ('--baseline', options.baseline is not None)):
+        if given and len(files) == 1:
+            raise ValueError(f'{name}: goes with two images and a calibration; features from a file have theirs')
+    for name in ('image', 'right', 'camera', 'focal', 'size'):
+        if getattr(options, name) is not None and len(files) == PAIR_FILES:
+            raise ValueError(f'--{name}: goes with a file of features; a pair of images has its own')
+
+
+def _data(options: argparse.Namespace) -> _Data:
+    """What the files hold. Raises OSError or ValueError."""
+    if len(options.files) == PAIR_FILES:
+        recovered = recovered_pair(options.files, options.raw, options.baseline)
+        print(f'pair: {recovered.pair}; {len(recovered.features)} features recovered')
+        camera = recovered.pair.rig.left
+        return _Data(recovered.features, recovered.image, camera, recovered.views, recovered)
+    features = FeatureSet.load(options.files[0])
+    image = _image(options.image)
+    return _Data(features, image, camera_of(options, image), views_of(options, image))
+
+
+def hints_of(
+    model: str,
+    models: Sequence[ModelIndex],
+    data: FeatureSet,
+    params: MatchParams,
+    recovered: RecoveredPair | None = None,
+) -> list[str]:
+    """Why nothing was found and what to do, as far as trying shows it: the images first, then the model's size."""
+    hints = [] if recovered is None else recovered.remedies()
+    if Path(model).suffix.lower() in MESH_SUFFIXES and not hints:
+        # A mesh is one of four sizes: with each of them it is searched as any other, which few features suffice for.
+        for unit in METRES:
+            if survey(load_library([model], unit).models, data, params):
+                return [f'{model}: is found when its unit is {unit}: give it with --mesh-units {unit}']
+    scale = None if hints else wrong_scale(models, data, params)
+    if scale is not None:
+        hints.append(scale_remedy(model, scale, None if recovered is None else recovered.pair.rig.baseline))
+    return hints
+
+
+def record(result: MatchResult, n_data: int, hints: Sequence[str] = ()) -> dict[str, Any]:
+    """What --json prints; lengths in metres, poses camera_T_model."""
+    return {
+        'found': [_record(one) for one in result.interpretations],
+        'rejected': [_record(one) for one in result.rejected],
+        'reason': result.reason,
+        'hints': list(hints),
+        'features': n_data,
+        'seconds': result.stats.get('seconds'),
+    }
+
+
+def _record(one: Interpretation) -> dict[str, Any]:
+    return {
+        'model': one.model,
+        'position': one.pose.translation,
+        'orientation_xyzw': one.pose.quaternion,
+        'scale': one.pose.scale,
+        'covariance': one.covariance,
+        'matched': one.matched,
+        'residual': one.residual_rms,
+        'evidence': one.evidence,
+        'support': one.support,
+        'symmetric_poses': [{'position': p.translation, 'orientation_xyzw': p.quaternion} for p in one.symmetric_poses],
+        'proven': one.proven,
+        'rejected_reason': one.rejected_reason,
+    }
 
 
 def params_of(options: argparse.Namespace) -> MatchParams:
@@ -180,7 +293,7 @@ def views_of(options: argparse.Namespace, image: ByteArray | None) -> Views | No
     assert right is not None
     camera = load_camera(options.camera)
     try:
-        baseline = float(json.loads(options.camera.read_text(encoding='utf-8'))['baseline'])
+        baseline = float(json.loads(read_text(options.camera))['baseline'])
     except (KeyError, TypeError, ValueError):
         raise ValueError(f'{options.camera}: has no baseline, which --right needs') from None
     pair = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (image, right)]
@@ -190,7 +303,7 @@ def views_of(options: argparse.Namespace, image: ByteArray | None) -> Views | No
 def load_camera(path: Path) -> PinholeCamera:
     """A camera file with K, width and height. Raises ValueError, naming file and field."""
     try:
-        record = json.loads(path.read_text(encoding='utf-8'))
+        record = json.loads(read_text(path))
         matrix = np.asarray(record['K'], dtype=float).reshape(3, 3)
         return PinholeCamera(record['width'], record['height'], matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
     except KeyError as error:
@@ -250,7 +363,7 @@ def _image(path: Path | None) -> ByteArray | None:
     """The image of a file, (h, w, 3) uint8 blue, green, red. Raises ValueError for an unreadable file."""
     if path is None:
         return None
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = cv2.imread(str(check_image(path)), cv2.IMREAD_COLOR)
     if image is None:
         raise ValueError(f'{path}: not a readable image')
     return np.asarray(image, np.uint8)

@@ -4,57 +4,52 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from csg_renderer.language.includes import models_folder
+from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import (
     cloud_to_features,
     features_to_markers,
     pose_to_stamped,
     poses_to_array,
-    poses_to_transforms,
     report_from_interpretations,
-    transform_message_type,
 )
-from msgs_py.node_runtime.config import Config, parameter
-from msgs_py.node_runtime.confinement import TrustedFolders
-from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
+from msgs_py.node_runtime.config import parameter
+from msgs_py.node_runtime.runtime import StereoMessages, run_node
 from msgs_py.renaming import without_effect
 
 from .image_pose.views import Views
-from .model.library import Library, load_library
+from .instances import Instances
+from .model.equal_poses import canonical
+from .model.index import ModelIndex
+from .model.library import working_distance
+from .model_node import ModelConfig, ModelNode
+from .node_answers import Answers
 from .node_views import ViewMemory, stamp_ns, views_of_cameras, views_of_pair
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import compile_steps, survey
 from .settings import MOST_CAMERAS, WAIT_FOR_IMAGES_S
-from .tracking.compiling import compile_steps as image_steps
 
 TOPIC = 'interpretations'
 WATCH_PERIOD_S = 1.0
-NO_TF = 'parameter tf: tf2_msgs is not installed (ros-jazzy-tf2-msgs), so nothing can be broadcast'
 _DEFAULT = MatchParams()
 
 
 @dataclass(frozen=True)
-class MatcherConfig(Config):
+class MatcherConfig(ModelConfig):
     """Parameters of matcher_node."""
 
-    models: tuple[str, ...] = parameter(
-        (), 'Model files (.csg, .npz, .stl, .obj, .ply), folders of them, or names of models of csg_renderer'
-    )
-    model_folders: tuple[str, ...] = parameter(
-        (),
-        'Folders that models may be read from when they are changed at run time, besides those of the models given '
-        'at the start and those of csg_renderer',
-        read_only=True,
+    mesh_units: str = parameter(
+        GUESS,
+        'Unit of mesh files, which do not say it; a guess goes by their size against the distance of the features',
+        choices=MESH_UNITS,
     )
     watch: bool = parameter(True, 'Read the models again when a file changes')
     search: str = parameter(_DEFAULT.search, 'Search method', choices=SEARCHES)
@@ -101,9 +96,13 @@ class MatcherConfig(Config):
         minimum=0.0,
         maximum=1.0,
     )
-    prove: bool = parameter(False, 'Certify that no larger interpretation exists')
+    prove: bool = parameter(False, 'Certify that no larger interpretation exists, or none of min_matched features')
     time_limit: float = parameter(
-        2.0, 'Time for one message and model; the best so far is taken then', unit='s', minimum=0.001, maximum=3600.0
+        2.0,
+        'Time for one message, all models together; the best so far is taken then',
+        unit='s',
+        minimum=0.001,
+        maximum=3600.0,
     )
     use_images: bool = parameter(
         True,
@@ -117,8 +116,14 @@ class MatcherConfig(Config):
         maximum=MOST_CAMERAS,
         read_only=True,
     )
-    tf: bool = parameter(False, 'Broadcast the best pose of each model on /tf (needs tf2_msgs)')
-    tf_prefix: str = parameter('', "Put before the model's name to make its frame")
+    speed: float = parameter(
+        0.1,
+        'Sigma of the speed of any point of an object in the frame of the camera, by which it is known again in the '
+        'next message; 0 when all stands still',
+        unit='m/s',
+        minimum=0.0,
+        maximum=100.0,
+    )
     seed: int = parameter(0, 'Deprecated: has no effect', minimum=0, maximum=2**31 - 1)
 
     def match_params(self) -> MatchParams:
@@ -150,7 +155,7 @@ class MatcherConfig(Config):
             raise ValueError(f'parameter {error}') from None
 
 
-class MatcherNode(GraphNode[MatcherConfig]):
+class MatcherNode(ModelNode[MatcherConfig]):
     """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -158,19 +163,15 @@ class MatcherNode(GraphNode[MatcherConfig]):
         self._array_out = self.create_output(PoseArray, TOPIC)
         self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
         self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
-        self._pose_out: dict[str, Publisher] = {}
-        self._transforms_out: Publisher | None = None
-        self._transforms_type = transform_message_type()
+        self._answers = Answers(self, TOPIC)
+        self._instances = Instances()
         self._reason = ''
         self._looked_at = time.monotonic()
-        self._library = Library((), (), {})
+        self._distance: float | None = None
         self._params = self.config.match_params()
-        self._trusted = TrustedFolders(
-            [*self.config.model_folders, models_folder()], self.config.models, 'model_folders'
-        )
         self._warn_of_seed()
         self._load()
-        self.prepare((*compile_steps(self._params, len(self._library.models)), *image_steps()))
+        self.prepare(compile_steps(self._params, len(self._library.models), images=True))
         self._start_transforms()
         self._images = ViewMemory()
         self._waiting: tuple[PointCloud2, float] | None = None
@@ -184,24 +185,13 @@ class MatcherNode(GraphNode[MatcherConfig]):
 
     # -- configuration -----------------------------------------------------------------------------------------
 
-    def check_config(self, new: MatcherConfig) -> None:
-        """Raise ValueError for a change that cannot be made: no tf messages, or models from elsewhere."""
-        if new.tf and not self.config.tf and self._transforms_type is None:
-            raise ValueError(NO_TF)
-        for given in set(new.models) - set(self.config.models):
-            try:
-                self._trusted.check(given)
-            except ValueError as error:
-                raise ValueError(f'parameter models: {error}') from None
-
     def on_config(self, old: MatcherConfig, new: MatcherConfig) -> None:
         """Take over what was changed."""
+        super().on_config(old, new)
         self._params = new.match_params()
         if new.seed != old.seed:
             self._warn_of_seed()
-        if new.tf != old.tf:
-            self._start_transforms()
-        if new.models != old.models:
+        if new.models != old.models or (new.mesh_units != old.mesh_units and self._library.units):
             self._load()
 
     def _warn_of_seed(self) -> None:
@@ -212,39 +202,40 @@ class MatcherNode(GraphNode[MatcherConfig]):
         """Read the models again; says what was reset."""
         self._load()
         self._images.clear()
-        self._waiting, self._seen = None, 0
+        self._instances.clear()
+        self._waiting, self._seen, self._distance = None, 0, None
         return f'counters, images, and {len(self._library)} models read again'
 
     def _load(self) -> None:
         """Read the models; what cannot be used is reported by name and left out."""
-        self._library = load_library(self.config.models)
-        for problem in self._library.problems:
-            self.problem(f'models: {problem}')
-        if not self.config.models:
-            self.problem('parameter models: empty, expected model files, folders or names')
+        said = self._library.units
+        self._read_library(self.config.mesh_units, self._distance)
+        for name, unit in self._library.units.items():
+            if unit.guessed and said.get(name) != unit:
+                self.get_logger().warning(f'models: {name}: {unit}')
         names = {model.name for model in self._library.models}
         for name in set(self._pose_out) - names:
             self.destroy_publisher(self._pose_out.pop(name))
         for name in sorted(names - set(self._pose_out)):
             self._pose_out[name] = self.create_output(PoseStamped, f'{TOPIC}/{_topic_name(name)}')
+        self._answers.load(self._library.models, {name: _topic_name(name) for name in names})
 
-    def _start_transforms(self) -> None:
-        """Begin or end broadcasting, as the parameter says."""
-        if self._transforms_out is not None:
-            self.destroy_publisher(self._transforms_out)
-            self._transforms_out = None
-        if not self.config.tf:
-            return
-        if self._transforms_type is None:
-            self.problem(NO_TF)
-            return
-        self._transforms_out = self.create_publisher(self._transforms_type, '/tf', 100)
+    def _models(self) -> dict[str, ModelIndex]:
+        """The models by their names."""
+        return {model.name: model for model in self._library.models}
 
     def _look_for_changes(self) -> None:
         now = time.monotonic()
         if self.config.watch and now - self._looked_at >= WATCH_PERIOD_S:
             self._looked_at = now
             if self._library.changed():
+                self._load()
+
+    def _look_at_units(self, data: FeatureSet) -> None:
+        """The first features tell from what distance the models are looked at."""
+        if self._distance is None and any(unit.guessed for unit in self._library.units.values()):
+            self._distance = working_distance(data)
+            if self._distance is not None and self._library.guesses_otherwise(self._distance):
                 self._load()
 
     # -- work --------------------------------------------------------------------------------------------------
@@ -285,12 +276,25 @@ class MatcherNode(GraphNode[MatcherConfig]):
     def _recognise(self, message: PointCloud2) -> None:
         self._look_for_changes()
         data = cloud_to_features(message)
+        self._look_at_units(data)
         views = self._images.at(stamp_ns(message.header)) if self.config.use_images else None
         self._seen += views is not None
         result = survey(self._library.models, data, self._params, views)
         self._reason = result.reason or ''
-        self._publish(result, message.header)
+        late = result.stats['out_of_time']
+        if late:
+            self.problem(f'time_limit: {self.config.time_limit:g} s left no time to look for {", ".join(late)}')
+        self._publish(self._canonical(result), message.header)
         self.done(message.header)
+
+    def _canonical(self, result: MatchResult) -> MatchResult:
+        """A result with the canonical ones of the poses that symmetries make equal."""
+        models = self._models()
+        accepted, rejected = (
+            tuple(canonical(models[one.model], one) for one in ones)
+            for ones in (result.interpretations, result.rejected)
+        )
+        return replace(result, interpretations=accepted, rejected=rejected)
 
     def _publish(self, result: MatchResult, header: Any) -> None:
         best: dict[str, Interpretation] = {}
@@ -298,10 +302,13 @@ class MatcherNode(GraphNode[MatcherConfig]):
             best.setdefault(one.model, one)
         for name, one in best.items():
             self._pose_out[name].publish(pose_to_stamped(one.pose, header))
-        if self._transforms_out is not None and self._transforms_type is not None and best:
-            frames = {self.config.tf_prefix + name: one.pose for name, one in best.items()}
-            self._transforms_out.publish(self._transforms_type(transforms=poses_to_transforms(frames, header)))
-        self._report_out.publish(report_from_interpretations([*result.interpretations, *result.rejected], header))
+        self._broadcast({name: one.pose for name, one in best.items()}, self._models(), header)
+        speed = self.config.speed
+        instances = self._instances.names(stamp_ns(header), result.interpretations, self._models(), speed)
+        self._answers.publish(result.interpretations, instances, header)
+        self._answers.publish_scene(result.interpretations, instances, self._instances.remembered, header)
+        every = [*result.interpretations, *result.rejected]
+        self._report_out.publish(report_from_interpretations(every, header, instances))
         if self.wanted(self._markers_out):
             self._markers_out.publish(self._markers(result, header))
         self._array_out.publish(poses_to_array([one.pose for one in result.interpretations], header))
@@ -327,6 +334,7 @@ class MatcherNode(GraphNode[MatcherConfig]):
         """What diagnostics say besides the counters."""
         return {
             'models': ', '.join(model.name for model in self._library.models),
+            'mesh_units': '; '.join(f'{name}: {unit}' for name, unit in self._library.units.items()),
             'unusable_models': '; '.join(self._library.problems),
             'why_nothing_found': self._reason,
             'with_images': self._seen,
@@ -334,8 +342,8 @@ class MatcherNode(GraphNode[MatcherConfig]):
 
 
 def _topic_name(name: str) -> str:
-    """The last part of a model's topic; 'report' and 'markers' are taken."""
-    return f'{name}_model' if name in ('report', 'markers') else name
+    """The last part of a model's topic; some are taken."""
+    return f'{name}_model' if name in ('report', 'markers', 'symmetries') else name
 
 
 def main(args: list[str] | None = None) -> int:

@@ -69,9 +69,10 @@ class MatchParams:
     scale : str
         'known' (stereo) or 'free' (structure from motion: directions only, the scale is estimated).
     prove : bool
-        Certify that no pose explains more data features within the tolerances (proof/certificate.py states it exactly).
+        Certify that no pose explains more data features within the tolerances, or, where nothing is accepted, as many
+        as ``min_matched`` (docs/proof.md states it exactly, and shows why).
     time_limit_s : float
-        Seconds; then the best so far is returned, unproven.
+        Seconds, of all models and instances together; then the best so far is returned, unproven.
     seed : int
         Deprecated: accepted, and without effect. Nothing in a match is random.
     eliminate : bool
@@ -193,6 +194,9 @@ class MatchResult:
         None when something was accepted, otherwise why nothing was.
     outlines : tuple of Presence
         What the images show of each accepted interpretation (:mod:`.image_pose.measurement`); empty without images.
+    absent : bool
+        Nothing was accepted, and with ``prove`` it is certified that no pose explains as many data features as
+        ``min_matched`` within the tolerances.
     """
 
     interpretations: tuple[Interpretation, ...]
@@ -200,6 +204,7 @@ class MatchResult:
     stats: dict[str, Any] = field(default_factory=dict)
     reason: str | None = None
     outlines: tuple[Presence, ...] = ()
+    absent: bool = False
 
     @property
     def best(self) -> Interpretation | None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
-from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation
+from csg_renderer import Solid, SolidOutline, model_features
+from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose
 from msgs_py.numeric.steps import CompileStep, run_all
 
 from .geometry.line_pairs import rank_pairs
@@ -19,7 +19,7 @@ from .geometry.settings import PARALLEL_SINE
 from .image_pose.measurement import Presence
 from .image_pose.views import Views
 from .interpretation_tree.match import match_by_tree
-from .model.index import ModelIndex, indexed
+from .model.index import ModelIndex, extent_points, index_model, indexed
 from .model.problem import Problem, make_problem, usable
 from .model.settings import SEARCH_WIDTH
 from .params import MatchParams, MatchResult, no_match
@@ -28,15 +28,16 @@ from .search.free_scale import match_free
 from .search.pair_search import Candidates, search_pairs
 from .search.parallel_search import search_all_parallel
 from .search.prefilter import prefilter
-from .search.threads import spread
+from .search.threads import spread_until
 from .settings import ALL_PAIRED, BLOCK, LIBRARY, LOOK_S, LOOKED_AT, NEIGHBOURS, PATIENCE, PERIODIC, SHARES
 from .verification.acceptance import accept
-from .verification.false_alarms import needed_evidence
+from .verification.false_alarms import needed_evidence, needed_with_images
 from .verification.image_evidence import accepted_by_images, compete
 from .verification.refinement import Refined, refine_all
 from .verification.settings import CANDIDATES, NEARLY_ALL
 
-_warm: list[bool] = []  # not empty once everything is compiled
+# What has been compiled: with and without images.
+_warm: set[bool] = set()
 
 
 def match(
@@ -75,8 +76,7 @@ def match(
         For parameters that cannot be used.
     """
     params = params or MatchParams()
-    if not _warm:
-        warm_up()  # compiling is not part of the time limit
+    _compile_first(views)
     if not isinstance(data, FeatureSet):
         raise TypeError(f'data: expected a FeatureSet, got {type(data).__name__}')
     try:
@@ -119,7 +119,7 @@ def _match(
         result = _match_hypotheses(problem, params, started, views, claimed)
     else:
         result = match_by_tree(problem, params, started)
-    if params.prove and result.best is not None:
+    if params.prove:
         result = certify(problem, result, params, started)
     result.stats['seconds'] = time.perf_counter() - started
     return result
@@ -160,10 +160,11 @@ def _match_hypotheses(
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.evidence.max()))
     outlines: tuple[Presence, ...] = ()
+    needed = needed_evidence(problem, params)
     if views is not None and index.shape is not None:
         many = params.replace(max_interpretations=max(params.max_interpretations, LOOKED_AT))
         hypotheses = [one for part in accept(problem, refined, many) for one in part][:LOOKED_AT]
-        needed, deadline = needed_evidence(problem, params), started + params.time_limit_s
+        needed, deadline = needed_with_images(params), started + params.time_limit_s
         looked = accepted_by_images(problem, index.shape, hypotheses, views, needed, deadline, claimed)
         most = params.max_interpretations
         accepted, rejected, outlines = looked.accepted[:most], looked.rejected[:most], looked.outlines[:most]
@@ -176,7 +177,7 @@ def _match_hypotheses(
         'pairs': found.pairs,
         'hypotheses': sum(part[1].hypotheses for part in parts),
         'stopped_by': stopped,
-        'evidence_needed': needed_evidence(problem, params),
+        'evidence_needed': needed,
     }
     enough = np.flatnonzero(refined.scores >= min(params.min_matched, len(index)))
     if len(enough):
@@ -206,7 +207,8 @@ def _search(
     deadline: float,
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
-    block = max(8, BLOCK // len(problem.rows))
+    # What a pair takes grows with the square of the model: the first says how many fit between two looks at the clock.
+    block = 1
     looked = time.perf_counter()
     for room in (CANDIDATES, PERIODIC * CANDIDATES):
         motions = np.zeros((room, 12))
@@ -231,9 +233,9 @@ def _search(
             first = last
             now = time.perf_counter()
             if now - looked > LOOK_S:
-                block = max(8, block // 2)
+                block = max(1, block // 2)
             elif now - looked < LOOK_S / 10:
-                block *= 2
+                block *= 4
             looked = now
             in_time = now <= deadline
         if np.floor(scores[-1]) < NEARLY_ALL * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
@@ -292,7 +294,8 @@ def survey(
     """As :func:`recognise`, with the rejected hypotheses and their reasons.
 
     What has the most evidence of all models claims the data that it explains, and with images the edges on which its
-    outline lies; the search goes on in what is left, until nothing more is accepted.
+    outline lies; the search goes on in what is left, until nothing more is accepted. The time limit is one for all of
+    it: each model has an even share of what those before it have left.
 
     Parameters
     ----------
@@ -302,12 +305,14 @@ def survey(
     Returns
     -------
     MatchResult
-        Of all models together.
+        Of all models together; stats['out_of_time'] names those for which no time was left.
     """
-    started = time.perf_counter()
     params = params or MatchParams()
     if not isinstance(data, FeatureSet):
         raise TypeError(f'data: expected a FeatureSet, got {type(data).__name__}')
+    _compile_first(views, len(models))
+    started = time.perf_counter()
+    deadline = started + params.time_limit_s
     indexes = []
     reasons = []
     for number, model in enumerate(models):
@@ -321,13 +326,19 @@ def survey(
     left = np.arange(len(data))
     n_models = len(indexes)
     if n_models > LIBRARY and params.scale == 'known':
-        indexes = [indexes[k] for k in prefilter(indexes, data, params)]
+        indexes = [indexes[k] for k in prefilter(indexes, data, params, started + SHARES.ranking * params.time_limit_s)]
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
-    if not _warm:
-        warm_up()
-    results = spread(partial(_match, data=data, params=params, views=views), indexes)
-    # The time limit is for a message and model, however often it is searched for.
-    spent = [float(result.stats.get('seconds', 0.0)) for result in results]
+    out_of_time: set[str] = set()
+
+    def search(number: int, seconds: float) -> MatchResult:
+        """A model in the data that is left, in so many seconds."""
+        if seconds <= 0.0:
+            out_of_time.add(indexes[number].name)
+            return no_match(data, f'no time was left to look for {indexes[number].name}')
+        limited = params.replace(time_limit_s=seconds)
+        return _match(indexes[number], data.select(left), limited, views, tuple(outlines))
+
+    results = spread_until(search, range(len(indexes)), deadline)
     while True:
         bests = [result.best for result in results]
         score = [-np.inf if best is None else _weight(best, views) for best in bests]
@@ -351,20 +362,11 @@ def survey(
                     result.reason,
                     result.outlines[:1],
                 )
-            elif spent[number] < params.time_limit_s:
-                again.append(number)
             else:
-                results[number] = no_match(data, f'no time was left to look for another {indexes[number].name}')
+                again.append(number)
         left = left[keep]
-        rest = data.select(left)
-
-        def search_again(number: int, rest: FeatureSet = rest, claimed: Sequence[Presence] = outlines) -> MatchResult:
-            left_over = params.replace(time_limit_s=params.time_limit_s - spent[number])
-            return _match(indexes[number], rest, left_over, views, claimed)
-
-        for number, result in zip(again, spread(search_again, again)):
+        for number, result in zip(again, spread_until(search, again, deadline)):
             results[number] = result
-            spent[number] += float(result.stats.get('seconds', 0.0))
     for result in results:
         rejected += [_spread(one, left, len(data)) for one in result.rejected]
         reasons += [result.reason] if result.reason else []
@@ -374,6 +376,7 @@ def survey(
         'models': n_models,
         'searched': len(indexes),
         'seconds': time.perf_counter() - started,
+        'out_of_time': sorted(out_of_time),
     }
     reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'
     return MatchResult(tuple(accepted), tuple(rejected), stats, reason, tuple(outlines))
@@ -398,7 +401,9 @@ def _thin(one: Interpretation, keep: np.ndarray) -> Interpretation:
     return replace(one, assignment=assignment, sign=one.sign[keep], matched=int((assignment != BIN).sum()))
 
 
-def compile_steps(params: MatchParams | None = None, n_models: int = 1) -> tuple[CompileStep, ...]:
+def compile_steps(
+    params: MatchParams | None = None, n_models: int = 1, images: bool = False
+) -> tuple[CompileStep, ...]:
     """What :func:`match` needs compiled, as small computations that use it all.
 
     Parameters
@@ -407,6 +412,8 @@ def compile_steps(params: MatchParams | None = None, n_models: int = 1) -> tuple
         Search, scale and proof that will be asked for.
     n_models : int
         Models that will be searched together: a large library has a search of its own.
+    images : bool
+        Whether there will be images to look at.
     """
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.2, 1.1, 0], [0.3, 0.2, 1.2], [1.1, 0.9, 0.8]])
     first, last = np.triu_indices(len(corners), 1)
@@ -420,7 +427,7 @@ def compile_steps(params: MatchParams | None = None, n_models: int = 1) -> tuple
     asked = params or MatchParams()
 
     def with_params(wanted: MatchParams) -> None:
-        _warm.append(True)
+        _warm.add(False)
         # Whatever evidence there is suffices: nothing is to be compiled only when something is found.
         match(model, model, replace(wanted, false_alarm_rate=1.0))
 
@@ -430,12 +437,39 @@ def compile_steps(params: MatchParams | None = None, n_models: int = 1) -> tuple
     steps.append(CompileStep('search by a tree', lambda: match(bars, bars)))  # all being parallel
     if n_models > LIBRARY:
         steps.append(CompileStep('choice from a library', lambda: prefilter([indexed(model, 'model')], model, asked)))
+    if images:
+        steps.append(CompileStep('what images show of a model', _find_in_image))
     return tuple(steps)
 
 
-def warm_up(params: MatchParams | None = None, n_models: int = 1) -> None:
+def _find_in_image() -> None:
+    """Find two blocks, each with a pin, in a picture of their outlines.
+
+    The pin makes rims and a free turn; two of them make outlines that may compete.
+    """
+    _warm.add(True)
+    camera = PinholeCamera.centred(160, 120, 200.0)
+    solid = Solid.block(0.06, 0.05, 0.04) | Solid.cylinder(0.02, (0.0, 0.0, 0.08))
+    index = index_model(model_features(solid), 'model', SolidOutline(solid))
+    poses = [Pose.from_rotation_vector([0.5, 0.4, 0.0], [x, 0.0, 0.25]) for x in (-0.06, 0.03)]
+    picture = np.random.default_rng(0).integers(60, 66, (120, 160), dtype=np.uint8)
+    for pose in poses:
+        outline = camera.project(pose.apply(extent_points(index.features)))
+        picture[Delaunay(outline).find_simplex(camera.pixel_grid()).reshape(picture.shape) >= 0] += 100
+    data = FeatureSet.concatenate([index.features.transformed(pose) for pose in poses])
+    survey([index], data, MatchParams(false_alarm_rate=1.0), Views.of([picture], camera))
+
+
+def warm_up(params: MatchParams | None = None, n_models: int = 1, images: bool = False) -> None:
     """Compile, or load from the cache, all that :func:`match` needs, so that no first message waits for it.
 
     params : search, scale and proof that will be asked for; n_models : a large library has a search of its own
+    images : whether there will be images to look at
     """
-    run_all(compile_steps(params, n_models))
+    run_all(compile_steps(params, n_models, images))
+
+
+def _compile_first(views: Views | None, n_models: int = 1) -> None:
+    """What a search needs is compiled before its clock starts."""
+    if not _warm or (views is not None and True not in _warm):
+        warm_up(n_models=n_models, images=views is not None)

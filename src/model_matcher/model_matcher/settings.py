@@ -37,10 +37,10 @@ LIBRARY = 20
 
 # With more data features than this, each is paired with its nearest ones instead of all.
 ALL_PAIRED = 600
-# Data pairs times data features that are tried before the first look at the clock (8 pairs at least), and data features
-# whose neighbours are looked up between two looks.
+# Data features whose neighbours are looked up between two looks at the clock.
 BLOCK = 4096
-# Seconds between two looks at the clock: blocks grow while it is less than a tenth of this, and shrink when it is more.
+# Seconds between two looks at the clock while pairs are tried: blocks of them begin with one, grow fourfold while a
+# block takes less than a tenth of this, and shrink when it takes more.
 LOOK_S = 0.02
 
 
@@ -66,5 +66,7 @@ LOOKED_AT = 12
 IMAGES_KEPT = 30
 # Seconds for which features wait for the images that they were recovered from, once images have come at all.
 WAIT_FOR_IMAGES_S = 0.1
+# Chi squared of six degrees of freedom, which one sighting in a thousand of an object exceeds: beyond, it is another.
+SAME_INSTANCE = 22.46
 # Cameras that one node listens to.
 MOST_CAMERAS = 16

@@ -12,27 +12,18 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from csg_renderer.language.includes import models_folder
 from msgs_py import Interpretation, Pose
-from msgs_py.codecs import (
-    interpretations_from_report,
-    pose_from_message,
-    pose_to_message,
-    poses_to_transforms,
-    transform_message_type,
-)
-from msgs_py.node_runtime.config import Config, parameter
-from msgs_py.node_runtime.confinement import TrustedFolders
-from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
+from msgs_py.codecs import interpretations_from_report, pose_from_message, pose_to_message
+from msgs_py.node_runtime.config import parameter
+from msgs_py.node_runtime.runtime import StereoMessages, run_node
 
 from .image_pose.sight import Sight
 from .image_pose.views import Views
 from .model.index import ModelIndex
-from .model.library import Library, load_library
+from .model_node import ModelConfig, ModelNode
 from .node_views import NANOSECONDS, ViewMemory, stamp_ns, views_of_cameras, views_of_pair
 from .settings import MOST_CAMERAS
 from .tracking.compiling import compile_steps
@@ -40,21 +31,14 @@ from .tracking.settings import ACCELERATION
 from .tracking.tracker import Tracked, Tracker, TrackParams
 
 TOPIC = 'tracked'
-NO_TF = 'parameter tf: tf2_msgs is not installed (ros-jazzy-tf2-msgs), so nothing can be broadcast'
 
 
 @dataclass(frozen=True)
-class TrackerConfig(Config):
+class TrackerConfig(ModelConfig):
     """Parameters of tracker_node."""
 
     models: tuple[str, ...] = parameter(
         (), 'Model files (.csg), folders of them, or names of models of csg_renderer; of each one object is followed'
-    )
-    model_folders: tuple[str, ...] = parameter(
-        (),
-        'Folders that models may be read from when they are changed at run time, besides those of the models given '
-        'at the start and those of csg_renderer',
-        read_only=True,
     )
     cameras: int = parameter(
         2,
@@ -71,8 +55,7 @@ class TrackerConfig(Config):
         minimum=1e-3,
         maximum=1e3,
     )
-    tf: bool = parameter(False, 'Broadcast the pose of each followed object on /tf (needs tf2_msgs)')
-    tf_prefix: str = parameter('', "Put before the model's name to make its frame")
+    tf: bool = parameter(False, 'Broadcast the pose of each followed object, and its frames, on /tf (needs tf2_msgs)')
     sync_queue_size: int = parameter(
         5, 'Sets of images that may wait for the rest', name='sync.queue_size', minimum=1, maximum=100, read_only=True
     )
@@ -108,24 +91,17 @@ class _Followed:
         return math.inf if pose is None else float(pose.apply(self.tracker.shape.centre)[2])
 
 
-class TrackerNode(GraphNode[TrackerConfig]):
+class TrackerNode(ModelNode[TrackerConfig]):
     """Publishes the pose of every object that it follows at the rate of the images."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('tracker_node', TrackerConfig, **kwargs)
         self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
-        self._pose_out: dict[str, Publisher] = {}
         self._starts: dict[str, Any] = {}
-        self._transforms_type = transform_message_type()
-        self._transforms_out: Publisher | None = None
-        self._library = Library((), (), {})
         self._models: dict[str, ModelIndex] = {}
         self._followed: dict[str, _Followed] = {}
         self._images = ViewMemory()
         self._lost = 0
-        self._trusted = TrustedFolders(
-            [*self.config.model_folders, models_folder()], self.config.models, 'model_folders'
-        )
         self._load()
         self._start_transforms()
         self.prepare(compile_steps())
@@ -140,20 +116,9 @@ class TrackerNode(GraphNode[TrackerConfig]):
 
     # -- configuration -----------------------------------------------------------------------------------------
 
-    def check_config(self, new: TrackerConfig) -> None:
-        """Raise ValueError for a change that cannot be made: no tf messages, or models from elsewhere."""
-        if new.tf and not self.config.tf and self._transforms_type is None:
-            raise ValueError(NO_TF)
-        for given in set(new.models) - set(self.config.models):
-            try:
-                self._trusted.check(given)
-            except ValueError as error:
-                raise ValueError(f'parameter models: {error}') from None
-
     def on_config(self, old: TrackerConfig, new: TrackerConfig) -> None:
         """Take over what was changed."""
-        if new.tf != old.tf:
-            self._start_transforms()
+        super().on_config(old, new)
         if new.models != old.models:
             self._load()
 
@@ -167,11 +132,7 @@ class TrackerNode(GraphNode[TrackerConfig]):
 
     def _load(self) -> None:
         """Read the models; what cannot be used is reported by name and left out."""
-        self._library = load_library(self.config.models)
-        for problem in self._library.problems:
-            self.problem(f'models: {problem}')
-        if not self.config.models:
-            self.problem('parameter models: empty, expected model files, folders or names')
+        self._read_library()
         self._models = {}
         for model in self._library.models:
             if model.shape is None:
@@ -187,18 +148,6 @@ class TrackerNode(GraphNode[TrackerConfig]):
                 PoseWithCovarianceStamped, f'track/{_topic_name(name)}', partial(self._on_start, name), optional=True
             )
         self._followed = {name: one for name, one in self._followed.items() if name in self._models}
-
-    def _start_transforms(self) -> None:
-        """Begin or end broadcasting, as the parameter says."""
-        if self._transforms_out is not None:
-            self.destroy_publisher(self._transforms_out)
-            self._transforms_out = None
-        if not self.config.tf:
-            return
-        if self._transforms_type is None:
-            self.problem(NO_TF)
-            return
-        self._transforms_out = self.create_publisher(self._transforms_type, '/tf', 100)
 
     # -- what to follow ------------------------------------------------------------------------------------------
 
@@ -268,9 +217,7 @@ class TrackerNode(GraphNode[TrackerConfig]):
                 message.pose.pose = pose_to_message(followed.last.pose)
                 message.pose.covariance = followed.last.covariance.ravel()
                 self._pose_out[name].publish(message)
-        if self._transforms_out is not None and self._transforms_type is not None and poses:
-            frames = {self.config.tf_prefix + name: pose for name, pose in poses.items()}
-            self._transforms_out.publish(self._transforms_type(transforms=poses_to_transforms(frames, header)))
+        self._broadcast(poses, self._models, header)
         if self.wanted(self._report_out):
             status = [_status(name, self._followed.get(name)) for name in self._models]
             self._report_out.publish(DiagnosticArray(header=header, status=status))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model
-from model_matcher.closed_form.synthetic import MODELS, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, random_pose
 from model_matcher.geometry.constraints import pair_ranges
 from model_matcher.interpretation_tree.tables import build_tables, data_ranges, model_ranges
 from model_matcher.model.index import data_tolerances, feature_rows

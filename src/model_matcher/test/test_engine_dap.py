@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dap_emulator import Dap
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import MODELS, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, random_pose
 from model_matcher.interpretation_tree.absolute_pose import validate
 from model_matcher.interpretation_tree.array_elimination import alive_for
 from model_matcher.interpretation_tree.array_sorts import sort_pairs

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import (
+from model_matcher.closed_form.synthetic.scenes import (
     box,
     chipped_block,
     l_shape,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import MODELS, box, make_scene
+from model_matcher.closed_form.synthetic.scenes import MODELS, box, make_scene
 from model_matcher.search.free_scale import likely_scales
 from msgs_py import FeatureSet, Pose
 

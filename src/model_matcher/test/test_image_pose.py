@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 from csg_renderer import Light, Scene, SolidOutline, load_models, model_features, render_stereo
 from csg_renderer.raycast.sensor import SensorModel, grey
 from model_matcher import MatchParams, index_model, match
+from model_matcher.image_pose.alignment import Placed
 from model_matcher.image_pose.measurement import drawn_in, measure_pose, presence
-from model_matcher.image_pose.model_error import ModelError, fitted_model_error
-from model_matcher.image_pose.presence import Chance, log_ratio
+from model_matcher.image_pose.model_error import FIRST_ERROR, fitted_model_error
+from model_matcher.image_pose.presence import Chance, bent, log_ratio
 from model_matcher.image_pose.profiles import Stretches, find_steps, fit_steps
 from model_matcher.image_pose.settings import BESIDE, CANDIDATES, FLANK
-from model_matcher.image_pose.sight import look
+from model_matcher.image_pose.sight import look, same_curves
 from model_matcher.image_pose.views import Views
 from msgs_py import PinholeCamera, Pose, StereoRig
 from stereo_recovery import recover
@@ -120,35 +121,79 @@ def test_all_steps_of_a_profile_are_found_with_their_signs():
     assert (np.sign(np.take_along_axis(strength[:, :3], order, 1)) == [1, -1, 1]).all()
 
 
-def test_the_errors_of_curves_are_told_from_those_of_points():
+def test_the_errors_of_curves_in_all_views_and_in_one_are_told_from_those_of_points():
     rng = np.random.default_rng(4)
-    curves, points = 40, 30
-    group = np.repeat(np.arange(curves), points).astype(np.int32)
-    abscissa = np.tile((2.0 * np.arange(points) + 1.0) / points - 1.0, curves)
-    offset, slope = rng.normal(scale=0.3, size=(2, curves))
-    residual = offset[group] + slope[group] * abscissa + rng.normal(scale=math.hypot(0.1, 0.05), size=len(group))
-    error = ModelError(0.5, 0.25)
+    curves, points = 60, 30
+    group = np.repeat(np.arange(2 * curves), points).astype(np.int32)
+    curve = group % np.int32(curves)  # in the first view, then in the second
+    abscissa = np.tile((2.0 * np.arange(points) + 1.0) / points - 1.0, 2 * curves)
+    shared, own = rng.normal(scale=0.3, size=(2, curves)), rng.normal(scale=0.15, size=(2, 2 * curves))
+    offset, slope = shared[:, curve] + own[:, group]
+    residual = offset + slope * abscissa + rng.normal(scale=math.hypot(0.1, 0.05), size=len(group))
+    none = np.zeros((len(group), 2))
+    placed = Placed(
+        np.zeros((len(group), 3)), group // curves, none, none, group, curve, abscissa, np.zeros((len(group), 6))
+    )
+    error = FIRST_ERROR
     variance = np.full(len(group), 0.05**2)
-    for _ in range(20):
+    for _ in range(60):
         weight = 1.0 / (variance + error.point**2)
-        error = fitted_model_error(group, abscissa, residual, weight, variance, error)
+        error = fitted_model_error(placed, residual, weight, variance, np.eye(6), error)
     assert error.curve == pytest.approx(0.3, rel=0.2)
+    assert error.view == pytest.approx(0.15, rel=0.2)
     assert error.point == pytest.approx(0.1, rel=0.1)
 
 
 def test_curves_count_for_presence_and_not_their_lengths():
-    chance = Chance(0.2, 0.4, 0.25, 0.1)
+    chance = Chance(0.2, 0.4, 0.25, 0.1, (0.2, 0.05))
 
     def of(curves, points, share):
         group = np.repeat(np.arange(curves), points).astype(np.int32)
         found = (np.arange(curves * points) % 100 < 100 * share).astype(np.int8)
-        return log_ratio(found, group, chance)
+        return log_ratio(found, group, group, np.zeros(curves, bool), chance)
 
-    assert of(12, 20, 1.0) > 15.0
+    assert of(12, 20, 1.0) > 10.0
     assert of(12, 40, 1.0) < 1.5 * of(12, 20, 1.0)
     assert of(24, 20, 1.0) > 1.8 * of(12, 20, 1.0)
-    assert log_ratio(np.zeros(200, np.int8), np.repeat(np.arange(10), 20).astype(np.int32), chance) < -5.0
-    assert log_ratio(np.full(50, -1, np.int8), np.zeros(50, np.int32), chance) == pytest.approx(0.0, abs=1e-9)
+    ten = np.repeat(np.arange(10), 20).astype(np.int32)
+    assert log_ratio(np.zeros(200, np.int8), ten, ten, np.zeros(10, bool), chance) < -4.5
+    nothing = np.zeros(50, np.int32)
+    assert log_ratio(np.full(50, -1, np.int8), nothing, nothing, np.zeros(1, bool), chance) == pytest.approx(
+        0.0, abs=1e-9
+    )
+
+
+def test_an_edge_in_space_is_one_coincidence_in_however_many_images():
+    chance = Chance(0.2, 0.4, 0.25, 0.1, (0.2, 0.05))
+    group = np.repeat(np.arange(18), 20).astype(np.int32)
+    found = np.ones(len(group), np.int8)
+    straight = np.zeros(18, bool)
+    once = log_ratio(found, group, group, straight, chance)
+    twice = log_ratio(found, group, group % 9, straight[:9], chance)
+    assert once > 1.3 * twice
+    # But what lies on an edge in one image only is nothing in space.
+    assert log_ratio((group < 9).astype(np.int8), group, group % 9, straight[:9], chance) < 0.0
+    # And another circle at the place of a circle is rare.
+    assert log_ratio(found, group, group % 9, ~straight[:9], chance) > 1.3 * twice
+
+
+def test_straight_curves_are_told_from_others():
+    t = np.linspace(0.0, 1.0, 6)
+    line = np.stack([t, 2.0 * t, 1.0 - t], axis=1)
+    circle = np.stack([np.cos(t), np.sin(t), 0.0 * t], axis=1)
+    curve = np.repeat(np.array([0, 1, 3], np.int32), 6)
+    limb = np.repeat([0.0, 0.0, 1.0], 6)
+    assert bent(np.concatenate([line, circle, line]), curve, limb).tolist() == [False, True, False, True]
+
+
+def test_a_curve_has_one_number_in_all_views():
+    group = np.array([0, 0, 1, 2, 3, 3, 4], np.int32)
+    eye = np.array([0, 0, 0, 0, 1, 1, 1], np.int32)
+    feature = np.array([5, 5, -1, -1, 5, 5, -1], np.int32)
+    curve = same_curves(group, eye, feature)
+    assert curve[0] == curve[4]
+    assert curve[2] == curve[6] != curve[3]
+    assert len(set(curve.tolist())) == 3
 
 
 def rendered(name, seed, noise=2.0):
@@ -186,7 +231,7 @@ def test_a_rendered_pose_is_measured_within_its_covariance(name, seed):
     turn = Rotation.from_matrix(found.pose.rotation @ pose.rotation.T).as_rotvec()
     off = np.concatenate([found.pose.translation - pose.translation, turn])
     assert off @ np.linalg.solve(found.covariance, off) < 30.0  # one of 25,000 has more
-    assert found.presence.log_ratio > 15.0
+    assert found.presence.log_ratio > 10.0
     assert found.presence.support > 0.7
 
 

@@ -5,8 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
-from model_matcher.closed_form.synthetic import l_shape, make_scene, wedge
+import csg_renderer
+from model_matcher.closed_form.synthetic.scenes import l_shape, make_scene, wedge
 from model_matcher.match_cli import main
 
 
@@ -116,3 +118,19 @@ def test_bad_input_is_one_line_and_exit_status_2(files, capsys, monkeypatch, arg
 def test_an_unknown_model_is_named(files, capsys):
     assert main(['no_such_model_there', str(files / 'features.npz')]) == 2
     assert 'no_such_model_there' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('metres', 'unit'), [(1e-3, 'mm'), (1.0, 'm'), (0.0254, 'in'), (0.01, 'cm')])
+def test_a_mesh_in_any_unit_is_found(tmp_path, capsys, metres, unit):
+    """An object of CAD is in millimetres and a robot's in metres: both are guessed, and said; others are given."""
+    path, block = tmp_path / 'part.stl', csg_renderer.Solid.block(0.09, 0.05, 0.03)
+    mesh = trimesh.creation.box((0.09, 0.05, 0.03))
+    mesh.apply_scale(1.0 / metres)
+    mesh.export(path)
+    scene = make_scene(csg_renderer.model_features(block), 4, clutter=0.3)
+    scene.data.save(tmp_path / 'features.npz')
+    given = [] if unit in ('mm', 'm') else ['--mesh-units', unit]
+    assert main([str(path), str(tmp_path / 'features.npz'), *given]) == 0
+    said = capsys.readouterr()
+    assert f' {unit} across' in (said.out if given else said.err) and ('guessed' in said.err) == (not given)
+    assert main([str(path), str(tmp_path / 'features.npz'), '--mesh-units', 'mm' if unit != 'mm' else 'm']) == 1

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model_matcher.closed_form.synthetic import l_shape, make_scene
+from model_matcher.closed_form.synthetic.scenes import l_shape, make_scene
+from model_matcher.model.library import load_library
 from msgs_py import FeatureSet
 
 rclpy = pytest.importorskip('rclpy')
@@ -206,3 +207,37 @@ def test_parameters_are_checked_and_models_can_be_exchanged(bench):
     assert interpretations_from_report(reports[-1])[0].model == 'other'
     other.unlink()
     assert np.all(bench.node.set_parameters([Parameter('models', value=list(before))])[0].successful)
+
+
+def test_a_mesh_in_millimetres_is_found_and_its_unit_said(tmp_path):
+    """Features tell the working distance, and what was guessed before they came is guessed again."""
+    trimesh = pytest.importorskip('trimesh')
+    path = tmp_path / 'l_shape.ply'
+    trimesh.creation.box((90.0, 50.0, 30.0)).export(path)
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+    bench = Bench([str(path)], 95 + worker % 5)
+    try:
+        data = make_scene(mesh_features_of(path), 4).data
+
+        def found(features):
+            bench.send(stamped(features))
+            bench.wait(lambda: bench.heard['interpretations'])
+            return len(bench.heard['interpretations'][0].poses)
+
+        def unit():
+            return bench.node.report_values()['mesh_units']
+
+        assert found(data) == 1 and unit().startswith('l_shape: 107.2 mm across (guessed')
+        bench.node.set_parameters([Parameter('mesh_units', value='m')])
+        assert found(data) == 0 and unit() == 'l_shape: 107.2 m across'
+        bench.node.set_parameters([Parameter('mesh_units', value='guess')])
+        assert unit().startswith('l_shape: 107.2 mm')
+        bench.node.reset()
+        far = FeatureSet.from_edges(1e3 * data.start, 1e3 * data.end, 1.0, 1.0)  # a building, from half a kilometre
+        assert found(far) == 1 and unit().startswith('l_shape: 107.2 m across')
+    finally:
+        bench.close()
+
+
+def mesh_features_of(path):
+    return load_library([str(path)]).models[0].features

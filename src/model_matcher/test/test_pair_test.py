@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model
-from model_matcher.closed_form.synthetic import MODELS, fragment, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, fragment, random_pose
+from model_matcher.closed_form.synthetic.strained import strained_scene
 from model_matcher.geometry.back_projection import fit_one
 from model_matcher.geometry.features import DataFeatures, FeatureRows
 from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
@@ -25,6 +26,17 @@ def test_what_fits_together_under_a_pose_passes_every_pairwise_test(seed, name, 
     index, params = index_model(model, name), MatchParams(fracdev=float(10**log_fracdev))
     pose = random_pose(rng)
     data, _, _ = fragment(model.transformed(pose), rng, 0.8, break_chance=0.5, sigma=10**log_sigma)
+    passes_every_pairwise_test(rng, index, data, params, pose)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**31))
+def test_what_hardly_fits_together_under_a_pose_passes_every_pairwise_test(seed):
+    scene = strained_scene(seed, NAMES)
+    passes_every_pairwise_test(np.random.default_rng(seed), scene.index, scene.data, scene.params, scene.pose)
+
+
+def passes_every_pairwise_test(rng, index, data, params, pose):
     rows = feature_rows(data)
     tols = data_tolerances(data, rows, index.size, params)
     radius_tol = params.curvedev * index.max_radius

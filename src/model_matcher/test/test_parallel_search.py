@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from csg_renderer import Solid, model_features, parse_scene
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import measured, random_pose
+from model_matcher.closed_form.synthetic.scenes import measured, random_pose
 from model_matcher.geometry.parallel_pairs import parallel_pairs
 from model_matcher.geometry.settings import UNIFORM_ANGLE
 from model_matcher.model.index import ModelIndex

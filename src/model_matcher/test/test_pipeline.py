@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, match, recognise
-from model_matcher.closed_form.synthetic import MODELS, chipped_block, l_shape, make_scene, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, l_shape, make_scene, random_pose
+from model_matcher.pipeline import survey, warm_up
+from model_matcher.search.threads import spread_until
 from msgs_py import FeatureSet, Pose
 
 
@@ -179,3 +181,38 @@ def test_several_instances_of_a_model_share_its_time_limit():
     start = time.perf_counter()
     found = recognise([model], crowded(1500), params)
     assert found and time.perf_counter() - start < 1.2
+
+
+LIBRARY_OF_ALL = ('chair', 'l_shape', 'wedge', 'plug', 'chipped_block', 'computer')
+
+
+@pytest.mark.parametrize('many', [1, 5])
+@pytest.mark.parametrize(
+    'options', [{}, {'search': 'tree'}, {'search': 'tree', 'engine': 'dap'}, {'scale': 'free'}, {'prove': True}]
+)
+def test_all_models_and_instances_of_a_message_share_one_time_limit(options, many):
+    """Six models, or a library of thirty, in data that looks like all of them."""
+    models = [MODELS[name]() for name in LIBRARY_OF_ALL] * many
+    params = MatchParams(time_limit_s=0.5, false_alarm_rate=1.0, min_matched=3, **options)
+    warm_up(params, len(models))
+    for n in (150, 3000):
+        start = time.perf_counter()
+        result = survey(models, crowded(n), params)
+        # 0.5 to 0.6 on a quiet machine; a limit for each model would be 3 and more.
+        assert time.perf_counter() - start < 2.4, (n, options)
+        assert result or result.reason
+
+
+def test_what_no_time_was_left_for_is_named():
+    result = survey([l_shape(), chipped_block()], crowded(150), MatchParams(time_limit_s=1e-9))
+    assert result.stats['out_of_time'] == ['model0', 'model1']
+    assert 'no time was left to look for model0' in result.reason
+    data = make_scene(l_shape(), 1).data
+    assert survey([l_shape(), chipped_block()], data, MatchParams()).stats['out_of_time'] == []
+
+
+def test_time_that_an_item_leaves_goes_to_those_after_it(monkeypatch):
+    monkeypatch.setattr('model_matcher.search.threads.THREADS', 1)
+    given = spread_until(lambda item, seconds: seconds, [0, 1, 2, 3], time.perf_counter() + 8.0)
+    np.testing.assert_allclose(given, [2.0, 8.0 / 3.0, 4.0, 8.0], rtol=0.05)
+    assert spread_until(lambda item, seconds: seconds, [0, 1], time.perf_counter() - 1.0) == [0.0, 0.0]

@@ -10,7 +10,7 @@ from scipy.stats import chi2, kstest
 
 from model_matcher import MatchParams, match
 from model_matcher.closed_form.comparison import squared_deviation
-from model_matcher.closed_form.synthetic import MODELS, chipped_block, measured, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, measured, random_pose
 from model_matcher.geometry.features import FeatureRows
 from model_matcher.geometry.settings import OUTLYING_CURVE, OUTLYING_LINE
 from model_matcher.geometry.weighted_fit import weighted_fit

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, recognise
-from model_matcher.closed_form.synthetic import l_shape, make_scene, random_polyhedron
+from model_matcher.closed_form.synthetic.scenes import l_shape, make_scene, random_polyhedron
 from model_matcher.search.prefilter import prefilter
 from msgs_py import FeatureSet
 

@@ -6,7 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import MODELS, fragment, make_scene, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, fragment, make_scene, random_pose
+from model_matcher.closed_form.synthetic.strained import strained_scene
 from model_matcher.geometry.back_projection import assign
 from model_matcher.model.problem import make_problem
 from model_matcher.proof.branch_and_bound import sample_of
@@ -17,12 +18,16 @@ from model_matcher.proof.feasibility import (
     OPEN,
     all_fit,
     can_join,
+    common_pose,
     deviations,
     infeasible_subset,
-    minimax_pose,
+    narrow_in_parts,
+    refute,
+    search_rotations,
 )
 from msgs_py import BIN, Pose
 
+STRAINED = tuple(name for name in MODELS if name != 'lattice')
 SMALL = ('l_shape', 'wedge', 'chipped_block', 'cylinder_box', 'tubes')
 
 
@@ -113,6 +118,25 @@ def test_without_time_nothing_is_proven_and_the_reason_is_given():
     assert not proof.proven and proof.reason == 'time limit'
 
 
+def test_absence_is_proven_where_no_pose_explains_enough():
+    model = MODELS['l_shape']()
+    scene = make_scene(model, 3, clutter=0.5, instances=0)
+    params = MatchParams(prove=True, min_matched=9)
+    result = match(model, scene.data, params)
+    assert not result and result.absent and 'no pose explains 9 data features' in result.reason
+    assert not match(model, scene.data, MatchParams(min_matched=9)).absent
+
+
+def test_absence_is_not_proven_where_a_pose_explains_enough():
+    model = MODELS['l_shape']()
+    scene = make_scene(model, 3, clutter=0.5)
+    size = match(model, scene.data).best.matched
+    data = scene.data.select(np.flatnonzero(scene.assignment != BIN)[:5])
+    result = match(model, data, MatchParams(prove=True, false_alarm_rate=1e-12, min_matched=5))
+    assert size > 5 and not result.absent
+    assert result or 'explain' in result.stats['unproven']
+
+
 def test_data_of_free_scale_is_not_proven():
     model = MODELS['l_shape']()
     proof = prove(index_model(model, 'l'), model, 3, MatchParams(scale='free'))
@@ -134,12 +158,17 @@ def tight_pairings(seed, name):
     return some_pairings(seed, name, scale=0.4 + 0.05 * seed)
 
 
+# Radians: the region about the truth in which poses are looked for.
+NEAR = 0.06
+
+
+def refuted(problem, a, i, motion, turn=NEAR):
+    pose, weights = motion.copy(), np.empty(len(a))
+    return refute(pose, turn, a, i, sample_of(problem), weights), pose, weights
+
+
 def test_the_sets_that_are_tried_are_feasible_and_infeasible():
-    outcomes = []
-    for name in ('chair', 'lamp'):
-        for seed in range(12):
-            problem, a, i, motion = tight_pairings(seed, name)
-            outcomes.append(minimax_pose(motion, a, i, sample_of(problem), np.empty(len(a))))
+    outcomes = [refuted(*tight_pairings(seed, name))[0] for name in ('chair', 'lamp') for seed in range(12)]
     assert outcomes.count(FEASIBLE) >= 8 and outcomes.count(INFEASIBLE) >= 8
 
 
@@ -148,8 +177,7 @@ def test_the_sets_that_are_tried_are_feasible_and_infeasible():
 def test_a_common_pose_is_found_or_ruled_out(seed, name):
     problem, a, i, motion = tight_pairings(seed, name)
     sample = sample_of(problem)
-    pose, weights = motion.copy(), np.empty(len(a))
-    found = minimax_pose(pose, a, i, sample, weights)
+    found, pose, weights = refuted(problem, a, i, motion)
     assert found != OPEN
     if found == FEASIBLE:
         assert deviations(pose, a, i, sample).max() <= 1.0 + 1e-9
@@ -157,11 +185,12 @@ def test_a_common_pose_is_found_or_ruled_out(seed, name):
     rng = np.random.default_rng(seed)
     for _ in range(300):  # no pose near the truth fits all
         turn = Pose.from_rotation_vector(rng.normal(size=3) * 0.02, rng.normal(size=3) * 1e-3)
-        other = Pose(turn.rotation @ motion[:9].reshape(3, 3), motion[9:] + turn.translation)
-        assert deviations(as_motion(other), a, i, sample).max() > 1.0
-    few = infeasible_subset(motion, a, i, weights, sample)
+        other = as_motion(Pose(turn.rotation @ motion[:9].reshape(3, 3), motion[9:] + turn.translation))
+        assert deviations(other, a, i, sample).max() > 1.0
+        assert not common_pose(other, a, i, sample)
+    few = infeasible_subset(motion, NEAR, a, i, weights, sample)
     assert len(few) <= len(a)
-    assert minimax_pose(motion.copy(), a[few], i[few], sample, np.empty(len(few))) == INFEASIBLE
+    assert refuted(problem, a[few], i[few], motion)[0] == INFEASIBLE
 
 
 @pytest.mark.parametrize('seed', range(6))
@@ -169,13 +198,87 @@ def test_what_may_join_a_set_is_what_shares_a_pose_with_it(seed):
     problem, a, i, motion = some_pairings(seed)
     sample = sample_of(problem)
     few = np.argsort(-problem.rows[:, 6])[:4]
-    pose = motion.copy()
-    assert minimax_pose(pose, a[few], i[few], sample, np.empty(4)) == FEASIBLE
     others_a = np.repeat(a, 5)
     others_i = np.random.default_rng(seed).integers(0, len(problem.index), len(others_a))
-    allowed = can_join(pose, a[few], i[few], others_a, others_i, 0, sample)
+    allowed = can_join(motion, NEAR, a[few], i[few], others_a, others_i, 0, sample)
     for k in range(len(others_a)):
-        together = minimax_pose(
-            pose.copy(), np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), sample, np.empty(5)
-        )
-        assert allowed[k] == (together != INFEASIBLE) or (together == OPEN and not allowed[k])
+        together = refuted(problem, np.append(a[few], others_a[k]), np.append(i[few], others_i[k]), motion)[0]
+        assert allowed[k] or together != FEASIBLE
+        # What the bound alone refuses, the whole search would mostly refuse as well.
+        assert together != INFEASIBLE or not allowed[k]
+
+
+# -- the referee: a pose that is known to explain all, with nearly nothing to spare ------------------------------------
+
+
+@settings(max_examples=250, deadline=None)
+@given(st.integers(0, 2**31))
+def test_data_at_its_limits_is_never_ruled_out(seed):
+    scene = strained_scene(seed, STRAINED)
+    proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, seconds=0.2)
+    assert not proof.proven or (proof.assignment != BIN).sum() >= scene.explained
+    params = scene.params.replace(prove=True, time_limit_s=0.2, false_alarm_rate=1.0)
+    result = match(scene.index, scene.data, params)
+    assert not result.absent
+    assert not result or not result.best.proven or result.best.matched >= scene.explained
+
+
+def test_most_of_what_is_at_its_limits_is_decided():
+    found = 0
+    for seed in range(40):
+        scene = strained_scene(seed, STRAINED)
+        proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, seconds=1.0)
+        found += proof.assignment is not None and (proof.assignment != BIN).sum() >= scene.explained
+    assert found >= 34
+
+
+def turned_by(motion, vector, centre):
+    """The motion (12,) turned by a rotation vector (3,) about a point of the camera frame."""
+    turn = Pose.from_rotation_vector(vector, np.zeros(3))
+    rotation, translation = motion[:9].reshape(3, 3), motion[9:]
+    return as_motion(Pose(turn.rotation @ rotation, turn.rotation @ (translation - centre) + centre))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31), st.floats(0.0, 1.0))
+def test_a_region_keeps_every_pose_that_explains_its_pairings(seed, share):
+    """The true pose stays in every region that held it, however far from the centre it was."""
+    scene = strained_scene(seed, STRAINED)
+    problem = make_problem(scene.index, scene.data, scene.params)
+    a, i = pairs_of(scene.assignment[problem.keep])
+    sample, truth = sample_of(problem), as_motion(scene.pose)
+    rng = np.random.default_rng(seed)
+    turn = float(rng.uniform(0.02, 0.6))
+    axis = rng.normal(size=3)
+    start = turned_by(truth, share * turn * axis / np.linalg.norm(axis), problem.rows[a, :3].mean(axis=0))
+    assert refuted(problem, a, i, start, turn)[0] != INFEASIBLE
+    assert search_rotations(start.copy(), turn, a, i, sample) != INFEASIBLE
+    assert can_join(start, turn, a[:-1], i[:-1], a[-1:], i[-1:], 0, sample).all()
+    narrowed = start.copy()
+    smaller = narrow_in_parts(narrowed, turn, a, i, sample)
+    assert 0.0 <= smaller <= turn
+    between = narrowed[:9].reshape(3, 3).T @ truth[:9].reshape(3, 3)
+    assert np.arccos(np.clip(0.5 * (np.trace(between) - 1.0), -1.0, 1.0)) <= smaller + 1e-7
+
+
+def test_what_is_refuted_is_not_found_on_a_grid_of_rotations():
+    """A few pairings, some with wrong features: from every rotation of a grid a pose is sought that explains them."""
+    outcomes = []
+    turn = 0.4
+    steps = np.linspace(-turn, turn, 7)
+    grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    for seed in range(24):
+        scene = strained_scene(seed, ('l_shape', 'wedge', 'cylinder_box'), most=5)
+        problem = make_problem(scene.index, scene.data, scene.params.replace(err_scale=0.9 * scene.params.err_scale))
+        a, i = pairs_of(scene.assignment[problem.keep])
+        sample, start = sample_of(problem), as_motion(scene.pose)
+        found = search_rotations(start.copy(), turn, a, i, sample)
+        outcomes.append(found)
+        if found != INFEASIBLE:
+            continue
+        for vector in grid[np.linalg.norm(grid, axis=1) <= turn]:
+            pose = turned_by(start, vector, problem.rows[a, :3].mean(axis=0))
+            if common_pose(pose, a, i, sample):
+                between = pose[:9].reshape(3, 3).T @ start[:9].reshape(3, 3)
+                assert np.arccos(0.5 * (np.trace(between) - 1.0)) > turn
+    assert outcomes.count(INFEASIBLE) >= 4 and outcomes.count(FEASIBLE) >= 4

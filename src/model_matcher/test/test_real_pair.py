@@ -24,5 +24,5 @@ def test_where_nothing_is_found_the_result_says_why(tmp_path, monkeypatch):
 
 
 def test_a_picture_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(OSError, match='left01.png: not a readable image'):
+    with pytest.raises(OSError, match='left01.png: no such file'):
         real_pair._read(tmp_path / 'left01.png')

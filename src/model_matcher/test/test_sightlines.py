@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from model_matcher import MatchParams, match
-from model_matcher.closed_form.synthetic import chipped_block
+from model_matcher.closed_form.synthetic.scenes import chipped_block
 from model_matcher.model.index import indexed
 from model_matcher.model.problem import make_problem
 from model_matcher.verification import acceptance

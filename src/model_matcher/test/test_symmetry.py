@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import index_model, match
-from model_matcher.closed_form.synthetic import box, chipped_block, l_shape, lattice, prism, random_pose, tubes
+from model_matcher.closed_form.synthetic.scenes import box, chipped_block, l_shape, lattice, prism, random_pose, tubes
 from model_matcher.model.symmetry import symmetric_poses, symmetries
 from msgs_py import FeatureSet, Pose
 

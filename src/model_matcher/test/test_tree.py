@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import MatchParams, index_model, match
-from model_matcher.closed_form.synthetic import MODELS, make_scene, random_pose
+from model_matcher.closed_form.synthetic.scenes import MODELS, make_scene, random_pose
 from model_matcher.interpretation_tree.cores import core_numbers, largest_core
 from model_matcher.interpretation_tree.ordering import order_pairs
 from model_matcher.interpretation_tree.serial import serial_search

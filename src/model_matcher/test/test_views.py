@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from model_matcher import index_model
-from model_matcher.closed_form.synthetic import box, cylinder_box, l_shape
+from model_matcher.closed_form.synthetic.scenes import box, cylinder_box, l_shape
 from model_matcher.model.convex_hull import hull_faces
 from model_matcher.verification.settings import VIEW
 from model_matcher.verification.visibility_evidence import nats_of_view

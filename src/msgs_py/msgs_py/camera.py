@@ -221,6 +221,14 @@ class StereoRig:
         The comments in sensor_msgs/CameraInfo.msg.
         """
         p_left, p_right = (projection_of(side, info) for side, info in (('left', left), ('right', right)))
+        windows = [ImageWindow.of(side, info) for side, info in (('left', left), ('right', right))]
+        _check_rows(*windows)
+        for side, p in (('left', p_left), ('right', p_right)):
+            if abs(p[1, 3]) > RECTIFIED_TOLERANCE * p[1, 1]:
+                raise ValueError(
+                    f'{side} camera_info: P[1,3] is {p[1, 3]:g}, expected 0: the cameras of a pair stand side by side; '
+                    f'P =\n{p}'
+                )
         if abs(p_left[0, 3]) > RECTIFIED_TOLERANCE * p_left[0, 0]:
             hint = ' (are left and right exchanged?)' if p_right[0, 3] == 0.0 else ''
             raise ValueError(f'left camera_info: P[0,3] is {p_left[0, 3]:g}, expected 0{hint}; P =\n{p_left}')
@@ -236,8 +244,8 @@ class StereoRig:
                 f'(are left and right exchanged?); P =\n{p_right}'
             )
         cameras = [
-            PinholeCamera(info.width, info.height, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
-            for info, p in ((left, p_left), (right, p_right))
+            PinholeCamera(window.width, window.height, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
+            for window, p in zip(windows, (p_left, p_right))
         ]
         return cls(cameras[0], cameras[1], -offset / p_right[0, 0])
 
@@ -301,15 +309,104 @@ class StereoRig:
         return self.left.rays(uv) * z[..., None]
 
 
+@dataclass(frozen=True)
+class ImageWindow:
+    """Which pixels of a camera are in its images: a region of interest, and blocks of pixels that are added up.
+
+    Attributes
+    ----------
+    width, height : int
+        Pixels of the images.
+    x_offset, y_offset : int
+        Pixels of the camera to the left of the region of interest, and above it.
+    binning_x, binning_y : int
+        Pixels of the camera in one of the images.
+
+    References
+    ----------
+    The comments in sensor_msgs/CameraInfo.msg and RegionOfInterest.msg.
+    """
+
+    width: int
+    height: int
+    x_offset: int
+    y_offset: int
+    binning_x: int
+    binning_y: int
+
+    @classmethod
+    def of(cls, side: str, info: Any) -> ImageWindow:
+        """That of a camera_info message, or of any object with width and height.
+
+        Parameters
+        ----------
+        side : str
+            What the camera is called in errors.
+        info : sensor_msgs.msg.CameraInfo
+
+        Raises
+        ------
+        ValueError
+            Names the camera and the field, and what was expected.
+        """
+        width, height = int(info.width), int(info.height)
+        if width < 1 or height < 1:
+            raise ValueError(f'{side} camera_info: size {width} x {height}, expected at least one pixel')
+        roi = getattr(info, 'roi', None)
+        left, top, across, down = (int(getattr(roi, name, 0)) for name in ('x_offset', 'y_offset', 'width', 'height'))
+        if across == 0 and down == 0 and left == 0 and top == 0:
+            across, down = width, height
+        if not (0 < across <= width - left and 0 < down <= height - top and left >= 0 and top >= 0):
+            raise ValueError(
+                f'{side} camera_info: roi is {across} x {down} pixels at ({left}, {top}), expected a part of the '
+                f'{width} x {height} pixels of the camera, or zeros for all of them'
+            )
+        binning = [max(int(getattr(info, f'binning_{axis}', 0)), 1) for axis in 'xy']
+        if across < binning[0] or down < binning[1]:
+            raise ValueError(
+                f'{side} camera_info: binning_x, binning_y are {binning[0]}, {binning[1]}, expected no more than the '
+                f'{across} x {down} pixels that are read'
+            )
+        return cls(across // binning[0], down // binning[1], left, top, binning[0], binning[1])
+
+    def seen(self, matrix: FloatArray) -> FloatArray:
+        """K (3, 3) or P (3, 4) of the camera's pixels as that of the images' pixels.
+
+        A pixel of an image lies in the middle of those that were added up for it.
+        """
+        out = np.array(matrix, dtype=np.float64)
+        for row, (offset, binning) in enumerate(((self.x_offset, self.binning_x), (self.y_offset, self.binning_y))):
+            out[row] /= binning
+            # So written that what is not binned stays as it is to the last bit.
+            out[row, 2] = (matrix[row, 2] - offset) / binning + 0.5 * (1.0 / binning - 1.0)
+        return out
+
+    def __str__(self) -> str:
+        return (
+            f'{self.width} x {self.height} (roi at ({self.x_offset}, {self.y_offset}), '
+            f'binning {self.binning_x} x {self.binning_y})'
+        )
+
+
+def _check_rows(left: ImageWindow, right: ImageWindow) -> None:
+    """Refuse a pair whose images do not show the same rows of their cameras, by the fields' names."""
+    for field in ('binning_x', 'binning_y', 'y_offset'):
+        a, b = getattr(left, field), getattr(right, field)
+        if a != b:
+            name = field if field.startswith('binning') else f'roi.{field}'
+            raise ValueError(f'camera_info: {name}: left has {a} and right {b}, expected the same in a rectified pair')
+
+
 def projection_of(side: str, info: Any) -> FloatArray:
-    """P of a CameraInfo as (3, 4) float64, checked.
+    """P of a CameraInfo as (3, 4) float64, checked, of the pixels of its images.
 
     Parameters
     ----------
     side : str
         What the camera is called in errors.
     info : sensor_msgs.msg.CameraInfo
-        Or any object with width, height (pixels) and the 12 elements p of P.
+        Or any object with width, height (pixels) and the 12 elements p of P. Binning and region of interest, which P
+        does not know, are taken into account.
 
     Raises
     ------
@@ -327,6 +424,11 @@ def projection_of(side: str, info: Any) -> FloatArray:
             f'{side} camera_info: fx = {p[0, 0]:g}, fy = {p[1, 1]:g} in P, expected > 0 '
             f'(an uncalibrated camera sends zeros); P =\n{p}'
         )
-    if info.width < 1 or info.height < 1:
-        raise ValueError(f'{side} camera_info: size {info.width} x {info.height}, expected at least one pixel')
-    return p
+    if abs(p[0, 1]) > RECTIFIED_TOLERANCE * p[0, 0]:
+        raise ValueError(f'{side} camera_info: P[0,1] (skew) is {p[0, 1]:g}, expected 0: square axes; P =\n{p}')
+    for row, column, expected in ((1, 0, 0.0), (2, 0, 0.0), (2, 1, 0.0), (2, 2, 1.0), (2, 3, 0.0)):
+        if abs(p[row, column] - expected) > RECTIFIED_TOLERANCE:
+            raise ValueError(
+                f'{side} camera_info: P[{row},{column}] is {p[row, column]:g}, expected {expected:g}; P =\n{p}'
+            )
+    return ImageWindow.of(side, info).seen(p)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .camera import PinholeCamera, StereoRig, projection_of
+from .camera import ImageWindow, PinholeCamera, StereoRig, projection_of
 from .numeric.typed import FloatArray
 from .pose import Pose
 
@@ -102,8 +102,8 @@ class CameraRig:
         """
         projections = [projection_of(f'camera_{k}', info) for k, info in enumerate(infos)]
         cameras = [
-            PinholeCamera(info.width, info.height, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
-            for info, p in zip(infos, projections)
+            PinholeCamera(window.width, window.height, p[0, 0], p[1, 1], p[0, 2], p[1, 2])
+            for window, p in zip((ImageWindow.of(f'camera_{k}', info) for k, info in enumerate(infos)), projections)
         ]
         if poses is None:
             poses = [_parallel_pose(k, p) for k, p in enumerate(projections)]

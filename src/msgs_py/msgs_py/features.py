@@ -7,7 +7,7 @@ and the true features of a rendered scene.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import as_finite, as_shaped
+from .files import load_arrays
 from .numeric.covariances import as_covariances, known_covariances, pair_variances
 from .numeric.typed import AnyArray, BoolArray, ByteArray, FloatArray
 from .numeric.vectors import farthest_axis
@@ -261,6 +262,10 @@ class FeatureSet:
 
     # -- reading -----------------------------------------------------------------------------------------------
 
+    def __reduce__(self) -> tuple[type[FeatureSet], tuple[AnyArray, ...]]:
+        """Pickled by its arrays, which are read-only again afterwards: compiled functions take them as another type."""
+        return type(self), tuple(getattr(self, one.name) for one in fields(self))
+
     def __len__(self) -> int:
         return len(self.kind)
 
@@ -429,12 +434,11 @@ class FeatureSet:
             Names the file, when it is no such file.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = dict(file)
-                missing = [name for name in FIELDS[:6] if name not in arrays]
-                if missing:
-                    raise ValueError(f'no array named {missing[0]!r}')
-                return cls(**{name: arrays.get(name) for name in FIELDS})  # type: ignore[arg-type]
+            arrays = load_arrays(path)
+            missing = [name for name in FIELDS[:6] if name not in arrays]
+            if missing:
+                raise ValueError(f'no array named {missing[0]!r}')
+            return cls(**{name: arrays.get(name) for name in FIELDS})  # type: ignore[arg-type]
         except FileNotFoundError:
             raise
         except Exception as error:  # numpy raises half a dozen types for a damaged archive

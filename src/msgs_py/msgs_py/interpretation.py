@@ -53,6 +53,9 @@ class Interpretation:
         number where it was not weighed.
     support : float
         Share of the visible outline that the images confirm, 0 to 1; not a number without images.
+    chance : float
+        Share of the searches for a model that is not there in which chance brings as much evidence, 0 to 1; not a
+        number where the evidence was not weighed.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class Interpretation:
     note: str | None = None
     evidence: float = float('nan')
     support: float = float('nan')
+    chance: float = float('nan')
 
     def __post_init__(self) -> None:
         assignment = np.array(self.assignment, dtype=np.int32)

@@ -10,3 +10,13 @@ ORTHONORMAL_TOLERANCE = 1e-6
 SHORTEST_QUATERNION = 1e-12
 # How many sigma err_par and err_per of a feature are.
 BOUND_SIGMA = 3.0
+
+# -- files of others --------------------------------------------------------------------------------------------------
+
+# Bytes of the largest file that is read, packed or not: models and features have thousands, a mesh of a million
+# triangles 50 million. Anybody whose file is opened could fill the memory otherwise.
+LARGEST_FILE = 2**28
+# The same of texts: calibrations, scenes, programs, saved cases. The largest of ours has 60,000.
+LARGEST_TEXT = 2**24
+# Pixels of the largest picture that is unpacked: more than the largest machine-vision sensors have (65 million).
+LARGEST_IMAGE = 2**26

@@ -334,6 +334,7 @@ class TestMarkersAndReports:
             note='free to turn' if accepted else None,
             evidence=12.5 if accepted else float('nan'),
             support=residual,
+            chance=residual,
         )
         (back,) = codecs.interpretations_from_report(codecs.report_from_interpretations([item], HEADER))
         for name in ('assignment', 'sign'):
@@ -348,6 +349,7 @@ class TestMarkersAndReports:
             'rejected_reason',
             'note',
             'support',
+            'chance',
         ):
             assert getattr(back, name) == getattr(item, name)
         assert (back.covariance is None) == (item.covariance is None)
@@ -357,11 +359,11 @@ class TestMarkersAndReports:
 
     def test_a_report_from_before_free_turns_and_notes_is_read(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose(), note='new')])
-        later = ('free_turn', 'note', 'evidence', 'support')
+        later = ('free_turn', 'note', 'evidence', 'support', 'chance')
         report.status[0].values = [v for v in report.status[0].values if v.key not in later]
         (back,) = codecs.interpretations_from_report(report)
         assert back.free_turn is None and back.note is None
-        assert np.isnan(back.evidence) and np.isnan(back.support)
+        assert np.isnan([back.evidence, back.support, back.chance]).all()
 
     def test_a_damaged_report_names_status_and_key(self):
         report = codecs.report_from_interpretations([Interpretation('m', [0], [1], Pose())])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -135,6 +137,15 @@ def spread(rng_seed: int, n: int) -> np.ndarray:
     """n covariances of no particular shape, square metres."""
     mix = np.random.default_rng(rng_seed).normal(size=(n, 6, 6)) * 1e-3
     return mix @ mix.swapaxes(1, 2)
+
+
+@pytest.mark.parametrize('copied', [lambda one: pickle.loads(pickle.dumps(one)), copy.deepcopy])
+def test_features_are_read_only_after_a_journey_to_another_process(copied):
+    features = example_features()
+    again = copied(features)
+    assert again == features
+    for name in ('kind', 'start', 'end', 'err_par', 'err_per', 'radii', 'covariance'):
+        assert not getattr(again, name).flags.writeable, name
 
 
 def certain_features() -> FeatureSet:

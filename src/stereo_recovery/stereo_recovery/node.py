@@ -11,6 +11,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
+from msgs_py.camera import ImageWindow
 from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers, image_to_array
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
@@ -181,6 +182,8 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             rig = rectifier.rig
         else:
             rig = StereoRig.from_camera_info(messages.left_info, messages.right_info)
+            _check_size('left', left, messages.left_info)
+            _check_size('right', right, messages.right_info)
         self._publish(recover(left, right, rig, self.config.params()), left, rig.left, messages.left.header)
 
     def on_images(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
@@ -250,10 +253,23 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         return {**self._counts, 'reason': self._reason}
 
 
+def _check_size(side: str, image: AnyArray, info: CameraInfo) -> None:
+    """Refuse an image that is not of the pixels that its camera_info tells of, with what that says of them."""
+    window = ImageWindow.of(side, info)
+    if image.shape[:2] != (window.height, window.width):
+        raise ValueError(
+            f'{side} image: {image.shape[1]} x {image.shape[0]} pixels, expected the {window} of its camera_info'
+        )
+
+
 def _calibration_of(infos: Sequence[CameraInfo]) -> tuple[object, ...]:
     """What of camera_info decides how images are rectified."""
     return tuple(
-        (info.width, info.height, info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r), tuple(info.p))
+        (
+            *(info.width, info.height, info.binning_x, info.binning_y),
+            *(info.roi.x_offset, info.roi.y_offset, info.roi.width, info.roi.height),
+            *(info.distortion_model, tuple(info.d), tuple(info.k), tuple(info.r), tuple(info.p)),
+        )
         for info in infos
     )
 

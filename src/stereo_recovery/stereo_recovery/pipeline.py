@@ -21,7 +21,6 @@ from .curves.occluding_contours import on_contours
 from .curves.orientation import oriented_by_faces
 from .detection.conics import sampson
 from .detection.edgels import Edgels, as_grey, blur_variance
-from .detection.junctions import find_junctions
 from .detection.segments import Segments
 from .detection.turned import turned_view
 from .detection.view import View, detect_view, detect_views
@@ -172,8 +171,27 @@ class _MatchedPair:
     @property
     def share(self) -> float:
         """Matched share of the left picture's length of segments."""
-        length = self.segments[0].length
-        return float(length[np.unique(self.matches.left)].sum() / max(length.sum(), 1e-9))
+        return self.matched_length / max(float(self.segments[0].length.sum()), 1e-9)
+
+    @property
+    def matched_length(self) -> float:
+        """Of the left picture's segments, pixels."""
+        return float(self.segments[0].length[np.unique(self.matches.left)].sum())
+
+
+def matched_length(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryParams | None = None) -> float:
+    """Length of the left image's edges that have a match in the right one, pixels: what speaks for a pair being one.
+
+    Parameters
+    ----------
+    left, right : (h, w) or (h, w, 3) uint8, uint16 or float
+    rig : StereoRig
+    params : RecoveryParams, optional
+    """
+    params = params or RecoveryParams()
+    watch = Stopwatch(params.time_limit)
+    views = _detected(_grey_images(left, right, rig), params, watch)
+    return _matched_pair(views[0], views[1], rig, params, watch).matched_length
 
 
 def _detected(greys: Sequence[Float32Array], params: RecoveryParams, watch: Stopwatch) -> list[View]:
@@ -222,14 +240,13 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
             FeatureSet.empty(), pair.edgels, pair.reason, watch.milliseconds, pair.counts, left_out=left_out
         )
     rig, matches, segments = pair.rig, pair.matches, pair.segments
-    junctions = find_junctions(segments[0]), find_junctions(segments[1])
-    seen = StereoSegments(matches, segments, junctions)
+    seen = StereoSegments.of(matches, segments)
     texture = None if pair.dense is None else Texture.of((pair.views[0].grey, pair.views[1].grey), pair.dense)
     strips = None if texture is None else AlignedStrips(segments[0], texture)
     beside_edges = None if strips is None else texture_rows(seen, strips)
     rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma, beside_edges)
-    segments = segments[0], rows.aligned_segments(segments[1])
-    seen = StereoSegments(matches, segments, (junctions[0], find_junctions(segments[1])))
+    seen = rows.aligned(seen)
+    segments = seen.segments
     ellipses = pair.views[0].ellipses, rows.aligned_ellipses(pair.views[1].ellipses)
     aligned = rows.aligned_edgels(pair.edgels[1])
     stereo_edgels = StereoEdgels(pair.edgels[0], aligned, rig, blur_variance(pair.edgels))
@@ -283,8 +300,11 @@ def _disparity_range(rig: StereoRig, params: RecoveryParams, scale: float = 1.0)
     scale : pixels of disparity to one of the pair that the parameters are about
     """
     at_infinity = rig.left.cx - rig.right.cx
-    most = MOST_DISPARITY_SHARE * rig.left.width if params.max_disparity is None else scale * params.max_disparity
-    return scale * params.min_disparity + at_infinity, most + at_infinity
+    # No pixel of one image is farther from one of the other than they are wide, whatever is asked for.
+    width = float(rig.left.width)
+    most = MOST_DISPARITY_SHARE * width if params.max_disparity is None else scale * params.max_disparity
+    least = scale * params.min_disparity
+    return max(least + at_infinity, -width), min(most + at_infinity, width)
 
 
 def _matched(

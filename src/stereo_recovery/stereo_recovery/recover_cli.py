@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 
 from msgs_py import CameraRig, FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
+from msgs_py.commands import DONE, NOTHING, add_json, run_command
 from msgs_py.numeric.covariances import UPPER, upper_triangles
 from msgs_py.numeric.typed import AnyArray
 
-from .cameras.calibration import load_cameras, load_rig
-from .cameras.rectification import Rectifier
 from .cameras.rig_files import load_camera_rig
+from .diagnosis import doubts, remedies
 from .drawing import draw_features
+from .pair_files import read_image, read_pair
 from .params import DETECTORS, RecoveryParams
 from .pipeline import Recovery, recover
 
@@ -48,7 +49,9 @@ def parser() -> argparse.ArgumentParser:
     """The command line's arguments."""
     default = RecoveryParams()
     result = argparse.ArgumentParser(
-        prog='recover', description='Recover 3D edges, curves and axes from image files of two cameras or more.'
+        prog='recover',
+        description='Recover 3D edges, curves and axes from image files of two cameras or more. '
+        'Exit status 0: features were found, 1: none, 2: bad input.',
     )
     result.add_argument('images', type=Path, nargs='+', help='left and right image, or one of each camera')
     result.add_argument(
@@ -59,12 +62,15 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument('-o', '--out', type=Path, default=Path('out'), help='folder for the results (default: out)')
     result.add_argument('--raw', action='store_true', help='the images are raw: undistort and rectify them first')
-    result.add_argument('--baseline', type=float, help='baseline in metres, for a calibration in other units')
+    result.add_argument(
+        '--baseline', type=float, metavar='M', help='in metres, for a calibration in other units, or without one'
+    )
     result.add_argument('--detector', choices=DETECTORS, default=default.detector)
     result.add_argument('--sigma', type=float, default=default.sigma, help='smoothing, pixels')
     result.add_argument('--time-limit', type=float, metavar='S', help='seconds; what would begin too late is left out')
     result.add_argument('--profile', action='store_true', help='run twice, and say what each stage takes when warm')
     result.add_argument('--min-length', type=float, default=default.min_length, help='shortest edge, pixels')
+    add_json(result)
     return result
 
 
@@ -156,17 +162,7 @@ def _first(rig: StereoRig | CameraRig) -> PinholeCamera:
     return rig.left if isinstance(rig, StereoRig) else rig.cameras[0]
 
 
-def _image(path: Path) -> AnyArray:
-    """(h, w) or (h, w, 3): the image in a file. Raises OSError or ValueError when there is none."""
-    if not path.exists():
-        raise FileNotFoundError(f'{path}: no such file')
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ValueError(f'{path}: not a readable image')
-    return np.asarray(image)
-
-
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     """Recover features of the files and write the results.
 
     Parameters
@@ -177,36 +173,36 @@ def run(arguments: argparse.Namespace) -> int:
     Returns
     -------
     int
-        0 when features were found, else 1.
+        DONE when features were found, else NOTHING.
+    dict
+        What --json prints.
 
     Raises
     ------
     ValueError, OSError
         For unusable files.
     """
-    images = [_image(path) for path in arguments.images]
     params = RecoveryParams(
         detector=arguments.detector,
         sigma=arguments.sigma,
         min_length=arguments.min_length,
         time_limit=arguments.time_limit,
     )
-    if len(images) > 2:
+    paths: list[Path] = arguments.images
+    if len(paths) > 2:
+        images = [read_image(path) for path in paths]
         cameras = _cameras(arguments, images)
-        return _written(_found(arguments, images, cameras, params), images[0], cameras, arguments.out)
-    if len(images) < 2:
-        raise ValueError('expected a left and a right image, or one of each camera, before the calibration')
-    left, right = images
-    size = (left.shape[1], left.shape[0])
-    if arguments.raw:
-        rectifier = Rectifier(*load_cameras(arguments.calibration, size))
-        left, right = rectifier.apply(left, right)
-        rig = rectifier.rig
-    else:
-        rig = load_rig(arguments.calibration, size)
-    if arguments.baseline is not None:
-        rig = type(rig)(rig.left, rig.right, arguments.baseline)
-    return _written(_found(arguments, left, right, rig, params), left, rig, arguments.out)
+        return _written(_found(arguments, images, cameras, params), images[0], cameras, arguments.out, [])
+    if len(paths) < 2:
+        raise ValueError(
+            f'{paths[0]} {arguments.calibration}: expected a left and a right image, or one of each camera, before '
+            'the calibration'
+        )
+    pair = read_pair((paths[0], paths[1]), arguments.calibration, arguments.raw, arguments.baseline)
+    print(f'pair: {pair}')
+    result = _found(arguments, pair.left, pair.right, pair.rig, params)
+    hints = doubts(pair, params) + ([] if len(result.features) else remedies(pair, result, params))
+    return _written(result, pair.left, pair.rig, arguments.out, hints)
 
 
 def _found(arguments: argparse.Namespace, *given: Any) -> Recovery:
@@ -229,8 +225,12 @@ def _cameras(arguments: argparse.Namespace, images: list[AnyArray]) -> CameraRig
     return cameras
 
 
-def _written(result: Recovery, left: AnyArray, rig: StereoRig | CameraRig, out: Path) -> int:
-    """Write and print what was found; the exit code."""
+def _written(
+    result: Recovery, left: AnyArray, rig: StereoRig | CameraRig, out: Path, hints: list[str]
+) -> tuple[int, dict[str, Any]]:
+    """Write and print what was found; the exit code, and what --json prints."""
+    if out.exists() and not out.is_dir():
+        raise ValueError(f'{out}: a file; --out expects a folder, which may be a new one')
     out.mkdir(parents=True, exist_ok=True)
     result.features.save(out / 'features.npz')
     picture = draw_features(left, result.features, _first(rig))
@@ -244,20 +244,35 @@ def _written(result: Recovery, left: AnyArray, rig: StereoRig | CameraRig, out: 
     for row in [list(COLUMNS), *rows]:
         print(' '.join(f'{cell:>10}' for cell in row))
     print(f'{result.features!r} in {sum(result.milliseconds.values()):.0f} ms; lengths in mm; written to {out}')
+    for hint in hints:
+        print(f'recover: {hint}', file=sys.stderr)
     if result.reason:
         print(f'nothing found: {result.reason}', file=sys.stderr)
-        return 1
-    return 0
+    record = {
+        'features': [dict(zip(_keys(), row)) for row in _numbers(result.features)],
+        'reason': result.reason or None,
+        'hints': hints,
+        'milliseconds': result.milliseconds,
+        'out': out,
+    }
+    return (NOTHING if result.reason else DONE), record
+
+
+def _keys() -> tuple[str, ...]:
+    """Names of what --json says of a feature; lengths in metres."""
+    return ('kind', 'start', 'end', 'radii', 'err_along', 'err_across')
+
+
+def _numbers(features: FeatureSet) -> list[tuple[Any, ...]]:
+    """What --json says of each feature: kind, ends (of a curve, centre and normal), radii and errors, metres."""
+    ends = np.where((features.kind == FeatureKind.CURVE)[:, None], features.directions, features.end)
+    rows = zip(features.kind, features.start, ends, features.radii, features.err_par, features.err_per)
+    return [(FeatureKind(int(kind)).name, *others) for kind, *others in rows]
 
 
 def main(args: list[str] | None = None) -> int:
-    """Console script. Exit code 2 for unusable arguments or files."""
-    arguments = parser().parse_args(args)
-    try:
-        return run(arguments)
-    except (ValueError, OSError) as error:
-        print(f'recover: {error}', file=sys.stderr)
-        return 2
+    """Console script. Exit code 0 when features were found, 1 when none, 2 for unusable arguments or files."""
+    return run_command('recover', run, parser().parse_args(args))
 
 
 if __name__ == '__main__':

@@ -46,3 +46,11 @@ LEAST_DEPTH_RANGE = 1e-9
 LEGEND_LEAST_WIDTH, LEGEND_LEAST_HEIGHT = 160, 60
 LEGEND_LEFT, LEGEND_LENGTH, LEGEND_HEIGHT = 10, 100, 8
 LEGEND_COLUMNS, LEGEND_BASELINE, LEGEND_FONT = (10, 80), 20, 0.35
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+# Endings of files that are pictures, by which a file in the wrong place of a command is named.
+PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.webp')
+# Pixels. An image without edges is looked at smaller and smaller, down to this side: what fills it can be no more than
+# a few edges.
+LEAST_SIDE = 32

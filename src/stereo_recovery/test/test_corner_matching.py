@@ -51,7 +51,7 @@ def pair(lines: list) -> tuple[Matches, Segments, Segments]:
 
 def found(matches: Matches, left: Segments, right: Segments) -> list[tuple[np.ndarray, np.ndarray]]:
     """Left ends (2, 2) of the edges, and their disparities (2,)."""
-    seen = StereoSegments(matches, (left, right), (find_junctions(left), find_junctions(right)))
+    seen = StereoSegments.of(matches, (left, right))
     lines, (shown, _) = edges(seen, Beside(RIG, 0.05))
     return [
         (shown.centre[i] + extent[:, None] * shown.direction[i], a + b * extent)

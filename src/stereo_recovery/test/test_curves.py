@@ -80,6 +80,7 @@ def test_outlines_and_rims_are_no_edges(synthetic, cylinder_pair):
     solid, rig, features = cylinder_pair
     edges = features.of_kind(FeatureKind.EDGE)
     truth = synthetic.truth_edges(solid, rig)
+    assert len(edges) >= len(truth) // 2 > 0  # the box below the cylinder has edges, and most of them are found
     for start, end in zip(edges.start, edges.end):
         direction = (end - start) / np.linalg.norm(end - start)
         lines = (truth[:, 1] - truth[:, 0]) / np.linalg.norm(truth[:, 1] - truth[:, 0], axis=1)[:, None]

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_recovery.estimation.estimate import OwnLines, estimate, first_of_edges, probabilities
+from stereo_recovery.estimation.equation_kernels import first_of_edges
+from stereo_recovery.estimation.estimate import OwnLines, estimate
 from stereo_recovery.estimation.factors import Factors
 from stereo_recovery.estimation.normal_equations import NormalEquations
 
@@ -115,8 +116,8 @@ def test_an_open_edge_is_where_its_corners_are_and_no_more_certain():
     sigma = np.sqrt([1.0, 50.0] @ found.covariance[2] @ [1.0, 50.0])
     assert sigma == pytest.approx(np.hypot(0.2, 0.03), rel=0.01)
     # Both ends hang on one statement each.
-    assert found.reliability[2] == pytest.approx(np.prod(found.holds), rel=1e-6)
-    assert (found.reliability[:2] == 1.0).all()
+    assert found.reliability()[2] == pytest.approx(np.prod(found.holds), rel=1e-6)
+    assert (found.reliability()[:2] == 1.0).all()
 
 
 def test_edges_that_only_one_eye_sees_meet_are_not_bent_to_meet():
@@ -140,14 +141,14 @@ def test_a_statement_that_nothing_tests_holds_with_its_prior():
     for prior in (0.1, 0.4, 0.6, 0.9):
         factors = tied([(1, 50.0, 0, -50.0)], prior)
         for used in (False, True):
-            solution = NormalEquations(lines.information, lines.vector, factors).solve(np.array([used]))
-            assert probabilities(factors, solution, np.array([used]))[0] == pytest.approx(prior, abs=0.15)
+            equations = NormalEquations(lines.information, lines.vector, factors)
+            assert equations.decided(np.array([used]))[2][0] == pytest.approx(prior, abs=0.15)
 
 
 def test_the_clearest_of_neighbouring_statements_goes_first():
     factors = tied([(0, 0.0, 1, 0.0), (1, 0.0, 2, 0.0), (3, 0.0, 4, 0.0)])
-    chosen = first_of_edges(factors, np.ones(3, bool), np.array([0.2, 0.1, 0.4]), 5)
-    assert chosen.tolist() == [False, True, True]
+    value, scratch = np.array([0.2, 0.1, 0.4]), np.empty(5, np.int64)
+    assert first_of_edges(factors.edge, factors.other, np.arange(3), value, scratch).tolist() == [1, 2]
 
 
 def test_stated_covariances_are_those_of_the_errors():
@@ -168,3 +169,19 @@ def test_stated_covariances_are_those_of_the_errors():
         spread = ends @ found.covariance @ ends.T
         squares += np.einsum('ni,nij,nj->n', off, np.linalg.inv(spread), off).tolist()
     assert np.mean(squares) == pytest.approx(2.0, rel=0.15)
+
+
+def test_parts_that_nothing_ties_are_decided_as_if_alone():
+    """Two chains of edges with some wrong statements, together and each by itself."""
+    rng = np.random.default_rng(8)
+    n = 12
+    links = [(k, 50.0, k + 1, -50.0) for k in range(n - 1)]
+    disparity = np.cumsum(rng.normal(size=(n, 2)), axis=1)
+    sigma = rng.choice([0.1, 5.0], n)
+    alone = [
+        solved(measured(disparity[k : k + 6].tolist(), sigma[k : k + 6].tolist()), tied(links[:5])) for k in (0, 6)
+    ]
+    together = solved(
+        measured(disparity.tolist(), sigma.tolist()), tied([link for k, link in enumerate(links) if k != 5])
+    )
+    assert together.used.tolist() == [*alone[0].used, *alone[1].used]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.estimation.factors import (
     Factors,
@@ -31,7 +30,7 @@ def seen(lines: list, shown_right: list | None = None) -> tuple[StereoSegments, 
     matches = Matches(index, index, np.column_stack([d[:, 0], d.mean(axis=1), d[:, 1]]), ends[..., 1], np.ones(len(d)))
     slope = (d[:, 1] - d[:, 0]) / left.length
     x = np.stack([d.mean(axis=1), slope], axis=1)
-    return StereoSegments(matches, (left, right), (find_junctions(left), find_junctions(right))), x
+    return StereoSegments.of(matches, (left, right)), x
 
 
 def residuals(factors: Factors, x: np.ndarray) -> np.ndarray:

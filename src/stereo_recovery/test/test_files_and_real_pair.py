@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +18,7 @@ from stereo_recovery.cameras.rectification import Rectifier
 from stereo_recovery.recover_cli import main
 
 DATA = Path(str(resources.files('stereo_recovery'))) / 'data' / 'chessboard'
-REAL = Path(os.environ.get('STEREO_REAL_DATA') or Path(__file__).resolve().parents[3].parent / 'shared' / 'real')
+BOARDS = Path(__file__).resolve().parents[3] / 'test' / 'chessboards'
 SIZE = (640, 480)
 
 
@@ -63,10 +62,14 @@ def plane_normal(start, end) -> np.ndarray:
 
 def check_board(folder: Path, pair: str) -> float:
     """Recall and wrong matches are checked; returns by how many degrees the board's normal is off."""
+    raw = folder != DATA
     left, right = (
-        cv2.imread(str(folder / f'{side}{pair}_rect.png'), cv2.IMREAD_GRAYSCALE) for side in ('left', 'right')
+        cv2.imread(str(folder / f'{side}{pair}{".jpg" if raw else "_rect.png"}'), cv2.IMREAD_GRAYSCALE)
+        for side in ('left', 'right')
     )
-    rig = load_rig(folder / 'calibration.yaml', SIZE)
+    rig = load_rig(DATA / 'calibration.yaml', SIZE)
+    if raw:
+        left, right = Rectifier(*load_cameras(DATA / 'calibration.yaml', SIZE)).apply(left, right)
     joint = json.loads((folder / 'board_poses.json').read_text())[pair]['joint']
     pose = Pose.from_rotation_vector(joint['rvec'], joint['tvec'])
     features = recover(left, right, rig).features.of_kind(FeatureKind.EDGE)
@@ -87,9 +90,7 @@ def test_the_packaged_chessboard():
 
 
 def test_the_other_chessboards():
-    if not (REAL / 'chessboard').is_dir():
-        pytest.skip('no real data in STEREO_REAL_DATA or beside the project (../shared/real)')
-    errors = [check_board(REAL / 'chessboard', pair) for pair in ('02', '03', '04', '05', '06', '07')]
+    errors = [check_board(BOARDS, pair) for pair in ('02', '03', '04', '05', '06', '07')]
     assert max(errors) < 0.5
     assert np.median(errors) < 0.25
 

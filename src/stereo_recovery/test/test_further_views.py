@@ -7,7 +7,6 @@ import pytest
 
 from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from stereo_recovery.cameras.pairs import camera_pair
-from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.detection.turned import turned
 from stereo_recovery.edges.further_views import joint_lines, view_lines
@@ -47,7 +46,7 @@ def in_pair(space: np.ndarray, pair: tuple[Segments, Segments], rig: StereoRig, 
     n = np.arange(len(space), dtype=np.int32)
     disparity = np.column_stack([d[:, 0], d.mean(axis=1), d[:, 1]])
     matches = Matches(n, n, disparity, np.zeros((len(n), 2)), np.ones(len(n)))
-    return StereoSegments(matches, pair, (find_junctions(pair[0]), find_junctions(pair[1])))
+    return StereoSegments.of(matches, pair)
 
 
 def third_view(space: np.ndarray, segments: list[Segments]) -> FurtherView:

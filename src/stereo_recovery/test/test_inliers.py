@@ -8,7 +8,7 @@ import pytest
 from msgs_py import PinholeCamera
 from stereo_recovery.curves import inlier_kernels
 from stereo_recovery.curves.curve import CameraView, Curve, CurveShape
-from stereo_recovery.curves.curve_search import is_line
+from stereo_recovery.curves.fit import is_line
 from stereo_recovery.curves.settings import CORNER_EDGELS, INLIER_DISTANCE
 
 CIRCLE = np.diag([1.0, 1.0, -400.0])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stereo_recovery.detection.conics import Ellipse, sampson
-from stereo_recovery.detection.junctions import find_junctions
 from stereo_recovery.detection.segments import Segments
 from stereo_recovery.matching.matches import Matches
 from stereo_recovery.matching.row_error import RowError, RowWitnesses, row_error
@@ -38,7 +37,7 @@ def squares(shift, noise: float = 0.0) -> StereoSegments:
         np.ones(len(index)),
     )
     segments = Segments.between(ends[0], 0.02), Segments.between(ends[1], 0.02)
-    return StereoSegments(matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])))
+    return StereoSegments.of(matches, segments)
 
 
 def test_a_shift_and_a_turn_of_the_rows_are_found():
@@ -104,7 +103,7 @@ def test_further_witnesses_say_as_much_as_corners():
 def test_what_is_aligned_lies_at_the_left_rows():
     error = RowError(0.4, np.array([0.2, -0.3]), np.array([319.5, 239.5]), np.array([320.0, 240.0]), 0.1, 9)
     seen = squares(lambda u, v: error.at(np.stack([u, v], axis=-1)))
-    right = error.aligned_segments(seen.segments[1])
+    right = error.aligned(seen).segments[1]
     np.testing.assert_allclose(right.start[:, 1], seen.segments[0].start[:, 1], atol=0.01)
     np.testing.assert_allclose(right.end[:, 1], seen.segments[0].end[:, 1], atol=0.01)
     circle = Ellipse(

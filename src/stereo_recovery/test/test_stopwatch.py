@@ -16,7 +16,7 @@ RIG = StereoRig.symmetric(PinholeCamera.centred(320, 320, 440.0), 0.05)
 @pytest.fixture(scope='module')
 def pair(synthetic, solids):
     return synthetic.render_pair(
-        solids['L-block'].at(Pose.from_rotation_vector((0.5, -0.7, 0.1), [0.02, 0, 0.25])), RIG
+        solids['cylinder on box'].at(Pose.from_rotation_vector((2.2, 0.2, 0.4), [0.02, 0, 0.25])), RIG
     )
 
 

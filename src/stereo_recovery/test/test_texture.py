@@ -44,7 +44,7 @@ def seen_along(ends: np.ndarray) -> StereoSegments:
     one = np.zeros(1, np.int32)
     three = np.array([[disparity[0], disparity.mean(), disparity[1]]])
     matches = Matches(one, one, three, np.sort(ends[:, 1])[None], np.ones(1))
-    return StereoSegments(matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])))
+    return StereoSegments.of(matches, segments)
 
 
 def strips_of(seen: StereoSegments, texture: Texture) -> AlignedStrips:

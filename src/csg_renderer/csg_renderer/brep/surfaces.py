@@ -9,12 +9,14 @@ Every tolerance is therefore a fraction of the model's size.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py.numeric.grouping import linked_groups
 from msgs_py.numeric.spatial import nearest_neighbours
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array
 
 from ..scene.solid import Operation, Primitive, Solid
 from ..scene.terrain import sheets
@@ -35,6 +37,44 @@ UNIT_QUADRICS = {
     'CONE': np.diag([1.0, 1.0, -1.0, 0.0]),
     'SPHERE': np.diag([1.0, 1.0, 1.0, -1.0]),
 }
+
+# Operators in the program of compiled functions, where leaves are their numbers.
+UNION, INTERSECT, DIFFERENCE = -1, -2, -3
+OPERATOR_CODES = {'UNION': UNION, 'INTERSECT': INTERSECT, 'DIFFERENCE': DIFFERENCE}
+
+
+class SurfaceRows(NamedTuple):
+    """A :class:`SurfaceTable` as compiled functions take it.
+
+    Attributes
+    ----------
+    centre : (3,) float64
+    size : float
+    planes : (g, 4) float64
+    quadrics : (q, 4, 4) float64
+    plane_slots : (m, 6) int32
+        Plane of each face of each leaf, -1 for what is none.
+    slot_sign : (m, 6) float64
+    quadric_slot : (m,) int32
+        Quadric of each leaf, -1 where it has none.
+    cone : (m,) bool
+        Whether a leaf is a cone, whose second plane goes through its apex.
+    low, high : (m, 3) float64
+    program : (p,) int32
+        The tree in postfix form: numbers of leaves, and operators.
+    """
+
+    centre: FloatArray
+    size: float
+    planes: FloatArray
+    quadrics: FloatArray
+    plane_slots: Int32Array
+    slot_sign: FloatArray
+    quadric_slot: Int32Array
+    cone: BoolArray
+    low: FloatArray
+    high: FloatArray
+    program: Int32Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +138,26 @@ class SurfaceTable:
         matrix = np.diag([self.size] * 3 + [1.0])
         matrix[:3, 3] = self.centre
         return matrix
+
+    @cached_property
+    def rows(self) -> SurfaceRows:
+        """The same, as compiled functions take it."""
+        g = len(self.planes)
+        curved = (self.slots >= g) & (self.slots < self.groups)
+        which = np.where(curved, self.slots - g, -1).max(axis=1, initial=-1)
+        return SurfaceRows(
+            np.asarray(self.centre, float),
+            self.size,
+            self.planes,
+            self.quadrics,
+            np.where(self.slots < g, self.slots, -1).astype(np.int32),
+            self.slot_sign,
+            which.astype(np.int32),
+            np.array([leaf.kind == 'CONE' for leaf in self.leaves], bool),
+            np.ascontiguousarray(self.low),
+            np.ascontiguousarray(self.high),
+            np.array([step if isinstance(step, int) else OPERATOR_CODES[step] for step in self.program], np.int32),
+        )
 
     def metres(self, points: np.ndarray) -> np.ndarray:
         """Normalised points (..., 3) to model-frame metres."""
@@ -295,6 +355,18 @@ def bounding_box(program: tuple[int | str, ...], boxes: np.ndarray) -> tuple[np.
             stack.append(left)
     box = stack[0] if stack else nothing
     return box[0], box[1]
+
+
+def solid_box(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
+    """low, high (3,) of a box that holds a solid, metres; as :func:`bounding_box`.
+
+    Examples
+    --------
+    >>> [corner.tolist() for corner in solid_box(Solid.sphere(1.0) - Solid.block(2.0, 2.0, 2.0))]
+    [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]
+    """
+    boxes = np.array([_leaf_box(leaf) for leaf in solid.primitives]).reshape(-1, 2, 3)
+    return bounding_box(_program(solid), boxes)
 
 
 def _program(solid: Solid) -> tuple[int | str, ...]:

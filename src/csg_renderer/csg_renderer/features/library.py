@@ -6,12 +6,16 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from msgs_py import FeatureSet
+import numpy as np
+
+from msgs_py import FeatureSet, Pose
 
 from ..brep.model_features import model_features
-from ..language import load_models
+from ..language import load_placements
 from ..visibility.outline import SolidOutline
-from .mesh_features import MESH_SUFFIXES, features_from_mesh
+from .mesh_features import MESH_SUFFIXES, features_from_mesh, mesh_features, read_mesh
+from .mesh_units import MeshUnit, mesh_unit
+from .settings import WORKING_DISTANCE
 
 SCENE_SUFFIX = '.csg'
 FEATURE_SUFFIX = '.npz'
@@ -27,10 +31,16 @@ class KnownModel(NamedTuple):
         Model frame, metres.
     outline : SolidOutline, optional
         What cameras see of it; None of a mesh or a feature file.
+    unit : MeshUnit, optional
+        Of a mesh, where ``mesh_units`` was asked for.
+    frames : dict of str to Pose
+        Named frames of a scene file's model (FRAME), model_T_frame.
     """
 
     features: FeatureSet
     outline: SolidOutline | None
+    unit: MeshUnit | None = None
+    frames: dict[str, Pose] = {}
 
 
 def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0) -> dict[str, FeatureSet]:
@@ -68,13 +78,23 @@ def load_model_features(path: str | os.PathLike[str], *, mesh_scale: float = 1.0
     return {name: known.features for name, known in load_known_models(path, mesh_scale=mesh_scale).items()}
 
 
-def load_known_models(path: str | os.PathLike[str], *, mesh_scale: float = 1.0) -> dict[str, KnownModel]:
+def load_known_models(
+    path: str | os.PathLike[str],
+    *,
+    mesh_scale: float = 1.0,
+    mesh_units: str | None = None,
+    distance: float = WORKING_DISTANCE,
+) -> dict[str, KnownModel]:
     """Read all that matching and measuring need of every model in a file.
 
     Parameters
     ----------
     path, mesh_scale
         As for :func:`load_model_features`, which raises the same.
+    mesh_units : str, optional
+        One of :data:`.mesh_units.MESH_UNITS`, in place of ``mesh_scale``; what was taken stands in ``unit``.
+    distance : float
+        Metres, at which models will be looked at: what a guess of the unit goes by.
 
     Returns
     -------
@@ -89,7 +109,14 @@ def load_known_models(path: str | os.PathLike[str], *, mesh_scale: float = 1.0) 
     """
     suffix = Path(path).suffix.lower()
     if suffix in MESH_SUFFIXES:
-        return {Path(path).stem: KnownModel(features_from_mesh(path, scale=mesh_scale), None)}
+        if mesh_units is None:
+            return {Path(path).stem: KnownModel(features_from_mesh(path, scale=mesh_scale), None)}
+        vertices, triangles = read_mesh(path)
+        unit = mesh_unit(float(np.linalg.norm(np.ptp(vertices, axis=0))), mesh_units, distance)
+        return {Path(path).stem: KnownModel(mesh_features(unit.metres * vertices, triangles), None, unit)}
     if suffix == FEATURE_SUFFIX:
         return {Path(path).stem: KnownModel(FeatureSet.load(Path(path)), None)}
-    return {name: KnownModel(model_features(solid), SolidOutline(solid)) for name, solid in load_models(path).items()}
+    return {
+        one.name: KnownModel(model_features(one.model), SolidOutline(one.model), frames=one.frames)
+        for one in load_placements(path)
+    }

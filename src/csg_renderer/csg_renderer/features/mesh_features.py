@@ -13,13 +13,25 @@ from typing import Any
 import numpy as np
 
 from msgs_py import FeatureSet
+from msgs_py.files import check_file
 from msgs_py.numeric.grouping import linked_groups
 from msgs_py.numeric.typed import FloatArray
 
 from ..brep.settings import WHOLE_TURN
 from ..brep.surfaces import cluster
 from .mesh_curves import Chain, FittedConic, chains, even_runs, fit_conic, split, straightened, turns
-from .settings import COLLINEAR, CREASE_ANGLE, FLAT_FACE, LONG_SEGMENT, NORMAL_DECIMALS, PATCH, SAME_AXIS, WELD
+from .settings import (
+    COLLINEAR,
+    CREASE_ANGLE,
+    FLAT_FACE,
+    LARGEST_MESH,
+    LONG_SEGMENT,
+    MOST_CREASES,
+    NORMAL_DECIMALS,
+    PATCH,
+    SAME_AXIS,
+    WELD,
+)
 
 MESH_SUFFIXES = ('.stl', '.obj', '.ply', '.off')
 
@@ -86,6 +98,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         import trimesh  # optional, and half a second of import that scene files do not need
     except ImportError:
         raise ValueError(f'{path}: meshes need the optional library trimesh (pip install trimesh)') from None
+    check_file(file, LARGEST_MESH)
     try:
         mesh: Any = trimesh.load(str(file), force='mesh', process=False)
         vertices, triangles = np.array(mesh.vertices, float), np.array(mesh.faces, int)
@@ -93,6 +106,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         raise ValueError(f'{path}: not a readable mesh: {error}') from error
     if not len(triangles) or not np.isfinite(vertices).all():
         raise ValueError(f'{path}: expected a mesh of finite triangles, found {len(triangles)} triangles')
+    if not (triangles >= 0).all() or not (triangles < len(vertices)).all():
+        raise ValueError(f'{path}: expected triangles of its {len(vertices)} vertices, found others')
     return vertices, triangles
 
 
@@ -111,6 +126,11 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     -------
     FeatureSet
         Edges, then curves, then axes; frame of the vertices, metres, uncertainty zero.
+
+    Raises
+    ------
+    ValueError
+        It has more creases than an object with edges has.
 
     Examples
     --------
@@ -141,6 +161,8 @@ def mesh_features(vertices: np.ndarray, triangles: np.ndarray, crease_angle: flo
     curved[facet[sides[bent].ravel()]] = True
 
     rows = np.nonzero(crease)[0]
+    if len(rows) > MOST_CREASES:
+        raise ValueError(f'the mesh has {len(rows)} creases, expected at most {MOST_CREASES}: is it a scan?')
     lines: list[tuple[np.ndarray, np.ndarray]] = []
     rims: list[tuple[FittedConic, np.ndarray]] = []
     for chain in chains(edges[rows], points):

@@ -65,3 +65,24 @@ VIEW_UPRIGHT = 0.99
 
 # Length below which a vector is not made a unit vector, metres or 1.
 LEAST_LENGTH = 1e-12
+
+# -- meshes of others -------------------------------------------------------------------------------------------------
+
+# Bytes of the largest mesh file that is read, half a million triangles of binary STL: text takes trimesh a second for
+# every ten million bytes.
+LARGEST_MESH = 2**25
+# Creases of the largest mesh: a part with fifty bores of sixty facets a rim has some 6,000. Of 8,000 that run across
+# each other the chains take three seconds, and of more the square of that.
+MOST_CREASES = 8000
+
+# -- units of meshes ---------------------------------------------------------------------------------------------------
+
+# Metres, at which an object is looked at where nobody knows: a robot's arm's length. Features tell it better.
+WORKING_DISTANCE = 0.6
+# Diagonal of an object as a share of its distance. Less than the first is 14 pixels at a focal length of 700 pixels, of
+# which no edges are recovered; more than the second does not fit into a picture of 90 degrees.
+LEAST_SHARE, LARGEST_SHARE = 0.02, 2.0
+
+# Cosine of two axes, and difference of two radii as a part of the largest size, below which a primitive is neither
+# sheared nor squeezed: the rounding of transforms.
+SAME_SHAPE = 1e-9

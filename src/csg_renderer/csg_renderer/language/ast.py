@@ -14,7 +14,7 @@ from .errors import Place
 
 TRANSFORMS = ('XROT', 'YROT', 'ZROT', 'SCALE', 'AT', 'MATRIX')
 PROPERTIES = ('COLOUR', 'AMBIENT', 'DIFFUSE', 'SPECULAR', 'SHININESS', 'REFLECT', 'TRANSPARENT', 'PAINT')
-STATEMENTS = ('DRAW', 'LIGHT', 'AMBIENT', 'BACKGROUND', 'CAMERA', 'STEREO', 'DISPARITY', 'UNITS', 'INCLUDE')
+STATEMENTS = ('DRAW', 'FRAME', 'LIGHT', 'AMBIENT', 'BACKGROUND', 'CAMERA', 'STEREO', 'DISPARITY', 'UNITS', 'INCLUDE')
 KEYWORDS = frozenset(
     (
         *TRANSFORMS,
@@ -151,6 +151,15 @@ class Draw:
 
 
 @dataclass(frozen=True)
+class Frame:
+    """``FRAME name suffixes;``."""
+
+    place: Place
+    name: str
+    suffixes: tuple[Suffix, ...]
+
+
+@dataclass(frozen=True)
 class Setting:
     """LIGHT, AMBIENT, BACKGROUND, STEREO or DISPARITY; ``colour`` is the COLOUR of a light, or None."""
 
@@ -184,7 +193,7 @@ class Include:
     path: str
 
 
-Statement: TypeAlias = Definition | Draw | Setting | Camera | Units | Include
+Statement: TypeAlias = Definition | Draw | Frame | Setting | Camera | Units | Include
 
 
 def _at(token: Token) -> Place:
@@ -210,6 +219,10 @@ class Build(Transformer):  # type: ignore[type-arg]
     def draw(self, c: list[Any]) -> Draw:
         """A DRAW statement, from what is drawn and, perhaps, its name."""
         return Draw(c[0].place, c[0], self.name(c[1:]) if len(c) > 1 else None)
+
+    def frame(self, c: list[Any]) -> Frame:
+        """A frame on what is drawn, from its name and transforms."""
+        return Frame(_at(c[0]), str(c[0]), tuple(c[1:]))
 
     def light(self, c: list[Any]) -> Setting:
         """A light, from its position and, perhaps, its colour."""

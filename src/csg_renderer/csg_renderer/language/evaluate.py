@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from msgs_py import PinholeCamera, Pose
 
 from ..scene.scene import Light, Placement, Scene
 from ..scene.settings import DEFAULT_AMBIENT, DEFAULT_BACKGROUND
+from ..scene.solid import Empty
 from . import ast
 from .camera import CLAUSES, camera_of
 from .errors import Place, SceneError, did_you_mean
@@ -115,6 +116,8 @@ class Evaluator(Expressions):
             self._units(node)
         elif isinstance(node, ast.Draw):
             self._draw(node, main)
+        elif isinstance(node, ast.Frame):
+            self._frame(node, main)
         elif isinstance(node, ast.Camera):
             self._camera(node)
         else:
@@ -192,6 +195,26 @@ class Evaluator(Expressions):
         if drawing.leaves > MAX_PRIMITIVES:
             raise self._fail(node.place, f'the scene has more than {MAX_PRIMITIVES} primitives')
         drawing.placements.append(Placement(unique, shape.solid, matrix))
+
+    def _frame(self, node: ast.Frame, main: bool) -> None:
+        """A named frame of the object drawn last, in the frame of its model: where to grip it, say."""
+        for suffix in node.suffixes:
+            if suffix.word not in ast.TRANSFORMS or suffix.word == 'SCALE':
+                raise self._fail(suffix.place, f'{suffix.word} is nothing that a FRAME has, it stands and is turned')
+        matrix = self._suffixed(Shape(Empty(), 0), node.suffixes, separate=True)[0]
+        try:
+            frame = Pose(matrix[:3, :3], matrix[:3, 3])
+        except ValueError as error:
+            raise self._fail(node.suffixes[0].place, f'a FRAME is a rotation and a position: {error}') from None
+        if not main:
+            return
+        placements = self.drawing.placements
+        if not placements:
+            raise self._fail(node.place, 'a FRAME is on the object drawn before it, and nothing is drawn yet')
+        last = placements[-1]
+        if node.name in last.frames:
+            raise self._fail(node.place, f'{last.name} has another FRAME {node.name!r} already')
+        placements[-1] = replace(last, frames={**last.frames, node.name: frame})
 
     def _setting(self, node: ast.Setting) -> None:
         numbers = [self._number(argument) for argument in node.arguments]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
-from ..scene.scene import Scene
+from ..scene.scene import Placement, Scene
 from ..scene.solid import Operation, Primitive, Solid
 from ..scene.terrain import Terrain
 from .errors import SceneError, SceneWarning
@@ -106,6 +106,8 @@ def find_scene(path: str | os.PathLike[str]) -> Path:
     given = Path(path)
     if given.is_file():
         return given
+    if given.suffix not in ('', SUFFIX):
+        raise FileNotFoundError(f'{given}: no such file')
     if given.name == str(path):
         return scene_path(given.name)
     raise FileNotFoundError(f'no scene file {str(given)!r}')
@@ -206,13 +208,33 @@ def load_models(path: str | os.PathLike[str]) -> dict[str, Solid]:
     >>> [len(model.primitives) for model in load_models('l_shape').values()]
     [2]
     """
-    models: dict[str, Solid] = {}
+    return {placement.name: placement.model for placement in load_placements(path)}
+
+
+def load_placements(path: str | os.PathLike[str]) -> list[Placement]:
+    """The objects that a scene file draws, the first of each model; terrains are none.
+
+    What :func:`load_models` gives, with pose and frames of each: of a model that is drawn twice the frames of both.
+
+    Parameters
+    ----------
+    path : str or path-like
+        As for :func:`load_scene`, which raises the same.
+
+    Returns
+    -------
+    list of Placement
+    """
+    chosen: list[Placement] = []
     for placement in load_scene(path).placements:
         if isinstance(placement.model, Terrain):
             continue
-        if not any(same_geometry(placement.model, model) for model in models.values()):
-            models[placement.name] = placement.model
-    return models
+        same = next((k for k, known in enumerate(chosen) if same_geometry(placement.model, known.model)), None)
+        if same is None:
+            chosen.append(placement)
+        else:
+            chosen[same] = replace(chosen[same], frames={**placement.frames, **chosen[same].frames})
+    return chosen
 
 
 def read_scene(path: str | os.PathLike[str]) -> SceneFile:

@@ -127,6 +127,11 @@ class _Printer:
         shown = unique(identifier(placement.name), self.drawn)
         self.drawn.add(shown)
         self.lines.append(f'DRAW {name}{moves and " " + moves} AS {shown};')
+        named: set[str] = set()
+        for frame, pose in placement.frames.items():
+            plain = unique(identifier(frame), named)
+            named.add(plain)
+            self.lines.append(f'FRAME {plain} {self._moves(pose.matrix)}'.rstrip() + ';')
 
     def _define(self, name: str, solid: Solid) -> str:
         self._statement(name, self._solid(solid).text)

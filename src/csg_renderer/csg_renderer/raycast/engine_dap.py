@@ -51,6 +51,7 @@ from .settings import (
     SHORT_WORD_PARALLEL_ROUNDINGS,
     SHORT_WORD_ROUNDINGS,
 )
+from .stop import Stop
 from .tree_order import early_outs, left_heavy
 
 OPERATOR_NAMES = {UNION: 'UNION', INTERSECT: 'INTERSECT', DIFFERENCE: 'DIFFERENCE', REVERSED_DIFFERENCE: 'DIFFERENCE'}
@@ -64,9 +65,16 @@ Hit: TypeAlias = tuple[DapArray, DapArray, DapArray]
 Pending: TypeAlias = tuple[Rays, DapArray | None, int, Hit | None, list[int]]
 
 
-def render_views(scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
+def render_views(
+    scene: Scene, views: Sequence[ViewPose], options: RenderOptions, stop: Stop | None = None
+) -> list[Frame]:
     """See :func:`csg_renderer.render`. Every view is rendered by a new DAP 510."""
-    return [render(scene, camera, camera_T_scene, options) for camera, camera_T_scene in views]
+    frames = []
+    for camera, camera_T_scene in views:
+        dap = Dap.model('510', tracing=False)
+        dap.watch = None if stop is None else stop.check
+        frames.append(render(scene, camera, camera_T_scene, options, dap))
+    return frames
 
 
 def render(

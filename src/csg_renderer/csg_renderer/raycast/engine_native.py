@@ -23,12 +23,15 @@ from .kernels.rows import STRIDE, SUBTRACTED, SUBTRACTED_PARTS
 from .kernels.secondary_rays import BATCH_PARTS, RAY_PARTS
 from .program import Program, View, program_of, view_of
 from .settings import CROW_OFFSETS, CROW_WEIGHTS, LEAST_ROWS_PER_THREAD, PARTS_PER_THREAD
+from .stop import Stop
 from .view_data import plan_of, view_data
 
 _flattened: WeakKeyDictionary[Program, FlatProgram] = WeakKeyDictionary()
 
 
-def render_views(scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
+def render_views(
+    scene: Scene, views: Sequence[ViewPose], options: RenderOptions, stop: Stop | None = None
+) -> list[Frame]:
     """Several views of one scene: they share its preparation, and threads go from one on to the next without waiting.
 
     views : (camera, camera_T_scene) each
@@ -41,12 +44,17 @@ def render_views(scene: Scene, views: Sequence[ViewPose], options: RenderOptions
         options.threads or _cores(), max(1, min(camera.height for camera, _ in views) // LEAST_ROWS_PER_THREAD)
     )
     jobs = [_Job(flat, *view, options, threads) for view in views]
+    stop = stop or Stop()
+    for job in jobs:
+        for work in job.works:
+            stop.share(work.counts[3:])
     if len(jobs) == 1:
         jobs[0].begin()
     _each_thread(threads, _Queue(jobs, threads).work)
     if options.adaptive:
         for job in jobs:
             _each_thread(threads, partial(job.smooth, threads))
+    stop.check()
     for job in jobs:
         counts = np.sum([work.counts for work in job.works], axis=0)
         job.frame.stats = RenderStats(
@@ -167,7 +175,7 @@ def _workspace(flat: FlatProgram) -> Workspace:
         np.empty(longest + 2, dtype=np.int64),
         np.empty(len(flat.csg.positive) + 1, dtype=np.int64),
         np.zeros((3, STRIDE)),
-        np.zeros(3, dtype=np.int64),
+        np.zeros(4, dtype=np.int64),
     )
 
 

@@ -19,23 +19,27 @@ from .frame_buffers import ImageHits
 from .program import View, program_of, view_of
 from .pruning import Tile, boundary, tiles, untiled
 from .reference import Hits, cast, normals, transmission
-from .settings import CROW_OFFSETS, CROW_WEIGHTS
+from .settings import AT_ONCE, CROW_OFFSETS, CROW_WEIGHTS
 from .shading import illuminate, reflect, unit
+from .stop import Stop
 
 
-def render_views(scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
+def render_views(
+    scene: Scene, views: Sequence[ViewPose], options: RenderOptions, stop: Stop | None = None
+) -> list[Frame]:
     """See :func:`csg_renderer.render`."""
-    return [render(scene, camera, camera_T_scene, options) for camera, camera_T_scene in views]
+    return [render(scene, camera, camera_T_scene, options, stop) for camera, camera_T_scene in views]
 
 
-def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions) -> Frame:
+def render(
+    scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: RenderOptions, stop: Stop | None = None
+) -> Frame:
     """One view; see :func:`csg_renderer.render`."""
     program = program_of(scene)
     view = view_of(program, camera_T_scene)
-    tracer = _Tracer(view, camera, options)
+    tracer = _Tracer(view, camera, options, stop or Stop())
     found = ImageHits(camera, program.background)
-    size = options.tile_size if options.tiling else max(camera.height, camera.width)
-    for tile in tiles(view, camera, size) if options.tiling else untiled(view, camera, size):
+    for tile in tiles(view, camera, options.tile_size) if options.tiling else untiled(view, camera, AT_ONCE):
         if not tile.children and not tile.terrains:
             continue
         rows, columns = tile.area
@@ -47,22 +51,26 @@ def render(scene: Scene, camera: PinholeCamera, camera_T_scene: Pose, options: R
         found.depth[v[seen], u[seen]] = hits.t[seen]
         found.normal[v[seen], u[seen]] = facing[seen]
         found.colours[v, u] = tracer.box_mean(u, v, tile) if options.box else colour
+    if not options.tiling:
+        tracer.stats.tiles = 1
     if options.adaptive:
-        v, u = np.nonzero(boundary(found.codes))
-        smooth = np.zeros((len(u), 3))
+        down, across = np.nonzero(boundary(found.codes))
         (whole,) = untiled(view, camera, max(camera.height, camera.width))
-        for row, dv in zip(CROW_WEIGHTS, CROW_OFFSETS):
-            for weight, du in zip(row, CROW_OFFSETS):
-                smooth += weight * np.clip(tracer.trace(u + du, v + dv, whole)[1], 0.0, 1.0)
-        found.colours[v, u] = smooth
+        for first in range(0, len(down), AT_ONCE**2):
+            v, u = down[first : first + AT_ONCE**2], across[first : first + AT_ONCE**2]
+            smooth = np.zeros((len(u), 3))
+            for row, dv in zip(CROW_WEIGHTS, CROW_OFFSETS):
+                for weight, du in zip(row, CROW_OFFSETS):
+                    smooth += weight * np.clip(tracer.trace(u + du, v + dv, whole)[1], 0.0, 1.0)
+            found.colours[v, u] = smooth
     return found.frame(program, camera, camera_T_scene, tracer.stats)
 
 
 class _Tracer:
     """Rays through pixels to colours."""
 
-    def __init__(self, view: View, camera: PinholeCamera, options: RenderOptions) -> None:
-        self.view, self.camera, self.options = view, camera, options
+    def __init__(self, view: View, camera: PinholeCamera, options: RenderOptions, stop: Stop) -> None:
+        self.view, self.camera, self.options, self.stop = view, camera, options, stop
         self.stats = RenderStats()
 
     def trace(self, u: AnyArray, v: AnyArray, tile: Tile) -> tuple[Hits, FloatArray, FloatArray]:
@@ -81,6 +89,7 @@ class _Tracer:
             (np.arange(len(u)), origins, directions, np.ones(len(u)), 1, first)
         ]
         while pending:
+            self.stop.check()
             rays_of, origins, directions, weight, level, hits = pending.pop()
             if hits is None:
                 hits = cast(

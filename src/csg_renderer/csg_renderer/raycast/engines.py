@@ -14,6 +14,7 @@ from msgs_py import PinholeCamera, Pose
 
 from ..scene.scene import Scene
 from .frame import Frame, RenderOptions
+from .stop import Stop
 
 # Name of each engine: its module in this room.
 ENGINES = {'native': 'engine_native', 'reference': 'engine_reference', 'dap': 'engine_dap'}
@@ -26,8 +27,10 @@ ViewPose = tuple[PinholeCamera, Pose]
 class Engine(Protocol):
     """What the module of an engine provides."""
 
-    def render_views(self, scene: Scene, views: Sequence[ViewPose], options: RenderOptions) -> list[Frame]:
-        """A frame for each view of the scene."""
+    def render_views(
+        self, scene: Scene, views: Sequence[ViewPose], options: RenderOptions, stop: Stop | None = None
+    ) -> list[Frame]:
+        """A frame for each view of the scene; raises RenderStopped when it was ended."""
 
 
 def refuse_options(name: str, options: RenderOptions) -> None:

@@ -16,6 +16,7 @@ from .engines import ViewPose, engine_named, refuse_options
 from .frame import Frame, RenderOptions
 from .program import program_of
 from .settings import DEFAULT_BASELINE_RATIO, DEFAULT_FOCAL, DEFAULT_SIZE
+from .stop import Stop
 
 
 def default_camera(width: int = DEFAULT_SIZE, height: int | None = None) -> PinholeCamera:
@@ -163,6 +164,7 @@ def render(
     levels: int = 1,
     antialias: bool | int = False,
     shadows: bool = False,
+    stop: Stop | None = None,
     **options: Any,
 ) -> Frame:
     """Ray cast (levels=1) or ray trace a scene.
@@ -178,6 +180,8 @@ def render(
         'native' (compiled), 'dap' (the emulated array machine) or 'reference' (plain numpy, slow); the same image.
     tiling, levels, antialias, shadows
         See :class:`RenderOptions`.
+    stop : Stop, optional
+        With it another thread can end the rendering.
     **options
         ``tile_size``, ``threads``, ``early_outs`` and ``left_heavy`` of :class:`RenderOptions`.
 
@@ -191,6 +195,8 @@ def render(
         An argument is out of its range; the message begins with its name.
     TypeError
         ``scene`` is no Scene.
+    RenderStopped
+        ``stop`` was set.
 
     Examples
     --------
@@ -203,7 +209,7 @@ def render(
     camera = camera or _checked(scene).camera or default_camera()
     pose = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
     chosen = RenderOptions(tiling=tiling, levels=levels, antialias=antialias, shadows=shadows, **options)
-    return _render_views(scene, [(camera, pose)], engine, chosen)[0]
+    return _render_views(scene, [(camera, pose)], engine, chosen, stop)[0]
 
 
 def render_stereo(
@@ -211,6 +217,7 @@ def render_stereo(
     rig: StereoRig | None = None,
     world_to_camera: Pose | None = None,
     engine: str = 'native',
+    stop: Stop | None = None,
     **options: Any,
 ) -> tuple[Frame, Frame]:
     """Render a rectified pair.
@@ -222,7 +229,7 @@ def render_stereo(
         :func:`default_rig` of the scene by default.
     world_to_camera : Pose, optional
         Places the left camera, see :func:`render`.
-    engine : str
+    engine, stop
         See :func:`render`.
     **options
         See :class:`RenderOptions`.
@@ -233,14 +240,14 @@ def render_stereo(
 
     Raises
     ------
-    ValueError, TypeError
+    ValueError, TypeError, RenderStopped
         As :func:`render`.
     """
     rig = rig or default_rig(_checked(scene))
     left = _checked(scene).camera_T_scene if world_to_camera is None else world_to_camera
     # Along the camera's x whatever the scale of the pose: baselines are metres of the camera frame.
     right = Pose(left.rotation, left.translation + rig.right_T_left, left.scale)
-    frames = _render_views(scene, [(rig.left, left), (rig.right, right)], engine, RenderOptions(**options))
+    frames = _render_views(scene, [(rig.left, left), (rig.right, right)], engine, RenderOptions(**options), stop)
     return frames[0], frames[1]
 
 
@@ -255,12 +262,14 @@ def _checked(scene: Scene) -> Scene:
     return scene
 
 
-def _render_views(scene: Scene, views: Sequence[ViewPose], engine: str, options: RenderOptions) -> list[Frame]:
+def _render_views(
+    scene: Scene, views: Sequence[ViewPose], engine: str, options: RenderOptions, stop: Stop | None
+) -> list[Frame]:
     """Frames of several views, with the wall time of each."""
     chosen = engine_named(engine)
     refuse_options(engine, options)
     start = time.perf_counter()
-    frames = chosen.render_views(_checked(scene), views, options)
+    frames = chosen.render_views(_checked(scene), views, options, stop)
     for frame in frames:
         frame.stats.seconds = (time.perf_counter() - start) / len(views)
     return frames

@@ -110,3 +110,7 @@ DEPTH_GREY_RANGE = 200.0
 LEAST_DEPTH_RANGE = 1e-12
 # Step around the colour circle from one id to the next, turns: the golden ratio keeps neighbouring ids apart.
 HUE_STEP = 0.61803398875
+
+# Side of the square of pixels whose rays the reference engine follows at once where there are no tiles: of so many, a
+# kilobyte each, a step takes a few milliseconds, and a rendering is ended within one.
+AT_ONCE = 128

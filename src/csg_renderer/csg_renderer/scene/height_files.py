@@ -14,6 +14,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from msgs_py.files import check_image
 from msgs_py.numeric.typed import FloatArray
 
 from .settings import ASC_HEADER_LINES, MAX_ASC_BYTES_PER_HEIGHT, MAX_HEIGHTS, PNG_FULL_SCALE
@@ -71,7 +72,7 @@ def read_heights(path: Path) -> HeightGrid:
         grid = reader(path)
         check_heights(grid.heights)
     except (ValueError, OSError) as error:
-        raise ValueError(f'{path}: {error}') from None
+        raise ValueError(f'{path}: {str(error).removeprefix(f"{path}: ")}') from None
     return grid
 
 
@@ -119,7 +120,7 @@ def _read_picture(path: Path) -> HeightGrid:
     if head[:8] != b'\x89PNG\r\n\x1a\n' or head[24:26] != b'\x10\x00':
         raise ValueError('expected a 16-bit grey PNG')
     _checked_size(rows, columns)
-    pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    pixels = cv2.imread(str(check_image(path)), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 2 or pixels.dtype != np.uint16:
         raise ValueError('not a whole 16-bit grey PNG')
     return HeightGrid(np.ascontiguousarray(pixels[::-1]) / PNG_FULL_SCALE)

@@ -54,11 +54,14 @@ class Placement:
         In its own frame, metres.
     matrix : (4, 4) array_like of float64
         Column form, scene from model, any affine map.
+    frames : dict of str to Pose
+        Named frames on it (FRAME), model_T_frame, metres: where to grip it, say.
     """
 
     name: str
     model: Solid
     matrix: np.ndarray = field(default_factory=lambda: np.eye(4))
+    frames: dict[str, Pose] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'matrix', np.array(as_matrix(self.matrix)))

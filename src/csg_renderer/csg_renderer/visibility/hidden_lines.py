@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.steps import CompileStep
 from msgs_py.numeric.typed import BoolArray, FloatArray
 
 from ..brep.boundary import Boundary, arcs
@@ -193,6 +194,13 @@ def fragments(solid: Solid, pose: Pose, seen: Seen) -> tuple[FeatureSet, np.ndar
             model.select(seen.axes),
         ]
     ), index.astype(np.int32)
+
+
+def compile_steps() -> tuple[CompileStep, ...]:
+    """What :func:`visible_features` needs compiled, as those of a small solid."""
+    solid = Solid.block(0.1, 0.1, 0.1) | Solid.cylinder(0.02, (0.0, 0.0, 0.2))
+    place, camera = Pose(np.eye(3), np.array([0.0, 0.0, 1.0])), PinholeCamera.centred(32, 32, 40.0)
+    return (CompileStep('hidden lines', lambda: visible_features(solid, place, camera)),)
 
 
 class Scenery:

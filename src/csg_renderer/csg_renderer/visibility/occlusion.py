@@ -1,14 +1,50 @@
-"""Points that a solid hides from a viewpoint, exactly: every leaf is convex, so a ray meets it in one interval."""
+"""Points that a solid hides from a viewpoint, exactly: every leaf is convex, so a ray meets it in one interval.
+
+The ends of all intervals cut a ray into stretches. Of each leaf a word of bits says which stretches lie in it, and one
+walk over the tree says of all stretches at once which lie in the solid.
+"""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from msgs_py.numeric.typed import BoolArray
+from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, WordArray
 
 from ..brep.settings import ON_SURFACE
-from ..brep.surfaces import SurfaceTable
-from .settings import LEVEL_RAY, PARALLEL_RAY, RAY_CHUNK, THIN
+from ..brep.surfaces import INTERSECT, UNION, SurfaceRows, SurfaceTable
+from .settings import BESIDE_BOX, LEVEL_RAY, NO_DIRECTION, PARALLEL_RAY, THIN
+
+WORD = 64
+ONE = np.uint64(1)
+NONE = np.uint64(0)
+
+
+class RayWork(NamedTuple):
+    """Room for the intervals of one ray in a solid of m leaves.
+
+    Attributes
+    ----------
+    leaf : (m,) int32
+        Leaves that the ray meets.
+    span : (m, 2) float64
+        Where it enters and leaves each of those.
+    stop : (2 m + 2,) float64
+        Their ends and those of the ray, ascending.
+    cover : (m,) uint64
+        Stretches between stops that lie in each leaf, a bit each; zero but while a ray is looked at.
+    stack : (m + 1,) uint64
+        Of the walk over the tree.
+    """
+
+    leaf: Int32Array
+    span: FloatArray
+    stop: FloatArray
+    cover: WordArray
+    stack: WordArray
 
 
 def hidden(table: SurfaceTable, viewpoint: np.ndarray, targets: np.ndarray, thin: float = THIN) -> np.ndarray:
@@ -17,7 +53,7 @@ def hidden(table: SurfaceTable, viewpoint: np.ndarray, targets: np.ndarray, thin
     Parameters
     ----------
     table : SurfaceTable
-    viewpoint : (3,) or (n, 3) float64, metres, model frame
+    viewpoint : (3,) float64, metres, model frame
     targets : (n, 3) float64, metres, model frame
     thin : float
         Least thickness along the ray, in model sizes, of material that hides.
@@ -27,13 +63,9 @@ def hidden(table: SurfaceTable, viewpoint: np.ndarray, targets: np.ndarray, thin
     (n,) bool
         Material of the solid stands between the viewpoint and the target.
     """
-    n, m = len(targets), len(table.leaves)
-    if not m or not n:
-        return np.zeros(n, bool)
-    origin = np.broadcast_to(table.normalised(viewpoint), (n, 3))
-    ray = table.normalised(targets) - origin
-    step = max(1, RAY_CHUNK // (2 * m * m + 64))
-    return np.concatenate([_hidden(table, origin[i : i + step], ray[i : i + step], thin) for i in range(0, n, step)])
+    seen_from = np.ascontiguousarray(table.normalised(viewpoint))
+    out: BoolArray = _hidden(table.rows, seen_from, np.ascontiguousarray(table.normalised(targets)), thin)
+    return out
 
 
 def first_hit(table: SurfaceTable, viewpoint: np.ndarray, ray: np.ndarray) -> np.ndarray:
@@ -50,114 +82,277 @@ def first_hit(table: SurfaceTable, viewpoint: np.ndarray, ray: np.ndarray) -> np
     (n,) float64
         In lengths of each ray; not a number where it meets nothing.
     """
-    n = len(ray)
-    if not n or not len(table.leaves):
-        return np.full(n, np.nan)
-    enter, leave = leaf_intervals(table, np.broadcast_to(table.normalised(viewpoint), (n, 3)), ray / table.size)
+    out: FloatArray = _first_hits(table.rows, np.ascontiguousarray(table.normalised(viewpoint)), ray / table.size)
+    return out
+
+
+@njit(nogil=True)
+def _hidden(surfaces: SurfaceRows, viewpoint: FloatArray, targets: FloatArray, thin: float) -> BoolArray:
+    """As :func:`hidden`, normalised frame."""
+    work = ray_work(surfaces)
+    out = np.empty(len(targets), np.bool_)
+    x, y, z = viewpoint
+    for k in range(len(targets)):
+        out[k] = hides(surfaces, work, x, y, z, targets[k, 0] - x, targets[k, 1] - y, targets[k, 2] - z, thin)
+    return out
+
+
+@njit(nogil=True)
+def _first_hits(surfaces: SurfaceRows, viewpoint: FloatArray, ray: FloatArray) -> FloatArray:
+    """As :func:`first_hit`, normalised frame."""
+    work = ray_work(surfaces)
+    out = np.full(len(ray), np.nan)
+    x, y, z = viewpoint
     # Beyond this lies nothing: a whole solid, and the viewpoint's distance from it.
-    farthest = 2.0 * (np.linalg.norm(table.normalised(viewpoint)) + 1.0) * table.size
-    far = np.maximum(farthest / np.linalg.norm(ray, axis=1), 1.0)[:, None]
-    enter, leave = np.clip(enter, 0.0, far), np.clip(leave, 0.0, far)
-    stops = np.sort(np.concatenate([enter, leave], axis=1), axis=1)
-    middle = 0.5 * (stops[:, 1:] + stops[:, :-1])
-    inside = (enter[:, None, :] < middle[..., None]) & (middle[..., None] < leave[:, None, :])
-    solid = table.combine(inside) & (np.diff(stops, axis=1) > 0.0)
-    first = solid.argmax(axis=1)
-    return np.where(solid.any(axis=1), stops[np.arange(n), first], np.nan)
+    farthest = 2.0 * (math.sqrt(x * x + y * y + z * z) + 1.0)
+    for k in range(len(ray)):
+        dx, dy, dz = ray[k]
+        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        far = max(farthest / length, 1.0)
+        count = _spans(surfaces, work, x, y, z, dx, dy, dz, far)
+        stops = _stops(work, count, far)
+        for first in range(0, stops - 1, WORD):
+            solid = _material(surfaces, work, count, first)
+            for j in range(first, min(first + WORD, stops - 1)):
+                if (solid >> np.uint64(j - first)) & ONE and work.stop[j + 1] > work.stop[j]:
+                    out[k] = work.stop[j]
+                    break
+            if not math.isnan(out[k]):
+                break
+    return out
 
 
-def _hidden(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray, thin: float) -> np.ndarray:
-    """As hidden, for normalised rays (n, 3) from origins (n, 3) to their targets, all at once."""
-    enter, leave = leaf_intervals(table, origin, ray)
-    enter, leave = np.clip(enter, 0.0, 1.0), np.clip(leave, 0.0, 1.0)
-    stops = np.sort(np.concatenate([enter, leave, np.zeros((len(ray), 1)), np.ones((len(ray), 1))], axis=1), axis=1)
-    middle = 0.5 * (stops[:, 1:] + stops[:, :-1])
-    inside = (enter[:, None, :] < middle[..., None]) & (middle[..., None] < leave[:, None, :])
-    solid = table.combine(inside)
-    thickness = np.diff(stops, axis=1) * np.linalg.norm(ray, axis=1)[:, None]
-    hidden: BoolArray = (solid & (thickness > thin)).any(axis=1)
-    return hidden
+@njit(nogil=True)
+def ray_work(surfaces: SurfaceRows) -> RayWork:
+    """Room for the rays of one thread."""
+    m = len(surfaces.cone)
+    return RayWork(
+        np.empty(m, np.int32), np.empty((m, 2)), np.empty(2 * m + 2), np.zeros(m, np.uint64), np.zeros(m + 1, np.uint64)
+    )
 
 
-def leaf_intervals(table: SurfaceTable, origin: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays pass each leaf of a solid.
-
-    Parameters
-    ----------
-    table : SurfaceTable
-        Of m leaves.
-    origin, ray : (n, 3) array of float64
-        Normalised frame.
-
-    Returns
-    -------
-    enter, leave : (n, m) float64
-        Parameters along the rays; enter > leave where a ray misses a leaf.
-    """
-    n, g = len(origin), len(table.planes)
-    slope, value = np.zeros((n, table.groups + 1)), np.full((n, table.groups + 1), -1.0)
-    slope[:, :g] = ray @ table.planes[:, :3].T
-    value[:, :g] = origin @ table.planes[:, :3].T + table.planes[:, 3]
-    planar = table.slots < g
-    slot_slope = np.where(planar, slope[:, table.slots] * table.slot_sign, 0.0)
-    slot_value = np.where(planar, value[:, table.slots] * table.slot_sign, -1.0)
-    length = np.linalg.norm(ray, axis=1)[:, None, None]
-    level = np.abs(slot_slope) <= PARALLEL_RAY * length
-    with np.errstate(divide='ignore', invalid='ignore'):
-        at = -slot_value / slot_slope
-    enter = np.where(level | (slot_slope > 0.0), -np.inf, at).max(axis=2)
-    leave = np.where(level | (slot_slope < 0.0), np.inf, at).min(axis=2)
-    # A ray inside a face's plane passes beside the leaf: the leaf is open there.
-    miss = (level & (slot_value > -ON_SURFACE)).any(axis=2)
-    if len(table.quadrics):
-        _narrow(table, origin, ray, slot_slope, enter, leave, miss)
-    enter[miss], leave[miss] = np.inf, -np.inf
-    return enter, leave
+@njit(nogil=True)
+def hides(
+    surfaces: SurfaceRows, work: RayWork, x: float, y: float, z: float, dx: float, dy: float, dz: float, thin: float
+) -> bool:
+    """Whether material thicker than ``thin`` lies between a point and the end of a ray from it, normalised frame."""
+    count = _spans(surfaces, work, x, y, z, dx, dy, dz, 1.0)
+    if count == 0:
+        return False
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    stops = _stops(work, count, 1.0)
+    for first in range(0, stops - 1, WORD):
+        solid = _material(surfaces, work, count, first)
+        for j in range(first, min(first + WORD, stops - 1)):
+            if (solid >> np.uint64(j - first)) & ONE and (work.stop[j + 1] - work.stop[j]) * length > thin:
+                return True
+    return False
 
 
-def _narrow(
-    table: SurfaceTable,
-    origin: np.ndarray,
-    ray: np.ndarray,
-    slot_slope: np.ndarray,
-    enter: np.ndarray,
-    leave: np.ndarray,
-    miss: np.ndarray,
-) -> None:
-    """Cut the intervals of curved leaves down to the inside of their quadrics, in place."""
-    g = len(table.planes)
-    for leaf, kind in enumerate(item.kind for item in table.leaves):
-        slots = table.slots[leaf]
-        curved = slots[(slots >= g) & (slots < table.groups)]
-        if not len(curved):
+@njit(nogil=True)
+def ahead_and_behind(
+    surfaces: SurfaceRows, work: RayWork, x: float, y: float, z: float, dx: float, dy: float, dz: float
+) -> tuple[bool, bool]:
+    """Whether material is at a point moved by a shift, and moved back by it; normalised frame."""
+    met = 0
+    for leaf in range(len(surfaces.cone)):
+        cover = NONE
+        if _inside(surfaces, leaf, x + dx, y + dy, z + dz):
+            cover |= ONE
+        if _inside(surfaces, leaf, x - dx, y - dy, z - dz):
+            cover |= ONE << ONE
+        if cover:
+            work.cover[leaf] = cover
+            work.leaf[met] = leaf
+            met += 1
+    if met == 0:
+        return False, False
+    both = _combined(surfaces, work)
+    for k in range(met):
+        work.cover[work.leaf[k]] = NONE
+    return (both & ONE) != NONE, (both & (ONE << ONE)) != NONE
+
+
+@njit(nogil=True)
+def _inside(surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float) -> bool:
+    """Whether a point is inside a leaf."""
+    low, high = surfaces.low, surfaces.high
+    if (
+        x < low[leaf, 0] - BESIDE_BOX
+        or x > high[leaf, 0] + BESIDE_BOX
+        or y < low[leaf, 1] - BESIDE_BOX
+        or y > high[leaf, 1] + BESIDE_BOX
+        or z < low[leaf, 2] - BESIDE_BOX
+        or z > high[leaf, 2] + BESIDE_BOX
+    ):
+        return False
+    for slot in range(surfaces.plane_slots.shape[1]):
+        group = surfaces.plane_slots[leaf, slot]
+        if group < 0:
             continue
-        q = table.quadrics[curved[0] - g]
-        half = ray @ q[:3, :3]
-        a = (half * ray).sum(axis=1)
-        b = (half * origin).sum(axis=1) + ray @ q[:3, 3]
-        c = ((origin @ q[:3, :3]) * origin).sum(axis=1) + 2.0 * origin @ q[:3, 3] + q[3, 3]
-        flat = np.abs(a) <= LEVEL_RAY
-        root = b * b - a * c
-        with np.errstate(divide='ignore', invalid='ignore'):
-            # The root of larger magnitude first; the other from the product, which loses no digits.
-            large = -(b + np.copysign(np.sqrt(np.maximum(root, 0.0)), b))
-            one, two = large / a, c / large
-            single = -0.5 * c / b
-        low, high = np.fmin(one, two), np.fmax(one, two)
-        if kind == 'CONE':
-            # A ray steeper than the cone's side is inside before the first and after the last crossing. The sign of the
-            # slope of the apex plane (slot 1) along it selects the real nappe.
-            steep, up = a < 0.0, slot_slope[:, leaf, 1] < 0.0
-            low, high = (
-                np.where(steep, np.where(up, high, -np.inf), low),
-                np.where(steep, np.where(up, np.inf, low), high),
-            )
-            miss[:, leaf] |= ~flat & ~steep & (root <= 0.0)
+        p = surfaces.planes[group]
+        if not (p[0] * x + p[1] * y + p[2] * z + p[3]) * surfaces.slot_sign[leaf, slot] < 0.0:
+            return False
+    if surfaces.quadric_slot[leaf] < 0:
+        return True
+    q = surfaces.quadrics[surfaces.quadric_slot[leaf]]
+    hx = q[0, 0] * x + q[0, 1] * y + q[0, 2] * z
+    hy = q[1, 0] * x + q[1, 1] * y + q[1, 2] * z
+    hz = q[2, 0] * x + q[2, 1] * y + q[2, 2] * z
+    value: float = (hx + 2.0 * q[0, 3]) * x + (hy + 2.0 * q[1, 3]) * y + (hz + 2.0 * q[2, 3]) * z + q[3, 3]
+    return value < 0.0
+
+
+@njit(nogil=True)
+def _spans(
+    surfaces: SurfaceRows, work: RayWork, x: float, y: float, z: float, dx: float, dy: float, dz: float, far: float
+) -> int:
+    """How many leaves a ray meets between 0 and ``far``; their intervals are in ``work``."""
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+    count = 0
+    for leaf in range(len(surfaces.cone)):
+        low, high = surfaces.low[leaf], surfaces.high[leaf]
+        a, b = (low[0] - BESIDE_BOX - x) * ix, (high[0] + BESIDE_BOX - x) * ix
+        first, last = min(a, b), max(a, b)
+        a, b = (low[1] - BESIDE_BOX - y) * iy, (high[1] + BESIDE_BOX - y) * iy
+        first, last = max(first, min(a, b)), min(last, max(a, b))
+        a, b = (low[2] - BESIDE_BOX - z) * iz, (high[2] + BESIDE_BOX - z) * iz
+        first, last = max(first, min(a, b)), min(last, max(a, b))
+        if first > last or first > far or last < 0.0:
+            continue
+        enter, leave = _leaf_span(surfaces, leaf, x, y, z, dx, dy, dz, length)
+        enter, leave = max(enter, 0.0), min(leave, far)
+        if enter < leave:
+            work.leaf[count] = leaf
+            work.span[count, 0], work.span[count, 1] = enter, leave
+            count += 1
+    return count
+
+
+@njit(nogil=True)
+def _inverse(step: float) -> float:
+    """One over a component of a ray; a large number, and no infinite one, for nothing."""
+    return 1.0 / step if abs(step) > NO_DIRECTION else 1.0 / NO_DIRECTION
+
+
+@njit(nogil=True)
+def _leaf_span(
+    surfaces: SurfaceRows, leaf: int, x: float, y: float, z: float, dx: float, dy: float, dz: float, length: float
+) -> tuple[float, float]:
+    """Where a ray enters and leaves a leaf; it enters after it leaves where it misses the leaf."""
+    enter, leave = -math.inf, math.inf
+    apex_slope = 0.0
+    for slot in range(surfaces.plane_slots.shape[1]):
+        group = surfaces.plane_slots[leaf, slot]
+        if group < 0:
+            continue
+        p, sign = surfaces.planes[group], surfaces.slot_sign[leaf, slot]
+        slope = (p[0] * dx + p[1] * dy + p[2] * dz) * sign
+        value = (p[0] * x + p[1] * y + p[2] * z + p[3]) * sign
+        if slot == 1:
+            apex_slope = slope
+        if abs(slope) <= PARALLEL_RAY * length:
+            # A ray inside a face's plane passes beside the leaf: the leaf is open there.
+            if value > -ON_SURFACE:
+                return math.inf, -math.inf
+        elif slope > 0.0:
+            leave = min(leave, -value / slope)
         else:
-            miss[:, leaf] |= ~flat & (root <= 0.0)
-        falling, level = flat & (b < 0.0), flat & (np.abs(b) <= LEVEL_RAY)
-        low = np.where(flat, np.where(falling, single, -np.inf), low)
-        high = np.where(flat, np.where(falling | level, np.inf, single), high)
-        miss[:, leaf] |= level & (c >= 0.0)
-        enter[:, leaf] = np.fmax(enter[:, leaf], low)
-        leave[:, leaf] = np.fmin(leave[:, leaf], high)
+            enter = max(enter, -value / slope)
+        if enter >= leave:
+            return math.inf, -math.inf
+    if surfaces.quadric_slot[leaf] < 0:
+        return enter, leave
+    q = surfaces.quadrics[surfaces.quadric_slot[leaf]]
+    hx = q[0, 0] * dx + q[0, 1] * dy + q[0, 2] * dz
+    hy = q[1, 0] * dx + q[1, 1] * dy + q[1, 2] * dz
+    hz = q[2, 0] * dx + q[2, 1] * dy + q[2, 2] * dz
+    a = hx * dx + hy * dy + hz * dz
+    b = hx * x + hy * y + hz * z + q[0, 3] * dx + q[1, 3] * dy + q[2, 3] * dz
+    gx = q[0, 0] * x + q[0, 1] * y + q[0, 2] * z + 2.0 * q[0, 3]
+    gy = q[1, 0] * x + q[1, 1] * y + q[1, 2] * z + 2.0 * q[1, 3]
+    gz = q[2, 0] * x + q[2, 1] * y + q[2, 2] * z + 2.0 * q[2, 3]
+    c = gx * x + gy * y + gz * z + q[3, 3]
+    low, high = _quadric_span(a, b, c, surfaces.cone[leaf], apex_slope < 0.0)
+    return max(enter, low), min(leave, high)
+
+
+@njit(nogil=True)
+def _quadric_span(a: float, b: float, c: float, cone: bool, up: bool) -> tuple[float, float]:
+    """Where a t^2 + 2 b t + c < 0; of a cone only on its real nappe, towards which a ray goes ``up`` or not."""
+    if abs(a) <= LEVEL_RAY:
+        if abs(b) <= LEVEL_RAY:
+            return (-math.inf, math.inf) if c < 0.0 else (math.inf, -math.inf)
+        single = -0.5 * c / b
+        return (single, math.inf) if b < 0.0 else (-math.inf, single)
+    root = b * b - a * c
+    steep = cone and a < 0.0
+    if root <= 0.0 and not steep:
+        return math.inf, -math.inf
+    # The root of larger magnitude first; the other from the product, which loses no digits.
+    large = -(b + math.copysign(math.sqrt(max(root, 0.0)), b))
+    one = large / a
+    two = c / large if large != 0.0 else one
+    low, high = min(one, two), max(one, two)
+    if steep:
+        # A ray steeper than the cone's side is inside before the first and after the last crossing. The sign of the
+        # slope of the apex plane (slot 1) along it selects the real nappe.
+        return (high, math.inf) if up else (-math.inf, low)
+    return low, high
+
+
+@njit(nogil=True)
+def _stops(work: RayWork, count: int, far: float) -> int:
+    """The number of ends of ``count`` intervals and of the ray; they are in ``work``, ascending."""
+    work.stop[0], work.stop[1] = 0.0, far
+    n = 2
+    for k in range(count):
+        for end in range(2):
+            at = work.span[k, end]
+            j = n
+            while j > 0 and work.stop[j - 1] > at:
+                work.stop[j] = work.stop[j - 1]
+                j -= 1
+            work.stop[j] = at
+            n += 1
+    return n
+
+
+@njit(nogil=True)
+def _material(surfaces: SurfaceRows, work: RayWork, count: int, first: int) -> np.uint64:
+    """Which of the stretches from number ``first`` on lie in the solid, a bit each."""
+    stretches = min(WORD, 2 * count + 1 - first)
+    for k in range(count):
+        enter, leave = work.span[k, 0], work.span[k, 1]
+        cover = NONE
+        for j in range(stretches):
+            middle = 0.5 * (work.stop[first + j] + work.stop[first + j + 1])
+            if enter < middle < leave:
+                cover |= ONE << np.uint64(j)
+        work.cover[work.leaf[k]] = cover
+    solid: np.uint64 = _combined(surfaces, work)
+    for k in range(count):
+        work.cover[work.leaf[k]] = NONE
+    return solid
+
+
+@njit(nogil=True)
+def _combined(surfaces: SurfaceRows, work: RayWork) -> np.uint64:
+    """What lies in the solid of what ``work.cover`` says lies in its leaves, a bit each."""
+    top = 0
+    for step in surfaces.program:
+        if step >= 0:
+            work.stack[top] = work.cover[step]
+            top += 1
+            continue
+        top -= 1
+        left, right = work.stack[top - 1], work.stack[top]
+        if step == UNION:
+            work.stack[top - 1] = left | right
+        elif step == INTERSECT:
+            work.stack[top - 1] = left & right
+        else:
+            work.stack[top - 1] = left & ~right
+    solid: np.uint64 = work.stack[0] if top else NONE
+    return solid

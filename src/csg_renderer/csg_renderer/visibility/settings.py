@@ -37,8 +37,11 @@ RIM_DISTANCE = 1e-6
 NO_NORM = 1e-300
 # Points along a crease that is no matching feature, where a polyline stands for it.
 CREASE_POINTS = 65
-# Largest number of array elements computed at once.
-RAY_CHUNK = 6_000_000
+# Distance, in model sizes, by which the box of a leaf is taken larger before a ray is said to pass beside it: far more
+# than rounding, so that the leaf's own surfaces decide.
+BESIDE_BOX = 1e-9
+# Component of a ray, in model sizes, that is divided by as if it were this: its inverse is a number still.
+NO_DIRECTION = 1e-300
 # Knots along a crease or contour between which points are spread evenly in the image: perspective and the curvature of
 # an ellipse make spacings between two knots differ by about the square of this in parts.
 OUTLINE_KNOTS = 33

@@ -6,6 +6,8 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
+from msgs_py.files import read_text
+
 from .program import Program, compile
 from .settings import PROGRAMS_CACHED
 
@@ -63,7 +65,7 @@ def load_program(name_or_path: str) -> Program:
         raise ValueError(
             f'program: {name_or_path!r} is neither a file nor a library program ({", ".join(program_names())})'
         )
-    text = path.read_text(encoding='utf-8')
+    text = read_text(path)
     return compile(text, 'fixed') if path.suffix.lower() in ('.f', '.for') else compiled(text)
 
 

@@ -57,7 +57,7 @@ TITLES = (
     'match, ms',
     'verdict',
 )
-FAILING = 'failing'
+FAILING, CASES = 'failing', 'cases'
 # Number, case, limits, folder of the results, through the nodes, a page for every case.
 Job = tuple[int, Case, Limits, str, bool, bool]
 SUMMARY_TITLES = {
@@ -143,11 +143,11 @@ def run_through(nodes: bool) -> Callable[[Case, Path, Callable[[str], None]], Ca
 def run_one(job: Job) -> tuple[int, dict[str, Any]]:
     """One case, in whatever process; an unusable case is a document with its error as the verdict."""
     index, case, limits, out, nodes, reports = job
-    folder = Path(out) / 'cases' / case.name
+    folder = Path(out) / CASES / case.name
     try:
         result = run_through(nodes)(case, folder, lambda stage: None)
     except (OSError, ValueError) as error:
-        return index, {'case': case.name, 'scene': case.scene, 'passed': False, 'verdict': f'error: {error}'}
+        return index, _refused(case, str(error))
     document = {'case': case.name, **result_document(result, limits)}
     failing = Path(out) / FAILING / case.name
     shutil.rmtree(failing, ignore_errors=True)  # of an earlier run
@@ -158,7 +158,7 @@ def run_one(job: Job) -> tuple[int, dict[str, Any]]:
     if reports:
         folder.mkdir(parents=True, exist_ok=True)
         write_report(folder, result, document)
-        document['report'] = f'cases/{case.name}/report.html'
+        document['report'] = f'{CASES}/{case.name}/report.html'
     return index, document
 
 
@@ -189,15 +189,43 @@ def files_of(case: Case) -> dict[str, bytes]:
         return {}  # an unusable scene is the case's own result
 
 
-def brought_home(
-    index: int, document: dict[str, Any], out: str, written: dict[str, bytes]
-) -> tuple[int, dict[str, Any]]:
-    """What run_far returned, its files in the folder of the results."""
-    shutil.rmtree(Path(out) / FAILING / document['case'], ignore_errors=True)
-    for name, data in written.items():
-        (Path(out) / name).parent.mkdir(parents=True, exist_ok=True)
-        (Path(out) / name).write_bytes(data)
+def brought_home(job: Job, answer: Any) -> tuple[int, dict[str, Any]]:
+    """What run_far returned, its files in the folder of the results.
+
+    The machine that answers may be anybody's: the job says where anything is written or removed, the answer only what
+    lies below that. An answer that is none is a failed case.
+    """
+    index, case, _, out, *_ = job
+    try:
+        _, document, _, written = answer
+        document = {**document, 'case': case.name}
+        if not isinstance(document.get('passed'), bool):
+            raise ValueError("it lacks 'passed'")
+        files = {_below(Path(out), case, name): bytes(data) for name, data in written.items()}
+        for page in ('saved', 'report'):
+            if page in document:
+                _below(Path(out), case, document[page])
+    except (TypeError, ValueError) as error:
+        return index, _refused(case, f'the answer of a worker is none: {error}')
+    shutil.rmtree(Path(out) / FAILING / case.name, ignore_errors=True)
+    for path, data in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
     return index, document
+
+
+def _below(out: Path, case: Case, name: Any) -> Path:
+    """A file of a case in the folder of the results. Raises ValueError for a name that leads elsewhere."""
+    path = (out.resolve() / str(name)).resolve()
+    folders = [(out / kind / case.name).resolve() for kind in (FAILING, CASES)]
+    if '\0' in str(name) or not any(path.is_relative_to(folder) for folder in folders):
+        raise ValueError(f'{str(name)!r} is not in the folder of the case')
+    return path
+
+
+def _refused(case: Case, why: str) -> dict[str, Any]:
+    """The document of a case that gave no result."""
+    return {'case': case.name, 'scene': case.scene, 'passed': False, 'verdict': f'error: {why}'}
 
 
 @contextmanager
@@ -215,12 +243,12 @@ def _runner(workers: int, dask: str | None) -> Iterator[Any]:
                     yield lambda jobs: (future.result() for future in as_completed(client.map(run_one, jobs)))
             return
         with Client(dask) as client:
-            yield lambda jobs: (
-                brought_home(*future.result())
-                for future in as_completed(
-                    client.map(run_far, *zip(*((job, files_of(job[1])) for job in jobs)), pure=False)
-                )
-            )
+
+            def far(jobs: Sequence[Job]) -> Iterator[tuple[int, dict[str, Any]]]:
+                asked = {client.submit(run_far, job, files_of(job[1]), pure=False): job for job in jobs}
+                return (brought_home(asked[future], future.result()) for future in as_completed(list(asked)))
+
+            yield far
     elif workers > 1:
         be_ready()  # else every process would compile for itself
         # Fresh processes: a forked one would inherit threads of numba and of the middleware.

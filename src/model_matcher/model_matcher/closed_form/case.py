@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from .settings import LONGEST_NAME
+
 # Stages of one run, in order; a progress callback is called with each name when that stage is over. A run through the
 # libraries has no nodes and does not ask the emulator.
 STAGES = ('scene', 'nodes', 'image', 'features', 'pose', 'emulator', 'comparison')
@@ -51,7 +53,12 @@ class Case:
     time_limit_s : float
         Of the search, seconds.
     label : str, optional
-        Name of the case; None: that of the scene.
+        Name of the case; None: that of the scene. Folders are named by it.
+
+    Raises
+    ------
+    ValueError
+        The label is no name of a folder.
 
     Examples
     --------
@@ -73,7 +80,24 @@ class Case:
     time_limit_s: float = 2.0
     label: str | None = None
 
+    def __post_init__(self) -> None:
+        if self.label is not None and not is_plain_name(self.label):
+            raise ValueError(f'label: expected the name of a folder, got {self.label!r}')
+
     @property
     def name(self) -> str:
         """Its label, or the name of its scene's file."""
         return self.label or Path(self.scene).stem
+
+
+def is_plain_name(name: object) -> bool:
+    """Whether something names a file or folder in a folder, and leads nowhere else.
+
+    Examples
+    --------
+    >>> [is_plain_name(name) for name in ('l_shape, 3', '..', '../x', 'a/b', '/etc', '', 3)]
+    [True, False, False, False, False, False, False]
+    """
+    if not isinstance(name, str) or not name.strip() or len(name.encode()) > LONGEST_NAME:
+        return False
+    return name not in ('.', '..') and not any(mark in name for mark in ('/', '\\', '\0'))

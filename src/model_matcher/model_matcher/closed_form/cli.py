@@ -16,10 +16,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from msgs_py.commands import add_json, run_command
 
 from .case import Case, Limits
 from .commands import run
-from .motion import PATHS, Motion
+from .sequences.motion import PATHS, Motion
 
 
 def main(args: list[str] | None = None) -> int:
@@ -41,7 +45,13 @@ def main(args: list[str] | None = None) -> int:
         parser.error('name at least one scene, or use --demo DIR or --replay FOLDER')
     if options.path and (options.sweep or options.replay or options.demo):
         parser.error('--path: a sequence is made on its own, without --sweep, --replay and --demo')
-    return run(options, parser.error)
+
+    def command(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+        """Exit code and what --json prints."""
+        out = Path(options.demo or options.out)
+        return run(options, parser.error), {'out': out, 'results': sorted(out.glob('*/result.json'))}
+
+    return run_command('closed_form', command, options)
 
 
 def closed_form_parser() -> argparse.ArgumentParser:
@@ -104,6 +114,7 @@ def closed_form_parser() -> argparse.ArgumentParser:
     add('--max-rotation-deg', type=_number(0.0), default=Limits.rotation_deg, help='limit of a pass')
     add('--max-translation-mm', type=_number(0.0), default=1e3 * Limits.translation_m, help='limit of a pass')
     add('--min-success', type=_number(0.0, 1.0), default=1.0, help='share of passes for exit status 0')
+    add_json(parser)
     return parser
 
 

@@ -15,15 +15,15 @@ from tqdm import tqdm
 
 from .batch import run_batch, run_through, summary
 from .case import STAGES, Case, Limits
-from .motion import Motion
 from .poses import pose_from_angles, sweep_cases
 from .real_pair import run_chessboard
 from .report import write_report
 from .result import result_document
 from .saved import load_case
 from .scene_files import check_scene
-from .sequence import read_sequence, rendered_sequence, write_found, write_sequence
-from .turning_part import run_turning_part
+from .sequences.motion import Motion
+from .sequences.sequence import read_sequence, rendered_sequence, write_found, write_sequence
+from .sequences.turning_part import run_turning_part
 
 DEMO_SCENES = ('l_shape_v1', 'chipped_block_v1')
 
@@ -123,7 +123,7 @@ def _sequence(case: Case, motion: Motion, folder: Path, limits: Limits, options:
     if not options.nodes:
         return 1.0
     # Whoever only wants the pictures needs no ROS.
-    from .run_sequence import play_sequence
+    from .sequences.run_sequence import play_sequence
 
     with bar(desc=f'{case.name}, nodes') as shown:
         found = play_sequence(case, read_sequence(folder), lambda stage: shown.update())

@@ -14,6 +14,7 @@ from multiprocessing.queues import SimpleQueue
 
 from csg_renderer import load_scene, scene_path
 from csg_renderer.raycast.render import compile_steps as renderer_steps
+from csg_renderer.visibility.hidden_lines import compile_steps as hidden_line_steps
 from msgs_py.numeric.steps import CompileStep
 from stereo_recovery.pipeline import compile_steps as recovery_steps
 
@@ -27,8 +28,8 @@ PACKAGES = ('model_matcher', 'stereo_recovery', 'csg_renderer')
 def steps_of(package: str) -> tuple[CompileStep, ...]:
     """What a package's node needs compiled."""
     if package == 'csg_renderer':
-        return renderer_steps(load_scene(scene_path('l_shape_v1')))
-    return recovery_steps() if package == 'stereo_recovery' else (*matcher_steps(), *tracker_steps())
+        return (*renderer_steps(load_scene(scene_path('l_shape_v1'))), *hidden_line_steps())
+    return recovery_steps() if package == 'stereo_recovery' else (*matcher_steps(images=True), *tracker_steps())
 
 
 def compile_all(workers: int | None = None) -> float:

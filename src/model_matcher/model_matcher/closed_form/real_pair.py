@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from msgs_py import FeatureSet, Interpretation, Pose, StereoRig
+from msgs_py.files import check_image
 from stereo_recovery import recover
 from stereo_recovery.cameras.calibration import load_rig
 
@@ -136,7 +137,7 @@ def board_symmetries(pose: Pose) -> list[Pose]:
 
 
 def _read(path: Any) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    image = cv2.imread(str(check_image(path)), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise OSError(f'{path}: not a readable image')
     return image

@@ -9,7 +9,9 @@ from typing import Any
 
 import cv2
 
-from .case import Case, Limits
+from msgs_py.files import read_text
+
+from .case import Case, Limits, is_plain_name
 from .result import CaseResult
 from .scene_files import case_scene, copy_scene
 
@@ -36,7 +38,7 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
     """A saved case. Raises ValueError, naming the file and what is wrong with it; OSError when there is none."""
     path = Path(folder) / CASE_FILE
     try:
-        text = path.read_text(encoding='utf-8')
+        text = read_text(path)
     except FileNotFoundError:
         raise FileNotFoundError(f'{path}: no such file; a saved case is a folder of failing/ of a sweep') from None
     try:
@@ -50,8 +52,28 @@ def load_case(folder: str | Path) -> tuple[Case, Limits]:
             raise ValueError(f'{path}: {name}: unknown field {sorted(unknown)[0]!r}')
     if 'scene' not in values:
         raise ValueError(f"{path}: case: no field 'scene'")
-    values['pose'] = tuple(values['pose']) if values.get('pose') else None
-    case = Case(**values)
-    if (Path(folder) / case.scene).exists():
-        case = replace(case, scene=str(Path(folder) / case.scene))
-    return case, Limits(**limits)
+    try:
+        values['pose'] = tuple(float(value) for value in values['pose']) if values.get('pose') else None
+        for name, value in (*values.items(), *limits.items()):
+            _check_kind(name, value)
+        case = Case(**values)
+        beside = Path(folder) / case.scene
+        # What lies below the folder is the case's own scene, and every other name one of csg_renderer's.
+        below = '\0' not in case.scene and beside.resolve().is_relative_to(Path(folder).resolve())
+        if not below or not (is_plain_name(case.scene) or beside.exists()):
+            raise ValueError(f'scene: expected a file below the folder, or the name of a model, got {case.scene!r}')
+        return replace(case, scene=str(beside)) if beside.exists() else case, Limits(**limits)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{path}: {error}') from None
+
+
+def _check_kind(name: str, value: Any) -> None:
+    """Refuse a value of another type than its field has; JSON does not say what it should be."""
+    texts, numbers = ('scene', 'label'), (int, float)
+    good = (
+        name == 'pose'
+        or (value is None and name in ('width', 'height', 'focal', 'baseline', 'label'))
+        or (isinstance(value, str) if name in texts else isinstance(value, numbers) and not isinstance(value, bool))
+    )
+    if not good:
+        raise ValueError(f'{name}: expected {"a text" if name in texts else "a number"}, got {value!r}')

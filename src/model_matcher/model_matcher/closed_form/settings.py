@@ -92,3 +92,8 @@ OCCLUDER = _Occluder(0.95, 0.03, 4.0, 0.2)
 SUBFRAME_PX = 1.0
 # At most so many of them.
 SUBFRAMES = 16
+
+# -- saved cases -----------------------------------------------------------------------------------------------------
+
+# Bytes of the longest name of a folder on common file systems.
+LONGEST_NAME = 255

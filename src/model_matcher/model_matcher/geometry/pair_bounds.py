@@ -19,7 +19,7 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from .features import CURVE
 from .line_pairs import pair_geometry
-from .settings import CERTAIN_FEET, EXACTLY_PARALLEL_SINE, ROUNDING, WIDEST_CONE
+from .settings import EXACTLY_PARALLEL_SINE, NOT_ZERO, ROUNDING, WIDEST_CONE
 
 # Columns of a relation, and how many there are.
 ANGLE, SINE, OFFSET, FOOT_A, FOOT_B, MIDS, FROM_A, FROM_B, SHIFT, FLIP, RELATION = range(11)
@@ -124,16 +124,16 @@ def margins_of(data: FloatArray, tols: FloatArray) -> FloatArray:
 
     Returns
     -------
-    (n, 6) float64
+    (n, 8) float64
         Half length, half length that is left when tilted by the cone, tolerances across and along (metres), half cone
-        angle (radians), its tangent.
+        angle (radians), its sine, its cosine, and its chord: the distance of two unit vectors that are so far apart.
 
     """
-    out = np.empty((data.shape[0], 6))
+    out = np.empty((data.shape[0], 8))
     for k in range(data.shape[0]):
         half, cone = data[k, 6], min(tols[k, 2], WIDEST_CONE)
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = half, half * np.cos(cone), tols[k, 0], tols[k, 1]
-        out[k, 4], out[k, 5] = cone, np.tan(cone)
+        out[k, 4], out[k, 5], out[k, 6], out[k, 7] = cone, np.sin(cone), np.cos(cone), 2.0 * np.sin(0.5 * cone)
     return out
 
 
@@ -163,7 +163,7 @@ def pair_fits(
         Relations of data features.
     k : int
         The row that is the relation of a and b.
-    margins : (n, 6) float64
+    margins : (n, 8) float64
         As :func:`margins_of` gives them.
     a, b : int
         The data features.
@@ -177,46 +177,43 @@ def pair_fits(
     Returns
     -------
     bool
-        False only when no rigid motion lays a on i and b on j within their tolerances.
+        False only when no rigid motion lays a on i and b on j within their tolerances (docs/proof.md, lemmas 1 to 4).
 
     """
     room = halves[i] - margins[a, 1] + margins[a, 3] + halves[j] - margins[b, 1] + margins[b, 3] + ROUNDING
     apart = margins[a, 2] + margins[b, 2]
-    mids = rels[k, MIDS]
-    cone = margins[a, 4] + margins[b, 4]
-    angle = rels[k, ANGLE]
-    if i == j:
-        beyond_a = rels[k, FROM_A] - _strays(margins, a, rels[k, SHIFT]) - margins[b, 2]
-        beyond_b = rels[k, FROM_B] - _strays(margins, b, mids) - margins[a, 2]
-        return bool(angle <= cone + ROUNDING and mids - apart <= room and min(beyond_a, beyond_b) <= ROUNDING)
-    if abs(mids - model_rel[i, j, MIDS]) > room + apart:
+    mids, model_mids = rels[k, MIDS], model_rel[i, j, MIDS]
+    if abs(mids - model_mids) > room + apart:
         return False
+    cone = margins[a, 4] + margins[b, 4] + ROUNDING
+    angle, model_sine = rels[k, ANGLE], model_rel[i, j, SINE]
     straight = abs(angle - model_rel[i, j, ANGLE]) <= cone
     crossed = abs(np.pi - angle - model_rel[i, j, ANGLE]) <= cone
     if not straight and not crossed:
         return False
-    if model_rel[i, j, SINE] < EXACTLY_PARALLEL_SINE:
-        # The model lines are parallel: their distance is the same everywhere.
-        strays = max(_strays(margins, a, rels[k, SHIFT]) + margins[b, 2], _strays(margins, b, mids) + margins[a, 2])
-        strays += mids * margins[a, 4] * margins[a, 4]
-        return bool(abs(rels[k, FROM_A] - model_rel[i, j, FROM_A]) <= strays + ROUNDING)
-    sine = min(rels[k, SINE], model_rel[i, j, SINE])
-    if sine < CERTAIN_FEET * cone:
+    if model_sine < EXACTLY_PARALLEL_SINE:
+        # The model lines are parallel, or one line: their distance is the same everywhere.
+        loose = ROUNDING + EXACTLY_PARALLEL_SINE * 4.0 * (mids + model_mids + halves[i] + halves[j] + apart)
+        between = model_rel[i, j, FROM_A]
+        strays_a = _strays(margins, a, rels[k, SHIFT]) + margins[b, 2] + loose
+        strays_b = _strays(margins, b, mids) + margins[a, 2] + loose
+        from_a, from_b = rels[k, FROM_A], rels[k, FROM_B]
+        return bool(
+            from_a * margins[a, 6] <= between + strays_a
+            and from_b * margins[b, 6] <= between + strays_b
+            and between <= min(from_a + strays_a, from_b + strays_b)
+        )
+    # How far the common normals of the data lines and of the model lines may be from each other: the sine.
+    tilt = (margins[a, 7] + margins[b, 7]) / max(rels[k, SINE], NOT_ZERO)
+    if tilt >= 1.0:
         return True
     offset, model_offset = rels[k, OFFSET], model_rel[i, j, OFFSET]
     foot_a, foot_b = rels[k, FOOT_A], rels[k, FOOT_B]
-    widen = 1.0 + cone / sine
-    tilted = max(abs(offset), abs(model_offset)) * cone * widen / sine
     strays = _strays(margins, a, foot_a) + _strays(margins, b, foot_b)
-    # The feet move themselves, and with them what the lines may stray there.
-    slides = (strays * widen + tilted) / sine
-    strays = _strays(margins, a, abs(foot_a) + slides) + _strays(margins, b, abs(foot_b) + slides)
-    strays = strays * widen + ROUNDING
-    if abs(abs(offset) - abs(model_offset)) > strays:
-        return False
-    slides = (strays + tilted) / sine + ROUNDING
-    room_a = halves[i] - margins[a, 1] + margins[a, 3] + slides
-    room_b = halves[j] - margins[b, 1] + margins[b, 3] + slides
+    slides = (strays + abs(offset) * tilt) / model_sine + ROUNDING
+    room_a = halves[i] - margins[a, 1] + margins[a, 3] + (1.0 - margins[a, 6]) * abs(foot_a) + slides
+    room_b = halves[j] - margins[b, 1] + margins[b, 3] + (1.0 - margins[b, 6]) * abs(foot_b) + slides
+    strays += abs(offset) * (1.0 - np.sqrt(1.0 - tilt * tilt)) + ROUNDING
     model_a, model_b = model_rel[i, j, FOOT_A], model_rel[i, j, FOOT_B]
     if (
         straight

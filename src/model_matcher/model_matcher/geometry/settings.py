@@ -34,8 +34,6 @@ NO_NORMAL_SINE = 1e-6
 # Sine below which two model lines count as parallel, so that their distance is the same everywhere. The relation of a
 # pair holds for all larger ones; this only keeps its division by the sine finite.
 EXACTLY_PARALLEL_SINE = 1e-7
-# A pair of data lines has certain feet when the sine of its angle is this many times the uncertainty of the angle.
-CERTAIN_FEET = 2.0
 # Radians: half cone angles of directions count as this at most, so that their sine and tangent stay usable as scales.
 WIDEST_CONE = 1.2
 

@@ -27,7 +27,9 @@ class Placed(NamedTuple):
     pixel, normal : (n, 2) float64
         Where each was, and the unit normal there, along which steps are measured from it.
     group : (n,) int32
-        Curve and view of each, ascending: what is wrong with one point of a curve is likely so with the next.
+        Curve and view of each, ascending.
+    curve : (n,) int32
+        Curve of the model, one number for all views.
     abscissa : (n,) float64
         Where on its curve each is, from -1 to 1.
     slope : (n, 6) float64
@@ -40,6 +42,7 @@ class Placed(NamedTuple):
     pixel: FloatArray
     normal: FloatArray
     group: Int32Array
+    curve: Int32Array
     abscissa: FloatArray
     slope: FloatArray
 
@@ -87,7 +90,7 @@ def align(
     steps: Steps,
     widths: FloatArray,
     elsewhere: float,
-    common: float,
+    common: tuple[float, float],
     prior: FloatArray,
     residual: FloatArray,
     weight: FloatArray,
@@ -96,7 +99,8 @@ def align(
     """Lay a pose on steps, in place: each is that of the point, with normal errors, or lies anywhere.
 
     Expectation-maximisation of that mixture, one Gauss-Newton step a width. A whole curve is off besides, by a straight
-    line along it: its two unknowns are eliminated from the normal equations.
+    line along it, the same in all views, and by another one in each view: their unknowns, two each, are eliminated from
+    the normal equations.
 
     Parameters
     ----------
@@ -112,8 +116,8 @@ def align(
         Pixels, sigma that is added to that of the steps in each turn.
     elsewhere : float
         A pixel: density of steps that are not the point's, over the chance that a point has its own.
-    common : float
-        Pixels, sigma of either unknown of that line.
+    common : tuple of float
+        Pixels, sigmas of either unknown of the line of a curve in all views, and of that in one view.
     prior : (6, 6) float64
         Information beforehand on turn and shift from the given pose; zeros where there is none.
     residual, weight : (n,) float64
@@ -123,17 +127,16 @@ def align(
         Filled with the normal matrix, turn and shift, about the middle; the prior is not in it.
     """
     right, step, centre, moved = np.zeros(6), np.zeros(6), np.zeros(3), np.zeros(6)
-    shared = np.empty((2, 9))
+    n = len(placed.eye)
+    of_group = np.empty((placed.group.max() + 1 if n else 0, 2, 9))
+    of_curve = np.empty((placed.curve.max() + 1 if n else 0, 2, 9))
     for turn in range(len(widths) + 1):
         last = turn == len(widths)
         width = widths[min(turn, len(widths) - 1)]
         cx, cy, cz = transform(motion, middle[0], middle[1], middle[2])
         centre[0], centre[1], centre[2] = cx, cy, cz
-        normal[:], right[:], shared[:] = 0.0, 0.0, 0.0
-        for k in range(len(placed.eye)):
-            if k > 0 and placed.group[k] != placed.group[k - 1]:
-                _eliminate(normal, right, shared, common)
-                shared[:] = 0.0
+        normal[:], right[:], of_group[:], of_curve[:] = 0.0, 0.0, 0.0, 0.0
+        for k in range(n):
             residual[k], weight[k] = np.nan, 0.0
             if steps.number[k] <= 0:
                 continue
@@ -142,7 +145,7 @@ def align(
             if math.isnan(at):
                 continue
             variance = steps.variance[k] + width * width
-            spread = variance + common * common
+            spread = variance + common[0] ** 2 + common[1] ** 2
             total, mean = 0.0, 0.0
             for j in range(steps.number[k]):
                 e = steps.offset[k, j] - at
@@ -153,21 +156,12 @@ def align(
             if total <= 1e-300:
                 continue
             residual[k], weight[k] = mean / total, own / variance
-            for line in range(2):
-                part = weight[k] * (placed.abscissa[k] if line else 1.0)
-                for i in range(6):
-                    shared[line, i] += part * row[i]
-                shared[line, 6] += part * residual[k]
-                shared[line, 7] += part
-                shared[line, 8] += part * placed.abscissa[k]
+            add_to_line(of_group[placed.group[k]], weight[k], placed.abscissa[k], row, residual[k])
             for i in range(6):
                 right[i] += weight[k] * row[i] * residual[k]
                 for j in range(i + 1):
                     normal[i, j] += weight[k] * row[i] * row[j]
-        _eliminate(normal, right, shared, common)
-        for i in range(6):
-            for j in range(i):
-                normal[j, i] = normal[i, j]
+        _without_lines(normal, right, placed, of_group, of_curve, common)
         if last:
             break
         damped = normal + prior
@@ -184,19 +178,71 @@ def align(
 
 
 @njit(nogil=True)
-def _eliminate(normal: FloatArray, right: FloatArray, shared: FloatArray, common: float) -> None:
-    """Take the line by which a curve is off, of sigmas ``common``, out of the lower half of the normal equations.
+def _without_lines(
+    normal: FloatArray,
+    right: FloatArray,
+    placed: Placed,
+    of_group: FloatArray,
+    of_curve: FloatArray,
+    common: tuple[float, float],
+) -> None:
+    """Take the lines by which curves are off out of normal equations whose lower half is filled; fill the upper one.
 
-    shared : (2, 9), for offset and slope the sums of weights times: derivatives (6), residual, offset, slope
+    of_group, of_curve : (g, 2, 9) and (c, 2, 9) zeros, see :func:`_eliminate`; common : see :func:`align`
     """
-    if common <= 0.0 or shared[0, 7] <= 0.0:
-        return
-    prior = 1.0 / (common * common)
-    a, b, c = shared[0, 7] + prior, shared[0, 8], shared[1, 8] + prior
-    scale = 1.0 / (a * c - b * b)
+    for k in range(len(placed.eye)):
+        if k == 0 or placed.group[k] != placed.group[k - 1]:
+            _eliminate(normal, right, of_group[placed.group[k]], common[1])
+            of_curve[placed.curve[k]] += of_group[placed.group[k]]
+    for curve in range(len(of_curve)):
+        _eliminate(normal, right, of_curve[curve], common[0])
     for i in range(6):
-        first = scale * (c * shared[0, i] - b * shared[1, i])
-        second = scale * (a * shared[1, i] - b * shared[0, i])
-        right[i] -= first * shared[0, 6] + second * shared[1, 6]
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+
+
+@njit(nogil=True)
+def _eliminate(normal: FloatArray, right: FloatArray, sums: FloatArray, sigma: float) -> None:
+    """Take a line by which points are off, of sigma, out of the lower half of the normal equations, and of its sums.
+
+    sums : (2, 9), for offset and slope the sums of weights times: derivatives (6), residual, offset, slope; in place
+    """
+    if sigma <= 0.0 or sums[0, 7] <= 0.0:
+        return
+    inverse = inverse_of_line(sums[:, 7:], sigma)
+    given = np.empty((2, 9))
+    for i in range(9):
+        given[0, i] = inverse[0, 0] * sums[0, i] + inverse[0, 1] * sums[1, i]
+        given[1, i] = inverse[1, 0] * sums[0, i] + inverse[1, 1] * sums[1, i]
+    for i in range(6):
+        right[i] -= given[0, i] * sums[0, 6] + given[1, i] * sums[1, 6]
         for j in range(i + 1):
-            normal[i, j] -= first * shared[0, j] + second * shared[1, j]
+            normal[i, j] -= given[0, i] * sums[0, j] + given[1, i] * sums[1, j]
+    a, b, c = sums[0, 7], sums[0, 8], sums[1, 8]
+    for i in range(9):
+        sums[0, i] -= a * given[0, i] + b * given[1, i]
+        sums[1, i] -= b * given[0, i] + c * given[1, i]
+
+
+@njit(nogil=True)
+def add_to_line(sums: FloatArray, weight: float, abscissa: float, slope: FloatArray, residual: float) -> None:
+    """Add a point to the sums (2, 9) of a line, of its offset and of its slope.
+
+    Of weights times: derivatives by the pose (6), residual, offset, slope.
+    """
+    for line in range(2):
+        part = weight * (abscissa if line else 1.0)
+        for i in range(6):
+            sums[line, i] += part * slope[i]
+        sums[line, 6] += part * residual
+        sums[line, 7] += part
+        sums[line, 8] += part * abscissa
+
+
+@njit(nogil=True)
+def inverse_of_line(weights: FloatArray, sigma: float) -> FloatArray:
+    """Covariance (2, 2) of offset and slope, of sigma beforehand, by points of so much weight (2, 2)."""
+    prior = 1.0 / (sigma * sigma)
+    a, b, c = weights[0, 0] + prior, weights[0, 1], weights[1, 1] + prior
+    scale = 1.0 / (a * c - b * b)
+    return np.array([[scale * c, -scale * b], [-scale * b, scale * a]])

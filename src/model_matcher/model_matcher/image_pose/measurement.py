@@ -10,18 +10,19 @@ whether the outline is there.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
 from msgs_py import Pose
-from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array, IntArray
+from msgs_py.numeric.typed import ByteArray, FloatArray, Int8Array
 
 from ..geometry.least_squares import covariances
 from ..geometry.pose_rows import as_motion, as_pose
 from .alignment import Steps, align
-from .model_error import ModelError, fitted_model_error
+from .model_error import FIRST_ERROR, NO_ERROR, ModelError, fitted_model_error
 from .neighbours import neighbours
-from .presence import chance_beside, confirmations, crowded, log_ratio
+from .presence import bent, chance_beside, confirmations, crowded, log_ratio
 from .profiles import Stretches, find_steps, fit_steps
 from .settings import (
     BLUR_POINTS,
@@ -29,11 +30,11 @@ from .settings import (
     CANDIDATES,
     DRAWN_IN,
     FEWEST_POINTS,
-    FIRST_CURVE_ERROR,
-    FIRST_POINT_ERROR,
+    FIRST_BLURS,
     FLANK,
     NEAR,
     NOT_ZERO,
+    OTHERS_EDGES,
     POSE_UNKNOWNS,
     REACH,
     SHOWN,
@@ -60,9 +61,6 @@ class Presence:
     ----------
     log_ratio : float
         Nats: log-likelihood ratio of the outline being there, parts of it hidden, against other edges being there.
-    further : float
-        Nats: the same of what is no feature that is known to be seen. Those were found because they are seen well, and
-        say little of how well the rest is.
     support : float
         Share of the length of the outline that the images confirm.
     sight : Sight
@@ -72,7 +70,6 @@ class Presence:
     """
 
     log_ratio: float
-    further: float
     support: float
     sight: Sight
     found: Int8Array
@@ -106,7 +103,7 @@ class ImagePose:
     presence: Presence
     residual: FloatArray = field(default_factory=lambda: np.zeros(0))
     weight: FloatArray = field(default_factory=lambda: np.zeros(0))
-    error: ModelError = ModelError(0.0, 0.0)
+    error: ModelError = NO_ERROR
     reason: str | None = None
 
 
@@ -133,23 +130,26 @@ def measure_pose(shape: Shape, pose: Pose, views: Views, search_px: float = REAC
     return polished(shape, motion, views)
 
 
-def looked_for(shape: Shape, pose: Pose, views: Views) -> tuple[FloatArray, Sight]:
-    """A pose near one, drawn in, and the outline there: one look at the shape serves for both.
+def looked_for(shape: Shape, pose: Pose, views: Views, search_px: float = REACH) -> tuple[FloatArray, Sight]:
+    """A pose near one, drawn in, and the outline there: one look at the shape serves for both, where it is near.
 
     Parameters
     ----------
     shape : Shape
     pose : Pose
-        first_T_model, its outline within REACH pixels of where it is.
+        first_T_model, its outline within ``search_px`` pixels of where it is.
     views : Views
+    search_px : float
 
     Returns
     -------
     motion : (12,) float64
     sight : Sight
     """
-    outline = outline_of(shape, pose, views.cameras, views.poses)
     motion = as_motion(pose)
+    for level in views.pyramid(search_px)[:0:-1]:
+        _draw_in(shape, motion, level, look(shape, as_pose(motion), level))
+    outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
     _draw_in(shape, motion, views, drawn(outline, motion, shape.centre, views))
     return motion, drawn(outline, motion, shape.centre, views)
 
@@ -165,7 +165,7 @@ def drawn_in(shape: Shape, motion: FloatArray, views: Views, search_px: float = 
 def _draw_in(shape: Shape, motion: FloatArray, views: Views, sight: Sight) -> None:
     """Lay a pose (12,), in place, on the steps within REACH of its outline."""
     steps = searched(sight, views, REACH)
-    laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), ModelError(0.0, 0.0), elsewhere(steps, REACH))
+    laid(shape, motion, views, sight, steps, np.array(DRAWN_IN), NO_ERROR, elsewhere(steps, REACH))
 
 
 def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
@@ -183,7 +183,8 @@ def polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     linear, coded = (one for one, _ in found)
     curves = len(np.unique(linear.presence.sight.placed.group))
     unknowns = max(2 * curves - POSE_UNKNOWNS, 0)
-    gain = unknowns * np.log(max(linear.error.curve, NOT_ZERO) / max(coded.error.curve, NOT_ZERO))
+    of_lines = [np.hypot(one.error.curve, one.error.view) + NOT_ZERO for one in (linear, coded)]
+    gain = unknowns * np.log(of_lines[0] / of_lines[1])
     best = int(gain > TONE_NATS)
     views.tone[0], views.blur[:] = TONES[best], found[best][1]
     return found[best][0]
@@ -193,14 +194,14 @@ def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     """As :func:`polished`, with the tone curve of the views."""
     motion = motion.copy()
     density = 0.0
-    error = ModelError(FIRST_CURVE_ERROR, FIRST_POINT_ERROR)
+    error = FIRST_ERROR
     residual = weight = np.zeros(0)
     normal = np.zeros((6, 6))
     for last in (False, True):
         outline = outline_of(shape, as_pose(motion), views.cameras, views.poses)
         sight = drawn(outline, motion, shape.centre, views)
         if len(sight) < FEWEST_POINTS:
-            return _nothing(motion, Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
+            return _nothing(motion, Presence(-np.inf, 0.0, sight, np.zeros(len(sight), np.int8)))
         if not last:
             near = searched(sight, views, NEAR)
             density = elsewhere(near, NEAR)
@@ -213,9 +214,7 @@ def _polished(shape: Shape, motion: FloatArray, views: Views) -> ImagePose:
     return ImagePose(pose, covariance, there, residual, weight, error)
 
 
-def presence(
-    shape: Shape, pose: Pose, views: Views, known: IntArray | None = None, spacing: float = SPACING
-) -> Presence:
+def presence(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Presence:
     """Whether images show an outline at a pose.
 
     Parameters
@@ -224,8 +223,6 @@ def presence(
     pose : Pose
         first_T_model, laid on the images.
     views : Views
-    known : (k,) int, optional
-        Features of the model that are known to be seen, and have been counted elsewhere.
     spacing : float
         Pixels between neighbouring points of the outline.
 
@@ -233,26 +230,28 @@ def presence(
     -------
     Presence
     """
-    return shown(look(shape, pose, views, spacing), views, known)[0]
+    return shown(look(shape, pose, views, spacing), views)[0]
 
 
 def shown(
-    sight: Sight, views: Views, known: IntArray | None = None, steps: Steps | None = None
+    sight: Sight, views: Views, in_space: tuple[float, float] = OTHERS_EDGES, steps: Steps | None = None
 ) -> tuple[Presence, Steps]:
-    """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`."""
+    """Whether images show an outline where it is drawn, and the steps about it; see :func:`presence`.
+
+    in_space : see :class:`.presence.Chance`; steps : those along the normals, where they are known
+    """
     steps = searched(sight, views, REACH + 1) if steps is None else steps
     if not len(sight):
-        return Presence(-np.inf, -np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
-    chance = chance_beside(steps, sight.placed.group)
+        return Presence(-np.inf, 0.0, sight, np.zeros(0, np.int8)), steps
+    placed = sight.placed
+    chance = chance_beside(steps, placed.group, in_space)
     found = confirmations(steps.offset, steps.number, 0.0)
     inside = found >= 0
     support = float(np.average(found[inside], weights=sight.spacing[inside])) if inside.any() else 0.0
-    found[crowded(sight.placed)] = -1
-    ratio = further = float(log_ratio(found, sight.placed.group, chance))
-    if known is not None:
-        others = np.where(np.isin(sight.feature, known), np.int8(-1), found)
-        further = float(log_ratio(others, sight.placed.group, chance))
-    return Presence(ratio, further, support, sight, found), steps
+    found[crowded(placed)] = -1
+    is_bent = bent(placed.point, placed.curve, sight.limb)
+    ratio = log_ratio(found, placed.group, placed.curve, is_bent, chance)
+    return Presence(float(ratio), support, sight, found), steps
 
 
 def searched(sight: Sight, views: Views, reach: int) -> Steps:
@@ -319,13 +318,20 @@ def _best_blur(image: ByteArray, outline: Stretches, beside: FloatArray, tone: f
         outline.flank[some],
     )
     nothing, out = beside[some], np.empty((len(some), 4))
-    costs = np.full(len(BLURS), np.inf)
-    for k, blur in enumerate(BLURS):
-        fit_steps(image, part, nothing, tone, blur, noise, out)
+
+    @cache
+    def cost(k: int) -> float:
+        fit_steps(image, part, nothing, tone, BLURS[k], noise, out)
         good = np.abs(out[:, 2]) > STRONG * noise
-        if good.any():
-            costs[k] = np.median(out[good, 3] / out[good, 2] ** 2)
-    return BLURS[int(np.argmin(costs))] if np.isfinite(costs).any() else BLURS[1]
+        return float(np.median(out[good, 3] / out[good, 2] ** 2)) if good.any() else np.inf
+
+    # From the best of a few downhill: what a wrong blur leaves grows to either side.
+    best = min(FIRST_BLURS, key=cost)
+    while True:
+        near = min((k for k in (best, best - 1, best + 1) if 0 <= k < len(BLURS)), key=cost)
+        if near == best:
+            return BLURS[best] if np.isfinite(cost(best)) else BLURS[1]
+        best = near
 
 
 def laid(
@@ -350,7 +356,7 @@ def laid(
         own,
         widths,
         density,
-        error.curve,
+        (error.curve, error.view),
         prior,
         residual,
         weight,
@@ -379,13 +385,9 @@ def settled(
     """
     for _ in range(rounds):
         residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
-        use = weight > 0.0
-        if use.sum() < FEWEST_POINTS:
+        if (weight > 0.0).sum() < FEWEST_POINTS:
             break
-        placed = sight.placed
-        error = fitted_model_error(
-            placed.group[use], placed.abscissa[use], residual[use], weight[use], steps.variance[use], error
-        )
+        error = fitted_model_error(sight.placed, residual, weight, steps.variance, normal, error)
     return residual, weight, normal, error
 
 

@@ -12,6 +12,36 @@ from .settings import BESIDE, FLANK, LEAST_FLANK, PARALLEL
 
 
 @njit(nogil=True)
+def curve_boxes(placed: Placed) -> tuple[Int32Array, FloatArray]:
+    """Where each curve begins among the points, and the end of the last (c + 1,), and the boxes of their pixels (c, 4).
+
+    A box is the least u and v, and the greatest.
+    """
+    n = len(placed.group)
+    begin, box = np.empty(n + 1, np.int32), np.empty((n, 4))
+    count = 0
+    for k in range(n):
+        u, v = placed.pixel[k, 0], placed.pixel[k, 1]
+        if k == 0 or placed.group[k] != placed.group[k - 1]:
+            begin[count] = k
+            box[count, 0], box[count, 1], box[count, 2], box[count, 3] = u, v, u, v
+            count += 1
+        else:
+            c = count - 1
+            box[c, 0], box[c, 1] = min(box[c, 0], u), min(box[c, 1], v)
+            box[c, 2], box[c, 3] = max(box[c, 2], u), max(box[c, 3], v)
+    begin[count] = n
+    return begin[: count + 1], box[:count]
+
+
+@njit(nogil=True)
+def beside_box(box: FloatArray, c: int, u: float, v: float, reach: float) -> bool:
+    """Whether a pixel is farther than ``reach`` from box c, in u or in v."""
+    beside: bool = u < box[c, 0] - reach or v < box[c, 1] - reach or u > box[c, 2] + reach or v > box[c, 3] + reach
+    return beside
+
+
+@njit(nogil=True)
 def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Array]:
     """Curves that run beside each point, and how far its normal is free of others.
 
@@ -32,24 +62,31 @@ def neighbours(placed: Placed, spacing: FloatArray) -> tuple[FloatArray, Int32Ar
     n = len(placed.eye)
     beside, flank = np.full((n, BESIDE), np.nan), np.full(n, FLANK, np.int32)
     group, gap = np.full((n, BESIDE), -1, np.int32), np.full((n, BESIDE), np.inf)
-    for k in range(n):
-        for j in range(k + 1, n):
-            if placed.eye[j] != placed.eye[k]:
-                break
-            du, dv = placed.pixel[j, 0] - placed.pixel[k, 0], placed.pixel[j, 1] - placed.pixel[k, 1]
-            reach = FLANK + max(spacing[k], spacing[j])
-            if placed.group[j] == placed.group[k] or abs(du) > reach or abs(dv) > reach:
-                continue
-            cosine = placed.normal[k, 0] * placed.normal[j, 0] + placed.normal[k, 1] * placed.normal[j, 1]
-            if abs(cosine) < PARALLEL:
-                free = np.int32(np.sqrt(du * du + dv * dv) - 0.5 * max(spacing[k], spacing[j]))
-                free = free if free >= LEAST_FLANK else np.int32(0)
-                flank[k], flank[j] = min(flank[k], free), min(flank[j], free)
-                continue
-            ahead = placed.normal[j, 0] * du + placed.normal[j, 1] * dv
-            back = -(placed.normal[k, 0] * du + placed.normal[k, 1] * dv)
-            _note(beside, group, gap, k, placed.group[j], ahead / cosine, du, dv, placed, spacing[j])
-            _note(beside, group, gap, j, placed.group[k], back / cosine, du, dv, placed, spacing[k])
+    begin, box = curve_boxes(placed)
+    most = spacing.max() if n else 0.0
+    for one in range(len(box)):
+        for k in range(begin[one], begin[one + 1]):
+            u, v = placed.pixel[k, 0], placed.pixel[k, 1]
+            for other in range(one + 1, len(box)):
+                if placed.eye[begin[other]] != placed.eye[k]:
+                    break
+                if beside_box(box, other, u, v, FLANK + most):
+                    continue
+                for j in range(begin[other], begin[other + 1]):
+                    du, dv = placed.pixel[j, 0] - u, placed.pixel[j, 1] - v
+                    reach = FLANK + max(spacing[k], spacing[j])
+                    if abs(du) > reach or abs(dv) > reach:
+                        continue
+                    cosine = placed.normal[k, 0] * placed.normal[j, 0] + placed.normal[k, 1] * placed.normal[j, 1]
+                    if abs(cosine) < PARALLEL:
+                        free = np.int32(np.sqrt(du * du + dv * dv) - 0.5 * max(spacing[k], spacing[j]))
+                        free = free if free >= LEAST_FLANK else np.int32(0)
+                        flank[k], flank[j] = min(flank[k], free), min(flank[j], free)
+                        continue
+                    ahead = placed.normal[j, 0] * du + placed.normal[j, 1] * dv
+                    back = -(placed.normal[k, 0] * du + placed.normal[k, 1] * dv)
+                    _note(beside, group, gap, k, placed.group[j], ahead / cosine, du, dv, placed, spacing[j])
+                    _note(beside, group, gap, j, placed.group[k], back / cosine, du, dv, placed, spacing[k])
     return beside, flank
 
 

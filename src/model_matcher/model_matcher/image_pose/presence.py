@@ -1,11 +1,12 @@
-"""Whether the images show an outline where a pose puts it: a likelihood ratio against the same images beside it.
+"""Whether the images show an outline where a pose puts it: a likelihood ratio against what else may lie there.
 
-A point of the outline is confirmed by a step within a pixel of it. Along a curve confirmations come in runs, for two
-reasons: the curve is there, and all but a few of its points are confirmed until something stands before it; or some
-other edge of the scene lies there by chance. Both are hidden Markov chains. They differ in how often a curve is of the
-first kind, which is nearly the same for a short curve and a long one: it is curves that are counted, not pixels. How
-often chance confirms a point, and how often a run of them, is counted in the same images, on the same outline moved
-along its normals (the a-contrario principle; Desolneux, Moisan & Morel, From Gestalt theory to image analysis).
+A point of the outline is confirmed by a step within a pixel of it. Along a curve confirmations come in runs, for three
+reasons: the curve is there, and most of its points are confirmed until something stands before it; another edge of the
+scene lies along it, which all cameras see there; or edges lie along it by chance, in each image on their own. It is
+curves that are counted, not pixels, and not images: a pose that was thought of from edges in space lies on edges of
+other objects, too, and what lies on one in space does so in every view. How often chance confirms a point, and how
+often a run of them, is counted in the same images, on the same outline moved along its normals (the a-contrario
+principle; Desolneux, Moisan & Morel, From Gestalt theory to image analysis).
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int8Array, Int32Array
 
 from .alignment import Placed, Steps
+from .neighbours import beside_box, curve_boxes
 from .settings import (
     CONTROLS,
     HIDDEN,
     LEAST_RUN,
+    NOT_ZERO,
     ON_EDGE,
     OWN_STEP,
-    PLACES_TRIED,
     PRIOR_ALIGNED,
     PRIOR_CHANCES,
     REVEALED,
-    RUN_ENDS,
     SEEN_STEP,
     STOPS,
 )
@@ -44,13 +45,17 @@ class Chance(NamedTuple):
         Chances of a confirmation where no edge runs along the outline: after a point without one, after one, and where
         a curve begins.
     aligned : float
-        Share of the outline along which an edge runs that is not its own.
+        Share of the outline along which, in one image, an edge runs that is not its own.
+    in_space : tuple of float
+        Share of its straight curves, and of its others, that lie on edges, in space, of what is not the object; all
+        views show these.
     """
 
     after_none: float
     after_one: float
     first: float
     aligned: float
+    in_space: tuple[float, float]
 
 
 @njit(nogil=True)
@@ -65,7 +70,7 @@ def confirmations(offset: FloatArray, count: Int32Array, at: float) -> Int8Array
     return out
 
 
-def chance_beside(steps: Steps, group: Int32Array) -> Chance:
+def chance_beside(steps: Steps, group: Int32Array, in_space: tuple[float, float]) -> Chance:
     """What chance confirms of an outline in these images: counted beside it, with what is believed beforehand.
 
     Parameters
@@ -74,11 +79,13 @@ def chance_beside(steps: Steps, group: Int32Array) -> Chance:
         Found along the normals of n points, to the farthest of CONTROLS and ON_EDGE beyond.
     group : (n,) int32
         Curve and view of each point, contiguous.
+    in_space : tuple of float
+        See :class:`Chance`; pictures do not tell it.
     """
     yes, all_, in_runs, points = _count_beside(steps.offset, steps.number, group)
-    once = (in_runs + PRIOR_ALIGNED[0]) / (points + PRIOR_ALIGNED[1])
+    aligned = (in_runs + PRIOR_ALIGNED[0]) / (points + PRIOR_ALIGNED[1])
     chances = yes / all_
-    return Chance(chances[0], min(chances[1], SEEN_STEP / 1.5), chances[2], 1.0 - (1.0 - once) ** PLACES_TRIED)
+    return Chance(chances[0], min(chances[1], SEEN_STEP / 1.5), chances[2], aligned, in_space)
 
 
 @njit(nogil=True)
@@ -116,54 +123,148 @@ def _count_beside(
 @njit(nogil=True)
 def crowded(placed: Placed) -> BoolArray:
     """Points, (n,) bool, that a curve before theirs passes so near that one step of the image would confirm both."""
-    n = len(placed.eye)
-    out = np.zeros(n, np.bool_)
-    for k in range(n):
-        for j in range(k - 1, -1, -1):
-            if placed.eye[j] != placed.eye[k]:
-                break
-            if placed.group[j] == placed.group[k]:
-                continue
-            du, dv = placed.pixel[j, 0] - placed.pixel[k, 0], placed.pixel[j, 1] - placed.pixel[k, 1]
-            if du * du + dv * dv < OWN_STEP * OWN_STEP:
-                out[k] = True
-                break
+    out = np.zeros(len(placed.eye), np.bool_)
+    begin, box = curve_boxes(placed)
+    for one in range(len(box)):
+        for k in range(begin[one], begin[one + 1]):
+            u, v = placed.pixel[k, 0], placed.pixel[k, 1]
+            for other in range(one - 1, -1, -1):
+                if out[k] or placed.eye[begin[other]] != placed.eye[k]:
+                    break
+                if beside_box(box, other, u, v, OWN_STEP):
+                    continue
+                for j in range(begin[other], begin[other + 1]):
+                    du, dv = placed.pixel[j, 0] - u, placed.pixel[j, 1] - v
+                    if du * du + dv * dv < OWN_STEP * OWN_STEP:
+                        out[k] = True
+                        break
     return out
 
 
 @njit(nogil=True)
-def _log_chain(found: Int8Array, group: Int32Array, chance: Chance, hidden: float) -> float:
-    """Log-likelihood of confirmations when a share of the outline is hidden; 1: all of it, and chance alone speaks."""
-    enter = RUN_ENDS * chance.aligned / (1.0 - chance.aligned)
-    back = min(STOPS * (1.0 - hidden) / hidden, REVEALED)
-    loose, aligned, seen, total = 0.0, 0.0, 0.0, 0.0
+def overlap(mine: Placed, found: Int8Array, theirs: Placed, others: Int8Array, near: float) -> float:
+    """Share of the confirmed points of an outline that lie on those of another, edges about as steep.
+
+    Parameters
+    ----------
+    mine, theirs : Placed
+        The two outlines, in the same views.
+    found, others : (n,) int8
+        Which of their points are confirmed: 1.
+    near : float
+        Pixels, in u and in v, within which one step confirms both.
+    """
+    begin, box = curve_boxes(theirs)
+    total, shared = 0, 0
     for k in range(len(found)):
-        if found[k] < 0:
+        if found[k] != 1:
             continue
-        one = chance.first
-        if k > 0 and group[k] == group[k - 1] and found[k - 1] >= 0:
-            stays = loose + aligned
-            loose, aligned = loose * (1.0 - enter) + aligned * RUN_ENDS, loose * enter + aligned * (1.0 - RUN_ENDS)
-            stops = seen * STOPS
-            loose = loose * (1.0 - back) + stops * (1.0 - chance.aligned)
-            aligned = aligned * (1.0 - back) + stops * chance.aligned
-            seen = seen - stops + stays * back
-            one = chance.after_one if found[k - 1] else chance.after_none
-        else:
-            loose, aligned, seen = hidden * (1.0 - chance.aligned), hidden * chance.aligned, 1.0 - hidden
-        run = SEEN_STEP
-        if not found[k]:
-            one, run = 1.0 - one, 1.0 - run
-        loose, aligned, seen = loose * one, aligned * run, seen * run
-        here = loose + aligned + seen
-        total += math.log(here)
-        loose, aligned, seen = loose / here, aligned / here, seen / here
-    return total
+        total += 1
+        u, v, same = mine.pixel[k, 0], mine.pixel[k, 1], False
+        for curve in range(len(box)):
+            if same:
+                break
+            if theirs.eye[begin[curve]] != mine.eye[k] or beside_box(box, curve, u, v, near):
+                continue
+            for j in range(begin[curve], begin[curve + 1]):
+                du, dv = abs(theirs.pixel[j, 0] - u), abs(theirs.pixel[j, 1] - v)
+                cosine = mine.normal[k, 0] * theirs.normal[j, 0] + mine.normal[k, 1] * theirs.normal[j, 1]
+                if others[j] == 1 and du < near and dv < near and cosine * cosine > 0.5:
+                    same = True
+                    break
+        shared += same
+    return shared / total if total else 0.0
 
 
 @njit(nogil=True)
-def log_ratio(found: Int8Array, group: Int32Array, chance: Chance) -> float:
-    """Log-likelihood ratio of confirmations: an outline that may be hidden in parts, against chance.
+def bent(point: FloatArray, curve: Int32Array, limb: FloatArray) -> BoolArray:
+    """Which curves are not straight in space or are contours, (c,) bool by the numbers of :class:`.alignment.Placed`.
+
+    Parameters
+    ----------
+    point : (n, 3) float64
+        Metres.
+    curve : (n,) int32
+    limb : (n,) float64
+        See :class:`.sight.Sight`.
+    """
+    most = curve.max() + 1 if len(curve) else 0
+    out, first, second = np.zeros(most, np.bool_), np.full(most, -1), np.full(most, -1)
+    for k in range(len(curve)):
+        c = curve[k]
+        if limb[k] != 0.0:
+            out[c] = True
+        elif first[c] < 0:
+            first[c] = k
+        elif second[c] < 0:
+            second[c] = k
+        else:
+            a, b = point[second[c]] - point[first[c]], point[k] - point[first[c]]
+            x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+            out[c] |= x * x + y * y + z * z > NOT_ZERO * (a * a).sum() * (b * b).sum()
+    return out
+
+
+@njit(nogil=True)
+def _along_curve(found: Int8Array, chance: Chance) -> tuple[float, float]:
+    """Log-likelihoods of the confirmations along one curve in one view: an edge is there, though it may stop; none is.
+
+    Both are 0 where nothing is in view.
+    """
+    runs, none, before = 0.0, 0.0, -1
+    seen = REVEALED / (REVEALED + STOPS)
+    hidden = 1.0 - seen
+    for one in found:
+        if one < 0:
+            continue
+        by_chance = chance.first if before < 0 else chance.after_one if before else chance.after_none
+        by_edge = SEEN_STEP
+        if before >= 0:
+            seen, hidden = seen * (1.0 - STOPS) + hidden * REVEALED, hidden * (1.0 - REVEALED) + seen * STOPS
+        if not one:
+            by_chance, by_edge = 1.0 - by_chance, 1.0 - by_edge
+        none += math.log(by_chance)
+        seen, hidden = seen * by_edge, hidden * by_chance
+        here = seen + hidden
+        runs += math.log(here)
+        seen, hidden = seen / here, hidden / here
+        before = one
+    return runs, none
+
+
+@njit(nogil=True)
+def _either(share: float, one: float, other: float) -> float:
+    """Logarithm of the mixture of two likelihoods (logarithms), the first with a share."""
+    top = max(one, other)
+    mixed: float = top + math.log(share * math.exp(one - top) + (1.0 - share) * math.exp(other - top))
+    return mixed
+
+
+@njit(nogil=True)
+def over_views(found: Int8Array, group: Int32Array, curve: Int32Array, chance: Chance) -> tuple[FloatArray, FloatArray]:
+    """Log-likelihoods of what is confirmed of each curve, (c,), over its views; see :func:`log_ratio`.
+
+    Returns
+    -------
+    edge, apart
+        An edge in space lies along it; in each view one lies along it by chance, or none.
+    """
+    most = curve.max() + 1 if len(curve) else 0
+    edge, apart = np.zeros(most), np.zeros(most)
+    start = 0
+    for k in range(1, len(found) + 1):
+        if k < len(found) and group[k] == group[start]:
+            continue
+        runs, none = _along_curve(found[start:k], chance)
+        edge[curve[start]] += runs
+        apart[curve[start]] += _either(chance.aligned, runs, none)
+        start = k
+    return edge, apart
+
+
+@njit(nogil=True)
+def log_ratio(found: Int8Array, group: Int32Array, curve: Int32Array, is_bent: BoolArray, chance: Chance) -> float:
+    """Log-likelihood ratio of confirmations: an outline that may be hidden in parts, against other edges.
 
     Parameters
     ----------
@@ -171,6 +272,10 @@ def log_ratio(found: Int8Array, group: Int32Array, chance: Chance) -> float:
         See :func:`confirmations`; what is negative says nothing.
     group : (n,) int32
         Curve and view of each, contiguous.
+    curve : (n,) int32
+        One number for all views, see :class:`.alignment.Placed`.
+    is_bent : (c,) bool
+        See :func:`bent`.
     chance : Chance
 
     Returns
@@ -178,10 +283,12 @@ def log_ratio(found: Int8Array, group: Int32Array, chance: Chance) -> float:
     float
         Nats; the mean over how much of the outline is hidden.
     """
-    nothing = _log_chain(found, group, chance, 1.0)
-    parts = np.empty(len(HIDDEN))
-    for p in range(len(HIDDEN)):
-        parts[p] = _log_chain(found, group, chance, HIDDEN[p]) - nothing
+    edge, apart = over_views(found, group, curve, chance)
+    parts = np.zeros(len(HIDDEN))
+    for c in range(len(is_bent)):
+        others = _either(chance.in_space[1 if is_bent[c] else 0], edge[c], apart[c])
+        for p in range(len(HIDDEN)):
+            parts[p] += _either(1.0 - HIDDEN[p], edge[c], others) - others
     top = parts.max()
     ratio: float = top + math.log(np.exp(parts - top).mean())
     return ratio

@@ -24,6 +24,8 @@ from .settings import (
 )
 
 ONE = np.uint64(1)
+# One, in whole numbers with 32 binary digits after the point.
+FIXED = 4294967296.0
 
 
 class Stretches(NamedTuple):
@@ -84,14 +86,9 @@ def profile(
     bool
         Whether all of it lies in the image.
     """
-    height, width = image.shape
+    if not _fits(image, at, spacing, reach):
+        return False
     u, v, nx, ny = at
-    half = 0.5 * spacing
-    for side in (-1.0, 1.0):
-        for end in (-half, half):
-            x, y = u + side * (reach + 1) * nx + end * ny, v + side * (reach + 1) * ny - end * nx
-            if not (x >= 0.0 and y >= 0.0 and x < width - 1 and y < height - 1):
-                return False
     count = max(1, int(round(spacing)))
     for k in range(2 * reach + 1):
         total = 0.0
@@ -107,6 +104,55 @@ def profile(
             low = (1.0 - a) * levels[image[j1, i0]] + a * levels[image[j1, i1]]
             total += (1.0 - b) * top + b * low
         out[k] = total / count
+    return True
+
+
+@njit(nogil=True)
+def _fits(image: ByteArray, at: tuple[float, ...], spacing: float, reach: int) -> bool:
+    """Whether a profile of ``reach`` pixels to either side of a point lies in an image, and a pixel beyond."""
+    height, width = image.shape
+    u, v, nx, ny = at
+    half = 0.5 * spacing
+    for side in (-1.0, 1.0):
+        for end in (-half, half):
+            x, y = u + side * (reach + 1) * nx + end * ny, v + side * (reach + 1) * ny - end * nx
+            if not (x >= 0.0 and y >= 0.0 and x < width - 1 and y < height - 1):
+                return False
+    return True
+
+
+@njit(nogil=True)
+def _straight_profile(image: ByteArray, at: tuple[float, ...], spacing: float, reach: int, out: FloatArray) -> bool:
+    """As :func:`profile`, of a straight stretch, in grey levels as they are: whole numbers take half the time.
+
+    Places have 32 binary digits after the point, weights 16: a step moves by less than a thousandth of a pixel.
+    """
+    if not _fits(image, at, spacing, reach):
+        return False
+    u, v, nx, ny = at
+    pixels, width = image.reshape(-1), np.int64(image.shape[1])
+    count = max(1, int(round(spacing)))
+    along = 0.5 * spacing / count - 0.5 * spacing
+    x0, y0 = np.int64((u - reach * nx + along * ny) * FIXED), np.int64((v - reach * ny - along * nx) * FIXED)
+    dx, dy = np.int64(nx * FIXED), np.int64(ny * FIXED)
+    part = spacing / count * FIXED
+    tx, ty = np.int64(part * ny), np.int64(-part * nx)
+    for k in range(2 * reach + 1):
+        total, x, y = np.int64(0), x0, y0
+        for _ in range(count):
+            a, b = (x >> 16) & 65535, (y >> 16) & 65535
+            # Unsigned, so that no negative index has to be thought of.
+            i = np.uint64((y >> 32) * width + (x >> 32))
+            j = i + np.uint64(width)
+            top, low = np.int64(pixels[i]), np.int64(pixels[j])
+            top = (top << 16) + a * (np.int64(pixels[i + ONE]) - top)
+            low = (low << 16) + a * (np.int64(pixels[j + ONE]) - low)
+            total += (top << 16) + b * (low - top)
+            x += tx
+            y += ty
+        out[k] = total / (FIXED * count)
+        x0 += dx
+        y0 += dy
     return True
 
 
@@ -142,12 +188,11 @@ def find_steps(
     taps = len(TAPS)
     half = reach + taps + 1
     grey, response = np.empty(2 * half + 1), np.empty(2 * reach + 3)
-    levels = np.arange(256.0)
     most = offset.shape[1]
     for n in range(len(pixel)):
         count[n] = -1
         at = (pixel[n, 0], pixel[n, 1], normal[n, 0], normal[n, 1])
-        if not profile(image, levels, at, spacing[n], 0.0, half, grey):
+        if not _straight_profile(image, at, spacing[n], half, grey):
             continue
         count[n] = 0
         for k in range(2 * reach + 3):
@@ -235,8 +280,9 @@ def fit_steps(
                 e = grey[k] - x[0]
                 for j in range(1, steps, 2):
                     t = (k - r - x[j] - (beside[n, (j - 3) // 2] if j > 1 else 0.0)) / blur
-                    row[j + 1] = 0.5 * math.erfc(-t * 0.7071067811865476)
-                    row[j] = -x[j + 1] * math.exp(-0.5 * t * t) * 0.3989422804014327 / blur
+                    bell = math.exp(-0.5 * t * t)
+                    row[j + 1] = _normal_integral(t, bell)
+                    row[j] = -x[j + 1] * bell * 0.3989422804014327 / blur
                     e -= x[j + 1] * row[j + 1]
                 if size > steps:
                     # Near the limb of a curved surface its normal, and with it the shading, turns with the root of the
@@ -272,6 +318,18 @@ def fit_steps(
         # Where the profile is not what the outline says, the step is known as badly as the rest is explained: the noise
         # of the image counts as many residuals as the profile has.
         fitted[n, 1] = _variance(low, size, 1) * 0.5 * (variance + fitted[n, 3])
+
+
+@njit(nogil=True)
+def _normal_integral(t: float, bell: float) -> float:
+    """The standard normal distribution's integral up to t, to 1e-7; bell : exp(-t^2 / 2), which is needed besides.
+
+    Hastings' approximation (Abramowitz & Stegun 7.1.26): of a contrast of 255 grey levels a part in 30,000 of one.
+    """
+    k = 1.0 / (1.0 + 0.3275911 * 0.7071067811865476 * abs(t))
+    series = 0.254829592 + k * (-0.284496736 + k * (1.421413741 + k * (-1.453152027 + k * 1.061405429)))
+    tail = 0.5 * k * series * bell
+    return 1.0 - tail if t > 0.0 else tail
 
 
 @njit(nogil=True)

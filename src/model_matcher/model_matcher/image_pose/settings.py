@@ -31,6 +31,9 @@ NEAR = 4
 FEWEST_POINTS = 12
 # Unknowns of a pose, which the errors of curves have lost.
 POSE_UNKNOWNS = 6
+# Steps of expectation-maximisation to the sigmas of lines at one pose, at most; the share that a last one changes.
+SIGMA_TURNS = 40
+SETTLED = 0.01
 # Rounds of sigmas of the outline's error and pose, and steps to the pose in each.
 TO_ERROR = 8
 TO_POSE = 2
@@ -40,6 +43,8 @@ STRONG = 8.0
 NOT_ZERO = 1e-12
 # Blurs that are tried, pixels, sigma: from that of bilinear look-up to strong motion.
 BLURS = (0.4, 0.5, 0.62, 0.78, 0.97, 1.2, 1.5, 1.9, 2.4, 3.0)
+# Which of them are tried first; neighbours of the best follow.
+FIRST_BLURS = (1, 4, 7)
 # Gauss-Newton steps of a step's fit, and the longest of them, pixels: from half a pixel away it has all digits.
 FIT_TURNS = 5
 LONGEST_FIT_STEP = 0.5
@@ -68,14 +73,13 @@ PRIOR_CHANCES = ((3.0, 15.0), (6.0, 15.0), (4.0, 15.0))
 # The same of points in runs, of which there are at least so many: 20 px, which texture alone does not do.
 PRIOR_ALIGNED = (1.5, 50.0)
 LEAST_RUN = 5
-# Places that a pose drawn in had to choose from along each normal: features say where it is, within a pixel or two.
-PLACES_TRIED = 2
-# Chance that a point in sight is confirmed; that the next one is hidden; that a hidden one's next is not, at most.
+# Chance that a point in sight is confirmed; that the next one is hidden; that a hidden one's next is in sight.
 SEEN_STEP = 0.9
-STOPS = 0.03
-REVEALED = 0.5
-# Chance that a run of confirmations by another edge ends at a point: it is as long as edges are, 80 px.
-RUN_ENDS = 0.05
+STOPS = 0.05
+REVEALED = 0.1
+# Shares of the straight curves of a pose, and of its others, that lie on edges, in space, of what is not the object:
+# poses are thought of from edges. Of absent parts, by test/benchmarks/calibrate_evidence.py.
+OTHERS_EDGES = (0.22, 0.05)
 # Shares of an outline that may be hidden, equally likely.
 HIDDEN = (0.1, 0.3, 0.5, 0.7)
 # Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.

@@ -82,6 +82,7 @@ NO_SIGHT = Sight(
         np.zeros((0, 2)),
         np.zeros((0, 2)),
         np.zeros(0, np.int32),
+        np.zeros(0, np.int32),
         np.zeros(0),
         np.zeros((0, 6)),
     ),
@@ -132,7 +133,8 @@ def look(shape: Shape, pose: Pose, views: Views, spacing: float = SPACING) -> Si
     Sight
     """
     outline = outline_of(shape, pose, views.cameras, views.poses, spacing)
-    return drawn(outline, as_motion(pose), shape.centre, views)
+    # However far apart points are, steps are looked for over no more of the outline than when it is measured.
+    return drawn(outline, as_motion(pose), shape.centre, views, SPACING)
 
 
 def outline_of(
@@ -172,8 +174,10 @@ def drawn(outline: Outline, motion: FloatArray, middle: FloatArray, views: Views
     keep, pixel, normal, slope, limb = _projected(outline, motion, middle, views.rows, views.sizes)
     eye, group, spacing = outline.eye[keep], outline.curve[keep], outline.spacing[keep]
     abscissa, bend = _along(group, pixel, normal, spacing)
-    placed = Placed(outline.point[keep], eye, pixel, normal, group, abscissa, slope)
-    return Sight(placed, spacing, np.minimum(spacing, stretch), bend, limb, outline.feature[keep])
+    feature = outline.feature[keep]
+    curve = same_curves(group, eye, feature)
+    placed = Placed(outline.point[keep], eye, pixel, normal, group, curve, abscissa, slope)
+    return Sight(placed, spacing, np.minimum(spacing, stretch), bend, limb, feature)
 
 
 @njit(nogil=True)
@@ -240,6 +244,29 @@ def _image_direction(
     ey = camera[3] * dx + camera[4] * dy + camera[5] * dz
     ez = camera[6] * dx + camera[7] * dy + camera[8] * dz
     return camera[12] * (ex - ez * x), camera[13] * (ey - ez * y)
+
+
+@njit(nogil=True)
+def same_curves(group: Int32Array, eye: Int32Array, feature: Int32Array) -> Int32Array:
+    """Which points lie on one curve of the model, (n,) int32: one number for all views of a curve.
+
+    Parameters
+    ----------
+    group, eye, feature : (n,) int32
+        See :class:`Outline`. Contours are no features: the first of one view is taken for that of the others.
+    """
+    out = np.empty(len(group), np.int32)
+    contours = 0
+    for k in range(len(group)):
+        if k > 0 and eye[k] != eye[k - 1]:
+            contours = 0
+        if feature[k] >= 0:
+            out[k] = 2 * feature[k]
+            continue
+        if k == 0 or group[k] != group[k - 1]:
+            contours += 1
+        out[k] = 2 * contours - 1
+    return out
 
 
 @njit(nogil=True)

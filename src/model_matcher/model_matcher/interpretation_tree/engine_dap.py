@@ -7,6 +7,8 @@ are made by the machine and charged to it, phase by phase. The cycles are comput
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from .array_elimination import alive_for
 from .array_sorts import sort_pairs
 from .array_tables import ArrayTables, Phase
 from .array_traversal import ArrayTraversal
-from .settings import INTERPRETATIONS
+from .settings import INTERPRETATIONS, LARGEST_PAIRS
 from .tables import Tables
 from .tree import UNASSIGNED, Limits, Traversed, TreeResult, search_with_bin, sub_pairs, without_pairs
 
@@ -52,17 +54,21 @@ def tree_search(
     Raises
     ------
     ValueError
-        When the tables do not fit the machine's store.
+        When the tables do not fit the machine's store, or are not made in time.
 
     References
     ----------
     Thesis 5.7, 5.8, 5.10 and appendix C.
     """
+    n = len(data)
+    if n * (n - 1) // 2 > LARGEST_PAIRS:
+        raise ValueError(f'engine: dap: {n * (n - 1) // 2} data pairs are too many, expected at most {LARGEST_PAIRS}')
     dap = dap or Dap.model('510', tracing=False)
     deadline = time.perf_counter() + params.time_limit_s
     with dap.measured() as so_far:
         try:
-            tables = ArrayTables(dap, index, data, params)
+            with in_time(dap, deadline, params.time_limit_s):
+                tables = ArrayTables(dap, index, data, params)
             search = _Search(tables, params, deadline)
             # The search needs to know how many features there are, and asks for the rest of the tables in parts.
             known = Tables(tables.pairs, np.zeros((0, 0, 0), np.uint8), tables.unary, tables.curves)
@@ -79,6 +85,27 @@ def tree_search(
     return result
 
 
+@contextmanager
+def in_time(dap: Dap, deadline: float, limit: float) -> Iterator[None]:
+    """What the machine does inside ends with ValueError at the deadline, seconds of perf_counter().
+
+    limit : the time limit (seconds), for the message
+    """
+    before = dap.watch
+
+    def look() -> None:
+        if time.perf_counter() > deadline:
+            raise ValueError(f'engine: dap: {limit:.3g} s are not enough for the tables of so much data')
+        if before is not None:
+            before()
+
+    dap.watch = look
+    try:
+        yield
+    finally:
+        dap.watch = before
+
+
 class _Search:
     """What search_with_bin asks of the machine, with the tables made."""
 
@@ -87,7 +114,10 @@ class _Search:
 
     def alive(self, size: int) -> BoolArray:
         """The pairings (n, e) bool that an interpretation of this size is searched among."""
-        return alive_for(self.tables, size) if self.params.eliminate else self.tables.unary.copy()
+        if not self.params.eliminate:
+            return self.tables.unary.copy()
+        with in_time(self.tables.dap, self.deadline, self.params.time_limit_s):
+            return alive_for(self.tables, size)
 
     def traverse(
         self, _: Tables, alive: BoolArray, params: MatchParams, in_bin: int, limit: int, levels: int

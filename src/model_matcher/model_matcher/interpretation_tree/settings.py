@@ -40,7 +40,8 @@ RATES = Rates(20_000_000, 1_000_000, 1000, 10_000_000, 8)
 LARGEST_TABLES = 400_000_000
 # Seconds between two looks at the clock, in steps by these rates.
 LOOK_S = 0.005
-# Most data pairs of the serial search, which keeps 11 numbers for each: more is refused with a reason.
+# Most data pairs of the serial search and of the array machine, which keep 11 numbers and more for each: more is
+# refused with a reason.
 LARGEST_PAIRS = 2_000_000
 
 # -- what is done with feasible interpretations ----------------------------------------------------------------------

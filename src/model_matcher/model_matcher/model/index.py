@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from csg_renderer import SolidOutline
-from msgs_py import FeatureKind, FeatureSet
+from msgs_py import FeatureKind, FeatureSet, Pose
 
 from ..geometry.back_projection import build_voxels
 from ..geometry.features import ModelFeatures, PairTable, VoxelGrid
@@ -16,7 +16,7 @@ from ..geometry.line_pairs import build_pair_table
 from ..geometry.parallel_pairs import ParallelPairs, parallel_pairs
 from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH
 from ..params import MatchParams
-from .settings import VOXEL_REACHES, VOXELS_ACROSS
+from .settings import LARGEST_MODEL, VOXEL_REACHES, VOXELS_ACROSS
 
 
 def feature_rows(features: FeatureSet) -> np.ndarray:
@@ -77,6 +77,8 @@ class ModelIndex:
         The table of pairs, see :attr:`pair_table`.
     shape : SolidOutline, optional
         What of the model a camera sees, when more of it is known than its features.
+    frames : dict of str to Pose
+        Named frames on the model, model_T_frame.
     """
 
     name: str
@@ -92,6 +94,7 @@ class ModelIndex:
     pair_members: np.ndarray
     pair_values: np.ndarray
     shape: SolidOutline | None = None
+    frames: dict[str, Pose] = field(default_factory=dict)
     _voxels: dict[float, VoxelGrid] = field(default_factory=dict)
     _parallel: list[ParallelPairs] = field(default_factory=list)
 
@@ -141,6 +144,17 @@ def extent_points(features: FeatureSet) -> np.ndarray:
     return np.concatenate(points)
 
 
+def model_box(index: ModelIndex) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner (3,), model frame, metres, of a box that holds a model.
+
+    That of the solid, where it is known and bounded; that of the features otherwise.
+    """
+    if index.shape is not None and np.isfinite(index.shape.box).all():
+        return index.shape.box
+    points = extent_points(index.features)
+    return points.min(axis=0), points.max(axis=0)
+
+
 def model_size(features: FeatureSet) -> float:
     """Largest distance between two points of the model, metres: the thesis' maxdist."""
     points = extent_points(features)
@@ -171,7 +185,7 @@ def index_model(features: FeatureSet, name: str = 'model', shape: SolidOutline |
     Raises
     ------
     ValueError
-        No feature is left.
+        No feature is left, or there are more than a table of pairs is made of.
     """
     keep = np.flatnonzero(features.lengths > SMALLEST_LENGTH)
     if len(keep) == 0:
@@ -180,6 +194,8 @@ def index_model(features: FeatureSet, name: str = 'model', shape: SolidOutline |
             if len(features) == 0
             else f'model: every feature of {name} has length zero'
         )
+    if len(keep) > LARGEST_MODEL:
+        raise ValueError(f'model: {name} has {len(keep)} features, expected at most {LARGEST_MODEL}')
     used = features if len(keep) == len(features) else features.select(keep)
     rows = feature_rows(used)
     size = max(model_size(used), SMALLEST_LENGTH)

@@ -6,12 +6,17 @@ import os
 import re
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from csg_renderer import load_known_models
 from csg_renderer.features.library import MODEL_SUFFIXES
+from csg_renderer.features.mesh_units import GUESS, MeshUnit, mesh_unit
+from csg_renderer.features.settings import WORKING_DISTANCE
 from csg_renderer.language import find_scene
+from msgs_py import FeatureSet
 
 from .index import ModelIndex, index_model
 
@@ -28,15 +33,23 @@ class Library:
         One line for each path that could not be used, beginning with its name.
     files
         Every file and folder that was looked at, with its time of change (nanoseconds).
+    units
+        What was taken for the unit of each mesh, by the model's name.
     """
 
     models: tuple[ModelIndex, ...]
     problems: tuple[str, ...]
     files: dict[Path, int]
+    units: dict[str, MeshUnit] = field(default_factory=dict)
 
     def changed(self) -> bool:
         """Whether a file has been rewritten or has gone since."""
         return any(changed_at(path) != then for path, then in self.files.items())
+
+    def guesses_otherwise(self, distance: float) -> bool:
+        """Whether another unit of a mesh is more likely at a working distance, metres."""
+        guessed = [unit for unit in self.units.values() if unit.guessed]
+        return any(mesh_unit(unit.extent, distance=distance) != unit for unit in guessed)
 
     def __len__(self) -> int:
         return len(self.models)
@@ -50,21 +63,41 @@ def changed_at(path: Path) -> int:
         return -1
 
 
-def load_library(paths: Iterable[str]) -> Library:
+def working_distance(data: FeatureSet) -> float | None:
+    """Metres, at which features lie: the median of their distances from the camera; None where there are none."""
+    distances = np.linalg.norm(data.midpoints, axis=1)
+    distances = distances[np.isfinite(distances) & (distances > 0.0)]
+    return float(np.median(distances)) if len(distances) else None
+
+
+def load_library(paths: Iterable[str], mesh_units: str = GUESS, distance: float | None = None) -> Library:
     """Read models from files, folders or names of models that come with csg_renderer.
 
     A scene file gives one model for each object it draws, in the object's own frame. A path that cannot be used, or a
     model without features, becomes a problem and is skipped; the rest is loaded.
+
+    Parameters
+    ----------
+    paths : iterable of str
+    mesh_units : str
+        Unit of mesh files, one of :data:`csg_renderer.features.mesh_units.MESH_UNITS`.
+    distance : float, optional
+        Metres, at which models will be looked at (:func:`working_distance`): what a guess goes by.
+
+    Returns
+    -------
+    Library
     """
     models: list[ModelIndex] = []
     problems: list[str] = []
     files: dict[Path, int] = {}
     taken: set[str] = set()
+    units: dict[str, MeshUnit] = {}
     for given in paths:
         try:
             found = _files(given)
         except (OSError, ValueError) as error:
-            problems.append(f'{given}: {error}')
+            problems.append(_problem(given, error))
             files[Path(given).expanduser()] = changed_at(Path(given).expanduser())  # it may come yet
             continue
         if Path(given).expanduser().is_dir():
@@ -74,14 +107,23 @@ def load_library(paths: Iterable[str]) -> Library:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter('ignore')  # a scene's useless statements do not matter to the matcher
-                    loaded = load_known_models(path)
+                    loaded = load_known_models(path, mesh_units=mesh_units, distance=distance or WORKING_DISTANCE)
                 for given_name, known in loaded.items():
                     name = _unique(safe_name(given_name), taken)
-                    models.append(index_model(known.features, name, known.outline))
+                    index = index_model(known.features, name, known.outline)
+                    index.frames.update(known.frames)
+                    models.append(index)
                     taken.add(name)
+                    if known.unit is not None:
+                        units[name] = known.unit
             except Exception as error:  # a parser, a mesh reader or the geometry: whatever it is, the rest must load
-                problems.append(f'{given}: {error}' if str(path.name) in str(given) else f'{path.name}: {error}')
-    return Library(tuple(models), tuple(problems), files)
+                problems.append(_problem(given if str(path.name) in str(given) else path.name, error))
+    return Library(tuple(models), tuple(problems), files, units)
+
+
+def _problem(name: str, error: Exception) -> str:
+    """An error as one line that begins with the name of a path."""
+    return str(error) if str(error).startswith(name) else f'{name}: {error}'
 
 
 def safe_name(name: str) -> str:

@@ -40,9 +40,16 @@ SAME_POSE_DEG = 1.0
 # As a part of the model's size: shorter distances are rounding.
 EXACT = 1e-6
 
+# Poses whose turns from the camera's frame have traces that differ by less than this are turned equally far.
+SAME_TRACE = 1e-9
+
 # -- convex hull -----------------------------------------------------------------------------------------------------
 
 # Corners and edges lie on a face of the hull when they are this near to it, as a part of the model's size.
 ON_FACE = 0.005
 # Points that stand for a curve.
 CURVE_POINTS = 16
+
+# Features of the largest model: its table of pairs grows with their square, and takes a second and 200 MB for so many.
+# The largest of the thesis, the plug, has 54.
+LARGEST_MODEL = 2000

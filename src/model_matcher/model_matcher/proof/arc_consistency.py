@@ -21,6 +21,9 @@ from ..geometry.settings import RIGHT_ANGLE, ROUNDING
 from .feasibility import Sample
 from .settings import ANGLES
 
+# Column of pair_ranges: whether direction3 is defined.
+NORMAL = 10
+
 
 class PairTest(NamedTuple):
     """What the tests of pairs of nodes need.
@@ -29,7 +32,7 @@ class PairTest(NamedTuple):
     ----------
     sample : Sample
         The data and the model.
-    margins : (n, 6)
+    margins : (n, 8)
         Of geometry.pair_bounds.margins_of.
     halves : (e,)
         Metres, half lengths of the model features.
@@ -44,8 +47,8 @@ class PairTest(NamedTuple):
     model_ranges : (e, e, 11)
         Of pair_ranges, filled where model_known is set.
     model_known : (e, e) bool
-    use : (5,) bool
-        The constraints that are tested: all.
+    use : (2, 5) bool
+        The constraints that are tested: all but direction3 where model lines have no common normal, otherwise all.
     """
 
     sample: Sample
@@ -120,7 +123,7 @@ def pair_test(sample: Sample) -> PairTest:
         below,
         ranges_of_pairs(e, e),
         np.zeros((e, e), bool),
-        np.ones(5, bool),
+        np.array([[True, True, True, True, False], [True] * 5]),
     )
 
 
@@ -295,15 +298,18 @@ def forward_check(
 def _constraints_agree(a: int, b: int, i: int, j: int, test: PairTest, own: DataRanges) -> bool:
     """Whether the five constraints let data features a and b be on model features i and j; fills ranges as needed."""
     data, tols, model = test.sample.data, test.sample.tolerances, test.sample.model
-    error_a, error_b = np.hypot(tols[a, 0], tols[a, 1]), np.hypot(tols[b, 0], tols[b, 1])
+    error_a = np.hypot(tols[a, 0], tols[a, 1]) + ROUNDING
+    error_b = np.hypot(tols[b, 0], tols[b, 1]) + ROUNDING
+    cone_a, cone_b = tols[a, 2] + ROUNDING, tols[b, 2] + ROUNDING
     if not own.known[b]:
         own.known[b] = True
-        pair_ranges(data[a], data[b], error_a, error_b, tols[a, 2], tols[b, 2], own.ranges[b])
+        pair_ranges(data[a], data[b], error_a, error_b, cone_a, cone_b, own.ranges[b])
     if not test.model_known[i, j]:
         test.model_known[i, j] = True
         test.model_ranges[i, j] = 0.0
         if i != j:
             pair_ranges(model[i], model[j], 0.0, 0.0, 0.0, 0.0, test.model_ranges[i, j])
-    bits = entry(own.ranges[b], test.model_ranges[i, j], i == j, 2.0 * model[i, 6], error_a + error_b, test.use)
+    use = test.use[1 if test.model_ranges[i, j, NORMAL] > 0.0 else 0]
+    bits = entry(own.ranges[b], test.model_ranges[i, j], i == j, 2.0 * model[i, 6], error_a + error_b, use)
     agree: bool = bits != 0 and consistent_signs(bits)
     return agree

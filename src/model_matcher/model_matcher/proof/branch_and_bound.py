@@ -15,6 +15,7 @@ known that has a common pose becomes the new bound, until the tree is exhausted 
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,16 +25,37 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.line_pairs import pair_geometry
 from ..geometry.pair_bounds import possible
 from ..geometry.pair_pose import pair_frame, pair_pose
+from ..geometry.settings import ROUNDING
 from ..model.problem import Problem
 from ..model.settings import SEARCH_WIDTH
 from .arc_consistency import DataRanges, Groups, Nodes, forward_check, listed, no_ranges, pair_test, revise
-from .feasibility import FEASIBLE, INFEASIBLE, Sample, all_fit, can_join, deviations, infeasible_subset, minimax_pose
-from .settings import GROUP, STEEP, WIDE
+from .feasibility import (
+    FEASIBLE,
+    INFEASIBLE,
+    OPEN,
+    Sample,
+    all_fit,
+    can_join,
+    common_pose,
+    deviations,
+    infeasible_subset,
+    narrow_in_parts,
+    refute,
+    search_rotations,
+)
+from .settings import GROUP, STEEP, WIDE, WIDEST_TURN
 
 
 def _no_nodes() -> IntArray:
     """No data or model features."""
     return np.zeros(0, np.int64)
+
+
+class Region(NamedTuple):
+    """Poses whose rotation is not farther than a turn (radians) from that of a motion (12,), shifted anyhow."""
+
+    motion: FloatArray
+    turn: float
 
 
 class GivenUp(Exception):
@@ -151,7 +173,7 @@ class BranchAndBound:
             return
         for a_more in order[len(chosen) : int((least <= SEARCH_WIDTH).sum())]:
             more, pose = np.append(chosen, a_more), motion.copy()
-            if minimax_pose(pose, more, nearest[more], sample, np.empty(len(more))) == FEASIBLE:
+            if common_pose(pose, more, nearest[more], sample):
                 chosen, motion = more, pose
         self.keep_larger(chosen, nearest[chosen], motion)
 
@@ -198,23 +220,23 @@ class BranchAndBound:
                 group.append(left.pop(next(crossing, 0) if size == 1 else 0))
         return groups
 
-    def assign(self, group: list[int], forced: IntArray, free: IntArray, motion: FloatArray | None) -> None:
+    def assign(self, group: list[int], forced: IntArray, free: IntArray, region: Region | None) -> None:
         """Explore every way to have the whole group, besides the forced nodes."""
         if not group:
-            self.explore(forced, free, motion, self.refuted)
+            self.explore(forced, free, region, self.refuted)
             return
         here = self.nodes.a[free]
         chosen = min(group, key=np.bincount(here, minlength=len(self.sample.data)).item)
         mine = here == chosen
         others = [a for a in group if a != chosen]
         for node in free[mine]:
-            for more, rest, pose in self.joined(node, forced, free[~mine], motion):
-                self.assign(others, more, rest, pose)
+            for more, rest, where in self.joined(node, forced, free[~mine], region):
+                self.assign(others, more, rest, where)
 
     def joined(
-        self, node: int, forced: IntArray, free: IntArray, motion: FloatArray | None
-    ) -> list[tuple[IntArray, IntArray, FloatArray | None]]:
-        """One more node beside the forced ones: with it, what is left of the free ones, and each pose they may have."""
+        self, node: int, forced: IntArray, free: IntArray, region: Region | None
+    ) -> list[tuple[IntArray, IntArray, Region | None]]:
+        """One more node beside the forced ones: with it, what is left of the free ones, and each region of poses."""
         self.check_time()
         least = self.most - len(forced)
         a = int(self.nodes.a[node])
@@ -224,23 +246,25 @@ class BranchAndBound:
         if len(rest) == 0 and least > 0:
             return []
         more = np.append(forced, node)
-        return [(more, rest, pose) for pose in self.poses(more, motion)]
+        return [(more, rest, where) for where in self.regions(more, region)]
 
-    def poses(self, nodes: IntArray, motion: FloatArray | None) -> list[FloatArray | None]:
-        """What poses some nodes may have: none, [None] while too few to tell, or starts."""
+    def regions(self, nodes: IntArray, region: Region | None) -> list[Region | None]:
+        """Where some nodes may have poses: nowhere, [None] while too few to tell, or regions that hold them all."""
         a, i = self.nodes.a[nodes], self.nodes.i[nodes]
-        starts: list[FloatArray | None] = [motion]
-        if motion is None:
-            starts = [*self.first_poses(a, i)] or [None]
-        allowed: list[FloatArray | None] = []
-        for start in starts:
-            pose = None if start is None else start.copy()
-            if pose is None or minimax_pose(pose, a, i, self.sample, np.empty(len(a))) != INFEASIBLE:
-                allowed.append(pose)
-        return allowed
+        regions = self.first_regions(a, i) if region is None else [region]
+        allowed: list[Region | None] = []
+        for motion, turn in regions or []:
+            pose = motion.copy()
+            smaller = narrow_in_parts(pose, turn, a, i, self.sample)
+            if smaller < 0.0 or refute(pose.copy(), smaller, a, i, self.sample, np.empty(len(a))) == INFEASIBLE:
+                continue
+            if region is None and smaller > WIDEST_TURN:
+                return [None]
+            allowed.append(Region(pose, smaller))
+        return allowed if regions is not None else [None]
 
-    def first_poses(self, a: IntArray, i: IntArray) -> list[FloatArray]:
-        """Every pose that the two features which fix it best may have; none when all are nearly parallel."""
+    def first_regions(self, a: IntArray, i: IntArray) -> list[Region] | None:
+        """Regions of all poses that the two features which fix it best may have; None when all are nearly parallel."""
         data, model = self.sample.data[a], self.sample.model[i]
         cosines = np.maximum(np.abs(data[:, 3:6] @ data[:, 3:6].T), np.abs(model[:, 3:6] @ model[:, 3:6].T))
         sines = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
@@ -248,49 +272,51 @@ class BranchAndBound:
         worth = np.where(sines >= STEEP, sines / np.maximum(cones[:, None], cones), 0.0)
         p, q = (int(v) for v in np.unravel_index(int(np.argmax(worth)), worth.shape))
         if worth[p, q] <= 0.0:
-            return []
+            return None
         c, s, _, foot_a, foot_b, flip = pair_geometry(data[p], data[q])
         model_c, model_s, _, foot_i, foot_j, model_flip = pair_geometry(model[p], model[q])
         angle, model_angle = np.arctan2(s, c), np.arctan2(model_s, model_c)
-        poses = []
+        regions = []
         data_pair, model_pair = np.empty(12), np.empty(12)
         pair_frame(data, p, foot_a, q, flip, foot_b, data_pair)
         for other in (1.0, -1.0):
-            if abs(angle - (model_angle if other > 0.0 else np.pi - model_angle)) > cones[p] + cones[q]:
+            apart = abs(angle - (model_angle if other > 0.0 else np.pi - model_angle))
+            if apart > cones[p] + cones[q] + ROUNDING:
                 continue
+            # Each line of the model is at most so far from where the pose below lays it (docs/proof.md, lemma 9).
+            chords = np.sin(0.5 * np.minimum(cones[[p, q]] + 0.5 * apart + ROUNDING, np.pi))
+            turn = 2.0 * np.arcsin(min(np.sqrt((chords**2).sum() / (1.0 - model_c)), 1.0)) + ROUNDING
             pair_frame(model, p, foot_i, q, other * model_flip, other * foot_j, model_pair)
-            for turn in (1.0, -1.0):
+            for way in (1.0, -1.0):
                 motion = np.empty(12)
-                pair_pose(data_pair, model_pair, turn, motion)
-                poses.append(motion)
-        return poses
+                pair_pose(data_pair, model_pair, way, motion)
+                regions.append(Region(motion, turn))
+        return regions
 
-    def explore(
-        self, forced: IntArray, free: IntArray, motion: FloatArray | None, refuted: list[frozenset[int]]
-    ) -> None:
+    def explore(self, forced: IntArray, free: IntArray, region: Region | None, refuted: list[frozenset[int]]) -> None:
         """Refute every interpretation larger than ``most`` that has all ``forced`` nodes and otherwise ``free`` ones.
 
-        motion : (12,) a pose of the forced nodes, None when they are too few to have one
+        region : where the forced nodes may have poses, None when they are too few to tell
         refuted : sets of data features of which one at least is left out
         """
         self.branches += 1
         self.check_time()
-        if motion is not None:
+        if region is not None:
             least = self.most + 1 - len(forced)
             a, i = self.nodes.a, self.nodes.i
-            free = free[can_join(motion, a[forced], i[forced], a[free], i[free], least, self.sample)]
+            free = free[can_join(*region, a[forced], i[forced], a[free], i[free], least, self.sample)]
         features, domains = np.unique(self.nodes.a[free], return_counts=True)
         spare = len(forced) + len(features) - self.most - 1
         if spare < 0:
             return
         singles = free[np.isin(self.nodes.a[free], features[domains == 1])]
         sets: list[IntArray] = []
-        if motion is not None:
-            packed, sets = self.infeasible_sets(forced, free, singles, motion, refuted, spare)
+        if region is not None:
+            packed, sets = self.infeasible_sets(forced, free, singles, region, refuted, spare)
             if packed > spare:
                 return
             refuted = refuted + [frozenset(self.nodes.a[nodes].tolist()) for nodes in sets]
-            self.try_nearest(forced, free, motion)
+            self.try_nearest(forced, free, region.motion)
             if not sets:
                 here = (known - set(self.nodes.a[forced].tolist()) for known in refuted)
                 sets = [
@@ -299,23 +325,40 @@ class BranchAndBound:
                     if known <= set(self.nodes.a[singles].tolist())
                 ]
         if sets:
-            self.leave_one_out(min(sets, key=len), forced, free, motion, refuted)
-        elif len(features) == 0 or (motion is not None and len(singles) == len(features)):
-            raise GivenUp('some pairings are too near their tolerances to decide on')
+            self.leave_one_out(min(sets, key=len), forced, free, region, refuted)
+        elif len(features) == 0 or (region is not None and len(singles) == len(features)):
+            self.decide(forced, singles, free, region, refuted)
         else:
-            open_to = np.where(domains > 1, domains, domains.max() + (motion is not None))
+            open_to = np.where(domains > 1, domains, domains.max() + (region is not None))
             chosen = self.nodes.a[free] == features[np.argmin(open_to)]
             for node in free[chosen]:
-                for more, rest, pose in self.joined(node, forced, free[~chosen], motion):
-                    self.explore(more, rest, pose, refuted)
-            self.explore(forced, free[~chosen], motion, refuted)
+                for more, rest, where in self.joined(node, forced, free[~chosen], region):
+                    self.explore(more, rest, where, refuted)
+            self.explore(forced, free[~chosen], region, refuted)
+
+    def decide(
+        self, forced: IntArray, singles: IntArray, free: IntArray, region: Region | None, refuted: list[frozenset[int]]
+    ) -> None:
+        """Search the rotations of a region for a pose of nodes that were neither explained nor refuted by one bound."""
+        nodes = np.concatenate([forced, singles])
+        a, i = self.nodes.a[nodes], self.nodes.i[nodes]
+        state = OPEN
+        if region is not None:
+            motion = region.motion.copy()
+            state = search_rotations(motion, region.turn, a, i, self.sample)
+            if state == FEASIBLE and self.keep_larger(a, i, motion):
+                raise Larger
+        if state != INFEASIBLE:
+            raise GivenUp('some pairings are too near their tolerances to decide on')
+        if len(singles):
+            self.leave_one_out(singles, forced, free, region, refuted)
 
     def infeasible_sets(
         self,
         forced: IntArray,
         free: IntArray,
         singles: IntArray,
-        motion: FloatArray,
+        region: Region,
         refuted: list[frozenset[int]],
         spare: int,
     ) -> tuple[int, list[IntArray]]:
@@ -340,9 +383,9 @@ class BranchAndBound:
             nodes = np.concatenate([forced, left])
             a, i = self.nodes.a[nodes], self.nodes.i[nodes]
             weights = np.empty(len(nodes))
-            if minimax_pose(motion.copy(), a, i, self.sample, weights) != INFEASIBLE:
+            if refute(region.motion.copy(), region.turn, a, i, self.sample, weights) != INFEASIBLE:
                 break
-            members = nodes[infeasible_subset(motion, a, i, weights, self.sample)]
+            members = nodes[infeasible_subset(*region, a, i, weights, self.sample)]
             members = members[~np.isin(members, forced)]
             if len(members) == 0:
                 return spare + 1, []
@@ -352,22 +395,17 @@ class BranchAndBound:
         return packed, found
 
     def leave_one_out(
-        self,
-        members: IntArray,
-        forced: IntArray,
-        free: IntArray,
-        motion: FloatArray | None,
-        refuted: list[frozenset[int]],
+        self, members: IntArray, forced: IntArray, free: IntArray, region: Region | None, refuted: list[frozenset[int]]
     ) -> None:
         """Explore what leaves out each member of an infeasible set in turn, and has those before it."""
         for k, node in enumerate(members):
             rest = free[~np.isin(self.nodes.a[free], self.nodes.a[members[: k + 1]])]
-            self.explore(forced, rest, motion, refuted)
+            self.explore(forced, rest, region, refuted)
             others = free[self.nodes.a[free] != self.nodes.a[node]]
-            with_it = self.joined(node, forced, others, motion) if node in free else []
+            with_it = self.joined(node, forced, others, region) if node in free else []
             if not with_it:
                 return
-            forced, free, motion = with_it[0]
+            forced, free, region = with_it[0]
 
     def try_nearest(self, forced: IntArray, free: IntArray, motion: FloatArray) -> None:
         """The forced nodes with the nearest node of every free feature: raises Larger when they have a common pose."""
@@ -377,6 +415,5 @@ class BranchAndBound:
         nodes = np.concatenate([forced, free[order[first]]])
         a, i = self.nodes.a[nodes], self.nodes.i[nodes]
         pose = motion.copy()
-        feasible = minimax_pose(pose, a, i, self.sample, np.empty(len(nodes))) == FEASIBLE
-        if feasible and self.keep_larger(a, i, pose):
+        if common_pose(pose, a, i, self.sample) and self.keep_larger(a, i, pose):
             raise Larger

@@ -1,10 +1,11 @@
-"""Certificate that no larger interpretation exists.
+"""Certificate that no larger interpretation exists, or none of some size at all.
 
 Its exact statement. An interpretation pairs each data feature with one model feature at most, and there is a rigid
 motion, its pose, under which every paired data feature lies on its model feature: end points within the tolerances
 across and along, direction within its cone, radii within curvedev (back_projection.fit_one, width 1). ``proven``: no
-interpretation of this data, whatever its pose, pairs more data features than this one. Clutter,
-occlusion and symmetry play no part in that; the tolerances do. An equally large one may exist.
+interpretation of this data, whatever its pose, pairs more data features than this one. ``absent``: none pairs as many
+as ``min_matched``. Clutter, occlusion and symmetry play no part in that; the tolerances do. An equally large one may
+exist. docs/proof.md has the argument, and what computing with rounded numbers takes off it.
 
 How it is shown: branch_and_bound.py.
 """
@@ -29,7 +30,17 @@ from ..verification.interpretations import as_interpretation
 from ..verification.pose_fit import fitted_poses, stated_errors
 from ..verification.refinement import Refined
 from .branch_and_bound import BranchAndBound, GivenUp, Larger, sample_of
-from .feasibility import all_fit, can_join, deviations, infeasible_subset, least_squares_pose, minimax_pose
+from .feasibility import (
+    all_fit,
+    can_join,
+    common_pose,
+    deviations,
+    infeasible_subset,
+    least_squares_pose,
+    narrow_in_parts,
+    refute,
+    search_rotations,
+)
 
 
 @dataclass(frozen=True)
@@ -76,9 +87,12 @@ def compile_kernels() -> None:
     nodes = np.arange(6)
     motion = np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0.1])
     sample, weights = tree.sample, np.ones(6)
-    minimax_pose(motion.copy(), nodes, nodes, sample, weights)
-    infeasible_subset(motion, nodes, nodes, weights, sample)
-    can_join(motion, nodes[:3], nodes[:3], nodes, nodes, 0, sample)
+    common_pose(motion.copy(), nodes, nodes, sample)
+    narrow_in_parts(motion.copy(), 0.1, nodes, nodes, sample)
+    refute(motion.copy(), 0.1, nodes, nodes, sample, weights)
+    search_rotations(motion.copy(), 0.1, nodes, nodes, sample)
+    infeasible_subset(motion, 0.1, nodes, nodes, weights, sample)
+    can_join(motion, 0.1, nodes[:3], nodes[:3], nodes, nodes, 0, sample)
     deviations(motion, nodes, nodes, sample)
     all_fit(motion, nodes, nodes, sample, problem.index.kind, problem.radius_tol)
     least_squares_pose(motion, nodes.astype(np.int32), np.zeros(6, np.int8), sample)
@@ -86,7 +100,7 @@ def compile_kernels() -> None:
 
 
 def certify(problem: Problem, result: MatchResult, params: MatchParams, started: float) -> MatchResult:
-    """Mark the best interpretation of a match as proven, when it is.
+    """Mark the best interpretation of a match as proven, when it is, or that there is none at all.
 
     A larger interpretation that the proof comes across takes the place of the best one, unless it explains fewer
     distinct model features, by which interpretations are ranked: then nothing is proven.
@@ -108,13 +122,13 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
         Statistics: proof_branches, proof_pairings, proof_seconds and, when it is not proven, unproven with the reason.
     """
     best = result.best
-    if best is None:
-        return result
     left = params.time_limit_s - (time.perf_counter() - started)
     compile_kernels()
     if left <= 0.0:
         result.stats['unproven'] = 'time limit'
         return result
+    if best is None:
+        return _certify_absence(problem, result, params, left)
     motion = as_motion(best.pose)
     proof = prove_problem(problem, best.matched, params, left, motion)
     result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
@@ -134,6 +148,21 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
     else:
         result.stats['unproven'] = reason
     return replace(result, interpretations=(best, *result.interpretations[1:]))
+
+
+def _certify_absence(problem: Problem, result: MatchResult, params: MatchParams, seconds: float) -> MatchResult:
+    """Mark a match without an answer as absent, when no pose explains as many data features as an answer has to."""
+    least = params.min_matched
+    known = max((one.matched for one in result.rejected), default=0)
+    proof = Proof(False, reason=f'a rejected pose explains {known} data features')
+    if known < least:
+        proof = prove_problem(problem, least - 1, params, seconds, only_whether=True)
+    result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
+    if not proof.proven:
+        result.stats['unproven'] = proof.reason
+        return result
+    reason = f'{result.reason}; proven: no pose explains {least} data features within the tolerances'
+    return replace(result, reason=reason, absent=True)
 
 
 def _as_interpretation(
@@ -183,9 +212,17 @@ def prove(
 
 
 def prove_problem(
-    problem: Problem, matched: int, params: MatchParams, seconds: float | None = None, motion: FloatArray | None = None
+    problem: Problem,
+    matched: int,
+    params: MatchParams,
+    seconds: float | None = None,
+    motion: FloatArray | None = None,
+    only_whether: bool = False,
 ) -> Proof:
-    """As :func:`prove`; the assignment is of the problem's usable features. motion : (12,) the pose of what matched."""
+    """As :func:`prove`; the assignment is of the problem's usable features.
+
+    motion : (12,) the pose of what matched; only_whether : the first larger interpretation ends it, unproven
+    """
     if params.scale != 'known':
         return Proof(False, reason="only data of known scale can be proven, not scale='free'")
     compile_kernels()
@@ -201,7 +238,8 @@ def prove_problem(
                 tree.search()
                 break
             except Larger:
-                continue
+                if only_whether:
+                    raise GivenUp(f'a pose explains {tree.most} data features') from None
     except GivenUp as why:
         reason = str(why)
     except RecursionError:

@@ -1,14 +1,18 @@
-"""Minimax feasibility: whether a set of pairings has a common pose.
+"""Feasibility: whether a set of pairings has a common pose among those whose rotation is near a given one.
 
 fit_one accepts a pairing when a few residuals, each divided by its tolerance, are at most one: the distances of an
 edge's end points (or a curve's centre) from the model line, its shift along the line over the room it has there, its
-tilt. The minimax pose has the smallest largest residual of all poses; it is approached by minimising sums of ever
-higher powers. For any weights that sum to one, the smallest weighted sum of squares is a lower bound of the square of
-the minimax residual, and the bound is tight for the weights of a high power. A set whose bound is above one has no pose
-that explains it (linear programming duality in its least-squares form: Lawson's algorithm for Chebyshev
-approximation).
+tilt. Linearised in a step of the pose they are off by half the square of the turn times a lever, at most, whatever the
+pose. What is shown here holds for every pose of a region (docs/proof.md has the lemmas):
 
-A pairing has four blocks of residuals: across the model line at one end and at the other, along it, and tilt.
+* Squares with any weights have a weighted mean of at most one under a feasible pose, but for that. Where it is larger
+  under every step, the set is infeasible. As it rises with the turn by more than residuals bend, regions can be
+  large. The weights of sums of high powers come near the best ones: linear programming duality in its
+  least-squares form (Lawson's algorithm for Chebyshev approximation).
+* Otherwise it bounds the steps of feasible poses, and the region shrinks.
+
+A pairing has four blocks of residuals: across the model line at one end and at the other, along it, and tilt. A region
+is a motion (12,) and a turn, radians: all poses whose rotation is not farther than that from the motion's.
 """
 
 from __future__ import annotations
@@ -24,8 +28,8 @@ from ..geometry.back_projection import fit_one
 from ..geometry.features import CURVE, DataFeatures, FeatureRows
 from ..geometry.least_squares import damp, normal_equations, solve6
 from ..geometry.rigid_motion import compose_small, inverse_rotate, inverse_transform, perpendiculars, transform_line
-from ..geometry.settings import NOT_ZERO, ROUNDING, SMALLEST_LENGTH, WIDEST_CONE
-from .settings import MINIMAX, SMALL_TURN, SUBSETS
+from ..geometry.settings import NOT_ZERO, RIGHT_ANGLE, ROUNDING, SMALLEST_LENGTH, WIDEST_CONE
+from .settings import MINIMAX, REGIONS, SUBSETS
 
 INFEASIBLE, FEASIBLE, OPEN = range(3)
 # Blocks of residuals of a pairing, and how many there are.
@@ -53,10 +57,22 @@ class Sample(NamedTuple):
 
 
 class _Residuals(NamedTuple):
-    """Residuals over their tolerances as functions of a small motion s (6,): values - jacobian s; a block has two."""
+    """Residuals over their tolerances as functions of a step s (6,): values - jacobian s; a block has two.
 
-    jacobian: FloatArray  # (b, 2, 6)
-    values: FloatArray  # (b, 2)
+    Attributes
+    ----------
+    jacobian : (b, 2, 6)
+    values : (b, 2)
+    levers : (b,)
+        Half of this times the square of a turn is what its second order may do to a residual.
+    own : (b,)
+        The tolerance that is divided by, over that at the pose of linearisation itself; 0 for what a curve has not.
+    """
+
+    jacobian: FloatArray
+    values: FloatArray
+    levers: FloatArray
+    own: FloatArray
 
 
 class _Fit(NamedTuple):
@@ -78,7 +94,7 @@ class _Fit(NamedTuple):
 @njit
 def _room_for(blocks: int) -> _Residuals:
     """Uninitialised residuals of so many blocks."""
-    return _Residuals(np.empty((blocks, 2, 6)), np.empty((blocks, 2)))
+    return _Residuals(np.empty((blocks, 2, 6)), np.empty((blocks, 2)), np.empty(blocks), np.empty(blocks))
 
 
 @njit
@@ -94,63 +110,84 @@ def _centroid(sample: Sample, a: IntArray) -> FloatArray:
 
 @njit
 def _linearise(
-    motion: FloatArray, centre: FloatArray, a: int, i: int, sample: Sample, residuals: _Residuals, first: int
-) -> None:
-    """The residuals of a on i and their derivatives at a motion (12,), into blocks ``first``... of ``residuals``."""
+    motion: FloatArray,
+    turn: float,
+    centre: FloatArray,
+    a: int,
+    i: int,
+    sample: Sample,
+    residuals: _Residuals,
+    first: int,
+) -> float:
+    """The residuals of a on i and their derivatives in a region, into blocks ``first``... of ``residuals``.
+
+    A step turns the model about ``centre``, after it has shifted it. Returns by how much that shift may differ from
+    none, metres, under a pose of the region that explains the pairing.
+    """
     m, d = sample.model[i], sample.data[a]
     rows, values = residuals.jacobian, residuals.values
     ux, uy, uz, mx, my, mz = transform_line(motion, m)
     ex, ey, ez, fx, fy, fz = perpendiculars(ux, uy, uz)
     curve = sample.kinds[a] == CURVE
-    c = ux * d[3] + uy * d[4] + uz * d[5]
+    cone = min(sample.tolerances[a, 2], WIDEST_CONE)
+    c = abs(ux * d[3] + uy * d[4] + uz * d[5])
+    upright = np.cos(cone)  # no less than the cosine of the tilt under any feasible pose
+    if turn < RIGHT_ANGLE:
+        upright = max(upright, c * np.cos(turn) - np.sqrt(max(1.0 - c * c, 0.0)) * np.sin(turn))
+    slack = ROUNDING * (1.0 + abs(d[0]) + abs(d[1]) + abs(d[2]))
+    room = 0.0
     for block in range(BLOCKS):
         at = first + block
         for k in range(2):
             values[at, k] = 0.0
             for p in range(6):
                 rows[at, k, p] = 0.0
-        if block == TILT:
-            scale = (1.0 if c >= 0.0 else -1.0) / np.sin(min(sample.tolerances[a, 2], WIDEST_CONE))
-            for k in range(2):
-                ax, ay, az = (ex, ey, ez) if k == 0 else (fx, fy, fz)
-                values[at, k] = scale * (ax * d[3] + ay * d[4] + az * d[5])
-                scaled = abs(scale)
-                rows[at, k, 0] = scaled * (uy * az - uz * ay)
-                rows[at, k, 1] = scaled * (uz * ax - ux * az)
-                rows[at, k, 2] = scaled * (ux * ay - uy * ax)
-            continue
+        residuals.levers[at] = residuals.own[at] = 0.0
         if block == SECOND_END and curve:
             continue
-        across = block != ALONG
-        step = 0.0 if curve or not across else d[6] if block == FIRST_END else -d[6]
+        if block == TILT:
+            widest = np.sin(cone) + ROUNDING
+            residuals.levers[at], residuals.own[at] = 1.0 / widest, widest / np.sin(cone)
+            for k in range(2):
+                ax, ay, az = (ex, ey, ez) if k == 0 else (fx, fy, fz)
+                values[at, k] = (ax * d[3] + ay * d[4] + az * d[5]) / widest
+                rows[at, k, 0] = (d[4] * az - d[5] * ay) / widest
+                rows[at, k, 1] = (d[5] * ax - d[3] * az) / widest
+                rows[at, k, 2] = (d[3] * ay - d[4] * ax) / widest
+            continue
+        step = 0.0 if curve or block == ALONG else d[6] if block == FIRST_END else -d[6]
         x, y, z = d[0] + step * d[3], d[1] + step * d[4], d[2] + step * d[5]
-        along = (x - mx) * ux + (y - my) * uy + (z - mz) * uz
-        qx, qy, qz = mx + along * ux, my + along * uy, mz + along * uz
-        if across:
-            scale = 1.0 / sample.tolerances[a, 0]
+        gx, gy, gz = x - centre[0], y - centre[1], z - centre[2]
+        if block == ALONG:
+            room = max(m[6] + sample.tolerances[a, 1] - upright * d[6], 0.0) + slack
+            here, widest = m[6] + sample.tolerances[a, 1] - c * d[6], room
         else:
-            scale = 1.0 / max(m[6] + sample.tolerances[a, 1] - abs(c) * d[6], SMALLEST_LENGTH)
-            qx, qy, qz = mx, my, mz
-        gx, gy, gz = qx - centre[0], qy - centre[1], qz - centre[2]
-        for k in range(2 if across else 1):
-            ax, ay, az = (ux, uy, uz) if not across else (ex, ey, ez) if k == 0 else (fx, fy, fz)
-            values[at, k] = scale * (ax * (x - qx) + ay * (y - qy) + az * (z - qz))
-            if not across:
-                # Turning the line by w moves the shift along it by w x u . (x - m) as well.
-                gx, gy, gz = x - centre[0], y - centre[1], z - centre[2]
-            rows[at, k, 0] = scale * (gy * az - gz * ay)
-            rows[at, k, 1] = scale * (gz * ax - gx * az)
-            rows[at, k, 2] = scale * (gx * ay - gy * ax)
-            rows[at, k, 3], rows[at, k, 4], rows[at, k, 5] = scale * ax, scale * ay, scale * az
+            here, widest = sample.tolerances[a, 0], sample.tolerances[a, 0] + slack
+        residuals.levers[at] = np.sqrt(gx * gx + gy * gy + gz * gz) / widest
+        residuals.own[at] = widest / max(here, SMALLEST_LENGTH)
+        for k in range(1 if block == ALONG else 2):
+            ax, ay, az = (ux, uy, uz) if block == ALONG else (ex, ey, ez) if k == 0 else (fx, fy, fz)
+            ax, ay, az = ax / widest, ay / widest, az / widest
+            values[at, k] = ax * (x - mx) + ay * (y - my) + az * (z - mz)
+            rows[at, k, 0] = gy * az - gz * ay
+            rows[at, k, 1] = gz * ax - gx * az
+            rows[at, k, 2] = gx * ay - gy * ax
+            rows[at, k, 3], rows[at, k, 4], rows[at, k, 5] = ax, ay, az
+    gx, gy, gz = d[0] - centre[0], d[1] - centre[1], d[2] - centre[2]
+    away = np.sqrt((d[0] - mx) ** 2 + (d[1] - my) ** 2 + (d[2] - mz) ** 2)
+    lever = np.sqrt(gx * gx + gy * gy + gz * gz)
+    return float(away + room + sample.tolerances[a, 0] + slack + min(turn, 2.0) * lever)
 
 
 @njit
 def _linearise_all(
-    motion: FloatArray, centre: FloatArray, a: IntArray, i: IntArray, sample: Sample, residuals: _Residuals
-) -> None:
-    """The residuals of pairings a on i (m,), BLOCKS blocks for each."""
+    motion: FloatArray, turn: float, centre: FloatArray, a: IntArray, i: IntArray, sample: Sample, residuals: _Residuals
+) -> float:
+    """The residuals of pairings a on i (m,), BLOCKS blocks for each. Returns how far a pose of all may be shifted."""
+    shift = np.inf
     for k in range(len(a)):
-        _linearise(motion, centre, a[k], i[k], sample, residuals, BLOCKS * k)
+        shift = min(shift, _linearise(motion, turn, centre, a[k], i[k], sample, residuals, BLOCKS * k))
+    return shift
 
 
 @njit
@@ -170,6 +207,148 @@ def _squared_norms(residuals: _Residuals, step: FloatArray, out: FloatArray) -> 
 
 
 @njit
+def _fits_here(residuals: _Residuals) -> bool:
+    """Whether all blocks are within their own tolerances at the pose where they were linearised."""
+    for b in range(len(residuals.own)):
+        square = residuals.values[b, 0] ** 2 + residuals.values[b, 1] ** 2
+        if square * residuals.own[b] ** 2 > 1.0:
+            return False
+    return True
+
+
+@njit
+def _normal_of(residuals: _Residuals, weights: FloatArray, normal: FloatArray) -> None:
+    """The normal matrix (6, 6) of weighted blocks."""
+    normal[:] = 0.0
+    rows = residuals.jacobian
+    for b in range(len(weights)):
+        for k in range(2):
+            for p in range(6):
+                for q in range(p + 1):
+                    normal[p, q] += weights[b] * rows[b, k, p] * rows[b, k, q]
+    for p in range(6):
+        for q in range(p):
+            normal[q, p] = normal[p, q]
+
+
+class _Bound(NamedTuple):
+    """What weights say of the feasible steps s of a region: (s - lowest) normal (s - lowest) <= room.
+
+    Attributes
+    ----------
+    lowest : (6,)
+        Where the weighted sum is least, nearly; nothing relies on how nearly.
+    normal, inverse : (6, 6)
+        inverse is nearly that of normal; nothing relies on how nearly.
+    room
+        Of no meaning when ``reach`` is negative.
+    turn, shift
+        Radians and metres, the largest components of s - lowest of a pose of the region.
+    reach
+        Radians, the largest turn of a feasible step; -1 when there is none.
+    radius
+        Radians, the largest turn from the lowest step to a feasible one.
+    """
+
+    lowest: FloatArray
+    normal: FloatArray
+    inverse: FloatArray
+    room: float
+    turn: float
+    shift: float
+    reach: float
+    radius: float
+
+
+@njit
+def _growth(normal: FloatArray, inverse: FloatArray, turn: float, shift: float) -> tuple[float, float]:
+    """Numbers (square, rest): a step d of the region turns by no more than sqrt(square x d normal d) + rest (lemma 7).
+
+    With Y, the first rows of any matrix, the turn of d is (P - Y normal) d + Y normal d, P taking the turn of a step; Y
+    is that of the inverse, so that the first part is rounding. The second is at most the square root of the largest
+    eigenvalue of Y normal Y^T, times that of d normal d.
+    """
+    image = inverse[:3] @ normal
+    rest = 0.0
+    for p in range(3):
+        for q in range(6):
+            rest += abs((1.0 if p == q else 0.0) - image[p, q]) * (turn if q < 3 else shift)
+    spread = image @ inverse[:3].T
+    mean = (spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0
+    aside = 0.0
+    for p in range(3):
+        for q in range(3):
+            aside += (spread[p, q] - (mean if p == q else 0.0)) ** 2
+    # No eigenvalue of a symmetric 3 x 3 matrix is farther from their mean (Wolkowicz and Styan, 1980).
+    return (mean + np.sqrt(aside * 2.0 / 3.0)) * (1.0 + ROUNDING), rest
+
+
+@njit
+def _solved(
+    residuals: _Residuals, weights: FloatArray, normal: FloatArray, inverse: FloatArray, lowest: FloatArray
+) -> bool:
+    """Fill the normal matrix of weighted squares, nearly its inverse and nearly the step where their sum is least."""
+    _normal_of(residuals, weights, normal)
+    damped, right = normal.copy(), np.zeros(6)
+    damp(damped)
+    for b in range(len(weights)):
+        for k in range(2):
+            for p in range(6):
+                right[p] += weights[b] * residuals.jacobian[b, k, p] * residuals.values[b, k]
+    unit = np.empty(6)
+    solved: bool = solve6(damped, right, lowest)
+    for p in range(6):
+        unit[:] = 0.0
+        unit[p] = 1.0
+        solved = solved and solve6(damped, unit, inverse[p])
+    if not solved:
+        lowest[:], inverse[:] = 0.0, 0.0
+    return solved
+
+
+@njit
+def _bound(residuals: _Residuals, weights: FloatArray, turn: float, shift: float) -> _Bound:
+    """What weights (b,) of the squares say of the feasible steps of a region (lemmas 6 and 7).
+
+    Under a feasible pose that turns by t the weighted sum is at most that of (1 + levers t^2 / 2)^2. It lies above its
+    tangent at any step by the normal matrix' form, and so grows with the turn. What t may be is looked at in slices.
+    """
+    lowest, slope, normal, inverse = np.zeros(6), np.zeros(6), np.empty((6, 6)), np.zeros((6, 6))
+    solved = _solved(residuals, weights, normal, inverse, lowest)
+    total = levers = squares = cost = 0.0
+    for b in range(len(weights)):
+        total += weights[b]
+        levers += weights[b] * residuals.levers[b]
+        squares += 0.25 * weights[b] * residuals.levers[b] ** 2
+        for k in range(2):
+            value = residuals.values[b, k]
+            for p in range(6):
+                value -= residuals.jacobian[b, k, p] * lowest[p]
+            cost += weights[b] * value * value
+            for p in range(6):
+                slope[p] += 2.0 * weights[b] * value * residuals.jacobian[b, k, p]
+    far = np.sqrt(lowest[0] ** 2 + lowest[1] ** 2 + lowest[2] ** 2)
+    most_turn = turn + far
+    most_shift = shift + np.sqrt(lowest[3] ** 2 + lowest[4] ** 2 + lowest[5] ** 2)
+    for p in range(6):
+        cost -= abs(slope[p]) * (most_turn if p < 3 else most_shift)
+    square, rest, grown = 0.0, 0.0, 0.0
+    if solved:
+        square, rest = _growth(normal, inverse, most_turn, most_shift)
+        grown = 1.0 / max(square, NOT_ZERO**2)
+    reach = -1.0
+    for k in range(REGIONS.slices):
+        low, high = turn * k / REGIONS.slices, turn * (k + 1) / REGIONS.slices
+        rises = grown * max(low - far - rest, 0.0) ** 2
+        allowed = (total + levers * high**2 + squares * high**4) * (1.0 + ROUNDING)
+        if not cost + rises > allowed:  # nothing follows from what is not a number
+            reach = high
+    room = max((total + levers * reach**2 + squares * reach**4) * (1.0 + ROUNDING) - cost, 0.0)
+    radius = min(np.sqrt(square * room) + rest, reach + far) if solved else reach + far
+    return _Bound(lowest, normal, inverse, room, most_turn, most_shift, reach, radius)
+
+
+@njit
 def _newton(residuals: _Residuals, squares: FloatArray, worst: float, power: float, at: FloatArray, fit: _Fit) -> float:
     """One Newton step for the sum of powers of the squares (b,), from a step ``at`` (6,); fills ``fit``.
 
@@ -180,7 +359,7 @@ def _newton(residuals: _Residuals, squares: FloatArray, worst: float, power: flo
     right, gradient = np.zeros(6), np.empty(6)
     cost = total = 0.0
     for b in range(len(squares)):
-        weight = (squares[b] / worst) ** (power - 1.0)
+        weight = (squares[b] / worst) ** (power - 1.0) if residuals.own[b] > 0.0 else 0.0
         fit.weights[b] = weight
         total += weight
         cost += weight * squares[b]
@@ -244,51 +423,252 @@ def _line_search(
 
 
 @njit
-def minimax_pose(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample, weights: FloatArray) -> int:
-    """Whether some pose near ``motion`` (12,) lays data features a (m,) on model features i (m,) within tolerances.
+def _approach(residuals: _Residuals, step: FloatArray, turn: float, shift: float, fit: _Fit) -> bool:
+    """Change a step (6,) towards the least largest residual; True when no pose of the region is feasible.
+
+    The weights of that are then in ``fit``. turn : negative where nothing is to be refuted; True then only says that
+    no pose is likely
+    """
+    blocks = len(residuals.own)
+    squares = np.empty(blocks)
+    worst = _squared_norms(residuals, step, squares)
+    for level in range(MINIMAX.powers):
+        power = 2.0**level
+        bound = 0.0
+        for _ in range(MINIMAX.newton if level > 0 else 1):
+            if worst <= MINIMAX.below_one:
+                return False
+            bound = _newton(residuals, squares, worst, power, step, fit)
+            if bound < 0.0:
+                return False
+            if turn < 0.0 and bound > MINIMAX.hopeless:
+                return True
+            if bound > 1.0 and turn >= 0.0 and _bound(residuals, fit.weights, turn, shift).reach < 0.0:
+                return True
+            worst, gained = _line_search(residuals, squares, worst, power, step, fit.to_flattest)
+            if gained < MINIMAX.least_gain:
+                break
+        if bound > 1.0 and turn >= 0.0:
+            # With some weight on every block the sum rises with the turn in all directions.
+            mixed = fit.weights.copy()
+            total, count = mixed.sum(), (residuals.own > 0.0).sum()
+            for b in range(blocks):
+                if residuals.own[b] > 0.0:
+                    mixed[b] += REGIONS.mixed * total / count
+            if _bound(residuals, mixed, turn, shift).reach < 0.0:
+                return True
+    return False
+
+
+@njit
+def _follow(motion: FloatArray, centre: FloatArray, step: FloatArray) -> None:
+    """The pose (12,) after a step (6,), in place: first the shift, then the turn about the centre."""
+    turning = step.copy()
+    turning[3:] = 0.0
+    motion[9:] += step[3:]
+    compose_small(motion, centre, turning)
+
+
+@njit
+def _mean_bound(residuals: _Residuals, turn: float, shift: float) -> _Bound:
+    """What the mean of all squares says."""
+    weights = np.empty(len(residuals.own))
+    for b in range(len(weights)):
+        weights[b] = 1.0 if residuals.own[b] > 0.0 else 0.0
+    bound: _Bound = _bound(residuals, weights, turn, shift)
+    return bound
+
+
+@njit
+def _extent(bound: _Bound, row: FloatArray) -> float:
+    """How far row (6,) times a step may be from its value at the lowest one, in the ellipsoid (lemma 7).
+
+    For any vector y, row = (row - normal y) + normal y; with y nearly the inverse times row the first part is rounding.
+    """
+    y = np.zeros(6)
+    for p in range(6):
+        for q in range(6):
+            y[p] += bound.inverse[p, q] * row[q]
+    rest = square = 0.0
+    for p in range(6):
+        image = 0.0
+        for q in range(6):
+            image += bound.normal[p, q] * y[q]
+        square += y[p] * image
+        rest += abs(row[p] - image) * (bound.turn if p < 3 else bound.shift)
+    return float(rest + np.sqrt(max(square, 0.0) * max(bound.room, 0.0)))
+
+
+@njit
+def narrow(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sample) -> float:
+    """Shrink a region to where data features a (m,) may lie on model features i (m,), in place.
+
+    Returns its new turn, radians; -1 when there is no such pose in the region.
+    """
+    residuals, centre = _room_for(BLOCKS * len(a)), _centroid(sample, a)
+    for _ in range(REGIONS.narrowings):
+        shift = _linearise_all(motion, turn, centre, a, i, sample, residuals)
+        bound = _mean_bound(residuals, turn, shift)
+        if bound.reach < 0.0:
+            return -1.0
+        smaller = bound.radius + ROUNDING
+        if smaller >= turn:
+            turn = min(turn, bound.reach)
+            break
+        gained = smaller < REGIONS.worthwhile * turn
+        _follow(motion, centre, bound.lowest)
+        turn = smaller
+        if not gained:
+            break
+    return turn
+
+
+@njit
+def _turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(3,) rotation vector, radians below pi, that turns one motion (12,) to another."""
+    vector, trace = np.zeros(3), 0.0
+    for k in range(9):
+        trace += first[k] * second[k]
+    for k in range(3):
+        p, q = (k + 1) % 3, (k + 2) % 3
+        for r in range(3):
+            vector[k] += 0.5 * (second[3 * q + r] * first[3 * p + r] - second[3 * p + r] * first[3 * q + r])
+    sine = np.sqrt((vector**2).sum())
+    if sine < NOT_ZERO:
+        return vector
+    vector *= np.arctan2(sine, 0.5 * (trace - 1.0)) / sine
+    return vector
+
+
+@njit
+def refute(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sample, weights: FloatArray) -> int:
+    """Whether some pose of a region lays data features a (m,) on model features i (m,) within tolerances.
 
     FEASIBLE, with the pose in ``motion``; INFEASIBLE, with the weight of each pairing in that bound in weights (m,); or
-    OPEN.
+    OPEN. What is linearised where the largest residual is least, is bent least there.
     """
     m = len(a)
-    blocks = BLOCKS * m
-    residuals, squares, step = _room_for(blocks), np.empty(blocks), np.empty(6)
-    fit = _Fit(np.empty(blocks), np.empty(6), np.empty(6))
-    centre = _centroid(sample, a)
-    lever = 0.0  # of a turn, over the tolerance
-    for k in range(m):
-        far = 0.0
-        for axis in range(3):
-            far += (sample.data[a[k], axis] - centre[axis]) ** 2
-        lever = max(lever, (np.sqrt(far) + sample.data[a[k], 6]) / sample.tolerances[a[k], 0])
+    residuals, step = _room_for(BLOCKS * m), np.zeros(6)
+    fit = _Fit(np.empty(BLOCKS * m), np.empty(6), np.empty(6))
+    centre, tried, reach = _centroid(sample, a), motion.copy(), turn
     for _ in range(MINIMAX.linearisations):
-        _linearise_all(motion, centre, a, i, sample, residuals)
-        step[:] = 0.0
-        worst = _squared_norms(residuals, step, squares)
-        if worst <= 1.0:
+        shift = _linearise_all(tried, reach, centre, a, i, sample, residuals)
+        if _fits_here(residuals):
+            motion[:] = tried
             return FEASIBLE
-        for level in range(MINIMAX.powers):
-            power = 2.0**level
-            for _ in range(MINIMAX.newton if level > 0 else 1):
-                bound = _newton(residuals, squares, worst, power, step, fit)
-                if bound < 0.0:
-                    return OPEN
-                lowest = fit.to_lowest
-                turned = (step[0] + lowest[0]) ** 2 + (step[1] + lowest[1]) ** 2 + (step[2] + lowest[2]) ** 2
-                if bound > 1.0 and turned < SMALL_TURN**2 and bound > (1.0 + 0.5 * turned * lever) ** 2:
-                    total = fit.weights.sum()
-                    for k in range(m):
-                        weights[k] = fit.weights[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
-                    return INFEASIBLE
-                worst, gained = _line_search(residuals, squares, worst, power, step, fit.to_flattest)
-                if worst <= MINIMAX.below_one or gained < MINIMAX.least_gain:
-                    break
-            if worst <= MINIMAX.below_one:
-                break
-        compose_small(motion, centre, step)
-    _linearise_all(motion, centre, a, i, sample, residuals)
-    step[:] = 0.0
-    return FEASIBLE if _squared_norms(residuals, step, squares) <= 1.0 else OPEN
+        step[:] = 0.0
+        if _approach(residuals, step, reach, shift, fit):
+            total = fit.weights.sum()
+            for k in range(m):
+                weights[k] = fit.weights[BLOCKS * k : BLOCKS * k + BLOCKS].sum() / total
+            return INFEASIBLE
+        _follow(tried, centre, step)
+        reach += np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2) + ROUNDING
+        if (step**2).sum() < MINIMAX.settled**2:
+            break
+    return OPEN
+
+
+@njit
+def _widest(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sample) -> float:
+    """How many times its own the most widened tolerance across of pairings a on i (m,) is."""
+    residuals, centre = _room_for(BLOCKS), _centroid(sample, a)
+    widest = 0.0
+    for k in range(len(a)):
+        _linearise(motion, turn, centre, a[k], i[k], sample, residuals, 0)
+        widest = max(widest, 1.0 + 0.5 * residuals.levers[FIRST_END] * turn * turn)
+    return widest
+
+
+@njit
+def narrow_in_parts(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sample) -> float:
+    """As :func:`narrow`; where tolerances are still widened much, the parts of the region are shrunk one by one.
+
+    The new region is a ball about what is left of them (lemma 8).
+    """
+    turn = narrow(motion, turn, a, i, sample)
+    centre, step = _centroid(sample, a), np.zeros(6)
+    count = REGIONS.across**3
+    places, turns, unused = np.empty((count, 3)), np.empty(count), np.empty(len(a))
+    # Turns between parts stay far below half a revolution, where a rotation vector would not be one.
+    while 0.0 < turn <= 1.0 and _widest(motion, turn, a, i, sample) > REGIONS.widened:
+        half = turn / REGIONS.across
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        left = 0
+        for part in range(count):
+            for p in range(3):
+                step[p] = (2 * (part // REGIONS.across**p % REGIONS.across) + 1) * half - turn
+            pose = motion.copy()
+            _follow(pose, centre, step)
+            turns[left] = narrow(pose, np.sqrt(3.0) * half + ROUNDING, a, i, sample)
+            if turns[left] >= 0.0 and refute(pose.copy(), turns[left], a, i, sample, unused) != INFEASIBLE:
+                places[left] = _turn_between(motion, pose)
+                low, high = np.minimum(low, places[left] - turns[left]), np.maximum(high, places[left] + turns[left])
+                left += 1
+        if left == 0:
+            return -1.0
+        step[:3] = 0.5 * (low + high)
+        around = 0.0
+        for part in range(left):
+            around = max(around, np.sqrt(((places[part] - step[:3]) ** 2).sum()) + turns[part])
+        if around > REGIONS.worthwhile * turn:
+            break
+        _follow(motion, centre, step)
+        turn = narrow(motion, around + ROUNDING, a, i, sample)
+    return turn
+
+
+@njit
+def common_pose(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> bool:
+    """Whether a pose is found, starting from ``motion``, that lays all a on i (m,) within tolerances; in place."""
+    residuals, step = _room_for(BLOCKS * len(a)), np.empty(6)
+    fit = _Fit(np.empty(BLOCKS * len(a)), np.empty(6), np.empty(6))
+    centre = _centroid(sample, a)
+    for _ in range(MINIMAX.linearisations):
+        _linearise_all(motion, 0.0, centre, a, i, sample, residuals)
+        if _fits_here(residuals):
+            return True
+        step[:] = 0.0
+        if _approach(residuals, step, -1.0, np.inf, fit):
+            return False
+        _follow(motion, centre, step)
+    _linearise_all(motion, 0.0, centre, a, i, sample, residuals)
+    fits: bool = _fits_here(residuals)
+    return fits
+
+
+@njit
+def search_rotations(motion: FloatArray, turn: float, a: IntArray, i: IntArray, sample: Sample) -> int:
+    """As :func:`refute`, in parts: a cube of rotation vectors about the region is halved where it is OPEN (lemma 8)."""
+    unused, centre, step = np.empty(len(a)), _centroid(sample, a), np.zeros(6)
+    most = max(REGIONS.pairings // len(a), 1)
+    stack = np.empty((8 * most + 8, 4))
+    stack[0, :3], stack[0, 3] = 0.0, turn
+    waiting, tried = 1, 0
+    while waiting > 0:
+        waiting -= 1
+        tried += 1
+        if tried > most:
+            return OPEN
+        half = stack[waiting, 3]
+        step[:3] = stack[waiting, :3]
+        pose = motion.copy()
+        _follow(pose, centre, step)
+        part = narrow(pose, min(np.sqrt(3.0) * half + ROUNDING, np.pi), a, i, sample)
+        state = INFEASIBLE if part < 0.0 else refute(pose, part, a, i, sample, unused)
+        if state == FEASIBLE:
+            motion[:] = pose
+            return FEASIBLE
+        if state == INFEASIBLE:
+            continue
+        for corner in range(8):
+            square = 0.0
+            for p in range(3):
+                stack[waiting, p] = step[p] + (0.5 if corner >> p & 1 else -0.5) * half
+                square += stack[waiting, p] ** 2
+            stack[waiting, 3] = 0.5 * half
+            waiting += np.sqrt(square) <= turn + np.sqrt(3.0) * 0.5 * half
+    return INFEASIBLE
 
 
 @njit
@@ -297,88 +677,45 @@ def deviations(motion: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> 
     residuals, centre = _room_for(BLOCKS), np.zeros(3)
     out = np.zeros(len(a))
     for k in range(len(a)):
-        _linearise(motion, centre, a[k], i[k], sample, residuals, 0)
+        _linearise(motion, 0.0, centre, a[k], i[k], sample, residuals, 0)
         for b in range(BLOCKS):
-            out[k] = max(out[k], residuals.values[b, 0] ** 2 + residuals.values[b, 1] ** 2)
+            square = residuals.values[b, 0] ** 2 + residuals.values[b, 1] ** 2
+            out[k] = max(out[k], square * residuals.own[b] ** 2)
     return np.sqrt(out)
 
 
-class _Ellipsoid(NamedTuple):
-    """Where the pose of a set may be: about ``lowest`` (6,), a step, by no more than ``room`` in the metric of inverse.
-
-    Attributes
-    ----------
-    inverse : (6, 6)
-        Of the mean normal matrix.
-    turn
-        Radians, the largest turn in there, of meaning when ``solved``.
-    """
-
-    lowest: FloatArray
-    inverse: FloatArray
-    room: float
-    turn: float
-    solved: bool
-
-
 @njit
-def _reachable(motion: FloatArray, centre: FloatArray, a: IntArray, i: IntArray, sample: Sample) -> _Ellipsoid:
-    """The ellipsoid of the poses that may lay all a on i (m,) within tolerances.
-
-    Under such a pose the mean of the squared residuals is at most one.
-    """
-    blocks = BLOCKS * len(a)
-    residuals, squares = _room_for(blocks), np.empty(blocks)
-    fit, step = _Fit(np.empty(blocks), np.zeros(6), np.zeros(6)), np.zeros(6)
-    _linearise_all(motion, centre, a, i, sample, residuals)
-    worst = max(_squared_norms(residuals, step, squares), NOT_ZERO)
-    lowest_mean = _newton(residuals, squares, worst, 1.0, step, fit)
-    normal = np.zeros((6, 6))
-    for b in range(blocks):
-        for k in range(2):
-            for p in range(6):
-                for q in range(6):
-                    normal[p, q] += residuals.jacobian[b, k, p] * residuals.jacobian[b, k, q] / blocks
-    damp(normal)
-    inverse = np.empty((6, 6))
-    solved = lowest_mean >= 0.0
-    for p in range(6):
-        step[:] = 0.0
-        step[p] = 1.0
-        solved = solved and solve6(normal, step, inverse[p])
-    room = max(1.0 - lowest_mean, 0.0)
-    lowest = fit.to_lowest
-    turn = np.sqrt(lowest[0] ** 2 + lowest[1] ** 2 + lowest[2] ** 2)
-    if solved:
-        turn += np.sqrt(room * (inverse[0, 0] + inverse[1, 1] + inverse[2, 2]))
-    return _Ellipsoid(lowest, inverse, room, turn, solved)
-
-
-@njit
-def _misses_everywhere(residuals: _Residuals, ellipsoid: _Ellipsoid, bent: float) -> bool:
-    """Whether a block of residuals (BLOCKS of them) is above one for every pose of the ellipsoid.
-
-    bent : what the second order of the largest turn may take from a residual
-    """
+def _misses_everywhere(residuals: _Residuals, bound: _Bound, turn: float) -> bool:
+    """Whether a block of residuals (BLOCKS of them) is above one for every pose of the bound."""
     for b in range(BLOCKS):
         lowered = reach = 0.0
         for row in range(2):
             value = residuals.values[b, row]
             for p in range(6):
-                value -= residuals.jacobian[b, row, p] * ellipsoid.lowest[p]
-                for q in range(6):
-                    reach += residuals.jacobian[b, row, p] * ellipsoid.inverse[p, q] * residuals.jacobian[b, row, q]
+                value -= residuals.jacobian[b, row, p] * bound.lowest[p]
             lowered += value * value
-        if np.sqrt(lowered) - np.sqrt(ellipsoid.room * reach) > 1.0 + bent:
+        limit = 1.0 + 0.5 * residuals.levers[b] * min(turn, bound.reach) ** 2
+        if lowered <= limit * limit:
+            continue
+        for row in range(2):
+            reach += _extent(bound, residuals.jacobian[b, row]) ** 2
+        if np.sqrt(lowered) - np.sqrt(reach) > limit + ROUNDING:
             return True
     return False
 
 
 @njit
 def can_join(
-    motion: FloatArray, a: IntArray, i: IntArray, others_a: IntArray, others_i: IntArray, least: int, sample: Sample
+    motion: FloatArray,
+    turn: float,
+    a: IntArray,
+    i: IntArray,
+    others_a: IntArray,
+    others_i: IntArray,
+    least: int,
+    sample: Sample,
 ) -> BoolArray:
-    """(c,) bool: which pairings others_a on others_i may share a pose with the set a on i, whose pose is ``motion``.
+    """(c,) bool: which pairings others_a on others_i may share a pose of a region with the set a on i.
 
     None when they are of fewer than ``least`` data features; those of one data feature stand together in others_a.
     A pairing that misses its tolerance under every pose that the set may have is refused at once; one that misses it
@@ -386,9 +723,12 @@ def can_join(
     """
     m = len(a)
     out = np.zeros(len(others_a), np.bool_)
-    centre = _centroid(sample, a)
-    ellipsoid = _reachable(motion, centre, a, i, sample)
-    residuals, turn = _room_for(BLOCKS), ellipsoid.turn
+    centre, residuals = _centroid(sample, a), _room_for(BLOCKS * m)
+    shift = _linearise_all(motion, turn, centre, a, i, sample, residuals)
+    bound = _mean_bound(residuals, turn, shift)
+    if bound.reach < 0.0:
+        return out
+    residuals = _room_for(BLOCKS)
     all_a, all_i, unused = np.empty(m + 1, np.int64), np.empty(m + 1, np.int64), np.empty(m + 1)
     all_a[:m], all_i[:m] = a, i
     spare = -least
@@ -403,34 +743,22 @@ def can_join(
                 out[:] = False
                 return out
             joins = False
-        _linearise(motion, centre, x, others_i[k], sample, residuals, 0)
-        far = 0.0
-        for axis in range(3):
-            far += (sample.data[x, axis] - centre[axis]) ** 2
-        bent = 0.5 * turn * turn * (np.sqrt(far) + sample.data[x, 6]) / sample.tolerances[x, 0]
-        linear = ellipsoid.solved and turn < SMALL_TURN
-        out[k] = not (linear and _misses_everywhere(residuals, ellipsoid, bent))
+        _linearise(motion, turn, centre, x, others_i[k], sample, residuals, 0)
+        out[k] = not _misses_everywhere(residuals, bound, turn)
         if out[k] and not _fits_here(residuals):
             all_a[m], all_i[m] = x, others_i[k]
-            out[k] = minimax_pose(motion.copy(), all_a, all_i, sample, unused) != INFEASIBLE
+            out[k] = refute(motion.copy(), turn, all_a, all_i, sample, unused) != INFEASIBLE
         joins = joins or out[k]
     return out
 
 
 @njit
-def _fits_here(residuals: _Residuals) -> bool:
-    """Whether all blocks of one pairing are at most one at the pose where they were linearised."""
-    fits = True
-    for b in range(BLOCKS):
-        fits = fits and residuals.values[b, 0] ** 2 + residuals.values[b, 1] ** 2 <= 1.0
-    return fits
+def infeasible_subset(
+    motion: FloatArray, turn: float, a: IntArray, i: IntArray, weights: FloatArray, sample: Sample
+) -> IntArray:
+    """Numbers of few of the pairings a on i (m,), a set infeasible in a region, that are infeasible there already.
 
-
-@njit
-def infeasible_subset(motion: FloatArray, a: IntArray, i: IntArray, weights: FloatArray, sample: Sample) -> IntArray:
-    """Numbers of few of the pairings a on i (m,), an infeasible set, that are infeasible already.
-
-    weights : (m,) as minimax_pose leaves them; the heaviest are tried first. A small subset is made minimal: without
+    weights : (m,) as refute leaves them; the heaviest are tried first. A small subset is made minimal: without
     any one of its pairings it would not be infeasible.
     """
     m = len(a)
@@ -438,14 +766,14 @@ def infeasible_subset(motion: FloatArray, a: IntArray, i: IntArray, weights: Flo
     unused = np.empty(m)
     size = min(3, m)
     while size < m:
-        if minimax_pose(motion.copy(), a[order[:size]], i[order[:size]], sample, unused[:size]) == INFEASIBLE:
+        if refute(motion.copy(), turn, a[order[:size]], i[order[:size]], sample, unused[:size]) == INFEASIBLE:
             break
         size += 1 if size < SUBSETS.few else SUBSETS.several if size < SUBSETS.many else m
     chosen = order[: min(size, m)].copy()
     k = len(chosen) - 1
     while k >= 0 and len(chosen) > 2 and len(chosen) <= SUBSETS.minimal:
         fewer = np.concatenate((chosen[:k], chosen[k + 1 :]))
-        if minimax_pose(motion.copy(), a[fewer], i[fewer], sample, unused[: len(fewer)]) == INFEASIBLE:
+        if refute(motion.copy(), turn, a[fewer], i[fewer], sample, unused[: len(fewer)]) == INFEASIBLE:
             chosen = fewer
         k -= 1
     return chosen

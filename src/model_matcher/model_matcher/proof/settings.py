@@ -12,6 +12,8 @@ STEEP = 0.3
 WIDE = 24
 # Data features in a group that the tree branches on: three lines fix a pose, and one more makes it well determined.
 GROUP = 4
+# Radians: in a larger region of rotations linear bounds say nothing; another feature is taken first.
+WIDEST_TURN = 0.5
 # Bins of pi/2 in the table of angles between model features.
 ANGLES = 180
 
@@ -36,6 +38,10 @@ class MinimaxSteps(NamedTuple):
         A power is left when a step lowers its sum by less than this part.
     below_one
         The residuals are linearised anew when the largest squared one is below this; below 1 the set is feasible.
+    hopeless
+        No pose is sought any longer where the largest squared residual is shown to be above this, before it bends.
+    settled
+        Radians and metres: after a smaller step they are not linearised anew.
     """
 
     linearisations: int
@@ -45,11 +51,42 @@ class MinimaxSteps(NamedTuple):
     shortest: float
     least_gain: float
     below_one: float
+    hopeless: float
+    settled: float
 
 
-MINIMAX = MinimaxSteps(4, 10, 8, 0.4, 0.02, 0.002, 0.999)
-# Radians: linearised residuals are trusted for turns smaller than this; their second order is added to the bound.
-SMALL_TURN = 0.3
+MINIMAX = MinimaxSteps(4, 10, 8, 0.4, 0.02, 0.002, 0.999, 1.2, 1e-4)
+
+# -- regions of rotations --------------------------------------------------------------------------------------------
+
+
+class RegionSteps(NamedTuple):
+    """How a region of rotations is made smaller.
+
+    Attributes
+    ----------
+    narrowings, worthwhile
+        Times that it is shrunk to what the pairings leave, as long as its radius falls below this part of itself.
+    slices
+        Of a region's turn that are looked at one by one.
+    mixed
+        Weight of all blocks together that is added to that of the worst ones.
+    widened, across
+        Where a tolerance is widened more than so many times, a region is divided into so many parts along each axis.
+    pairings
+        Where all else has been tried it is divided into so many parts, times the pairings that are looked at in each.
+    """
+
+    narrowings: int
+    worthwhile: float
+    slices: int
+    mixed: float
+    widened: float
+    across: int
+    pairings: int
+
+
+REGIONS = RegionSteps(12, 0.9, 16, 0.1, 1.3, 3, 5000)
 
 # -- minimal infeasible subsets --------------------------------------------------------------------------------------
 

@@ -31,7 +31,9 @@ from .settings import (
     LOCAL_PARTNERS,
     LOCAL_TEST,
     LONGER,
+    MANY,
     NEEDED,
+    REMEMBERED,
     SAME_PLACE,
     SAME_TURN_TRACE,
     WORTH_KEEPING,
@@ -124,6 +126,28 @@ def _partners_of_both(partners: Int32Array, a: int, b: int, p: int, entered: Int
     near[count] = -1
 
 
+@njit
+def _place_of(model_pair: FloatArray, turn: float, step: float, size: float, p: int) -> int:
+    """A number for the pose that a model pair gives data pair p: the same for poses that differ by no more than a step.
+
+    model_pair : (12,), its frame and place; turn : see :func:`.pair_pose.pair_pose`
+    step, size : metres; what a turn moves is measured at half the model's size
+    """
+    number = p + 1
+    turned = 0.5 * size / step
+    for k in range(9):
+        if k < 3:
+            cell = np.floor(turned * turn * model_pair[k])
+        elif k < 6:
+            cell = np.floor(turned * model_pair[3 + k])
+        else:
+            cell = np.floor(model_pair[3 + k] / step)
+        # Multiplied by a large odd number and folded, neighbouring cells are far apart (Knuth, vol. 3, 6.4).
+        number = (number ^ int(cell)) * 0x5851F42D4C957F2D
+        number ^= number >> 29
+    return number
+
+
 @njit(nogil=True)
 def search_pairs(
     pairs: Int32Array,
@@ -175,6 +199,7 @@ def search_pairs(
     entered = np.full(n, -1, np.int64)
     around = DataFeatures(data.rows.copy(), data.kind.copy(), data.tolerances.copy(), data.radius_tolerance)
     found = np.empty(2 * table.members.shape[0], np.int32)
+    seen = np.zeros(REMEMBERED, np.int64)
     for p in range(first, last):
         a, b = pairs[p, 0], pairs[p, 1]
         window = pair_window(data, a, b)
@@ -186,16 +211,25 @@ def search_pairs(
         if local:
             _partners_of_both(partners, a, b, p, entered, near.features)
             count = into_frame(a, b, data_pair, data, near.features, widen, near)
-        placed = -1
-        for hypothesis in range(matching_pairs(data, model, table, a, b, window, found)):
+        placed, place = -1, 0
+        hypotheses = matching_pairs(data, model, table, a, b, window, found)
+        # Poses nearer to one another than what the pair itself may be off are one: the first is looked at.
+        many, step = hypotheses > MANY, min(data.tolerances[a, 0], data.tolerances[b, 0])
+        for hypothesis in range(hypotheses):
             at, turn = found[hypothesis] // 2, 1.0 - 2.0 * (found[hypothesis] % 2)
             i, j, values = table.members[at, 0], table.members[at, 1], table.values
             state[0] += 1
             if placed != at:
                 pair_frame(model.rows, i, values[at, 2], j, values[at, 4], values[at, 3], model_pair)
                 placed = at
+            if many:
+                place = _place_of(model_pair, turn, step, model.size, p)
+                if seen[place % REMEMBERED] == place:
+                    continue
             if local and not fits_a_third(model_pair, turn, i, j, count, near, model, data):
                 continue
+            if many:
+                seen[place % REMEMBERED] = place
             pair_pose(data_pair, model_pair, turn, motion)
             if n_around < 0:
                 reach = model.size + window.slide_a + window.across + window.cone * abs(window.foot_a)

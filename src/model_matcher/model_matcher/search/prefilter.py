@@ -9,6 +9,7 @@ refined and judged by their evidence: where few edges are in view, chance scores
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from itertools import zip_longest
 
@@ -31,6 +32,7 @@ from .pair_search import Candidates
 from .prefilter_kernels import best_poses, count_hypotheses
 from .settings import (
     BUDGET,
+    COUNTED,
     EACH,
     JUDGED,
     LEAST_CANDIDATES,
@@ -45,7 +47,9 @@ from .settings import (
 from .threads import spread
 
 
-def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams) -> list[int]:
+def prefilter(
+    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams, deadline: float = np.inf
+) -> list[int]:
     """Which models of a library are worth a full search.
 
     Parameters
@@ -54,6 +58,8 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
     data : FeatureSet
         Camera frame, metres.
     params : MatchParams
+    deadline : float
+        Seconds of perf_counter() after which no more pairs are counted, and no more models refined.
 
     Returns
     -------
@@ -65,12 +71,18 @@ def prefilter(models: Sequence[ModelIndex], data: FeatureSet, params: MatchParam
     if len(keep) < 3:
         return list(range(len(models)))
     used = data.select(keep)
-    scores, motions = library_scores(models, used, params)
+    scores, motions = library_scores(models, used, params, deadline)
     sizes = np.array([len(model) for model in models])
     # Chance explains more features of a large model, but a smaller share of them.
     order = np.argsort(-scores[:, 0] / np.sqrt(sizes), kind='stable')
     order = order[scores[order, 0] > 0.0][:JUDGED]
-    surplus = np.array(spread(lambda k: _surplus(models[k], used, params, motions[k], scores[k]), order))
+
+    def judged(k: int) -> float:
+        # Those that no time is left for keep the order of their scores.
+        late = time.perf_counter() > deadline
+        return -np.inf if late else _surplus(models[k], used, params, motions[k], scores[k])
+
+    surplus = np.array(spread(judged, order))
     ranked = np.argsort(-surplus, kind='stable')
     least = 1 if surplus.max(initial=-np.inf) > UNDECIDED else LEAST_CANDIDATES
     return [
@@ -91,7 +103,7 @@ def _surplus(
 
 
 def library_scores(
-    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams
+    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams, deadline: float = np.inf
 ) -> tuple[FloatArray, FloatArray]:
     """What the best poses of the shared pairs explain of each model.
 
@@ -101,6 +113,8 @@ def library_scores(
     data : FeatureSet
         Features with length, camera frame, metres.
     params : MatchParams
+    deadline : float
+        Seconds of perf_counter() after which no more pairs are counted, but the first.
 
     Returns
     -------
@@ -123,8 +137,12 @@ def library_scores(
     # How often a pair fits a model by chance is the same for all of a library, more or less: a few models tell.
     counts = np.zeros(len(pairs), np.int64)
     sample = range(0, len(models), max(1, len(models) // SAMPLE))
-    for number in sample:
-        count_hypotheses(pairs, *against(number), counts)
+    told = [against(number) for number in sample]
+    for first in range(0, len(pairs), COUNTED):
+        if first and time.perf_counter() > deadline:
+            break
+        for model in told:
+            count_hypotheses(pairs[first : first + COUNTED], *model, counts[first : first + COUNTED])
     chosen = choose_pairs(pairs, counts / len(sample))
     pairs, near = pairs[chosen], near[chosen]
 

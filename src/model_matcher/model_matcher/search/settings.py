@@ -18,6 +18,11 @@ NEEDED = 3.0
 # A pose is kept when it explains this share of what the best does: a decoy may explain more features than a model that
 # is half hidden.
 WORTH_KEEPING = 0.35
+# Where a data pair fits more model pairs than this, most of the poses are equal within its tolerance, for large models
+# repeat themselves: each is looked at once. With fewer, remembering them takes as long. Poses that are remembered of a
+# pair, a power of two: what has no room is looked at again.
+MANY = 500
+REMEMBERED = 2**14
 # With more data features than this, a pose is first tried on the pair's neighbours: the best partners, so many, of each
 # of the two.
 LOCAL_TEST = 50
@@ -38,8 +43,9 @@ EDGE_HYPOTHESES = 2000
 # Pairs of each data feature to choose from, and how many of the chosen a feature is in at most.
 PARTNERS = 4
 EACH = 3
-# Models that tell how often a pair fits by chance.
+# Models that tell how often a pair fits by chance, and pairs that are counted between two looks at the clock.
 SAMPLE = 8
+COUNTED = 1000
 # Hypotheses for one model, and the pairs that are used however many hypotheses they make.
 BUDGET = 350.0
 LEAST_PAIRS = 16

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -38,7 +39,7 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result
     [1, 4, 9]
 
     """
-    workers = min(THREADS, os.cpu_count() or 1, len(items))
+    workers = _workers(len(items))
     if workers < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(max_workers=workers) as pool:
@@ -48,3 +49,33 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result
         for first, part in enumerate(parts):
             results[first::workers] = part
     return results  # type: ignore[return-value]
+
+
+def spread_until(work: Callable[[Item, float], Result], items: Sequence[Item], deadline: float) -> list[Result]:
+    """As :func:`spread`, in time: what one item leaves of its time goes to those after it.
+
+    Parameters
+    ----------
+    work : callable
+        Takes an item, and the seconds that it may take: an even share of what is left for those that one thread has
+        not begun; 0 when there is none.
+    items : sequence
+    deadline : float
+        Seconds of perf_counter().
+
+    Returns
+    -------
+    list
+        As :func:`spread`.
+    """
+    workers = max(_workers(len(items)), 1)
+
+    def in_time(number: int) -> Result:
+        waiting = -(-(len(items) - number) // workers)  # itself, and what its thread does after it
+        return work(items[number], max(0.0, (deadline - time.perf_counter()) / waiting))
+
+    return spread(in_time, range(len(items)))
+
+
+def _workers(items: int) -> int:
+    return min(THREADS, os.cpu_count() or 1, items)

@@ -25,4 +25,5 @@ def _follow_noise() -> None:
     shape = SolidOutline(Solid.block(0.06, 0.05, 0.04) | Solid.cylinder(0.02, (0.0, 0.0, 0.08)))
     start = Pose.from_rotation_vector([0.5, 0.4, 0.0], [0.0, 0.0, 0.25])
     measure_pose(shape, start, views)
+    shape.surface(start, views.cameras[0], np.array([[80.0, 60.0]]))
     Tracker(shape, start).step(views)

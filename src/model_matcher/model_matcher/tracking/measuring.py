@@ -12,11 +12,11 @@ from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 from ..geometry.least_squares import covariances
 from ..image_pose.alignment import Steps
 from ..image_pose.measurement import Presence, elsewhere, fitted, laid, searched, settled, shown
-from ..image_pose.model_error import ModelError
+from ..image_pose.model_error import NO_ERROR, ModelError
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
 from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
-from .settings import ASKED, ROUNDS
+from .settings import ASKED, OTHERS_EDGES, ROUNDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +77,14 @@ def searched_for(
         steps = searched(sight, levels[level], ASKED if search_px <= NEAR else reach)
         near = within(steps, reach) if search_px <= NEAR else steps
         widths = np.array([width for width in DRAWN_IN if width <= 0.5 * reach + 1.0])
-        laid(shape, motion, levels[level], sight, near, widths, ModelError(0.0, 0.0), elsewhere(near, reach), prior)
+        laid(shape, motion, levels[level], sight, near, widths, NO_ERROR, elsewhere(near, reach), prior)
     there = drawn(seen, motion, shape.centre, views, SPACING)
     if search_px <= NEAR and len(there) == len(sight):
         moved = ((there.placed.pixel - sight.placed.pixel) * sight.placed.normal).sum(axis=1)
         if np.abs(moved).max(initial=0.0) <= ASKED - REACH - 1:
             steps = steps._replace(offset=steps.offset - moved[:, None])
-            return Place(motion, *shown(there, views, steps=steps))
-    return Place(motion, *shown(there, views))
+            return Place(motion, *shown(there, views, OTHERS_EDGES, steps))
+    return Place(motion, *shown(there, views, OTHERS_EDGES))
 
 
 def within(steps: Steps, reach: int) -> Steps:

@@ -70,3 +70,6 @@ FLOW_TURNS = 6
 RAYLEIGH_MEDIAN = 1.1774
 # Nats of evidence below which corners are asked, too: of an outline that shows well they say nothing new.
 WEAK = 30.0
+# Shares of the straight curves of an outline, and of its others, that lie on edges, in space, of other things once the
+# object has gone: it was predicted, and not thought of from edges.
+OTHERS_EDGES = (0.001, 0.001)

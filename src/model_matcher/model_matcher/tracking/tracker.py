@@ -20,8 +20,8 @@ from msgs_py.numeric.typed import BoolArray, ByteArray, FloatArray
 
 from ..geometry.pose_rows import as_motion, as_pose
 from ..image_pose.measurement import Presence
-from ..image_pose.model_error import ModelError
-from ..image_pose.settings import FIRST_CURVE_ERROR, FIRST_POINT_ERROR, REACH
+from ..image_pose.model_error import FIRST_ERROR
+from ..image_pose.settings import REACH
 from ..image_pose.sight import NO_SIGHT, Outline, Shape, Sight
 from ..image_pose.views import Views
 from .appearance import patches, shifted
@@ -182,7 +182,7 @@ class Tracker:
         else:
             spread = about_middle(covariance, pose, middle)
         self._state = at_rest(pose, middle, spread, self.params.speed, self.params.speed / self._arm)
-        self._error = ModelError(FIRST_CURVE_ERROR, FIRST_POINT_ERROR)
+        self._error = FIRST_ERROR
         self._log_odds = -math.log(VANISHES)
         self._support = 1.0
         self._accelerations = np.array([self.params.acceleration**2, 1.0]) * FIRST_FRAMES
@@ -247,7 +247,7 @@ class Tracker:
             views.take_over(*self._quality)
         self._lost_s = self._lost_s + seconds if lost else 0.0
         if self._lost_s > SOUGHT_S:
-            return self._result(state, Presence(-math.inf, -math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
+            return self._result(state, Presence(-math.inf, 0.0, NO_SIGHT, np.zeros(0, np.int8)), 0.0)
         outline = self._aspects.outline(state.pose, views)
         hidden = behind(outline, state.pose, views, nearer) if nearer else None
         before = self._state if camera_motion is None else moved_camera(self._state, camera_motion)

@@ -29,6 +29,65 @@ def needed_evidence(problem: Problem, params: MatchParams) -> float:
     return false_alarm_evidence(problem.of_its_kinds, params.false_alarm_rate)
 
 
+def needed_with_images(params: MatchParams) -> float:
+    """The evidence that an interpretation needs when the images are asked, too.
+
+    Parameters
+    ----------
+    params : MatchParams
+        Its false_alarm_rate; 1 turns the test off.
+
+    Returns
+    -------
+    float
+        Nats: see :class:`.settings.ImageEvidence`. It does not grow with the data: the images are asked about few
+        hypotheses, however many were searched.
+    """
+    if params.false_alarm_rate >= 1.0:
+        return -math.inf
+    return -math.log(max(params.false_alarm_rate, 1e-12))
+
+
+def chance_of(problem: Problem, evidence: float) -> float:
+    """How often chance brings so much evidence of features alone.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data.
+    evidence : float
+        Nats.
+
+    Returns
+    -------
+    float
+        Share of the scenes without the model: the rate whose :func:`false_alarm_evidence` this is, at most 1.
+    """
+    nats = FALSE_ALARMS.least + FALSE_ALARMS.per_data * math.log(max(problem.of_its_kinds, 1))
+    return min(1.0, math.exp(min(0.0, (nats - evidence) / FALSE_ALARMS.tail)))
+
+
+def chance_with_images(evidence: float) -> float:
+    """How often chance brings so much evidence of features and images.
+
+    Parameters
+    ----------
+    evidence : float
+        Nats.
+
+    Returns
+    -------
+    float
+        Share of the searches for a model that is not there, at most 1: see :class:`.settings.ImageEvidence`.
+
+    Examples
+    --------
+    >>> round(chance_with_images(needed_with_images(MatchParams(false_alarm_rate=0.01))), 4)
+    0.01
+    """
+    return math.exp(min(0.0, -evidence))
+
+
 def false_alarm_evidence(n: int, rate: float) -> float:
     """The evidence that chance reaches.
 

@@ -1,8 +1,10 @@
 """Hypotheses weighed again by the images: what is there is accepted, where the images have it.
 
-The evidence of a hypothesis is that of its features and, of the outline that no feature was matched to, that of the
-images (:mod:`..image_pose.presence`): nothing is counted twice. Hypotheses are taken in the order of both together. A
-feature, and a step of the image, belong to the first that explains it.
+The evidence of a hypothesis is that of its features and that of its outline in the images
+(:mod:`..image_pose.presence`). Both come from the same pictures and say partly the same: what each counts for, and what
+chance reaches, was fitted to the hypotheses of searches whose answer is known (test/benchmarks/calibrate_evidence.py).
+Hypotheses are taken in the order of their evidence. A feature, and a step of the image, belong to the first that
+explains it.
 """
 
 from __future__ import annotations
@@ -16,10 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import BIN, Interpretation, Pose
-from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_pose
 from ..image_pose.measurement import Presence, looked_for, polished, presence, shown
+from ..image_pose.presence import overlap
+from ..image_pose.settings import REACH
 from ..image_pose.sight import Shape
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
@@ -27,8 +31,21 @@ from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.symmetry import axis_of_revolution, common_axis, near, symmetries
 from .evidence import displaced
+from .false_alarms import chance_with_images
 from .refinement import evidence_at
-from .settings import CLAIMED, DRAWN, FREE_TURN_VARIANCE, GLANCE, LIKE_PART, SAME_STEP, TURN_PX, TURNED, WHOLE
+from .settings import (
+    CLAIMED,
+    DRAWN,
+    FREE_TURN_VARIANCE,
+    GLANCE,
+    IMAGE_EVIDENCE,
+    LIKE_PART,
+    SAME_STEP,
+    SEEN_LARGE,
+    TURN_PX,
+    TURNED,
+    WHOLE,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,19 +62,21 @@ class Weighed:
         What the images show of its outline.
     evidence : float
         Nats, of features and images together.
-    tried : int
-        Poses that were looked at for it; the best of many is chance's best.
     """
 
     hypothesis: Interpretation
     motion: FloatArray
     shown: Presence
     evidence: float
-    tried: int
 
 
 def weigh(
-    problem: Problem, shape: Shape, hypothesis: Interpretation, views: Views, turned: FloatArray | None = None
+    problem: Problem,
+    shape: Shape,
+    hypothesis: Interpretation,
+    views: Views,
+    deadline: float = math.inf,
+    turned: FloatArray | None = None,
 ) -> Weighed:
     """Look for a hypothesis in the images.
 
@@ -73,6 +92,8 @@ def weigh(
     hypothesis : Interpretation
         Its pose is first_T_model.
     views : Views
+    deadline : float
+        Of ``time.perf_counter``: only the first of its poses is looked at that it leaves no time for.
     turned : (12,) float64, optional
         The pose drawn in, of a hypothesis that leaves a turn free: all turns are looked at from there.
 
@@ -80,23 +101,30 @@ def weigh(
     -------
     Weighed
     """
+    coarse, near = views, float(REACH)
     if turned is None:
         poses = _equal_poses(problem.index, hypothesis)
     else:
-        poses = _turns(problem.index, shape, hypothesis, turned, views)
+        # Turns of what is seen large are told apart in images of half the size: half as many, of half the points.
+        while _pixels(shape, as_pose(turned), coarse) > SEEN_LARGE:
+            coarse, near = coarse.halved, 2.0 * near
+        poses = _turns(problem.index, shape, hypothesis, turned, coarse)
     chosen = poses
     if len(poses) > DRAWN:
         # One look at each, as coarse as its steps are, says which to draw in.
-        glances = [presence(shape, pose, views, spacing=GLANCE).log_ratio for pose in poses]
+        glances = [
+            presence(shape, pose, coarse, spacing=GLANCE).log_ratio if time.perf_counter() < deadline else -math.inf
+            for pose in poses
+        ]
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
-    found = []
+    found: list[Weighed] = []
     for pose in chosen:
-        motion, sight = looked_for(shape, pose, views)
-        there = _at(problem, hypothesis, motion)
-        # What it was thought of for lies on edges wherever the images draw it, and is no chance's doing.
-        counted = np.union1d(_matched(hypothesis), _matched(there))
-        seen = shown(sight, views, counted)[0]
-        found.append(Weighed(there, motion, seen, there.evidence + seen.further, len(poses)))
+        if found and time.perf_counter() >= deadline:
+            break
+        motion, sight = looked_for(shape, pose, views, near)
+        there, seen = _at(problem, hypothesis, motion), shown(sight, views)[0]
+        evidence = IMAGE_EVIDENCE.features * there.evidence + IMAGE_EVIDENCE.outline * seen.log_ratio
+        found.append(Weighed(there, motion, seen, evidence))
     return max(found, key=lambda one: one.shown.log_ratio)
 
 
@@ -130,10 +158,14 @@ def _turns(index: ModelIndex, shape: Shape, hypothesis: Interpretation, motion: 
     if axis is None or axis_of_revolution(index) is not None:
         return [pose]
     # So fine that the outline moves by TURN_PX from one to the next.
-    depth = max(float(pose.apply(shape.centre)[2]), shape.size)
-    steps = int(np.ceil(np.pi * shape.size * views.cameras[0].fx / depth / TURN_PX))
+    steps = int(np.ceil(np.pi * _pixels(shape, pose, views) / TURN_PX))
     turns = [Pose.from_rotation_vector(k * (2.0 * np.pi / steps) * axis.direction) for k in range(steps)]
     return [pose.compose(Pose(turn.rotation, axis.point - turn.rotation @ axis.point)) for turn in turns]
+
+
+def _pixels(shape: Shape, pose: Pose, views: Views) -> float:
+    """How large a shape is in the first image, pixels."""
+    return shape.size * views.cameras[0].fx / max(float(pose.apply(shape.centre)[2]), shape.size)
 
 
 class LookedAt(NamedTuple):
@@ -173,7 +205,7 @@ def accepted_by_images(
         Best first.
     views : Views
     needed : float
-        Nats that a hypothesis has if it is accepted by features alone.
+        Nats, see :func:`.false_alarms.needed_with_images`.
     deadline : float
         Of ``time.perf_counter``; hypotheses that it does not leave time for stay as they are.
     claimed : sequence of Presence
@@ -191,13 +223,12 @@ def accepted_by_images(
         elif any(_leaves_no_room(other, one, needed) for other in weighed):
             rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
         else:
-            weighed.append(weigh(problem, shape, one, views))
-    weighed = _with_turns(problem, shape, _best_of_many(weighed), views, deadline)
+            weighed.append(weigh(problem, shape, one, views, deadline))
+    weighed = _with_turns(problem, shape, weighed, views, deadline)
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
-    # Of those that want the same edges, the one comes first whose whole outline is seen best.
-    for found in sorted(weighed, key=lambda one: -one.hypothesis.evidence - one.shown.log_ratio):
+    for found in sorted(weighed, key=lambda one: -one.evidence):
         reason = _why_rejected(found, taken, claimed, needed) or _another(problem, found)
         if reason is None:
             taken.append(found)
@@ -205,7 +236,13 @@ def accepted_by_images(
         else:
             hypothesis = found.hypothesis
             refused.append(
-                replace(hypothesis, evidence=found.evidence, support=found.shown.support, rejected_reason=reason)
+                replace(
+                    hypothesis,
+                    evidence=found.evidence,
+                    chance=chance_with_images(found.evidence),
+                    support=found.shown.support,
+                    rejected_reason=reason,
+                )
             )
     return LookedAt(tuple(accepted), (*refused, *rejected), tuple(one.shown for one in taken))
 
@@ -223,17 +260,8 @@ def _with_turns(problem: Problem, shape: Shape, weighed: list[Weighed], views: V
     for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
         if axis_of_revolution(problem.index) is None and time.perf_counter() < deadline:
             one = weighed[k]
-            weighed[k] = _best_of_many([weigh(problem, shape, one.hypothesis, views, one.motion)])[0]
+            weighed[k] = weigh(problem, shape, one.hypothesis, views, deadline, one.motion)
     return weighed
-
-
-def _best_of_many(weighed: list[Weighed]) -> list[Weighed]:
-    """Hypotheses with what images say for them, less what chance shows of the best of all poses that were looked at."""
-    of_chance = math.log(max(sum(one.tried for one in weighed), 1))
-    return [
-        replace(one, evidence=one.hypothesis.evidence + min(one.shown.further, max(one.shown.further - of_chance, 0.0)))
-        for one in weighed
-    ]
 
 
 def _another(problem: Problem, one: Weighed) -> str | None:
@@ -268,6 +296,7 @@ def _measured(shape: Shape, one: Weighed, views: Views) -> Interpretation:
         pose=found.pose,
         covariance=found.covariance,
         evidence=one.evidence,
+        chance=chance_with_images(one.evidence),
         support=found.presence.support,
         rejected_reason=None,
         free_turn=turn,
@@ -280,8 +309,8 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
     if not one.evidence >= needed:
         return (
             f'chance explains as much: evidence {one.evidence:.1f} of {needed:.1f} nats needed, features '
-            f'{one.hypothesis.evidence:.1f}, images {one.shown.further:+.1f} (they confirm {one.shown.support:.0%} of '
-            'the outline)'
+            f'{one.hypothesis.evidence:.1f}, images {one.shown.log_ratio:+.1f} (they confirm {one.shown.support:.0%} '
+            'of the outline)'
         )
     mine = one.hypothesis.assignment != BIN
     for other in taken:
@@ -298,16 +327,8 @@ def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence
 
 def compete(some: Sequence[Presence], others: Sequence[Presence]) -> bool:
     """Whether any of some outlines lies on edges of which another one holds more than CLAIMED."""
-    return any(_overlap(one, other) > CLAIMED for one in some for other in others)
-
-
-def _overlap(one: Presence, other: Presence) -> float:
-    """Share of the confirmed points of an outline that lie on those of another, edges about as steep."""
-    mine, theirs = one.sight.placed, other.sight.placed
-    rows, others = np.flatnonzero(one.found == 1), np.flatnonzero(other.found == 1)
-    if not len(rows) or not len(others):
-        return 0.0
-    gap = np.abs(mine.pixel[rows, None] - theirs.pixel[None, others]).max(axis=2)
-    parallel: BoolArray = np.abs(mine.normal[rows] @ theirs.normal[others].T) > np.sqrt(0.5)
-    same = (mine.eye[rows, None] == theirs.eye[None, others]) & (gap < SAME_STEP) & parallel
-    return float(same.any(axis=1).mean())
+    return any(
+        overlap(one.sight.placed, one.found, other.sight.placed, other.found, SAME_STEP) > CLAIMED
+        for one in some
+        for other in others
+    )

@@ -10,6 +10,7 @@ from ..geometry.pose_rows import as_pose
 from ..model.problem import Problem
 from ..model.regularity import regularity
 from ..model.symmetry import Axis, axis_of_revolution, common_axis, equal_but_for_turn
+from .false_alarms import chance_of
 from .pose_fit import FittedPose
 from .refinement import Refined
 from .settings import PLACES
@@ -101,6 +102,7 @@ def as_interpretation(
         free_turn=turn,
         note=note,
         evidence=float(refined.evidence[k]),
+        chance=chance_of(problem, float(refined.evidence[k])),
     )
 
 

@@ -155,12 +155,28 @@ PLACES = 64
 
 # -- what images say -------------------------------------------------------------------------------------------------
 
+
+class ImageEvidence(NamedTuple):
+    """What a nat of features and of outline counts for: both come from the same pictures, and say partly the same.
+
+    Fitted by test/benchmarks/calibrate_evidence.py, so that the best hypothesis of a model that is not there has more
+    than t nats in less than exp(-t) of the searches.
+    """
+
+    features: float
+    outline: float
+
+
+IMAGE_EVIDENCE = ImageEvidence(0.43, 0.62)
 # Pixels between points of two outlines, SPACING apart on each, that may stand on one step.
 SAME_STEP = 4.0
 # Square radians, about an axis: a turn known to a tenth of a radian is not free.
 FREE_TURN_VARIANCE = 0.01
 # Pixels that the outline moves from one of the tried turns to the next: within reach of both.
 TURN_PX = 8.0
+# Pixels of an object's diagonal, above which its turns are told apart in images of half the size: an outline of half of
+# this still has some fifty points, GLANCE apart, in each view.
+SEEN_LARGE = 250.0
 # Nats: one object in twenty that has a model's outline is not the model but a part like it.
 LIKE_PART = 3.0
 # Pixels between points of an outline that is only glanced at, to choose among poses of one hypothesis; and how many of

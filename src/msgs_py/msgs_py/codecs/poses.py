@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseArray, PoseStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
+from ..numeric.typed import FloatArray
 from ..pose import Pose
 from .errors import CodecError
 
@@ -51,6 +53,40 @@ def pose_to_stamped(pose: Pose, header: Header | None = None) -> PoseStamped:
         Stamp, and the frame that the pose leads to.
     """
     message = PoseStamped(pose=pose_to_message(pose))
+    if header is not None:
+        message.header = header
+    return message
+
+
+def pose_with_covariance(pose: Pose, covariance: FloatArray | None) -> PoseWithCovariance:
+    """The geometry_msgs/PoseWithCovariance of a pose.
+
+    Parameters
+    ----------
+    pose : Pose
+    covariance : (6, 6) float64, optional
+        Of (x, y, z, rx, ry, rz), metres and radians, in the frame that the pose leads to: the order and the fixed axes
+        of the message. None, where it is not known, becomes zeros.
+    """
+    message = PoseWithCovariance(pose=pose_to_message(pose))
+    if covariance is not None:
+        message.covariance = np.asarray(covariance, np.float64).ravel()
+    return message
+
+
+def pose_with_covariance_stamped(
+    pose: Pose, covariance: FloatArray | None, header: Header | None = None
+) -> PoseWithCovarianceStamped:
+    """The geometry_msgs/PoseWithCovarianceStamped of a pose.
+
+    Parameters
+    ----------
+    pose, covariance
+        As for :func:`pose_with_covariance`.
+    header : std_msgs.msg.Header, optional
+        Stamp, and the frame that the pose leads to.
+    """
+    message = PoseWithCovarianceStamped(pose=pose_with_covariance(pose, covariance))
     if header is not None:
         message.header = header
     return message

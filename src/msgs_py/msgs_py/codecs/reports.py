@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
+from itertools import chain, repeat
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,14 @@ from .errors import CodecError
 
 # The message of a status whose interpretation is accepted.
 ACCEPTED = 'accepted'
-# Values that are read back; 'matched' and 'score' are there for a person.
+# Values that are read back; 'matched', 'score' and 'instance' are there for a person.
 READ_BACK = ('residual_rms_m', 'assignment', 'sign', 'pose', 'covariance', 'symmetric_poses', 'proven', 'free_shift')
 # As these, but reports written before there were any lack them.
-ADDED = ('free_turn', 'note', 'evidence', 'support')
+ADDED = ('free_turn', 'note', 'evidence', 'support', 'chance')
 
 
 def report_from_interpretations(
-    interpretations: Iterable[Interpretation], header: Header | None = None
+    interpretations: Iterable[Interpretation], header: Header | None = None, instances: Iterable[str] = ()
 ) -> DiagnosticArray:
     """The report of interpretations.
 
@@ -36,6 +37,8 @@ def report_from_interpretations(
     interpretations : iterable of Interpretation
         Best first.
     header : std_msgs.msg.Header, optional
+    instances : iterable of str
+        Names of the objects that the first of them are, the same from frame to frame; for who reads the report.
 
     Returns
     -------
@@ -45,7 +48,7 @@ def report_from_interpretations(
     report = DiagnosticArray()
     if header is not None:
         report.header = header
-    for item in interpretations:
+    for item, instance in zip(interpretations, chain(instances, repeat(None))):
         values = {
             'matched': item.matched,
             'score': item.matched / max(1, len(item.assignment)),
@@ -61,7 +64,10 @@ def report_from_interpretations(
             'note': item.note,
             'evidence': _number(item.evidence),
             'support': _number(item.support),
+            'chance': _number(item.chance),
         }
+        if instance is not None:
+            values['instance'] = instance
         report.status.append(
             DiagnosticStatus(
                 level=DiagnosticStatus.OK if item.accepted else DiagnosticStatus.WARN,
@@ -104,6 +110,7 @@ def interpretations_from_report(report: DiagnosticArray) -> list[Interpretation]
                     note=decoded['note'],
                     evidence=_or_nan(decoded['evidence']),
                     support=_or_nan(decoded['support']),
+                    chance=_or_nan(decoded['chance']),
                 )
             )
         except KeyError as error:

@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 
 from msgs_py import StereoRig
+from msgs_py.files import read_text
 
 from .settings import PROJECTION_NUMBERS
 
@@ -81,7 +82,7 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
         When there is no such file.
     """
     path = Path(path)
-    text = path.read_text(encoding='utf-8', errors='replace')
+    text = read_text(path, errors='replace')
     if is_opencv(text):
         left, right = opencv_cameras(path, size)[:2]
         return left, right
@@ -91,13 +92,18 @@ def load_cameras(path: str | Path, size: tuple[int, int]) -> tuple[CameraFile, C
     if len(documents) == 1 and {'left', 'right'} <= set(documents[0]):
         documents = [documents[0]['left'], documents[0]['right']]
     if len(documents) == 1:
+        if not {'projection_matrix', 'camera_matrix', 'image_width'} & set(documents[0]):
+            raise ValueError(
+                f'{path}: no calibration of a pair: no projection_matrix; expected OpenCV YAML with P1 and P2, '
+                'ROS camera_info YAML, or JSON with K and baseline'
+            )
         other = path.with_name(path.name.replace('left', 'right'))
         if other == path or not other.exists():
             raise ValueError(
                 f'{path}: describes one camera; expected both (two YAML documents, or keys left and '
                 f'right), or a file named ...left... with ...right... beside it'
             )
-        documents += documents_of(other, other.read_text(encoding='utf-8', errors='replace'))
+        documents += documents_of(other, read_text(other, errors='replace'))
     return ros_camera(path, 'left', documents[0], size), ros_camera(path, 'right', documents[1], size)
 
 

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 
 from msgs_py import CameraRig, Pose, StereoRig
+from msgs_py.camera import ImageWindow
 from msgs_py.numeric.typed import AnyArray, FloatArray
 
-from .settings import COEFFICIENTS, DISTORTION_MODELS, LEAST_DETERMINANT
+from .settings import COEFFICIENTS, DISTORTION_MODELS, LEAST_DETERMINANT, LEAST_SKEW
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,7 @@ class Calibration:
     Attributes
     ----------
     width, height : int
-        Pixels. Of the raw image.
+        Pixels. Of the raw image, after region of interest and binning; the matrices are of its pixels.
     model : str
         One of :data:`~.settings.DISTORTION_MODELS`.
     distortion : (n,) float64
@@ -77,6 +78,9 @@ class Calibration:
                 f'{side} camera_info: K has focal lengths {arrays["k"][0, 0]:g} and '
                 f'{arrays["k"][1, 1]:g}, expected > 0 (is the camera calibrated?)'
             )
+        skew = arrays['k'][0, 1]
+        if abs(skew) > LEAST_SKEW * arrays['k'][0, 0]:
+            raise ValueError(f'{side} camera_info: K[0,1] (skew) is {skew:g}, expected 0: square axes')
         if abs(np.linalg.det(arrays['r'])) < LEAST_DETERMINANT:
             raise ValueError(f'{side} camera_info: R is no rotation: {arrays["r"].ravel().tolist()}')
         model = str(getattr(info, 'distortion_model', ''))
@@ -92,7 +96,10 @@ class Calibration:
             raise ValueError(
                 f'{side} camera_info: D has {len(distortion)} elements, expected {DISTORTION_MODELS[model]}'
             )
-        return cls(int(info.width), int(info.height), model, distortion, arrays['k'], arrays['r'], arrays['p'])
+        # Lenses distort where a point is seen, not which pixels are read: only the matrices know of these.
+        window = ImageWindow.of(side, info)
+        matrix, projection = window.seen(arrays['k']), window.seen(arrays['p'])
+        return cls(window.width, window.height, model, distortion, matrix, arrays['r'], projection)
 
 
 class Straightener:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from msgs_py import CameraRig, PinholeCamera, Pose
+from msgs_py.files import read_text
 from msgs_py.numeric.typed import FloatArray
 
 from .calibration import documents_of, is_opencv, load_cameras, opencv_cameras, ros_camera
@@ -54,7 +55,7 @@ def load_camera_rig(path: str | Path, size: tuple[int, int]) -> CameraRig:
     [0.0, -0.1, 0.0]
     """
     path = Path(path)
-    text = path.read_text(encoding='utf-8', errors='replace')
+    text = read_text(path, errors='replace')
     try:
         if is_opencv(text):
             return CameraRig.from_camera_info(opencv_cameras(path, size))

@@ -8,6 +8,8 @@ DISTORTION_MODELS = {'': 5, 'plumb_bob': 5, 'rational_polynomial': 8, 'equidista
 COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 # Least |det R| of a matrix that is taken for a rotation, for which it is 1; rounding in a file changes it by far less.
 LEAST_DETERMINANT = 0.5
+# Skew of a raw camera as a share of its focal length, above which it is more than rounding: OpenCV has none.
+LEAST_SKEW = 1e-6
 # By how much the stretches of a rotation in a file may differ from 1: three digits and more are a rotation, rounded.
 ROUNDED_ROTATION = 2e-3
 # Numbers in a projection matrix, 3 x 4.

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ..detection.conics import Ellipse
 from ..detection.segments import Segments
 from ..matching.matches import Matches
 from ..stopwatch import Late, never
+from . import settings
 from .axes import Axis, find_axes
 from .curve import Curve
-from .curve_search import is_reported
+from .fit import is_reported
 from .observations import StereoEdgels
 from .occluding_contours import CurvedSurface
-from .opposite_rims import distinct, with_opposite_rims
 from .recovery import recover_curves
 from .spheres import without_spheres
 
@@ -66,10 +68,39 @@ def recover_curved_shapes(
     -------
     CurvedShapes
     """
-    curves = recover_curves(matches, segments, ellipses, edgels, late)
-    curves = distinct(curves if late() else with_opposite_rims(curves, segments, edgels))
+    curves = distinct(recover_curves(matches, segments, ellipses, edgels, late))
     rims = without_spheres(curves, edgels)
     reported = [curve for curve in rims if is_reported(curve)]
     axes, surfaces = find_axes(reported, segments, edgels.rig)
     surfaces += [CurvedSurface.cylinder(curve) for curve in rims if not is_reported(curve)]
     return CurvedShapes(curves, reported, axes, surfaces)
+
+
+def distinct(curves: list[Curve]) -> list[Curve]:
+    """The curves without those that are another one again, found from another part of it.
+
+    The one on more edgels stays and takes the other's edgels, so that no segment on them counts as an edge.
+
+    Parameters
+    ----------
+    curves : list of Curve
+
+    Returns
+    -------
+    list of Curve
+        By falling number of edgels.
+    """
+    kept: list[Curve] = []
+    for curve in sorted(curves, key=lambda c: -int(c.left.sum() + c.right.sum())):
+        for k, other in enumerate(kept):
+            near = settings.SAME_RIM * other.radii[0]
+            if (
+                np.linalg.norm(curve.centre - other.centre) < near
+                and np.abs(curve.radii - other.radii).max() < near
+                and abs(curve.normal @ other.normal) > settings.SAME_PLANE_COSINE
+            ):
+                kept[k] = replace(other, left=other.left | curve.left, right=other.right | curve.right)
+                break
+        else:
+            kept.append(curve)
+    return kept

@@ -1,4 +1,4 @@
-"""The least squares of one curve on the edgels of two images, alone or with an axis constraint."""
+"""Curves fitted to the edgels of both images, and whether a fit is known well enough."""
 
 from __future__ import annotations
 
@@ -6,152 +6,115 @@ from dataclasses import replace
 
 import numpy as np
 
-from msgs_py.numeric.robust import sigma_from_median
-from msgs_py.numeric.typed import FloatArray
+from msgs_py.numeric.typed import FloatArray, IntArray
 
 from . import fit_kernels, settings
-from .axis_constraint import AxisConstraint
-from .curve import CameraView, Curve, CurveShape, cross
-from .observations import ImagePoints, StereoEdgels
+from .curve import CameraView, Curve, CurveShape
+from .fit_kernels import Axis, Fit
+from .observations import StereoEdgels
+from .orientation import outward
+
+NO_AXIS = Axis(np.zeros((0, 3)), np.zeros((2, 2)), 1.0)
 
 
 def refine(
     curve: Curve,
     edgels: StereoEdgels,
-    circle: bool,
-    rounds: int = settings.ROUNDS,
-    axis: AxisConstraint | None = None,
+    circle: bool = True,
+    index: IntArray | None = None,
+    axis: Axis = NO_AXIS,
     rough: bool = False,
 ) -> Curve | None:
-    """Move a curve until both image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights; thesis 3.10.1).
+    """Move a curve until both image conics lie on given edgels (thesis 3.10.1).
 
     Parameters
     ----------
     curve : Curve
         Where to start; left optical frame, metres.
     edgels : StereoEdgels
-        Only those of the curve.
+        All of both images.
     circle : bool
         Fit six parameters of a circle; else eight of an ellipse.
-    rounds : int
-        Most rounds of Levenberg-Marquardt.
-    axis : AxisConstraint, optional
-        An axis that the curve shall lie on. The covariance then holds what the edgels and the axis together determine.
+    index : (k,) int64, optional
+        Which of the edgels, by their numbers in ``edgels.seen``; all, where it is not given.
+    axis : Axis, optional
+        That the curve shall lie on. The covariance then holds what the edgels and the axis together determine.
     rough : bool
-        Leave the covariance of a circle as it was: this fit only compares starts.
+        Without covariance: this fit only compares starts.
 
     Returns
     -------
     Curve or None
-        With covariance, rms and misfit; None when the equations cannot be solved, when there are fewer than
-        LEAST_POINTS edgels, or when an ellipse cannot be told from a circle.
+        With covariance, rms and misfit; None when there is no fit, or an ellipse cannot be told from a circle.
     """
-    if circle:
-        curve = replace(curve, radii=np.full(2, float(np.sqrt(curve.radii.prod()))))
-    seen = edgels.points
-    sigma = edgels.sigma
-    if len(seen.points) < settings.LEAST_POINTS:
-        return None
-    information = np.zeros((0, 0)) if axis is None else np.linalg.inv(axis.covariance(curve.centre))
-    try:
-        good, shape = fit_kernels.minimise(
-            CurveShape(*(part.copy() for part in curve.shape)),
-            circle,
-            seen,
-            sigma,
-            rounds,
-            np.zeros((4, 3)) if axis is None else axis.table,
-            information * settings.CORRELATED_EDGELS,
-        )
-        if not good:
-            return None
-        shape = CurveShape(*shape)
-        if rough and circle:
-            rms = fit_kernels.truncated_rms(shape, seen)
-            return replace(curve.with_shape(shape), rms=rms) if np.isfinite(rms) else None
-        prior = np.zeros((0, 0))
-        if axis is not None:
-            slope = axis.jacobian(shape.normal, shape.first)
-            prior = slope.T @ information @ slope
-        covariance, rms, off = fit_kernels.fitted(shape, circle, seen, sigma, edgels.bias, prior)
-    except np.linalg.LinAlgError:
-        return None
-    if not circle and not _is_oblong(shape, covariance):
-        return None
-    covariance = covariance[:6, :6]
-    covariance[5, :] *= settings.RADIUS_SIGMA_FACTOR * shape.radii[0]
-    covariance[:, 5] *= settings.RADIUS_SIGMA_FACTOR * shape.radii[0]
-    if not (np.isfinite(covariance).all() and np.isfinite(rms) and (np.diag(covariance) >= 0.0).all()):
-        return None
-    shape, covariance = _major_first(shape, covariance)
-    return replace(curve.with_shape(shape), covariance=covariance, rms=rms, misfit=sigma_from_median(off))
+    if index is None:
+        index = np.arange(len(edgels.seen.points))
+    found = fit_kernels.fit(curve.shape, circle, edgels.seen, index, axis, settings.ROUNDS, rough)
+    return _with_fit(curve, found) if found.good else None
 
 
-def _is_oblong(shape: CurveShape, covariance: FloatArray) -> bool:
-    """Whether the log ratio of an ellipse's radii differs from 0 by more than LEAST_ELLIPSE_SIGMA sigma.
-
-    covariance : (8, 8) float64, of the parameters of :func:`.fit_kernels.moved`.
-    """
-    variance = max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
-    return bool(abs(np.log(shape.radii[0] / shape.radii[1])) >= settings.LEAST_ELLIPSE_SIGMA * np.sqrt(variance))
-
-
-def _major_first(shape: CurveShape, covariance: FloatArray) -> tuple[CurveShape, FloatArray]:
-    """The same curve with the larger radius first, and its covariance (6, 6): the tilts are about the radii."""
-    if shape.radii[0] >= shape.radii[1]:
-        return shape, covariance
-    turn = np.eye(6)
-    turn[3:5, 3:5] = [[0.0, 1.0], [-1.0, 0.0]]
-    other = shape._replace(first=cross(shape.normal, shape.first), radii=shape.radii[::-1].copy())
-    return other, turn @ covariance @ turn.T
-
-
-def distances(curve: Curve, points: FloatArray, view: CameraView, blur: float) -> FloatArray:
-    """Distances of pixels from a curve's image conic, with the bias that smoothing gives edgels taken off.
+def recover_curve(start: Curve, edgels: StereoEdgels, chosen: IntArray, axis: Axis = NO_AXIS) -> Curve | None:
+    """Fit a curve to chosen edgels, then to all its inliers.
 
     Parameters
     ----------
-    curve : Curve
-        Left optical frame, metres.
-    points : (n, 2) float64, pixels
-        Of the image of ``view``.
-    view : CameraView
-        The camera.
-    blur : float
-        Squared pixels. Variance of the smoothing, see :class:`.observations.StereoEdgels`; 0 for points that are no
-        edgels.
+    start : Curve
+        Rough; left optical frame, metres.
+    edgels : StereoEdgels
+        All of both images.
+    chosen : (k,) int64
+        Edgels that certainly belong to it, by their numbers in ``edgels.seen``.
+    axis : Axis, optional
+        An axis that it lies on; it is a circle then.
 
     Returns
     -------
-    (n,) float64, pixels
-        Sampson distance, positive outside.
+    Curve or None
+        With its edgels, arc, coverage and a normal out of its face; None when it does not fit, or looks like a line.
     """
-    distance, bias = np.empty(len(points)), np.empty(len(points))
-    fit_kernels.residuals(curve.shape, _one_image(points, view, blur), distance, bias)
+    found, belongs, (first, extent, coverage) = fit_kernels.recovered(start.shape, edgels.seen, chosen, axis)
+    if not found.good:
+        return None
+    curve = _with_fit(start, found)
+    if any(is_line(curve, view) for _, view in edgels.sides):
+        return None
+    left, right = edgels.masks(belongs)
+    return outward(replace(curve, left=left, right=right, arc=(first, extent), coverage=coverage))
+
+
+def distances(curve: Curve, edgels: StereoEdgels, index: IntArray) -> FloatArray:
+    """(k,) float64, pixels: signed distances of edgels from a curve's image conics, positive outside.
+
+    The bias that smoothing gives edgels is taken off.
+    """
+    distance, bias = np.empty(len(index)), np.empty(len(index))
+    fit_kernels.residuals(curve.shape, edgels.seen, index, distance, bias, np.empty((0, 0)))
     return distance
 
 
-def predicted_variance(curve: Curve, points: FloatArray, view: CameraView, blur: float) -> FloatArray:
-    """Variance that a curve's covariance gives its image conic.
-
-    Parameters
-    ----------
-    curve, points, view, blur
-        As for :func:`distances`; pixels near the conic.
-
-    Returns
-    -------
-    (n,) float64, px^2
-    """
-    distance, bias = np.empty(len(points)), np.empty(len(points))
-    rows = fit_kernels.jacobian(curve.shape, True, _one_image(points, view, blur), distance, bias)
-    rows[:, 5] /= curve.radii[0]
-    variance: FloatArray = np.einsum('ni,ij,nj->n', rows, curve.covariance, rows)
-    return variance
+def is_line(curve: Curve, view: CameraView) -> bool:
+    """Whether a camera sees a curve so flat that all edgels of a straight line would belong to it."""
+    sight = curve.centre - view.centre
+    width = view.camera.fx * curve.radii[0] * abs(float(curve.normal @ sight)) / float(sight @ sight)
+    return bool(width < settings.INLIER_DISTANCE)
 
 
-def _one_image(points: FloatArray, view: CameraView, blur: float) -> ImagePoints:
-    """Pixels (n, 2) of just one of the two images, for the compiled functions."""
-    count = len(points) if view.x == 0.0 else 0
-    camera = view.intrinsics
-    return ImagePoints(np.ascontiguousarray(points), count, camera, camera, float(view.x), float(blur))
+def is_determined(curve: Curve) -> bool:
+    """Whether a curve's own edgels determine its plane and its radius."""
+    return bool(
+        curve.coverage > settings.LEAST_COVERAGE
+        and curve.tilt < settings.DETERMINED_TILT
+        and np.sqrt(curve.covariance[5, 5]) < settings.DETERMINED_RADIUS_SIGMA * curve.radii[0]
+    )
+
+
+def is_reported(curve: Curve) -> bool:
+    """Whether a curve is known well enough to be a feature. Others only explain edgels."""
+    most = settings.REPORTED_TILT if curve.coverage > settings.MOSTLY_SEEN else settings.ARC_TILT
+    return bool(curve.tilt < most and curve.misfit < settings.REPORTED_MISFIT)
+
+
+def _with_fit(curve: Curve, found: Fit) -> Curve:
+    """A curve as a fit has moved it."""
+    shape, covariance, rms, misfit = found[1:]
+    return replace(curve.with_shape(CurveShape(*shape)), covariance=covariance, rms=float(rms), misfit=float(misfit))

@@ -1,10 +1,14 @@
-"""Compiled least-squares equations of one curve on the edgels of two images, for :mod:`.fit`.
+"""Compiled: one curve in space moved until its images lie on edgels of both eyes, and the edgels that belong to it.
 
-shape is a :class:`.curve.CurveShape`, seen are :class:`.observations.ImagePoints`. There are n points and p parameters:
-6 of a circle, 8 of an ellipse, see :func:`moved`.
+A pixel x of an image is y = (p, q, w) = M^-1 x in the curve's plane, where M = K [major, minor, centre]; on the curve
+p^2 + q^2 = w^2. So the image conic is M^-T diag(1, 1, -1) M^-1, and a change dM moves its value at x by
+-2 (p, q, -w) M^-1 dM y, which gives all derivatives at once. There are p parameters, 6 of a circle, 8 of an ellipse,
+see :func:`moved`. index : (k,) int64, which of the edgels of :class:`.observations.Seen` count.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,135 +18,204 @@ from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..detection.settings import CAUCHY, CORRELATION_LENGTH, SMALLEST
 from .curve import CurveShape
-from .observations import ImagePoints
+from .inlier_kernels import on_conic, without_ends
+from .observations import Seen
 from .settings import (
+    ARC_BINS,
+    CIRCLE_MISFIT,
     COMMON_SHARE,
     COMMON_SIGMA,
-    CORRELATED_EDGELS,
     CURVATURE_VARIANCE_SHARE,
     DAMPING_ATTEMPTS,
     DAMPING_FACTOR,
     DAMPING_START,
     DIAGONAL_FACET_SHARE,
-    DIFFERENCE_STEP,
+    ELLIPSE_GAIN,
     FACET_VARIANCE,
+    GOOD_RMS,
+    INLIER_DISTANCE,
+    INLIER_SIGMA,
     LARGEST_STEP,
-    LEAST_DAMPING,
+    LEAST_CURVE_EDGELS,
+    LEAST_ELLIPSE_SIGMA,
     LEAST_GAIN,
+    LEAST_INLIER_DISTANCE,
+    LONGEST_GAP_BINS,
     MOST_CURVATURE_BIAS,
     MOST_SQUARED_RESIDUAL,
     OVERALL_SHARE,
     OVERALL_SIGMA,
+    RADIUS_SIGMA_FACTOR,
+    REFITS,
+    ROUNDS,
     SECTORS,
+    WORST_RMS,
 )
 
 
-@njit
-def _second(normal: FloatArray, first: FloatArray) -> FloatArray:
-    """(3,) float64: the direction of the minor radius, normal x first."""
-    return np.array(
-        [
-            normal[1] * first[2] - normal[2] * first[1],
-            normal[2] * first[0] - normal[0] * first[2],
-            normal[0] * first[1] - normal[1] * first[0],
-        ]
-    )
+class Axis(NamedTuple):
+    """An axis on which a curve lies, or none.
 
-
-@njit
-def _conic(centre: FloatArray, major: FloatArray, minor: FloatArray, camera: FloatArray, camera_x: float) -> FloatArray:
-    """(6,) float64: the image conic as a00, a01, a11, a02, a12, a22 of its symmetric matrix, negative inside.
-
-    major, minor : (3,) float64, metres: the radii with their directions; camera : (4,): fx, fy, cx, cy; camera_x :
-    metres, the camera's centre is (camera_x, 0, 0).
+    Attributes
+    ----------
+    frame : (4, 3) float64
+        Rows: a point, metres, the unit direction, two unit directions across it; (0, 3) for no axis.
+    spread : (2, 2) float64, m^2
+        Covariance of the point across the axis.
+    tilt : float
+        Radians. Sigma of the direction.
     """
+
+    frame: FloatArray
+    spread: FloatArray
+    tilt: float
+
+
+class Fit(NamedTuple):
+    """A fitted curve.
+
+    Attributes
+    ----------
+    good : bool
+        Whether there is one.
+    shape : CurveShape
+    covariance : (6, 6) float64
+        See :class:`.curve.Curve`.
+    rms : float
+        Pixels. Of distances, none of which counts more than a limit.
+    misfit : float
+        Residuals over what the edgels' sigma predicts.
+    """
+
+    good: bool
+    shape: CurveShape
+    covariance: FloatArray
+    rms: float
+    misfit: float
+
+
+@njit
+def second_of(shape: CurveShape) -> FloatArray:
+    """(3,) float64: the direction of the minor radius, normal x first."""
+    n, f = shape.normal, shape.first
+    return np.array([n[1] * f[2] - n[2] * f[1], n[2] * f[0] - n[0] * f[2], n[0] * f[1] - n[1] * f[0]])
+
+
+@njit
+def _to_plane(shape: CurveShape, seen: Seen, side: int) -> tuple[FloatArray, FloatArray, float]:
+    """How pixels of an image go to a curve's plane.
+
+    Returns
+    -------
+    a : (3, 3) float64
+        The adjugate of M: y up to its determinant.
+    b : (3, 6) float64
+        M^-1 K times x, y, z, the curve's normal, first and second.
+    sign : float
+        That makes the conic negative inside.
+    """
+    camera = seen.cameras[side]
+    vectors = np.zeros((3, 6))
+    vectors[0, 0] = vectors[1, 1] = vectors[2, 2] = 1.0
+    vectors[:, 3], vectors[:, 4], vectors[:, 5] = shape.normal, shape.first, second_of(shape)
+    k = np.array([[camera[0], 0.0, camera[2]], [0.0, camera[1], camera[3]], [0.0, 0.0, 1.0]])
     m = np.empty((3, 3))
-    for c in range(3):
-        x = major[0] if c == 0 else (minor[0] if c == 1 else centre[0] - camera_x)
-        y = major[1] if c == 0 else (minor[1] if c == 1 else centre[1])
-        z = major[2] if c == 0 else (minor[2] if c == 1 else centre[2])
-        m[0, c] = camera[0] * x + camera[2] * z
-        m[1, c] = camera[1] * y + camera[3] * z
-        m[2, c] = z
-    # The adjugate is the inverse up to the determinant, a factor that the conic does not need.
+    centre = shape.centre.copy()
+    centre[0] -= side * seen.baseline
+    m[:, 0], m[:, 1], m[:, 2] = shape.radii[0] * vectors[:, 4], shape.radii[1] * vectors[:, 5], centre
+    m = k @ m
     a = np.empty((3, 3))
-    a[0, 0] = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
-    a[0, 1] = m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]
-    a[0, 2] = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-    a[1, 0] = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
-    a[1, 1] = m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]
-    a[1, 2] = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
-    a[2, 0] = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
-    a[2, 1] = m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]
-    a[2, 2] = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    q = np.empty(6)
-    for j in range(3):
-        for i in range(j + 1):
-            q[i + j * (j + 1) // 2] = a[0, i] * a[0, j] + a[1, i] * a[1, j] - a[2, i] * a[2, j]
-    norm = abs(q[5]) + SMALLEST
-    if q[0] + q[2] < 0.0:
-        norm = -norm
-    conic: FloatArray = q / norm
+    for i in range(3):
+        for j in range(3):
+            r, s, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            a[i, j] = m[r, c] * m[s, d] - m[r, d] * m[s, c]
+    determinant = (m[0] * a[:, 0]).sum()
+    trace = (a[:2, :2] ** 2).sum() - (a[2, :2] ** 2).sum()
+    return a, a @ k @ vectors / (determinant + SMALLEST), (1.0 if trace >= 0.0 else -1.0)
+
+
+@njit
+def image_conic(shape: CurveShape, seen: Seen, side: int) -> FloatArray:
+    """(3, 3) float64: the image conic of a curve, negative inside; side : 0 left, 1 right."""
+    a, _b, sign = _to_plane(shape, seen, side)
+    conic = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            conic[i, j] = sign * (a[0, i] * a[0, j] + a[1, i] * a[1, j] - a[2, i] * a[2, j])
+    conic /= np.abs(conic).max()
     return conic
 
 
 @njit
-def residuals(shape: CurveShape, seen: ImagePoints, distance: FloatArray, bias: FloatArray) -> None:
-    """Signed distances of pixels from the image conics of a curve, without the bias of smoothing.
+def residuals(
+    shape: CurveShape, seen: Seen, index: IntArray, distance: FloatArray, bias: FloatArray, rows: FloatArray
+) -> None:
+    """Signed distances of edgels from the image conics of a curve, without the bias of smoothing; overwrites.
 
-    Parameters
-    ----------
-    shape : CurveShape
-    seen : ImagePoints
-        n pixels.
-    distance : (n,) float64, pixels
-        Overwritten: distances, positive outside.
-    bias : (n,) float64, pixels
-        Overwritten: by how much smoothing and the sub-pixel fit of edgels moved each towards the centre of curvature;
-        ``distance`` has that taken off. 0 where ``seen.blur`` is 0.
+    distance : (k,) pixels, positive outside; bias : (k,) pixels, how far smoothing and the sub-pixel fit moved an edgel
+    towards the centre of curvature; rows : (k, p) derivatives by the parameters of :func:`moved`, or (0, 0)
     """
-    major, minor = shape.radii[0] * shape.first, shape.radii[1] * _second(shape.normal, shape.first)
+    split = np.searchsorted(index, seen.left_count)
     for side in range(2):
-        camera = seen.camera_left if side == 0 else seen.camera_right
-        q = _conic(shape.centre, major, minor, camera, 0.0 if side == 0 else seen.baseline)
-        for i in range(0 if side == 0 else seen.left_count, seen.left_count if side == 0 else len(seen.points)):
-            u, v = seen.points[i, 0], seen.points[i, 1]
-            gu = q[0] * u + q[1] * v + q[3]
-            gv = q[1] * u + q[2] * v + q[4]
-            value = gu * u + gv * v + q[3] * u + q[4] * v + q[5]
-            g2 = gu * gu + gv * gv + SMALLEST
-            g = np.sqrt(g2)
-            curvature = (q[0] * gv * gv - 2.0 * q[1] * gu * gv + q[2] * gu * gu) / (g2 * g)
-            twice = 2.0 * gu * gv / g2
-            variance = 0.0
-            if seen.blur > 0.0:
-                variance = seen.blur + FACET_VARIANCE * (1.0 - DIAGONAL_FACET_SHARE * twice * twice)
-            bias[i] = min(0.5 * variance * abs(curvature), MOST_CURVATURE_BIAS)
-            distance[i] = 0.5 * value / g + bias[i]
+        some = slice(0, split) if side == 0 else slice(split, len(index))
+        _residuals(shape, seen, side, index[some], distance[some], bias[some], rows[some])
+
+
+@njit
+def _residuals(
+    shape: CurveShape, seen: Seen, side: int, index: IntArray, distance: FloatArray, bias: FloatArray, rows: FloatArray
+) -> None:
+    """:func:`residuals` in one image."""
+    a, b, sign = _to_plane(shape, seen, side)
+    major, minor = shape.radii[0], shape.radii[1]
+    for k in range(len(index)):
+        u, v = seen.points[index[k], 0], seen.points[index[k], 1]
+        p = a[0, 0] * u + a[0, 1] * v + a[0, 2]
+        q = a[1, 0] * u + a[1, 1] * v + a[1, 2]
+        w = a[2, 0] * u + a[2, 1] * v + a[2, 2]
+        # Half the conic's gradient; its value over twice that is the distance, to first order.
+        gu = sign * (p * a[0, 0] + q * a[1, 0] - w * a[2, 0])
+        gv = sign * (p * a[0, 1] + q * a[1, 1] - w * a[2, 1])
+        g2 = gu * gu + gv * gv + SMALLEST
+        g = np.sqrt(g2)
+        # Second derivative along the conic: of each of p, q, w it is the square of the first.
+        tp, tq, tw = (a[0, 1] * gu - a[0, 0] * gv), (a[1, 1] * gu - a[1, 0] * gv), (a[2, 1] * gu - a[2, 0] * gv)
+        curvature = (tp * tp + tq * tq - tw * tw) / (g2 * g)
+        twice = 2.0 * gu * gv / g2
+        variance = 0.0
+        if seen.blur > 0.0:
+            variance = seen.blur + FACET_VARIANCE * (1.0 - DIAGONAL_FACET_SHARE * twice * twice)
+        bias[k] = min(0.5 * variance * abs(curvature), MOST_CURVATURE_BIAS)
+        distance[k] = 0.5 * sign * (p * p + q * q - w * w) / g + bias[k]
+        if len(rows) == 0:
+            continue
+        scale = -sign / g
+        for c in range(3):
+            rows[k, c] = scale * w * (p * b[0, c] + q * b[1, c] - w * b[2, c])
+        normal = scale * (p * b[0, 3] + q * b[1, 3] - w * b[2, 3])
+        first = scale * (p * b[0, 4] + q * b[1, 4] - w * b[2, 4])
+        second = scale * (p * b[0, 5] + q * b[1, 5] - w * b[2, 5])
+        rows[k, 3], rows[k, 4] = -q * minor * normal, p * major * normal
+        rows[k, 5] = p * major * first
+        if rows.shape[1] == 6:
+            rows[k, 5] += q * minor * second
+        else:
+            rows[k, 6], rows[k, 7] = q * minor * second, p * major * second - q * minor * first
 
 
 @njit
 def moved(shape: CurveShape, step: FloatArray, circle: bool) -> CurveShape:
     """A curve changed by a step.
 
-    Parameters
-    ----------
-    shape : CurveShape
-    step : (8,) float64
-        Displacement of the centre (3), metres; tilts about first and about normal x first (2), radians; changes of the
-        log
-        radii (2; of a circle the first counts for both); turn of an ellipse in its plane, radians.
-    circle : bool
-
-    Returns
-    -------
-    CurveShape
+    step : (8,): displacement of the centre (3), metres; tilts about first and about normal x first (2), radians;
+    changes of the log radii (2; of a circle the first counts for both); turn of an ellipse in its plane, radians
     """
-    n = shape.normal + step[3] * _second(shape.normal, shape.first) - step[4] * shape.first
+    second = second_of(shape)
+    n = shape.normal + step[3] * second - step[4] * shape.first
     n = n / np.sqrt((n * n).sum())
     f = shape.first.copy()
     if not circle:
-        f = f + step[7] * _second(shape.normal, shape.first)
+        f = f + step[7] * second
     f = f - n * (f * n).sum()
     f = f / np.sqrt((f * f).sum())
     r = shape.radii.copy()
@@ -152,89 +225,8 @@ def moved(shape: CurveShape, step: FloatArray, circle: bool) -> CurveShape:
 
 
 @njit
-def jacobian(shape: CurveShape, circle: bool, seen: ImagePoints, distance: FloatArray, bias: FloatArray) -> FloatArray:
-    """Derivatives of the residuals by the parameters of a curve, by differences.
-
-    Parameters
-    ----------
-    shape : CurveShape
-    circle : bool
-    seen : ImagePoints
-    distance, bias : (n,) float64, pixels
-        Overwritten, see :func:`residuals`.
-
-    Returns
-    -------
-    (n, p) float64
-        By the parameters of :func:`moved`, p = 6 for a circle, else 8.
-    """
-    size = 6 if circle else 8
-    n = len(seen.points)
-    residuals(shape, seen, distance, bias)
-    result = np.empty((n, size))
-    shifted, unused = np.empty(n), np.empty(n)
-    for k in range(size):
-        step = np.zeros(8)
-        h = DIFFERENCE_STEP * shape.radii[0] if k < 3 else DIFFERENCE_STEP
-        step[k] = h
-        residuals(moved(shape, step, circle), seen, shifted, unused)
-        for i in range(n):
-            result[i, k] = (shifted[i] - distance[i]) / h
-    return result
-
-
-@njit
-def equations(
-    shape: CurveShape, circle: bool, seen: ImagePoints, sigma: FloatArray, distance: FloatArray, bias: FloatArray
-) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray]:
-    """Normal equations at a curve, with Cauchy weights scaled by the median of |distance| / sigma.
-
-    Parameters
-    ----------
-    shape : CurveShape
-    circle : bool
-    seen : ImagePoints
-    sigma : (n,) float64, pixels
-        Of the edgels.
-    distance, bias : (n,) float64, pixels
-        Overwritten, see :func:`residuals`.
-
-    Returns
-    -------
-    matrix : (p, p) float64
-    gradient : (p,) float64
-    cost : float
-    weights : (n,) float64, px^-2
-    rows : (n, p) float64
-        The jacobian.
-    """
-    rows = jacobian(shape, circle, seen, distance, bias)
-    n, size = rows.shape
-    weights = np.empty(n)
-    ratio = np.abs(distance) / sigma
-    spread = max(MAD_TO_SIGMA * np.median(ratio), 1.0)
-    cost = 0.0
-    for i in range(n):
-        variance = sigma[i] * sigma[i] + CURVATURE_VARIANCE_SHARE * bias[i] * bias[i]
-        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (CAUCHY * spread)) ** 2))
-        cost += weights[i] * distance[i] * distance[i]
-    matrix = np.zeros((size, size))
-    gradient = np.zeros(size)
-    for i in range(n):
-        for a in range(size):
-            wa = weights[i] * rows[i, a]
-            gradient[a] += wa * distance[i]
-            for b in range(a + 1):
-                matrix[a, b] += wa * rows[i, b]
-    for a in range(size):
-        for b in range(a):
-            matrix[b, a] = matrix[a, b]
-    return matrix, gradient, cost, weights, rows
-
-
-@njit
 def solve(matrix: FloatArray, right: FloatArray) -> bool:
-    """Solves matrix (p, p) x = right (p,) in place by Gaussian elimination with pivots; False when it is singular."""
+    """Solves matrix (p, p) x = right (p, c) in place by Gaussian elimination with pivots; False when it is singular."""
     n = len(right)
     for c in range(n):
         pivot = c
@@ -244,97 +236,92 @@ def solve(matrix: FloatArray, right: FloatArray) -> bool:
         if not abs(matrix[pivot, c]) > 0.0:
             return False
         if pivot != c:
-            for k in range(c, n):
+            for k in range(n):
                 matrix[c, k], matrix[pivot, k] = matrix[pivot, k], matrix[c, k]
-            right[c], right[pivot] = right[pivot], right[c]
-        for r in range(c + 1, n):
-            f = matrix[r, c] / matrix[c, c]
-            for k in range(c, n):
-                matrix[r, k] -= f * matrix[c, k]
-            right[r] -= f * right[c]
-    for c in range(n - 1, -1, -1):
-        for k in range(c + 1, n):
-            right[c] -= matrix[c, k] * right[k]
-        right[c] /= matrix[c, c]
-    return True
-
-
-@njit
-def axis_residual(axis: FloatArray, centre: FloatArray, normal: FloatArray, off: FloatArray) -> float:
-    """How a curve lies to an axis.
-
-    Parameters
-    ----------
-    axis : (4, 3) float64
-        Rows: a point of the axis, metres, its direction, two directions across it.
-    centre, normal : (3,) float64
-        Of the curve.
-    off : (4,) float64
-        Overwritten: two tilts of the normal, radians, and two offsets of the centre, metres.
-
-    Returns
-    -------
-    float
-        Sign of the normal along the axis.
-    """
-    sign = 1.0 if (axis[1] * normal).sum() >= 0.0 else -1.0
-    for k in range(2):
-        off[k] = sign * (axis[2 + k] * normal).sum()
-        off[2 + k] = (axis[2 + k] * (centre - axis[0])).sum()
-    return sign
+            for k in range(right.shape[1]):
+                right[c, k], right[pivot, k] = right[pivot, k], right[c, k]
+        for r in range(n):
+            if r != c:
+                f = matrix[r, c] / matrix[c, c]
+                for k in range(c, n):
+                    matrix[r, k] -= f * matrix[c, k]
+                for k in range(right.shape[1]):
+                    right[r, k] -= f * right[c, k]
+    for c in range(n):
+        for k in range(right.shape[1]):
+            right[c, k] /= matrix[c, c]
+    return bool(np.isfinite(right).all())
 
 
 @njit
 def _add_axis(
-    axis: FloatArray, information: FloatArray, shape: CurveShape, matrix: FloatArray, gradient: FloatArray
+    axis: Axis, information: FloatArray, shape: CurveShape, matrix: FloatArray, gradient: FloatArray
 ) -> float:
-    """Adds an axis constraint with its information matrix (4, 4) to the normal equations; returns its cost."""
-    off = np.empty(4)
-    sign = axis_residual(axis, shape.centre, shape.normal, off)
-    slope = np.zeros((4, 5))
-    second = _second(shape.normal, shape.first)
+    """Adds what an axis says of a curve to normal equations (p, p), (p, 1); returns its cost.
+
+    information : (4, 4), of two tilts, radians, and of two offsets, metres; (0, 0) for no axis
+    """
+    if len(information) == 0:
+        return 0.0
+    sign = 1.0 if (axis.frame[1] * shape.normal).sum() >= 0.0 else -1.0
+    off, slope = np.empty(4), np.zeros((4, len(matrix)))
+    second = second_of(shape)
     for k in range(2):
-        slope[k, 3] = sign * (axis[2 + k] * second).sum()
-        slope[k, 4] = -sign * (axis[2 + k] * shape.first).sum()
-        slope[2 + k, :3] = axis[2 + k]
-    cost = 0.0
-    for i in range(4):
-        for j in range(4):
-            cost += information[i, j] * off[i] * off[j]
-            for a in range(5):
-                gradient[a] += slope[i, a] * information[i, j] * off[j]
-                for b in range(5):
-                    matrix[a, b] += slope[i, a] * information[i, j] * slope[j, b]
-    return cost
+        across = axis.frame[2 + k]
+        off[k] = sign * (across * shape.normal).sum()
+        off[2 + k] = (across * (shape.centre - axis.frame[0])).sum()
+        slope[k, 3], slope[k, 4] = sign * (across * second).sum(), -sign * (across * shape.first).sum()
+        slope[2 + k, :3] = across
+    told = information @ off
+    matrix += slope.T @ information @ slope
+    gradient[:, 0] += slope.T @ told
+    return float((off * told).sum())
+
+
+@njit
+def _information(axis: Axis, centre: FloatArray) -> FloatArray:
+    """(4, 4) of what an axis says of a curve at a centre (3,), metres; (0, 0) of none."""
+    if len(axis.frame) == 0:
+        return np.zeros((0, 0))
+    result = np.eye(4)
+    far = axis.tilt * ((centre - axis.frame[0]) * axis.frame[1]).sum()
+    covariance = np.eye(4)
+    covariance[0, 0] = covariance[1, 1] = axis.tilt**2
+    covariance[2:, 2:] = axis.spread + far**2 * np.eye(2)
+    solve(covariance, result)
+    return result
+
+
+@njit
+def _equations(
+    shape: CurveShape, seen: Seen, index: IntArray, sigma: FloatArray, rows: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Normal equations (p, p), (p, 1), distances and Cauchy weights (k,); their scale is the median of the ratios."""
+    n, size = rows.shape
+    distance, bias, weights = np.empty(n), np.empty(n), np.empty(n)
+    residuals(shape, seen, index, distance, bias, rows)
+    ratio = np.abs(distance) / sigma
+    spread = max(MAD_TO_SIGMA * np.median(ratio), 1.0)
+    matrix, gradient = np.zeros((size, size)), np.zeros((size, 1))
+    for i in range(n):
+        variance = sigma[i] * sigma[i] + CURVATURE_VARIANCE_SHARE * bias[i] * bias[i]
+        weights[i] = 1.0 / (variance * (1.0 + (ratio[i] / (CAUCHY * spread)) ** 2))
+        for a in range(size):
+            wa = weights[i] * rows[i, a]
+            gradient[a, 0] += wa * distance[i]
+            for b in range(a + 1):
+                matrix[a, b] += wa * rows[i, b]
+    for a in range(size):
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+    return matrix, gradient, distance, weights
 
 
 @njit
 def minimise(
-    shape: CurveShape,
-    circle: bool,
-    seen: ImagePoints,
-    sigma: FloatArray,
-    rounds: int,
-    axis: FloatArray,
-    information: FloatArray,
+    shape: CurveShape, circle: bool, seen: Seen, index: IntArray, axis: Axis, rounds: int
 ) -> tuple[bool, CurveShape]:
-    """Move a curve until its image conics lie on the edgels (Levenberg-Marquardt, Cauchy weights).
-
-    Parameters
-    ----------
-    shape : CurveShape
-        Where to start.
-    circle : bool
-        Fit six parameters of a circle; else eight of an ellipse.
-    seen : ImagePoints
-    sigma : (n,) float64, pixels
-        Of the edgels.
-    rounds : int
-        Most rounds.
-    axis : (4, 3) float64
-        See :func:`axis_residual`.
-    information : (4, 4) float64
-        Of the axis constraint; (0, 0) for a fit without one.
+    """Move a curve until its image conics lie on edgels (Levenberg-Marquardt, Cauchy weights; thesis 3.10.1).
 
     Returns
     -------
@@ -343,14 +330,13 @@ def minimise(
     shape : CurveShape
     """
     size = 6 if circle else 8
-    distance, bias = np.empty(len(seen.points)), np.empty(len(seen.points))
-    constrained = len(information) > 0
-    off = np.empty(4)
+    sigma = np.hypot(seen.sigma[index], seen.bias[index])
+    rows, none, bias = np.empty((len(index), size)), np.empty((0, 0)), np.empty(len(index))
+    information = CORRELATION_LENGTH * 2.0 * _information(axis, shape.centre)
     damping = DAMPING_START
     for _ in range(rounds):
-        matrix, gradient, cost, weights, _rows = equations(shape, circle, seen, sigma, distance, bias)
-        if constrained:
-            cost += _add_axis(axis, information, shape, matrix, gradient)
+        matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
+        cost = (weights * distance * distance).sum() + _add_axis(axis, information, shape, matrix, gradient)
         if not (np.isfinite(cost) and np.isfinite(matrix).all()):
             return False, shape
         gained = 0.0
@@ -363,19 +349,15 @@ def minimise(
             step = np.zeros(8)
             for a in range(size):
                 widest = shape.radii[0] if a < 3 else LARGEST_STEP
-                step[a] = min(max(right[a], -widest), widest)
+                step[a] = min(max(right[a, 0], -widest), widest)
             other = moved(shape, step, circle)
-            residuals(other, seen, distance, bias)
+            residuals(other, seen, index, distance, bias, none)
             new_cost = (weights * distance * distance).sum()
-            if constrained:
-                axis_residual(axis, other.centre, other.normal, off)
-                for i in range(4):
-                    for j in range(4):
-                        new_cost += information[i, j] * off[i] * off[j]
+            new_cost += _add_axis(axis, information, other, np.zeros((size, size)), np.zeros((size, 1)))
             if np.isfinite(new_cost) and new_cost <= cost:
                 shape = other
                 gained = cost - new_cost
-                damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
+                damping /= DAMPING_FACTOR
                 break
             damping *= DAMPING_FACTOR
         if gained < LEAST_GAIN * cost:
@@ -383,106 +365,240 @@ def minimise(
     return True, shape
 
 
-@njit
-def truncated_rms(shape: CurveShape, seen: ImagePoints) -> float:
-    """Root mean square of distances, pixels, of which none counts more than MOST_SQUARED_RESIDUAL."""
-    distance, bias = np.empty(len(seen.points)), np.empty(len(seen.points))
-    residuals(shape, seen, distance, bias)
-    return float(np.sqrt(np.mean(np.minimum(distance * distance, MOST_SQUARED_RESIDUAL))))
-
-
-@njit
-def fitted(
-    shape: CurveShape, circle: bool, seen: ImagePoints, sigma: FloatArray, shared: FloatArray, prior: FloatArray
-) -> tuple[FloatArray, float, float]:
-    """How well a fit knows its curve. Raises LinAlgError when the equations cannot be solved.
+@njit(nogil=True)
+def fit(
+    shape: CurveShape, circle: bool, seen: Seen, index: IntArray, axis: Axis, rounds: int, rough: bool = False
+) -> Fit:
+    """A curve fitted to edgels, with how well it is known.
 
     Parameters
     ----------
     shape : CurveShape
+        Where to start.
     circle : bool
-    seen : ImagePoints
-    sigma, shared : (n,) float64, pixels
-        Of the edgels; the localisation bias, which neighbours have in common.
-    prior : (5, 5) float64
-        Information of an axis constraint; (0, 0) for a fit without one.
+        Six parameters of a circle; else eight of an ellipse.
+    seen, index
+        The edgels.
+    axis : Axis
+        That it lies on, or none.
+    rounds : int
+        Most rounds of Levenberg-Marquardt.
+    rough : bool
+        Without covariance: this fit only compares starts.
 
     Returns
     -------
-    covariance : (p, p) float64
-        Of the parameters of :func:`moved`, M^-1 S M^-1 (the sandwich estimator).
-    rms : float
-        Pixels, see :func:`truncated_rms`; not finite where the curve is none.
-    off : float
-        Median of |distance| / sigma.
+    Fit
+        Not good when the equations cannot be solved, and when an ellipse cannot be told from a circle. The covariance
+        is M^-1 S M^-1 (the sandwich estimator).
     """
-    distance, bias = np.empty(len(sigma)), np.empty(len(sigma))
-    matrix, _, cost, weights, rows = equations(shape, circle, seen, sigma, distance, bias)
-    size = len(matrix)
-    if not np.isfinite(cost):
-        return np.zeros((size, size)), np.inf, np.inf
-    if len(prior):
-        matrix[:5, :5] += prior * CORRELATED_EDGELS
-    variance_factor = max(1.0, (weights * distance * distance).sum() / max(len(sigma) - size, 1))
-    # Displacements that edgels have in common do not average out: those of a sector, and those of all.
-    of_sector = np.hypot(shared, COMMON_SIGMA + COMMON_SHARE * sigma)
-    common = common_displacement(rows, weights, of_sector, sectors(shape, seen), 2 * SECTORS)
-    of_all = OVERALL_SIGMA + OVERALL_SHARE * sigma
-    common += common_displacement(rows, weights, of_all, np.zeros(len(sigma), np.int64), 1)
-    correlated = CORRELATION_LENGTH * variance_factor
-    spread = matrix * correlated + common
-    if len(prior):
-        # The constraint is part of M with the factor CORRELATED_EDGELS; its own variance has that factor squared.
-        spread[:5, :5] -= prior * CORRELATED_EDGELS * correlated - prior * CORRELATED_EDGELS**2
-    inverse = np.linalg.inv(matrix)
+    size = 6 if circle else 8
+    nothing = np.zeros((6, 6))
+    radii = np.full(2, np.sqrt(shape.radii[0] * shape.radii[1])) if circle else shape.radii.copy()
+    shape = CurveShape(shape.centre.copy(), shape.normal.copy(), shape.first.copy(), radii)
+    failed = Fit(False, shape, nothing, np.inf, np.inf)
+    if len(index) <= size:
+        return failed
+    prior = 2.0 * CORRELATION_LENGTH * _information(axis, shape.centre)
+    good, shape = minimise(shape, circle, seen, index, axis, rounds)
+    if not good:
+        return failed
+    sigma = np.hypot(seen.sigma[index], seen.bias[index])
+    rows = np.empty((len(index), size))
+    matrix, gradient, distance, weights = _equations(shape, seen, index, sigma, rows)
     rms = np.sqrt(np.mean(np.minimum(distance * distance, MOST_SQUARED_RESIDUAL)))
-    return inverse @ spread @ inverse, float(rms), float(np.median(np.abs(distance) / sigma))
+    if rough or not np.isfinite(rms):
+        return Fit(bool(np.isfinite(rms)), shape, nothing, rms, np.inf)
+    free = max(len(index) - size, 1)
+    correlated = CORRELATION_LENGTH * max(1.0, (weights * distance * distance).sum() / free)
+    # Displacements that edgels have in common do not average out: those of a sector, and those of all.
+    spread = matrix * correlated
+    sector = sectors(shape, seen, index)
+    spread += _common(rows, weights, np.hypot(seen.bias[index], COMMON_SIGMA + COMMON_SHARE * sigma), sector)
+    spread += _common(rows, weights, OVERALL_SIGMA + OVERALL_SHARE * sigma, 0 * sector)
+    of_axis = np.zeros((size, size))
+    _add_axis(axis, prior, shape, of_axis, gradient)
+    # The axis has the information of as many edgels as are alike; its variance has that factor squared.
+    spread += of_axis * 2.0 * CORRELATION_LENGTH
+    inverse = np.eye(size)
+    if not solve(matrix + of_axis, inverse):
+        return failed
+    covariance = inverse @ spread @ inverse
+    if not circle:
+        variance = max(covariance[5, 5] + covariance[6, 6] - 2.0 * covariance[5, 6], 0.0)
+        if abs(np.log(shape.radii[0] / shape.radii[1])) < LEAST_ELLIPSE_SIGMA * np.sqrt(variance):
+            return failed
+    covariance = covariance[:6, :6].copy()
+    covariance[5, :] *= RADIUS_SIGMA_FACTOR * shape.radii[0]
+    covariance[:, 5] *= RADIUS_SIGMA_FACTOR * shape.radii[0]
+    if not np.isfinite(covariance).all() or np.diag(covariance).min() < 0.0:
+        return failed
+    if shape.radii[0] < shape.radii[1]:
+        # The larger radius first: the tilts are about the radii.
+        turn = np.eye(6)
+        turn[3, 3] = turn[4, 4] = 0.0
+        turn[3, 4], turn[4, 3] = 1.0, -1.0
+        shape = CurveShape(shape.centre, shape.normal, second_of(shape), shape.radii[::-1].copy())
+        covariance = turn @ covariance @ turn.T
+    return Fit(True, shape, covariance, rms, MAD_TO_SIGMA * np.median(np.abs(distance) / sigma))
 
 
 @njit
-def sectors(shape: CurveShape, seen: ImagePoints) -> IntArray:
-    """(n,) int64: which of SECTORS of the curve pixels are in; those of the right image count on."""
-    second = _second(shape.normal, shape.first)
-    sector = np.empty(len(seen.points), np.int64)
-    for k in range(len(sector)):
-        camera = seen.camera_left if k < seen.left_count else seen.camera_right
-        origin = 0.0 if k < seen.left_count else seen.baseline
-        x, y = (seen.points[k, 0] - camera[2]) / camera[0], (seen.points[k, 1] - camera[3]) / camera[1]
-        n, c = shape.normal, shape.centre
-        depth = ((c[0] - origin) * n[0] + c[1] * n[1] + c[2] * n[2]) / (x * n[0] + y * n[1] + n[2])
-        dx, dy, dz = origin + x * depth - c[0], y * depth - c[1], depth - c[2]
-        along = (dx * shape.first[0] + dy * shape.first[1] + dz * shape.first[2]) / shape.radii[0]
-        across = (dx * second[0] + dy * second[1] + dz * second[2]) / shape.radii[1]
-        turn = np.arctan2(across, along) / (2.0 * np.pi)
-        sector[k] = int(np.floor(turn * SECTORS)) % SECTORS + (0 if k < seen.left_count else SECTORS)
-    return sector
+def sectors(shape: CurveShape, seen: Seen, index: IntArray) -> IntArray:
+    """(k,) int64: which of SECTORS of the curve edgels are in; those of the right image count on."""
+    angle = angles(shape, seen, index)
+    result = np.empty(len(index), np.int64)
+    for k in range(len(index)):
+        result[k] = int(np.floor(angle[k] * SECTORS)) % SECTORS + (0 if index[k] < seen.left_count else SECTORS)
+    return result
 
 
 @njit
-def common_displacement(
-    rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: IntArray, groups: int
-) -> FloatArray:
-    """Variance of the normal equations' right side by displacements that the edgels of a group have in common.
+def angles(shape: CurveShape, seen: Seen, index: IntArray) -> FloatArray:
+    """(k,) float64, turns: where on a curve edgels are, see :func:`.curve.angles`."""
+    a0, _b, _s = _to_plane(shape, seen, 0)
+    a1, _b, _s = _to_plane(shape, seen, 1)
+    result = np.empty(len(index))
+    for k in range(len(index)):
+        a = a0 if index[k] < seen.left_count else a1
+        u, v = seen.points[index[k], 0], seen.points[index[k], 1]
+        w = a[2, 0] * u + a[2, 1] * v + a[2, 2]
+        p, q = a[0, 0] * u + a[0, 1] * v + a[0, 2], a[1, 0] * u + a[1, 1] * v + a[1, 2]
+        result[k] = np.arctan2(q / w, p / w) / (2.0 * np.pi)
+    return result
 
-    Parameters
-    ----------
-    rows : (n, p) float64
-        Jacobian.
-    weights : (n,) float64, px^-2
-    sigma : (n,) float64, pixels
-        Of the common displacement.
-    group : (n,) int64
-        Which group an edgel is of.
-    groups : int
-        How many there are.
 
-    Returns
-    -------
-    (p, p) float64
-    """
+@njit
+def _common(rows: FloatArray, weights: FloatArray, sigma: FloatArray, group: IntArray) -> FloatArray:
+    """(p, p): variance of the equations' right side by displacements (k,), pixels, that the edgels of a group share."""
     n, size = rows.shape
-    sums = np.zeros((groups, size))
+    sums = np.zeros((2 * SECTORS, size))
     for i in range(n):
         for a in range(size):
             sums[group[i], a] += weights[i] * sigma[i] * rows[i, a]
     return sums.T @ sums
+
+
+@njit(nogil=True)
+def inliers(found: Fit, seen: Seen, side: int, wide: bool) -> tuple[IntArray, IntArray]:
+    """Edgels of one image that belong to a curve, and those of them that measure it.
+
+    Parameters
+    ----------
+    found : Fit
+    seen : Seen
+    side : int
+        0 for the left image, 1 for the right one.
+    wide : bool
+        The curve's own uncertainty adds to the distance that is allowed.
+
+    Returns
+    -------
+    belongs : (k,) int64
+        Within INLIER_DISTANCE of the image conic, with a gradient across it.
+    measures : (m,) int64
+        Within INLIER_SIGMA sigma of it, where sigma adds the edgel's own and the fit's; not at the end of a run. An
+        occluding contour that starts on a rim is still near it where it is a contour already.
+    """
+    first, last = (0, seen.left_count) if side == 0 else (seen.left_count, len(seen.points))
+    conic = image_conic(found.shape, seen, side)
+    near = on_conic(conic, seen.points[first:last], seen.direction[first:last], INLIER_DISTANCE)
+    belongs = first + np.flatnonzero(near)
+    index = first + without_ends(near, seen.points[first:last])
+    if len(index) == 0:
+        return belongs, index
+    distance, bias, rows = np.empty(len(index)), np.empty(len(index)), np.empty((len(index), 6))
+    residuals(found.shape, seen, index, distance, bias, rows)
+    of_fit = min(found.rms, MAD_TO_SIGMA * np.median(np.abs(distance)))
+    measures = np.empty(len(index), np.int64)
+    count = 0
+    for k in range(len(index)):
+        variance = seen.sigma[index[k]] ** 2 + seen.bias[index[k]] ** 2 + of_fit**2
+        if wide:
+            rows[k, 5] /= found.shape.radii[0]
+            variance += rows[k] @ found.covariance @ rows[k]
+        limit = min(max(INLIER_SIGMA * np.sqrt(variance), LEAST_INLIER_DISTANCE), INLIER_DISTANCE)
+        if abs(distance[k]) < limit:
+            measures[count] = index[k]
+            count += 1
+    return belongs, measures[:count]
+
+
+@njit
+def visible_arc(shape: CurveShape, seen: Seen, index: IntArray) -> tuple[float, float, float]:
+    """The part of a curve that edgels of either image show.
+
+    Returns
+    -------
+    start, extent : float, radians
+        All but the longest gap between edgels. A gap of up to LONGEST_GAP_BINS bins is none.
+    coverage : float
+        Share of the bins of angle that hold an edgel.
+    """
+    hit = np.zeros(ARC_BINS, np.bool_)
+    for angle in angles(shape, seen, index):
+        hit[int(np.floor(angle * ARC_BINS)) % ARC_BINS] = True
+    # Twice round, so that a gap over the start counts as one.
+    last, longest, run = 0, 0, 0
+    for k in range(2 * ARC_BINS):
+        run = 0 if hit[k % ARC_BINS] else run + 1
+        if run > longest:
+            last, longest = k, run
+    turn, coverage = 2.0 * np.pi / ARC_BINS, hit.sum() / ARC_BINS
+    if longest <= LONGEST_GAP_BINS:
+        return 0.0, 2.0 * np.pi, coverage
+    return turn * ((last + 1) % ARC_BINS), turn * (ARC_BINS - min(longest, ARC_BINS)), coverage
+
+
+@njit(nogil=True)
+def recovered(
+    start: CurveShape, seen: Seen, chosen: IntArray, axis: Axis
+) -> tuple[Fit, IntArray, tuple[float, float, float]]:
+    """Fit a curve to chosen edgels, then to all its inliers: without an axis an ellipse if that is better.
+
+    Parameters
+    ----------
+    start : CurveShape
+        Rough.
+    seen : Seen
+        All edgels of both images.
+    chosen : (c,) int64
+        Those that certainly belong to it.
+    axis : Axis
+        That it lies on, or none.
+
+    Returns
+    -------
+    found : Fit
+    belongs : (k,) int64
+        The edgels of the curve.
+    arc : (float, float, float)
+        Start and extent of what is seen of it, radians, and its share.
+    """
+    free = len(axis.frame) == 0
+    circle = True
+    found = fit(start, True, seen, chosen, axis, ROUNDS)
+    if free and (not found.good or found.rms > GOOD_RMS):
+        other = fit(start, False, seen, chosen, axis, ROUNDS)
+        if other.good and (not found.good or other.rms**2 * ELLIPSE_GAIN < found.rms**2):
+            found, circle = other, False
+    belongs = chosen
+    for turn in range(REFITS):
+        if not found.good or found.rms > INLIER_DISTANCE or found.shape.centre[2] <= 0.0:
+            break
+        left, right = inliers(found, seen, 0, turn == 0 or not circle), inliers(found, seen, 1, turn == 0 or not circle)
+        if min(len(left[1]), len(right[1])) < LEAST_CURVE_EDGELS:
+            return Fit(False, found.shape, found.covariance, np.inf, np.inf), chosen, (0.0, 0.0, 0.0)
+        belongs, measuring = np.concatenate((left[0], right[0])), np.concatenate((left[1], right[1]))
+        settled = len(measuring) == len(chosen) and (measuring == chosen).all()
+        chosen = measuring
+        if settled:
+            break
+        found = fit(found.shape, circle, seen, chosen, axis, ROUNDS)
+        if free and circle and found.good and found.misfit > CIRCLE_MISFIT and found.rms > GOOD_RMS:
+            other = fit(found.shape, False, seen, chosen, axis, ROUNDS)
+            if other.good and other.rms**2 * ELLIPSE_GAIN < found.rms**2:
+                found, circle = other, False
+    if found.rms > WORST_RMS or found.shape.centre[2] <= 0.0:
+        found = Fit(False, found.shape, found.covariance, np.inf, np.inf)
+    return found, belongs, visible_arc(found.shape, seen, chosen)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import StereoRig
-from msgs_py.numeric.typed import BoolArray, FloatArray
+from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from ..detection.edgels import Edgels
 from .curve import CameraView, camera_views
@@ -18,16 +18,20 @@ from .curve import CameraView, camera_views
 EdgelMasks = tuple[BoolArray, BoolArray]
 
 
-class ImagePoints(NamedTuple):
-    """Pixels of the two images, and what projects a curve into them, for the compiled functions.
+class Seen(NamedTuple):
+    """The n edgels of both images, the left one's first, and what projects a curve into them, for compiled functions.
 
     Attributes
     ----------
     points : (n, 2) float64, pixels
+    direction : (n,) float64, radians
+        Of the gradients.
+    sigma, bias : (n,) float64, pixels
+        Along the gradient: of noise, and of localisation.
     left_count : int
-        How many of them, the first ones, are the left image's.
-    camera_left, camera_right : (4,) float64
-        Pixels. fx, fy, cx, cy.
+        How many are the left image's.
+    cameras : (2, 4) float64, pixels
+        fx, fy, cx, cy of the left and of the right camera.
     baseline : float
         Metres.
     blur : float
@@ -35,9 +39,11 @@ class ImagePoints(NamedTuple):
     """
 
     points: FloatArray
+    direction: FloatArray
+    sigma: FloatArray
+    bias: FloatArray
     left_count: int
-    camera_left: FloatArray
-    camera_right: FloatArray
+    cameras: FloatArray
     baseline: float
     blur: float
 
@@ -69,26 +75,23 @@ class StereoEdgels:
         left, right = camera_views(self.rig)
         return (self.left, left), (self.right, right)
 
-    def select(self, masks: EdgelMasks) -> StereoEdgels:
-        """Those that the masks of the two images allow."""
-        return StereoEdgels(self.left.select(masks[0]), self.right.select(masks[1]), self.rig, self.blur)
+    def masks(self, index: IntArray) -> EdgelMasks:
+        """Edgels by their numbers in ``seen`` as masks over either image."""
+        both = np.zeros(len(self.left) + len(self.right), bool)
+        both[index] = True
+        return both[: len(self.left)], both[len(self.left) :]
 
     @cached_property
-    def sigma(self) -> FloatArray:
-        """(n,) float64, pixels: sigma across the edge, localisation bias included; the left image's first."""
-        sigma: FloatArray = np.hypot(np.concatenate([self.left.sigma_position, self.right.sigma_position]), self.bias)
-        return sigma
-
-    @cached_property
-    def bias(self) -> FloatArray:
-        """(n,) float64, pixels: localisation bias; the left image's first."""
-        return np.concatenate([self.left.bias, self.right.bias])
-
-    @cached_property
-    def points(self) -> ImagePoints:
+    def seen(self) -> Seen:
         """For the compiled functions."""
-        left, right = camera_views(self.rig)
-        position = np.concatenate([self.left.position, self.right.position])
-        return ImagePoints(
-            position, len(self.left), left.intrinsics, right.intrinsics, float(self.rig.baseline), float(self.blur)
+        left, right = self.left, self.right
+        return Seen(
+            np.concatenate([left.position, right.position]),
+            np.concatenate([left.direction, right.direction]),
+            np.concatenate([left.sigma_position, right.sigma_position]),
+            np.concatenate([left.bias, right.bias]),
+            len(left),
+            np.array([view.intrinsics for view in camera_views(self.rig)]),
+            float(self.rig.baseline),
+            float(self.blur),
         )

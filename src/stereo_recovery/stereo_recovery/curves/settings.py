@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..detection.settings import CORRELATION_LENGTH
-
 # ---- Several modules -------------------------------------------------------------------------------------------------
 # Sigma of a stated bound, and of what the uncertainty of a curve adds to a distance that is allowed from it: three
 # sigma.
@@ -23,30 +21,19 @@ DIAGONAL_FACET_SHARE = 0.75
 # variance of that correction over its square (a sigma of a fifth).
 MOST_CURVATURE_BIAS = 1.0
 CURVATURE_VARIANCE_SHARE = 0.04
-# Step of the difference quotients: in radii for the centre, in radians for angles, in log radii.
-DIFFERENCE_STEP = 1e-5
-# Levenberg-Marquardt: first damping, factor from one to the next, least damping, attempts a round; most that a
-# parameter other than the centre may change in a step (radians, log radii); relative gain of the cost below which it
-# stops.
+# Levenberg-Marquardt: first damping, factor from one to the next, attempts a round; most that a parameter other than
+# the centre may change in a step (radians, log radii); relative gain of the cost below which it stops; most rounds.
 DAMPING_START = 1e-3
 DAMPING_FACTOR = 10.0
-LEAST_DAMPING = 1e-9
 DAMPING_ATTEMPTS = 6
 LARGEST_STEP = 0.5
-LEAST_GAIN = 1e-5
-# Rounds of a fit from scratch, of a rough one that only compares starts, and of one from a curve that nearly fits.
+LEAST_GAIN = 1e-3
 ROUNDS = 12
-ROUGH_ROUNDS = 8
-REFIT_ROUNDS = 6
-# Edgels of both images that a fit takes at least, and of either image that a recovered curve keeps at least.
-LEAST_POINTS = 10
+# Edgels of either image that a recovered curve keeps at least.
 LEAST_CURVE_EDGELS = 8
 # px^2: squared residuals count at most so much in the rms of a fit.
 MOST_SQUARED_RESIDUAL = 4.0
 
-# How many times larger the true covariance of a fit is than that of independent edgels, for smoothing of sigma 1; an
-# axis constraint has to be weighed against that.
-CORRELATED_EDGELS = 2.0 * CORRELATION_LENGTH
 # Edgels do not err independently. Illumination displaces all those in one of SECTORS sectors of a curve alike, by
 # COMMON_SIGMA pixels and COMMON_SHARE of an edgel's own sigma; what is alike all round (a wrong guess of the blur, the
 # stairs of images without anti-aliasing) has OVERALL_SIGMA pixels and OVERALL_SHARE.
@@ -66,12 +53,9 @@ LEAST_ELLIPSE_SIGMA = 4.0
 INLIER_DISTANCE = 0.7
 ACROSS_COSINE = 0.94
 # Edgels that measure the curve are within so many sigma of it, where a limit below LEAST_INLIER_DISTANCE pixels is
-# raised to that. The residual's part of sigma is the rms, at most MEDIAN_FACTOR times the median residual; an edgel's
-# localisation bias counts up to MOST_BIAS pixels.
+# raised to that.
 INLIER_SIGMA = 3.5
 LEAST_INLIER_DISTANCE = 0.12
-MEDIAN_FACTOR = 1.5
-MOST_BIAS = 0.1
 # A run of edgels ends where the next is farther away than this, pixels. A corner has displaced the last few of a run;
 # a closed run, of more than so many edgels, has no ends.
 RUN_GAP = 3.0
@@ -83,67 +67,31 @@ LONGEST_GAP_BINS = 4
 
 # ---- Where fits start (initialisation) -------------------------------------------------------------------------------
 # Plane-induced disparity from matched segments: Cauchy scale of the residuals, pixels, rounds of reweighting, and ridge
-# of the two slopes and of the offset, per sample (px^2 and 1).
+# of the two slopes, per sample (px^2).
 DISPARITY_SCALE = 0.5
-DISPARITY_ROUNDS = 5
+PLANE_ROUNDS = 5
 SLOPE_RIDGE = 1e-1
-OFFSET_RIDGE = 1e-8
-# Samples that determine a plane.
-LEAST_SAMPLES = 3
-# Pixels: points of less disparity are as good as infinitely far.
-LEAST_DISPARITY = 1e-3
-# Cosine between normal and line of sight below which a plane is seen edge-on.
-EDGE_ON_COSINE = 0.02
-# Length of a unit vector's projection below which it gives no direction in a plane.
-LEAST_PROJECTION = 0.1
-# Points around an ellipse that are back-projected.
-BACK_PROJECTED_POINTS = 48
-# Share of an arc's edgels left out at either end where it may run into a contour or an edge.
-TRIMMED_SHARE = 0.15
 
-# ---- One curve (curve_search, recovery) ------------------------------------------------------------------------------
-# A curve is refitted until less than this share of its inliers changes; an ellipse, which has more parameters, is
-# refitted up to ELLIPSE_ROUNDS times, a circle up to CIRCLE_ROUNDS times.
-SETTLED_SHARE = 0.03
-CIRCLE_ROUNDS = 2
-ELLIPSE_ROUNDS = 5
-# A circle becomes an ellipse when that lowers the sum of squares by this factor and the ratio of radii is below this.
+# ---- One curve (fit_kernels, recovery) -------------------------------------------------------------------------------
+# Times that a curve is refitted to its inliers, at most.
+REFITS = 3
+# A circle becomes an ellipse when that lowers the sum of squares by this factor.
 ELLIPSE_GAIN = 1.3
-ELLIPSE_RATIO = 0.985
-# A circle that fits this well, pixels rms and residuals over their stated sigma, is not tried as an ellipse.
-CIRCLE_RMS = 0.06
+# Residuals over their stated sigma from which a circle is tried as an ellipse, and below which a curve is clear.
 CIRCLE_MISFIT = 1.3
-# Pixels rms: a first fit below is good enough; above the second the edgels show no curve.
+# Pixels rms: a fit below is good enough; above the second the edgels show no curve.
 GOOD_RMS = 0.1
-WORST_RMS = 0.45
-# A fit of at least this coverage has no mirror image that fits as well.
-NEARLY_WHOLE = 0.9
+WORST_RMS = 0.25
 # Cosine between normals from which two planes are one (5.7 degrees).
 SAME_PLANE_COSINE = 0.995
-# A second plane is tried when its rms is at most COMPETITOR_FACTOR times (rms + COMPETITOR_RMS pixels) of the best. The
-# residuals that decide between them are truncated at COMPETITOR_SIGMA sigma + COMPETITOR_DISTANCE pixels.
-COMPETITOR_FACTOR = 4.0
-COMPETITOR_RMS = 0.02
-COMPETITOR_SIGMA = 3.0
-COMPETITOR_DISTANCE = 0.1
-# A curve is beyond doubt when its normal has at most this sigma, radians, and this share of its arcs' edgels are
-# inliers.
-SURE_TILT = np.radians(0.4)
-MOST_OF_ARC = 0.85
+# Share of its arcs' edgels that a clear curve has.
+MOST_OF_ARC = 0.6
 # Two curves, or an arc and a curve, are the same when they share more than this of their edgels; so does a segment with
 # a curve whose edge it shows.
 SHARED_EDGELS = 0.5
 
-# A curve that is an arc in one image only: least share of the arc's length that is matched, least share of both images'
-# edgels that are inliers, most rms, pixels, and most relative sigma of the radius.
+# Share of an arc's length that is matched, at least, where the other image shows no arc.
 MATCHED_SHARE = 0.2
-ONE_ARC_INLIERS = 0.6
-ONE_ARC_RMS = 0.12
-ONE_ARC_RADIUS_SIGMA = 0.05
-# A curve found where one image has no arc (from one arc, or as the opposite rim of another curve): least coverage, and
-# least number of edgels in either image.
-GUIDED_COVERAGE = 0.2
-GUIDED_EDGELS = 12
 
 # A curve is determined by its edgels when its coverage is at least this, its normal's sigma below this, radians, and
 # the radius' relative sigma below this.
@@ -158,7 +106,7 @@ ARC_TILT = np.radians(1.0)
 REPORTED_MISFIT = 2.0
 MOSTLY_SEEN = 0.7
 
-# ---- Fits with an axis constraint (constrained_fit) ------------------------------------------------------------------
+# ---- Fits with an axis constraint (axis_constraint) ------------------------------------------------------------------
 # A curve whose normal's sigma is below this, radians, gives others its axis.
 AXIS_TILT = np.radians(1.0)
 # Sigma by which axes of one turned part differ: radians, and radii.
@@ -167,20 +115,9 @@ COAXIALITY_SIGMA = 5e-4
 # fit.
 AXIS_CHI2 = 20.0
 CONSTRAINED_MISFIT = 3.0
-# An axis is used when its tilt is below this share of the curve's own; the constrained fit is kept when its rms is at
-# most so many times the free fit's plus so many pixels.
-BETTER_TILT_SHARE = 0.5
-CONSTRAINED_RMS_FACTOR = 1.2
-CONSTRAINED_RMS = 0.01
-# A curve whose normal's sigma is above the first, radians, takes the normal of a better known curve, from which it
-# differs by the second (sigma, radians), unless chi squared (two degrees of freedom) is above the third.
-VAGUE_TILT = np.radians(0.5)
+# Sigma, radians, by which parallel normals differ, and chi squared (two degrees of freedom) above which two are not.
 PARALLELISM_SIGMA = np.radians(0.2)
 PARALLELISM_CHI2 = 9.0
-# Cosine from which two normals are one direction (2.6 degrees).
-SAME_DIRECTION_COSINE = 0.999
-# Most that the update of a normal may shrink the radius, as a share.
-MOST_SHRINKING = 0.5
 
 # ---- Occluding contours ----------------------------------------------------------------------------------------------
 # A point through which the tangents of a conic have a discriminant b^2 - a c below this share of b^2 lies on the conic
@@ -245,14 +182,7 @@ APEX_AXIS_SIGMA = 0.01
 # Contours of a cone's two sides are enough where they end this near to the apex, as a share of their lengths.
 APEX_GAP = 0.1
 
-# ---- Opposite rims ---------------------------------------------------------------------------------------------------
-# Edgels this near to the expected image of the rim, pixels, are tried.
-EXPECTED_DISTANCE = 2.5
-# A position nearer than this, in radii, to a known rim's is that rim's.
-APART = 0.25
-# Most relative difference of the two radii, and most share of edgels that other curves have.
-SAME_RADIUS = 0.05
-MOST_TAKEN = 0.3
+# ---- Curves that were found twice ------------------------------------------------------------------------------------
 # Two curves whose centres and radii differ by less than this, in radii, in one plane are one.
 SAME_RIM = 0.04
 
@@ -264,9 +194,9 @@ WHOLE_FACING_COSINE = 0.98
 # A sphere replaces a curve whose sum of squares, truncated at so many sigma, is not this much smaller.
 SPHERE_COST_FACTOR = 1.5
 SPHERE_TRUNCATION = 4.0
-# Fit of a sphere: scale of the loss, sigma; most evaluations; least distance, in its radii.
+# Fit of a sphere: scale of the loss, sigma; step of the difference quotients, in radii; least distance, in its radii.
 SPHERE_LOSS_SCALE = 2.0
-SPHERE_EVALUATIONS = 12
+DIFFERENCE_STEP = 1e-5
 LEAST_SPHERE_DISTANCE = 1.5
 # Metres: least depth of a sphere's centre while its fit goes on.
 LEAST_SPHERE_DEPTH = 1e-6

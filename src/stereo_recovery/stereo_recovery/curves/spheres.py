@@ -55,18 +55,18 @@ def _sphere(curve: Curve, edgels: StereoEdgels) -> FloatArray | None:
     is_oval = curve.radii[1] < settings.FACING_COSINE * curve.radii[0]
     if is_oval or abs(curve.normal @ middle) < facing * np.linalg.norm(middle):
         return None
-    curve_edgels = edgels.select((curve.left, curve.right))
-    if min(len(curve_edgels.left), len(curve_edgels.right)) < settings.LEAST_CURVE_EDGELS:
+    if min(int(curve.left.sum()), int(curve.right.sum())) < settings.LEAST_CURVE_EDGELS:
         return None
-    seen = curve_edgels.points
-    sigma = np.concatenate([curve_edgels.left.sigma_position, curve_edgels.right.sigma_position])
+    index = np.flatnonzero(np.concatenate([curve.left, curve.right]))
+    seen = edgels.seen
+    sigma = seen.sigma[index]
     start = np.append(curve.centre, curve.radii.mean())
-    sphere: FloatArray = sphere_kernels.fitted(start, float(curve.radii[0]), seen, sigma)
+    sphere: FloatArray = sphere_kernels.fitted(start, float(curve.radii[0]), seen, index)
     distance = float(np.linalg.norm(sphere[:3]))
     if not (sphere[3] > 0.0 and distance > settings.LEAST_SPHERE_DISTANCE * sphere[3] and sphere[2] > 0.0):
         return None
-    of_curve = np.concatenate([distances(curve, side.position, view, edgels.blur) for side, view in curve_edgels.sides])
-    of_sphere = sphere_kernels.distances(sphere, seen)
+    of_curve = distances(curve, edgels, index)
+    of_sphere = sphere_kernels.distances(sphere, seen, index)
     most = settings.SPHERE_TRUNCATION**2
     cost, curve_cost = (np.minimum((off / sigma) ** 2, most).sum() for off in (of_sphere, of_curve))
     return sphere if cost < settings.SPHERE_COST_FACTOR * curve_cost else None

@@ -12,7 +12,6 @@ import numpy as np
 
 from msgs_py import StereoRig
 
-from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
 from ..matching.further_views import FurtherView
 from ..matching.row_error import RowWitnesses, fitted_error
@@ -46,14 +45,5 @@ def with_columns(lines: ViewLines, of_pair: Hypotheses, left: Segments, main: St
     error = fitted_error(witnesses, (view.rig.right.width, view.rig.right.height), 0.0, axis=0)
     right = seen.segments[1]
     middle = 0.5 * (right.start + right.end)[seen.matches.right]
-    aligned = error.aligned_segments(right)
-    return replace(
-        view,
-        seen=replace(
-            seen,
-            matches=replace(seen.matches, disparity=seen.matches.disparity + error.at(middle)[:, None]),
-            segments=(seen.segments[0], aligned),
-            junctions=(seen.junctions[0], find_junctions(aligned)),
-        ),
-        column_sigma=error.sigma,
-    )
+    matches = replace(seen.matches, disparity=seen.matches.disparity + error.at(middle)[:, None])
+    return replace(view, seen=error.aligned(replace(seen, matches=matches)), column_sigma=error.sigma)

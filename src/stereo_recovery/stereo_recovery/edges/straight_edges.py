@@ -12,7 +12,7 @@ from msgs_py.numeric.typed import FloatArray
 
 from ..curves.curve import Curve
 from ..detection.segments import Segments
-from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, unit_variance
+from ..estimation.estimate import Estimate, by_factors, end_sigma, estimate, unit_variance, without_itself
 from ..estimation.factors import Factors, collinear_factors, end_factors, junction_factors, rounded_corner_factors
 from ..estimation.parallel_groups import parallel_factors
 from ..estimation.settings import GROUP_ROUNDS, MOST_CORNER_SIGMA, WELL_MEASURED
@@ -59,8 +59,8 @@ def _as_they_meet(factors: Factors, found: Estimate) -> Factors:
 
     The residual of a corner has a heavy tail, Student's with one degree of freedom; this is its weight.
     """
-    count = len(factors)
-    excess = np.clip(found.off[:count] ** 2 - found.variance[:count], 0.0, MOST_CORNER_SIGMA**2)
+    off, variance = without_itself(found.factors, found.solution, found.used)
+    excess = np.clip(off**2 - variance, 0.0, MOST_CORNER_SIGMA**2)[: len(factors)]
     heavy = np.sqrt(0.5 * (factors.sigma**2 + np.maximum(excess, factors.sigma**2)))
     return replace(factors, sigma=np.where(factors.other >= 0, heavy, factors.sigma))
 
@@ -147,7 +147,7 @@ def edges(seen: StereoSegments, beside: Beside) -> tuple[Lines3D, tuple[Segments
         ends.sigma,
         ends.fixed,
         by_corners,
-        found.reliability,
+        found.reliability(),
     )
     more = junction_edges(seen, known)
     if more is None:

@@ -1,4 +1,4 @@
-"""Compiled sums over factors: the normal equations that they make, and what the solution makes of each."""
+"""Compiled: the normal equations that factors make, what the solution makes of each, and which of them hold."""
 
 from __future__ import annotations
 
@@ -9,45 +9,113 @@ import numpy as np
 from msgs_py.numeric.compiled import njit
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
+from .settings import LEAST_REST, MOST_REMOVED, ROUNDS
+from .sparse_kernels import Pattern, Workspace, solve_sparse, workspace
 
-class Ties(NamedTuple):
-    """k factors, see :class:`.factors.Factors`; slot : (k,) where the pattern has the block of both edges, or -1."""
 
+class System(NamedTuple):
+    """n edges and k factors, see :class:`.factors.Factors`.
+
+    Attributes
+    ----------
+    information, vector : (n, 2, 2), (n, 2)
+        Of the edges by themselves.
+    place : (n,) int64
+        The order in which edges are eliminated.
+    slot : (k,) int64
+        Where the pattern has the block of a factor's two edges, or -1.
+    """
+
+    information: FloatArray
+    vector: FloatArray
+    place: IntArray
+    pattern: Pattern
+    slot: IntArray
     edge: IntArray
     other: IntArray
     row: FloatArray
     other_row: FloatArray
     value: FloatArray
-    slot: IntArray
+    sigma: FloatArray
+    prior: FloatArray
+    spread: FloatArray
+
+
+class Solution(NamedTuple):
+    """Least squares of n edges with k factors, used or not.
+
+    Attributes
+    ----------
+    x, covariance : (n, 2), (n, 2, 2)
+    residual, variance : (k,)
+        What each factor's product misses its value by, and the product's variance.
+    with_first, with_second : (k, 2)
+        Covariance of the product with the unknowns of the factor's first and of its second edge.
+    """
+
+    x: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    variance: FloatArray
+    with_first: FloatArray
+    with_second: FloatArray
+
+
+class Parts(NamedTuple):
+    """Edges (n,) and factors (k,) in parts that nothing ties to each other, and where the parts begin in either."""
+
+    edges: IntArray
+    first_edge: IntArray
+    factors: IntArray
+    first_factor: IntArray
 
 
 @njit
-def assembled(
-    information: FloatArray, vector: FloatArray, ties: Ties, weight: FloatArray, place: IntArray, count: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The normal equations' blocks on the diagonal (n, 2, 2) and below it (count, 2, 2), and right side (n, 2).
+def empty_solution(s: System) -> Solution:
+    """Room for a solution."""
+    n, k = len(s.place), len(s.edge)
+    return Solution(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(k), np.empty(k), np.empty((k, 2)), np.empty((k, 2)))
 
-    information, vector : (n, 2, 2), (n, 2) of the edges by themselves; weight : (k,) of factors; place : (n,) of edges
+
+@njit
+def solve(
+    s: System,
+    used: BoolArray,
+    edges: IntArray,
+    factors: IntArray,
+    out: Solution,
+    blocks: tuple[FloatArray, FloatArray, FloatArray],
+    room: Workspace,
+) -> None:
+    """Least squares of some edges (e,) with those of some factors (f,) that are used; fills their parts of ``out``.
+
+    blocks : room for blocks on the diagonal (n, 2, 2), below it (m, 2, 2), and the right side (n, 2)
     """
-    diagonal, right, below = np.empty_like(information), np.empty_like(vector), np.zeros((count, 2, 2))
-    for i in range(len(place)):
-        diagonal[place[i]], right[place[i]] = information[i], vector[i]
-    for k in range(len(weight)):
-        if weight[k] == 0.0:
+    diagonal, below, right = blocks
+    columns = np.sort(s.place[edges])
+    for e in edges:
+        diagonal[s.place[e]], right[s.place[e]] = s.information[e], s.vector[e]
+    for j in columns:
+        below[s.pattern.begin[j] : s.pattern.begin[j + 1]] = 0.0
+    for k in factors:
+        if not used[k]:
             continue
-        i, q = place[ties.edge[k]], ties.slot[k]
-        h, w = ties.row[k], weight[k]
-        _add_statement(diagonal[i], right[i], h, w, w * ties.value[k])
+        i, q, h, w = s.place[s.edge[k]], s.slot[k], s.row[k], s.sigma[k] ** -2.0
+        _add_statement(diagonal[i], right[i], h, w, w * s.value[k])
         if q < 0:
             continue
-        j, g = place[ties.other[k]], ties.other_row[k]
-        _add_statement(diagonal[j], right[j], g, w, -w * ties.value[k])
+        j, g = s.place[s.other[k]], s.other_row[k]
+        _add_statement(diagonal[j], right[j], g, w, -w * s.value[k])
         # Rows of the block are those of the later edge.
         upper, lower = (g, h) if i > j else (h, g)
         for r in range(2):
             for c in range(2):
                 below[q, r, c] -= w * lower[r] * upper[c]
-    return diagonal, below, right
+    solve_sparse(s.pattern, columns, diagonal, below, right, room)
+    for e in edges:
+        out.x[e], out.covariance[e] = right[s.place[e]], diagonal[s.place[e]]
+    for k in factors:
+        _product(s, k, below, out)
 
 
 @njit
@@ -60,47 +128,92 @@ def _add_statement(block: FloatArray, right: FloatArray, h: FloatArray, weight: 
 
 
 @njit
-def products(
-    ties: Ties, place: IntArray, x: FloatArray, covariance: FloatArray, below: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """What the solution makes of each factor: residual, variance (k,), with_first, with_second (k, 2).
-
-    x, covariance : (n, 2), (n, 2, 2); below : (m, 2, 2) of the inverse; see :class:`.normal_equations.Solution`
-    """
-    count = len(ties.edge)
-    residual, variance = ties.value.copy(), np.zeros(count)
-    first, second = np.zeros((count, 2)), np.zeros((count, 2))
-    for k in range(count):
-        e, f, q = ties.edge[k], ties.other[k], ties.slot[k]
-        h, g = ties.row[k], ties.other_row[k]
+def _product(s: System, k: int, below: FloatArray, out: Solution) -> None:
+    """What the solution makes of a factor; below : (m, 2, 2) of the inverse."""
+    e, f, q, h, g = s.edge[k], s.other[k], s.slot[k], s.row[k], s.other_row[k]
+    first, second = out.with_first[k], out.with_second[k]
+    first[:], second[:] = 0.0, 0.0
+    residual, variance = s.value[k], 0.0
+    for r in range(2):
+        residual -= h[r] * out.x[e, r]
+        for c in range(2):
+            first[r] += out.covariance[e, r, c] * h[c]
+    if q >= 0:
+        turned = s.place[e] < s.place[f]
         for r in range(2):
-            residual[k] -= h[r] * x[e, r]
+            residual += g[r] * out.x[f, r]
             for c in range(2):
-                first[k, r] += covariance[e, r, c] * h[c]
-        if q >= 0:
-            turned = place[e] < place[f]
-            for r in range(2):
-                residual[k] += g[r] * x[f, r]
-                for c in range(2):
-                    first[k, r] -= (below[q, c, r] if turned else below[q, r, c]) * g[c]
-                    second[k, r] += (below[q, r, c] if turned else below[q, c, r]) * h[c] - covariance[f, r, c] * g[c]
-            variance[k] -= g[0] * second[k, 0] + g[1] * second[k, 1]
-        variance[k] += h[0] * first[k, 0] + h[1] * first[k, 1]
-    return residual, variance, first, second
+                first[r] -= (below[q, c, r] if turned else below[q, r, c]) * g[c]
+                second[r] += (below[q, r, c] if turned else below[q, c, r]) * h[c] - out.covariance[f, r, c] * g[c]
+        variance -= g[0] * second[0] + g[1] * second[1]
+    out.residual[k], out.variance[k] = residual, variance + h[0] * first[0] + h[1] * first[1]
 
 
 @njit
-def first_of_edges(edge: IntArray, other: IntArray, chosen: BoolArray, value: FloatArray, count: int) -> BoolArray:
-    """(k,) bool: chosen factors than which none has a smaller value at either of their edges, of equals the first.
+def probability(s: System, out: Solution, k: int, used: bool) -> float:
+    """That a factor holds, by what all but itself say: an accident is even over a range, and what the others leave."""
+    # Taking a used factor out of a least squares.
+    share = max(1.0 - out.variance[k] / s.sigma[k] ** 2, LEAST_REST) if used else 1.0
+    off, variance = out.residual[k] / share, out.variance[k] / share
+    total = variance + s.sigma[k] ** 2
+    inlier = s.prior[k] * np.exp(-0.5 * off * off / total) / np.sqrt(2.0 * np.pi * total)
+    outlier = (1.0 - s.prior[k]) / np.sqrt(s.spread[k] ** 2 + 2.0 * np.pi * variance)
+    return float(inlier / (inlier + outlier))
 
-    edge, other : (k,) the edges of each, other -1 where it is about one; value : (k,); count : of edges
+
+@njit
+def first_of_edges(edge: IntArray, other: IntArray, chosen: IntArray, value: FloatArray, best: IntArray) -> IntArray:
+    """Chosen factors (c,) than which none has a smaller value (k,) at either of their edges, of equals the first.
+
+    One wrong statement makes all those around it look wrong, and several that each fit may not fit together; so the
+    clearest goes first. edge, other : (k,) the edges of each, other -1 where it is about one; best : (n,) scratch
     """
-    best = np.full(count, -1)
-    for k in np.flatnonzero(chosen):
+    for k in chosen:
+        best[edge[k]] = -1
+        if other[k] >= 0:
+            best[other[k]] = -1
+    for k in chosen:
         for e in (edge[k], other[k]):
             if e >= 0 and (best[e] < 0 or value[k] < value[best[e]]):
                 best[e] = k
-    first = np.zeros(len(edge), np.bool_)
-    for k in np.flatnonzero(chosen):
-        first[k] = best[edge[k]] == k and (other[k] < 0 or best[other[k]] == k)
-    return first
+    first = np.empty(len(chosen), np.int64)
+    count = 0
+    for k in chosen:
+        if best[edge[k]] == k and (other[k] < 0 or best[other[k]] == k):
+            first[count] = k
+            count += 1
+    return first[:count]
+
+
+@njit(nogil=True)
+def decide(s: System, parts: Parts, used: BoolArray) -> tuple[Solution, FloatArray]:
+    """Which factors hold: of each part the least likely goes, then the likeliest comes, until none does.
+
+    used : (k,) bool, changed; returns the solution and the probability (k,) of each factor
+    """
+    out, room = empty_solution(s), workspace(s.pattern)
+    n, k = len(s.place), len(s.edge)
+    blocks = np.empty((n, 2, 2)), np.empty((len(s.pattern.row), 2, 2)), np.empty((n, 2))
+    holds, value, removed, best = np.empty(k), np.empty(k), np.zeros(k, np.int64), np.empty(n, np.int64)
+    for part in range(len(parts.first_edge) - 1):
+        edges = parts.edges[parts.first_edge[part] : parts.first_edge[part + 1]]
+        factors = parts.factors[parts.first_factor[part] : parts.first_factor[part + 1]]
+        wrong, fresh = np.empty(len(factors), np.int64), np.empty(len(factors), np.int64)
+        for turn in range(ROUNDS + 1):
+            solve(s, used, edges, factors, out, blocks, room)
+            wrongs = freshes = 0
+            for f in factors:
+                holds[f] = probability(s, out, f, used[f])
+                value[f] = holds[f] if used[f] else -holds[f]
+                if used[f] and holds[f] < 0.5:
+                    wrong[wrongs] = f
+                    wrongs += 1
+                elif not used[f] and holds[f] > 0.5 and removed[f] < MOST_REMOVED:
+                    fresh[freshes] = f
+                    freshes += 1
+            if turn == ROUNDS or wrongs + freshes == 0:
+                break
+            for f in first_of_edges(s.edge, s.other, wrong[:wrongs] if wrongs else fresh[:freshes], value, best):
+                removed[f] += used[f]
+                used[f] = not used[f]
+    return out, holds

@@ -15,26 +15,17 @@ W. Baarda, "A testing procedure for use in geodetic networks", 1968; H. Yang, P.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
 from msgs_py.numeric.robust import NORMAL_QUARTILE
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
-from . import equation_kernels
+from .equation_kernels import Solution
 from .factors import Factors
-from .normal_equations import NormalEquations, Solution
-from .settings import (
-    CHAIN,
-    MATCH_SIGMA,
-    MATCH_SLOPE,
-    MOST_REMOVED,
-    OPEN_SIGMA,
-    REDUNDANCY,
-    ROUNDS,
-    START_ROUNDS,
-    WELL_MEASURED,
-)
+from .normal_equations import NormalEquations
+from .settings import CHAIN, LEAST_REST, MATCH_SIGMA, MATCH_SLOPE, OPEN_SIGMA, REDUNDANCY, START_ROUNDS, WELL_MEASURED
 from .start_kernels import Statements, likeliest
 
 
@@ -80,60 +71,67 @@ class Estimate:
 
     Attributes
     ----------
-    x, covariance : (n, 2), (n, 2, 2)
+    lines, factors : OwnLines, Factors
+        What it was made of.
+    solution : Solution
+        Least squares with the factors that hold, by the stated sigmas.
     used : (k,) bool
         The factors that hold.
     holds : (k,) float64
         Probability of each, by what all others say.
-    reliability : (n,) float64
-        Probability that all hold on which an edge's depth hangs.
     misfit : (k,) float64
         By how many sigma each factor that holds misses what all others say; NaN where they do not say it.
     unit_variance : float
         How much larger covariances are than the stated sigmas have them; those of x hold it.
-    off, variance : (k,) float64, pixels, and its square
-        What each factor's statement misses by all others, and what they know it to; without its own sigma.
     place : (n,) int
         The order in which edges were eliminated, for estimates of much the same factors.
     """
 
-    x: FloatArray
-    covariance: FloatArray
+    lines: OwnLines
+    factors: Factors
+    solution: Solution
     used: BoolArray
     holds: FloatArray
-    reliability: FloatArray
     misfit: FloatArray
     unit_variance: float
-    off: FloatArray
-    variance: FloatArray
     place: IntArray
+
+    @property
+    def x(self) -> FloatArray:
+        """(n, 2) unknowns."""
+        return self.solution.x
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(n, 2, 2) of them."""
+        return self.solution.covariance * self.unit_variance
+
+    def reliability(self) -> FloatArray:
+        """(n,) probability that all hold on which an edge's depth hangs: those without which it would be open."""
+        lines, factors, solution = self.lines, self.factors, self.solution
+        variance = end_sigma(solution.covariance, lines) ** 2
+        rest = np.maximum(factors.sigma**2 - solution.variance, 1e-9 * factors.sigma**2)
+        hangs = []
+        for edge, shared in ((factors.edge, solution.with_first), (factors.other, solution.with_second)):
+            gain = np.einsum('kei,ki->ke', lines.ends[edge], shared) ** 2 / rest[:, None]
+            hangs.append(self.used & (edge >= 0) & ((variance[edge] + gain).max(axis=1) > OPEN_SIGMA**2))
+        mutual = hangs[0] & hangs[1]
+        result = np.ones(len(lines.extent))
+        # What an edge hangs on hangs on others; two that hang on each other say it once.
+        for _ in range(CHAIN):
+            total = np.zeros(len(result))
+            for needs, edge, other in zip(hangs, (factors.edge, factors.other), (factors.other, factors.edge)):
+                its = np.where((other >= 0) & ~mutual, result[other], 1.0)
+                np.add.at(total, edge[needs], np.log(np.maximum(self.holds * its, 1e-9))[needs])
+            result = np.exp(total)
+        return np.asarray(result)
 
 
 def without_itself(factors: Factors, solution: Solution, used: BoolArray) -> tuple[FloatArray, FloatArray]:
     """(k,) each: residuals of factors and the variances of their products, in a least squares of all others."""
     # Taking a used factor out of a least squares.
-    share = np.where(used, np.maximum(1.0 - solution.variance / factors.sigma**2, 1e-6), 1.0)
+    share = np.where(used, np.maximum(1.0 - solution.variance / factors.sigma**2, LEAST_REST), 1.0)
     return solution.residual / share, solution.variance / share
-
-
-def probabilities(factors: Factors, solution: Solution, used: BoolArray) -> FloatArray:
-    """(k,) that each factor holds, by what all but itself say."""
-    off, variance = without_itself(factors, solution, used)
-    spread = variance + factors.sigma**2
-    inlier = factors.prior * np.exp(-0.5 * off**2 / spread) / np.sqrt(2.0 * np.pi * spread)
-    # An accident is anywhere in a range, and in what the others leave open beyond that.
-    outlier = (1.0 - factors.prior) / np.sqrt(factors.spread**2 + 2.0 * np.pi * variance)
-    return np.asarray(inlier / (inlier + outlier))
-
-
-def first_of_edges(factors: Factors, chosen: BoolArray, value: FloatArray, count: int) -> BoolArray:
-    """(k,) bool: chosen factors than which none has a smaller value at either of their edges.
-
-    One wrong statement makes all those around it look wrong, and several that each fit may not fit together; so the
-    clearest goes first.
-    """
-    first: BoolArray = equation_kernels.first_of_edges(factors.edge, factors.other, chosen, value, count)
-    return first
 
 
 def _statements(factors: Factors, count: int) -> Statements:
@@ -186,32 +184,11 @@ def estimate(
     place : (n,) int, optional
         See :class:`.normal_equations.NormalEquations`.
     """
-    count = len(lines.extent)
-    if count == 0:
-        none = np.zeros(0)
-        return Estimate(lines.vector, lines.information, used, none, none, none, 1.0, none, none, np.zeros(0, np.int64))
     equations = NormalEquations(lines.information, lines.vector, factors, place)
     used = _start(equations, lines, used)
-    removed = np.zeros(len(factors), np.int64)
-    for _ in range(ROUNDS):
-        solution = equations.solve(used)
-        holds = probabilities(factors, solution, used)
-        wrong = first_of_edges(factors, used & (holds < 0.5), holds, count)
-        if wrong.any():
-            removed += wrong
-            used = used & ~wrong
-            continue
-        fresh = first_of_edges(factors, ~used & (holds > 0.5) & (removed < MOST_REMOVED), -holds, count)
-        if not fresh.any():
-            break
-        used = used | fresh
-    solution = equations.solve(used)
-    holds = probabilities(factors, solution, used)
+    used, solution, holds = equations.decided(used)
     misses = misfit(factors, solution, used)
-    unit = unit_variance(misses[:telling])
-    sure = reliability(factors, solution, used, holds, lines)
-    alone = without_itself(factors, solution, used)
-    return Estimate(solution.x, solution.covariance * unit, used, holds, sure, misses, unit, *alone, equations.place)
+    return Estimate(lines, factors, solution, used, holds, misses, unit_variance(misses[:telling]), equations.place)
 
 
 def by_factors(lines: OwnLines, factors: Factors, used: BoolArray, found: Estimate) -> tuple[FloatArray, FloatArray]:
@@ -219,8 +196,6 @@ def by_factors(lines: OwnLines, factors: Factors, used: BoolArray, found: Estima
 
     found : an estimate of much the same factors, whose unit variance is theirs
     """
-    if len(lines.extent) == 0:
-        return lines.vector, lines.information
     solution = NormalEquations(lines.information, lines.vector, factors, found.place).solve(used)
     return solution.x, solution.covariance * found.unit_variance
 
@@ -242,25 +217,3 @@ def unit_variance(misses: FloatArray) -> float:
         return 1.0
     scale = float(np.median(off)) / NORMAL_QUARTILE
     return max(1.0, (scale * len(off) + REDUNDANCY) / (len(off) + REDUNDANCY)) ** 2
-
-
-def reliability(
-    factors: Factors, solution: Solution, used: BoolArray, holds: FloatArray, lines: OwnLines
-) -> FloatArray:
-    """(n,) probability that all hold on which an edge's depth hangs: those without which it would be open."""
-    variance = np.einsum('nei,nij,nej->ne', lines.ends, solution.covariance, lines.ends)
-    rest = np.maximum(factors.sigma**2 - solution.variance, 1e-9 * factors.sigma**2)
-    hangs = []
-    for edge, shared in ((factors.edge, solution.with_first), (factors.other, solution.with_second)):
-        gain = np.einsum('kei,ki->ke', lines.ends[edge], shared) ** 2 / rest[:, None]
-        hangs.append(used & (edge >= 0) & ((variance[edge] + gain).max(axis=1) > OPEN_SIGMA**2))
-    mutual = hangs[0] & hangs[1]
-    result = np.ones(len(lines.extent))
-    # What an edge hangs on hangs on others; two that hang on each other say it once.
-    for _ in range(CHAIN):
-        total = np.zeros(len(result))
-        for needs, edge, other in zip(hangs, (factors.edge, factors.other), (factors.other, factors.edge)):
-            its = np.where((other >= 0) & ~mutual, result[other], 1.0)
-            np.add.at(total, edge[needs], np.log(np.maximum(holds * its, 1e-9))[needs])
-        result = np.exp(total)
-    return np.asarray(result)

@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import fields
 
 import numpy as np
 from scipy.sparse import csc_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from msgs_py.numeric.typed import BoolArray, FloatArray, IntArray
 
 from . import equation_kernels, sparse_kernels
+from .equation_kernels import Parts, Solution, System
 from .factors import Factors
-
-
-class Solution(NamedTuple):
-    """Least squares of n edges with k factors, used or not.
-
-    Attributes
-    ----------
-    x, covariance : (n, 2), (n, 2, 2)
-    residual, variance : (k,)
-        What each factor's product misses its value by, and the product's variance.
-    with_first, with_second : (k, 2)
-        Covariance of the product with the unknowns of the factor's first and of its second edge.
-    """
-
-    x: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    variance: FloatArray
-    with_first: FloatArray
-    with_second: FloatArray
 
 
 class NormalEquations:
@@ -50,33 +32,48 @@ class NormalEquations:
     def __init__(
         self, information: FloatArray, vector: FloatArray, factors: Factors, place: IntArray | None = None
     ) -> None:
-        self.information, self.vector, self.factors = information, vector, factors
+        self.factors = factors
         n = len(information)
         both = factors.other >= 0
         e, f = factors.edge, np.where(both, factors.other, factors.edge)
         self.place = _numbering(n, e[both], f[both]) if place is None else place
         low, high = np.minimum(self.place[e], self.place[f]), np.maximum(self.place[e], self.place[f])
         self.pattern = sparse_kernels.pattern(n, low[both], high[both])
-        # Where the pattern has the block of a factor's two edges; -1 where it is about one.
-        self.slot = np.full(len(factors), -1)
-        self.slot[both] = sparse_kernels.slots(self.pattern, low[both], high[both])
+        slot = np.full(len(factors), -1)
+        slot[both] = sparse_kernels.slots(self.pattern, low[both], high[both])
+        arrays = (np.ascontiguousarray(getattr(factors, field.name)) for field in fields(Factors))
+        self._system = System(information, vector, self.place, self.pattern, slot, *arrays)
+        self._links = e[both], f[both]
 
     def solve(self, used: BoolArray) -> Solution:
         """Least squares with the factors that are used, (k,) bool."""
-        factors, place = self.factors, self.place
-        weight = np.where(used, factors.sigma**-2.0, 0.0)
-        ties = equation_kernels.Ties(
-            factors.edge, factors.other, factors.row, factors.other_row, factors.value, self.slot
-        )
-        system = equation_kernels.assembled(self.information, self.vector, ties, weight, place, len(self.pattern.row))
-        x, diagonal, below = sparse_kernels.solve_sparse(self.pattern, *system)
-        x, covariance = x[place], diagonal[place]
-        return Solution(x, covariance, *equation_kernels.products(ties, place, x, covariance, below))
+        s = self._system
+        out: Solution = equation_kernels.empty_solution(s)
+        n = len(s.place)
+        blocks = np.empty((n, 2, 2)), np.empty((len(s.pattern.row), 2, 2)), np.empty((n, 2))
+        room = sparse_kernels.workspace(s.pattern)
+        equation_kernels.solve(s, used, np.arange(n), np.arange(len(used)), out, blocks, room)
+        return out
+
+    def decided(self, used: BoolArray) -> tuple[BoolArray, Solution, FloatArray]:
+        """Which factors hold, (k,) bool, from those taken to do so; the solution; and the probability of each."""
+        n = len(self.place)
+        graph = csc_matrix((np.ones(len(self._links[0])), self._links), (n, n))
+        count, part = connected_components(graph, directed=False)
+        of_factor = part[self.factors.edge]
+        edges, factors = np.argsort(part, kind='stable'), np.argsort(of_factor, kind='stable')
+        begin = np.arange(count + 1)
+        parts = Parts(edges, np.searchsorted(part[edges], begin), factors, np.searchsorted(of_factor[factors], begin))
+        used = used.copy()
+        solution, holds = equation_kernels.decide(self._system, parts, used)
+        return used, solution, holds
 
 
 def _numbering(count: int, e: IntArray, f: IntArray) -> IntArray:
     """(count,) place of each node in an order of least degree, of a graph with links e - f, (k,) each."""
     node = np.arange(count)
+    if len(e) == 0:
+        return node
     rows, columns = np.concatenate([node, e, f]), np.concatenate([node, f, e])
     # Entries of one place add up; a large diagonal keeps the factorisation from pivoting.
     entries = np.where(rows == columns, 4.0 * len(rows), 1.0)

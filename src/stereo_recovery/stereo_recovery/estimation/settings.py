@@ -66,6 +66,8 @@ WELL_MEASURED, OPEN_SIGMA = 0.3, 1.0
 MOST_SLOPE = 0.5
 # Rounds of the start, of the least squares, and links of a chain of edges that hang on each other. [R] bounds the time
 START_ROUNDS, ROUNDS, CHAIN = 3, 100, 4
+# Share of a factor's variance that all others leave it, at least, when it is taken out of a least squares. [D] rounding
+LEAST_REST = 1e-6
 # So often a factor may be taken out again. [D] more would not end
 MOST_REMOVED = 2
 # Residuals that the sigmas' own word is worth. [R]

@@ -86,22 +86,44 @@ def _inverse(a: FloatArray) -> FloatArray:
     return np.array([[a[1, 1] / det, -a[0, 1] / det], [-a[1, 0] / det, a[0, 0] / det]])
 
 
+class Workspace(NamedTuple):
+    """Room for solving: pivot (n, 2, 2), factor (m, 2, 2), and what the factorisation notes of n columns.
+
+    waiting is -1 before and after.
+    """
+
+    pivot: FloatArray
+    factor: FloatArray
+    waiting: IntArray
+    following: IntArray
+    at: IntArray
+    slot: IntArray
+
+
+@njit
+def workspace(p: Pattern) -> Workspace:
+    """Room for systems of a pattern."""
+    n, m = len(p.begin) - 1, len(p.row)
+    chain = np.full(n, -1, np.int64)
+    return Workspace(np.empty((n, 2, 2)), np.empty((m, 2, 2)), chain, chain.copy(), chain.copy(), chain.copy())
+
+
 @njit
 def solve_sparse(
-    p: Pattern, diagonal: FloatArray, below: FloatArray, right: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Solution (n, 2) of A x = right, and the inverse of A: diagonal (n, 2, 2) and below it (m, 2, 2), in A's pattern.
+    p: Pattern, columns: IntArray, diagonal: FloatArray, below: FloatArray, x: FloatArray, room: Workspace
+) -> None:
+    """Solves A x = right in place, and puts the inverse of A where A was, all in A's pattern.
 
-    diagonal, below : (n, 2, 2), (m, 2, 2) blocks of A; both are used up
+    columns : (c,) rising, that no other is tied to; diagonal, below : (n, 2, 2), (m, 2, 2) blocks of A; x : (n, 2) the
+    right side
     """
-    pivot, factor = _factorise(p, diagonal, below)
-    x = right.copy()
-    n = len(x)
-    for j in range(n):
+    _factorise(p, columns, diagonal, below, room)
+    pivot, factor = room.pivot, room.factor
+    for j in columns:
         for q in range(p.begin[j], p.begin[j + 1]):
             for r in range(2):
                 x[p.row[q], r] -= factor[q, r, 0] * x[j, 0] + factor[q, r, 1] * x[j, 1]
-    for j in range(n - 1, -1, -1):
+    for j in columns[::-1]:
         a, b = x[j]
         for r in range(2):
             x[j, r] = pivot[j, r, 0] * a + pivot[j, r, 1] * b
@@ -109,22 +131,21 @@ def solve_sparse(
             i = p.row[q]
             for r in range(2):
                 x[j, r] -= factor[q, 0, r] * x[i, 0] + factor[q, 1, r] * x[i, 1]
-    _invert(p, pivot, factor, below)
-    return x, pivot, below
+    _invert(p, columns, pivot, factor, below)
+    for j in columns:
+        diagonal[j] = pivot[j]
 
 
 @njit
-def _factorise(p: Pattern, diagonal: FloatArray, below: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _factorise(p: Pattern, columns: IntArray, diagonal: FloatArray, below: FloatArray, room: Workspace) -> None:
     """A = L D L^T: the inverses of D's blocks (n, 2, 2), and L's below its diagonal (m, 2, 2)."""
-    n = len(diagonal)
-    pivot, factor = np.empty_like(diagonal), np.empty_like(below)
     # Columns that have a block in each row and are done, as a chain, and where in each column that is.
-    waiting, following, at = np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    slot = np.empty(n, np.int64)
-    for j in range(n):
+    pivot, factor, waiting, following, at, slot = room
+    for j in columns:
         for q in range(p.begin[j], p.begin[j + 1]):
             slot[p.row[q]] = q
         k = waiting[j]
+        waiting[j] = -1
         while k >= 0:
             then, own = following[k], at[k]
             for r in range(2):
@@ -149,13 +170,12 @@ def _factorise(p: Pattern, diagonal: FloatArray, below: FloatArray) -> tuple[Flo
             at[j] = p.begin[j]
             following[j] = waiting[p.row[p.begin[j]]]
             waiting[p.row[p.begin[j]]] = j
-    return pivot, factor
 
 
 @njit
-def _invert(p: Pattern, pivot: FloatArray, factor: FloatArray, below: FloatArray) -> None:
+def _invert(p: Pattern, columns: IntArray, pivot: FloatArray, factor: FloatArray, below: FloatArray) -> None:
     """Put the inverse's blocks into ``pivot`` and ``below``, from the last column to the first."""
-    for j in range(len(pivot) - 1, -1, -1):
+    for j in columns[::-1]:
         begin, end = p.begin[j], p.begin[j + 1]
         below[begin:end] = 0.0
         for a in range(begin, end):

@@ -15,7 +15,6 @@ from msgs_py import StereoRig
 from msgs_py.numeric.typed import Float32Array, FloatArray, IntArray
 
 from ..cameras.pairs import CameraPair
-from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
 from ..detection.turned import TurnedSegments, in_view, turned
 from ..params import RecoveryParams
@@ -82,9 +81,6 @@ def further_view(
     own = turned(left.select(shown[0]), turn)
     segments = own.segments, turned(right.select(shown[1]), pair.homographies[1]).segments
     matches, _ = match(greys, segments, window, params.support_radius, params.min_belief)
-    junctions = find_junctions(segments[0]), find_junctions(segments[1])
-    seen = StereoSegments(matches, segments, junctions)
+    seen = StereoSegments.of(matches, segments)
     rows = row_error(seen, size, params.rectification_sigma)
-    aligned = rows.aligned_segments(segments[1])
-    seen = StereoSegments(matches, (segments[0], aligned), (junctions[0], find_junctions(aligned)))
-    return FurtherView(seen, np.flatnonzero(shown[0]), own, pair.rig, rows.sigma)
+    return FurtherView(rows.aligned(seen), np.flatnonzero(shown[0]), own, pair.rig, rows.sigma)

@@ -25,10 +25,10 @@ from msgs_py.numeric.typed import BoolArray, Float32Array, FloatArray, Int32Arra
 from ..detection.junctions import find_junctions
 from ..detection.segments import Segments
 from ..stopwatch import Late, never
-from . import candidate_kernels, dense_kernels, labelling_kernels
-from .candidate_kernels import Photometry, SegmentTable
+from . import candidate_kernels, labelling_kernels
+from .candidate_kernels import Candidates, Photometry, SegmentTable
 from .dense import DenseDisparity
-from .labelling_kernels import CandidateLists, Neighbours
+from .labelling_kernels import CandidateLists
 from .matches import Matches
 from .settings import (
     FEW_MATCHES,
@@ -121,28 +121,38 @@ def match(
     spread = min(window[1] - window[0], RANDOM_SHARE * greys[0].shape[1])
 
     every = candidate_kernels.candidates(*tables, greys[0].shape, *window)
-    chance = np.log(PARTNER_ODDS / np.maximum(every.chances[every.node[:, 0]], 1.0))
 
-    def labelled(exposure: Exposure, dense: DenseDisparity | None, rounds: int) -> Labelling:
+    def odds(exposure: Exposure, of: Candidates) -> FloatArray:
+        """(k,) log odds of candidates by themselves, without dense disparity."""
         seen = (exposure.gain * profiles[0] + exposure.shift).astype(np.float32)
         photometry = Photometry(seen, smooth[1], density, exposure.scale)
-        node, value = every.node, every.value
-        own = value[:, 5] + candidate_kernels.photometric(photometry, tables[0], every) + chance
-        if dense is not None:
-            # What it cannot bring back into the game it need not be asked of.
-            asked = own > LEAST_ODDS - dense_kernels.AGREES
-            own[asked] += dense.log_ratio(node[asked], value[asked], left)
-        kept = _in_the_game(node, own, len(left), len(right))
-        node, value, own = node[kept], value[kept], own[kept]
-        return _labelling(node, value, own, near, met[1], (len(left), len(right)), spread, radius, rounds, least_belief)
+        chance = np.log(PARTNER_ODDS / np.maximum(of.chances[of.node[:, 0]], 1.0))
+        return np.asarray(of.value[:, 5] + candidate_kernels.photometric(photometry, tables[0], of) + chance)
 
-    first = labelled(Exposure(), None, FIRST_ROUNDS)
+    own = odds(Exposure(), every)
+    kept = _in_the_game(every.node, own, len(left), len(right))
+    game = Candidates(every.node[kept], every.value[kept], every.samples[kept], every.reverse[kept], every.chances)
+    if not kept.any():
+        return Matches.empty(), None
+    node, value, own = game.node, game.value, own[kept]
+    lists = _lists(node, len(left), len(right))
+    support = labelling_kernels.supporters(node, value, lists.first, near, met[1], spread)
+    against = labelling_kernels.rival_lists(node, value, lists)
+
+    def labelled(own: FloatArray, rounds: int) -> Labelling:
+        segment = np.ascontiguousarray(node[:, 0])
+        score, belief = labelling_kernels.propagate(segment, own, near, support, against, radius, rounds)
+        return _labelling(node, value, score, belief, least_belief)
+
+    first = labelled(own, FIRST_ROUNDS)
     if late():
         return _matches(first), None
-    exposure = learnt_exposure(profiles, first.node[first.chosen])
-    settled = bool((np.minimum(first.belief, 1.0 - first.belief) < SETTLED).all())
-    dense = None if settled else DenseDisparity(*greys, *_range(first.value[first.chosen], window))
-    return _matches(labelled(exposure, dense, ROUNDS)), dense
+    own = odds(learnt_exposure(profiles, node[first.chosen]), game)
+    dense = None
+    if (np.minimum(first.belief, 1.0 - first.belief) > SETTLED).any():
+        dense = DenseDisparity(*greys, *_range(value[first.chosen], window))
+        own += dense.log_ratio(node, value, left)
+    return _matches(labelled(own, ROUNDS)), dense
 
 
 def _matches(found: Labelling) -> Matches:
@@ -233,26 +243,9 @@ def _in_the_game(node: Int32Array, own: FloatArray, n: int, m: int) -> BoolArray
 
 
 def _labelling(
-    node: Int32Array,
-    value: FloatArray,
-    own: FloatArray,
-    near: Neighbours,
-    met: Int32Array,
-    count: tuple[int, int],
-    spread: float,
-    radius: float,
-    rounds: int,
-    least_belief: float,
+    node: Int32Array, value: FloatArray, score: FloatArray, belief: FloatArray, least_belief: float
 ) -> Labelling:
-    """Belief propagation, and the choice that follows from it."""
-    if len(node) == 0:
-        return Labelling(node, value, own, np.zeros(0, np.int64))
-    lists = _lists(node, *count)
-    support = labelling_kernels.supporters(node, value, lists.first, near, met, spread)
-    against = labelling_kernels.rival_lists(node, value, lists)
-    score, belief = labelling_kernels.propagate(
-        np.ascontiguousarray(node[:, 0]), own, near, support, against, radius, rounds
-    )
+    """The choice that follows from scores and beliefs."""
     # Several disparities of one pair of segments are one answer to the question which segments belong together.
     pair = np.concatenate([[0], np.cumsum((np.diff(node, axis=0) != 0).any(axis=1))])
     order = np.flatnonzero(np.bincount(pair, belief)[pair] >= least_belief)

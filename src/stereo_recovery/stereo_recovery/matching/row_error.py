@@ -17,7 +17,7 @@ from msgs_py.numeric.typed import FloatArray
 
 from ..detection.conics import Ellipse
 from ..detection.edgels import Edgels
-from ..detection.segments import Segments
+from ..detection.junctions import find_junctions
 from .settings import (
     LEVEL_DISPARITY,
     LEVEL_ROW,
@@ -74,15 +74,18 @@ class RowError:
         moved[..., self.axis] -= self.at(points)
         return moved
 
-    def aligned_segments(self, right: Segments) -> Segments:
-        """The right image's segments without the error."""
-        if len(right) == 0:
-            return right
+    def aligned(self, seen: StereoSegments) -> StereoSegments:
+        """A pair without the error of its right image."""
+        right = seen.segments[1]
+        if len(right) == 0 or not (self.offset or self.turn.any()):
+            return seen
         start, end, centre = (self.without(points) for points in (right.start, right.end, right.centre))
         run = end - start
         direction = run / np.maximum(np.hypot(run[:, 0], run[:, 1]), 1e-12)[:, None]
         extent = np.stack([((point - centre) * direction).sum(axis=1) for point in (start, end)], axis=1)
-        return replace(right, centre=centre, direction=direction, extent=extent)
+        right = replace(right, centre=centre, direction=direction, extent=extent)
+        junctions = seen.junctions[0], find_junctions(right)
+        return replace(seen, segments=(seen.segments[0], right), junctions=junctions)
 
     def aligned_edgels(self, right: Edgels) -> Edgels:
         """The right image's edgels at the left image's rows."""

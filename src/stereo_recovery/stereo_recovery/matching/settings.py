@@ -84,7 +84,7 @@ RANDOM_SHARE = 0.25
 # Odds that a segment has a partner at all, over the number of pairs that chance offers it. [R]
 PARTNER_ODDS = 4.0
 # Candidates of a segment that stay in the game, and the least log odds that one has by itself. [R] bounds the time
-MOST_CANDIDATES, LEAST_ODDS = 8, -6.0
+MOST_CANDIDATES, LEAST_ODDS = 9, -6.0
 # Belief nearer than this to 0 or 1 is settled: where the first pass settles all, dense disparity is not asked. [R]
 # bounds the time
 SETTLED = 0.02

@@ -9,7 +9,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import AnyArray, BoolArray, FloatArray, IntArray
 
-from ..detection.junctions import Junctions
+from ..detection.junctions import Junctions, find_junctions
 from ..detection.segments import Segments, ends_exchanged, reversed_polarity
 from .matches import Matches, match_of
 
@@ -32,6 +32,11 @@ class StereoSegments:
     segments: tuple[Segments, Segments]
     junctions: tuple[Junctions, Junctions]
     stand_ins: int = 0
+
+    @classmethod
+    def of(cls, matches: Matches, segments: tuple[Segments, Segments]) -> StereoSegments:
+        """Matched segments, with the junctions that each image shows."""
+        return cls(matches, segments, (find_junctions(segments[0]), find_junctions(segments[1])))
 
     @property
     def index(self) -> tuple[AnyArray, AnyArray]:

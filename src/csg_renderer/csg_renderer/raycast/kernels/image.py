@@ -225,6 +225,8 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
         active += 1
         m = right - left
         for row in range(top, bottom):
+            if work.counts[3] != 0:
+                return active
             y = plan.ys[row]
             run = PixelRun(row, left, right - 1)
             for j in range(m):
@@ -236,6 +238,8 @@ def render_tiles(thread, threads, csg, camera, materials, plan, target, work, se
                 n = plan.box
                 work.colours[:, :m] = 0.0
                 for sample in range(n * n):
+                    if work.counts[3] != 0:
+                        return active
                     y = plan.ys[row] + ((sample // n + 0.5) / n - 0.5) * plan.dy
                     for j in range(m):
                         s[X + np.uint64(j)] = plan.xs[left + j] + ((sample % n + 0.5) / n - 0.5) * plan.dx
@@ -280,6 +284,8 @@ def smooth_rows(thread, threads, csg, camera, materials, plan, target, work, sec
     for row in range(thread, height, threads):
         column = 0
         while column < width:
+            if work.counts[3] != 0:
+                return
             # Boundary pixels of a stretch of this row, so that the stretch says which products matter.
             count, stop = np.int64(0), min(column + most, width)
             while column < stop:

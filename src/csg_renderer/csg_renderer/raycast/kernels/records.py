@@ -211,8 +211,8 @@ class Workspace(NamedTuple):
         Those of one tile.
     colours : (3, w)
         Sums of samples.
-    counts : (3,)
-        Intersections, nodes and combines so far (frame.RenderStats).
+    counts : (4,)
+        Intersections, nodes and combines so far (frame.RenderStats), and 1 once the rendering is to end (stop.Stop).
     """
 
     row: FloatArray

@@ -368,7 +368,7 @@ def secondary_row(row, j0, j1, csg, materials, work, secondary, terrains):
     while True:
         pending = branch(s, n, materials, secondary, pending)
         light_batch(s, n, row, csg, materials, work, secondary, terrains)
-        if pending == 0:
+        if pending == 0 or work.counts[3] != 0:
             return
         count = min(pending, STRIDE)
         pending -= count

@@ -42,7 +42,7 @@ def product_row(s, j0, j1, q, run, y, tolerance, csg, camera, whole, counts):
     """Merge the first entries of product q, on rays (s[X + j], y, 1) for j0 <= j < j1, into DEPTH and HIT.
 
     run : the PixelRun that the rays lie in, for the spans of subtracted primitives; whole : ignore the spans
-    counts : (3,) int64: intersections, nodes, combines are added
+    counts : (4,) int64: intersections, nodes, combines are added
     """
     begin, end = csg.product_start[q], csg.product_start[q + 1]
     split = begin + csg.positive[q]

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from .case import Case
-from .follow import PictureFrame, follow
+from ..case import Case
+from ..following.follow import PictureFrame, follow
+from ..following.track_cli import load_solid, write_followed
 from .motion import Motion
 from .sequence import rendered_sequence
-from .track_cli import load_solid, write_followed
 
 CASE = Case('chipped_block_v1', width=480, height=360, focal=450.0, antialias=2)
 MOTION = Motion('turn', frames=100, turn_deg_s=60.0, shift_m_s=0.05)

@@ -8,7 +8,7 @@ import numpy as np
 
 from msgs_py import Pose
 
-from .settings import OCCLUDER, PATH
+from ..settings import OCCLUDER, PATH
 
 PATHS = ('turn', 'tumble')
 

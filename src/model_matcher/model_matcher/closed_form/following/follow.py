@@ -10,10 +10,10 @@ from msgs_py import CameraRig, PinholeCamera, Pose, StereoRig
 from msgs_py.numeric.typed import ByteArray
 from stereo_recovery import recover
 
-from ..image_pose.views import Views
-from ..model.index import ModelIndex
-from ..pipeline import match
-from ..tracking.tracker import Tracked, Tracker
+from ...image_pose.views import Views
+from ...model.index import ModelIndex
+from ...pipeline import match
+from ...tracking.tracker import Tracked, Tracker
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,14 +20,15 @@ from csg_renderer import Placement, Scene, Solid, model_features, parse_scene, r
 from csg_renderer.language import find_scene
 from csg_renderer.raycast.sensor import SensorModel, grey
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, Pose, StereoRig
+from msgs_py.files import check_image
 from stereo_recovery.cameras.calibration import load_rig
 from stereo_recovery.recover_cli import camera_record
 
-from .case import Case
+from ..case import Case
+from ..placement import case_lights, case_pose, case_rig, load_case_scene, model_centre
+from ..scene_files import clutter_of, copy_scene
+from ..settings import SUBFRAME_PX, SUBFRAMES
 from .motion import Course, Foreground, Motion, bars_at
-from .placement import case_lights, case_pose, case_rig, load_case_scene, model_centre
-from .scene_files import clutter_of, copy_scene
-from .settings import SUBFRAME_PX, SUBFRAMES
 
 TRUTH_COLUMNS = ('frame', 'stamp_s', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'visible_share')
 
@@ -344,7 +345,7 @@ def read_sequence(folder: str | Path) -> Sequence:
 
 
 def _read(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    image = cv2.imread(str(check_image(path)), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise OSError(f'{path}: not a readable image')
     return np.asarray(image)

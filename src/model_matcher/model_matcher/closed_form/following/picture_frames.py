@@ -13,15 +13,18 @@ import cv2
 import numpy as np
 
 from msgs_py import PinholeCamera, StereoRig
+from msgs_py.files import check_image
 from msgs_py.node_runtime.stamp_sync import StampSync
 from msgs_py.numeric.typed import ByteArray
 from stereo_recovery.cameras.calibration import load_rig
 
-from ..match_cli import load_camera
+from ...match_cli import load_camera
 from .follow import PictureFrame
 
-# Topics of a pair in a bag end so.
-TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
+# Topics of a pair in a bag end so; images may be compressed, and camera_info may be sent once.
+IMAGES = ('left/image_rect', 'right/image_rect')
+INFOS = ('left/camera_info', 'right/camera_info')
+COMPRESSED = '/compressed'
 PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm')
 
 
@@ -32,7 +35,8 @@ def picture_frames(path: Path, camera: Path | None = None, rate_hz: float = 30.0
     ----------
     path : Path
         A folder that ``closed_form --path`` has written; one of pictures, pairs of which are named alike but for
-        ``left`` and ``right``; or a rosbag2 with the four topics of a rectified pair (needs rosbags).
+        ``left`` and ``right``; or a rosbag2 with the four topics of a rectified pair (needs rosbags), images
+        raw or compressed, camera_info with each of them or once.
     camera : Path, optional
         Calibration of a folder; camera.json in it without.
     rate_hz : float
@@ -82,7 +86,7 @@ def _stamps(path: Path) -> list[float]:
 
 
 def _grey(path: Path) -> ByteArray:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    image = cv2.imread(str(check_image(path)), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise OSError(f'{path}: not a readable image')
     return np.asarray(image, np.uint8)
@@ -94,25 +98,55 @@ def _of_bag(path: Path) -> Iterator[PictureFrame]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise ValueError(f'{path}: reading bags needs rosbags (pip install rosbags)') from None
-    from ..node_views import grey_image
-
     store = get_typestore(Stores.LATEST)
-    sync = StampSync(TOPICS)
+    sync = StampSync(IMAGES)
     with Reader(path) as reader:
+        # A latched camera_info may stand anywhere in the bag: the first of each side holds until another comes.
+        infos: dict[str, SimpleNamespace] = {}
+        latched = [one for one in reader.connections if one.topic.endswith(INFOS)]
+        # Of no connection at all the reader takes every one.
+        for connection, _, data in reader.messages(latched) if latched else ():
+            name = next(name for name in INFOS if connection.topic.endswith(name))
+            infos.setdefault(name, _info(store.deserialize_cdr(data, connection.msgtype)))
+            if len(infos) == len(INFOS):
+                break
+        missing = [name for name in INFOS if name not in infos]
+        if missing:
+            raise ValueError(f'{path}: no topic ends in {" or ".join(missing)}, and nothing says what the cameras are')
         for connection, _, data in reader.messages():
-            topic = next((name for name in TOPICS if connection.topic.endswith(name)), None)
+            topic = next((name for name in (*IMAGES, *INFOS) if _is_topic(connection.topic, name)), None)
             if topic is None:
                 continue
             message: Any = store.deserialize_cdr(data, connection.msgtype)
+            if topic in INFOS:
+                infos[topic] = _info(message)
+                continue
             stamp = message.header.stamp
             together = sync.add(topic, stamp.sec * 10**9 + stamp.nanosec, message)
-            if together is None:
-                continue
-            images = tuple(grey_image(together[name]) for name in (TOPICS[0], TOPICS[2]))
-            infos = [_info(together[name]) for name in (TOPICS[1], TOPICS[3])]
-            yield PictureFrame(stamp.sec + 1e-9 * stamp.nanosec, images, StereoRig.from_camera_info(*infos))
+            if together is not None:
+                images = tuple(_recorded_grey(together[name], path) for name in IMAGES)
+                rig = StereoRig.from_camera_info(*(infos[name] for name in INFOS))
+                yield PictureFrame(stamp.sec + 1e-9 * stamp.nanosec, images, rig)
     if not sync.counters.sets:
         raise ValueError(f'{path}: {sync.explain()}')
+
+
+def _is_topic(recorded: str, name: str) -> bool:
+    """Whether a recorded topic is one of this name, compressed or not."""
+    return recorded.removesuffix(COMPRESSED).endswith(name)
+
+
+def _recorded_grey(message: Any, path: Path) -> ByteArray:
+    """(h, w) uint8 of a recorded image. Raises ValueError for one that cannot be read."""
+    if not hasattr(message, 'encoding'):
+        image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise ValueError(f'{path}: a compressed image ({message.format}) that cannot be read')
+        return np.asarray(image, np.uint8)
+    # The codecs know ROS, which compressed images do without.
+    from ...node_views import grey_image
+
+    return grey_image(message)
 
 
 def _info(message: Any) -> SimpleNamespace:

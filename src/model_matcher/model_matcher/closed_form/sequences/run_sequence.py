@@ -24,11 +24,11 @@ from msgs_py import Pose
 from msgs_py.codecs import array_to_image, camera_infos_from_rig, pose_to_stamped
 from stereo_recovery.node import RecoveryNode
 
-from ..model.library import safe_name
-from ..node import MatcherNode
-from .case import Case
+from ...model.library import safe_name
+from ...node import MatcherNode
+from ..case import Case
+from ..settings import SPIN_S, TIMEOUT_S
 from .sequence import Sequence, SequenceFrame
-from .settings import SPIN_S, TIMEOUT_S
 
 FRAME_ID = 'camera_left_optical_frame'
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from msgs_py.numeric.typed import ByteArray
 
-from ..drawing import GREEN, ORANGE, RED
+from ...drawing import GREEN, ORANGE, RED
 from .follow import FollowedFrame
 
 _SHIFT = 4  # fractional bits of OpenCV's coordinates

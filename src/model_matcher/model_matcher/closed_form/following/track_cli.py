@@ -10,17 +10,19 @@ import csv
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from msgs_py import Pose
+from msgs_py.commands import DONE, NOTHING, add_json, run_command
 
-from ..model.index import ModelIndex
-from ..model.library import load_library
+from ...model.index import ModelIndex
+from ...model.library import load_library
+from ..poses import pose_from_angles
 from .follow import FollowedFrame, follow
 from .picture_frames import picture_frames
-from .poses import pose_from_angles
 from .track_film import draw_followed, plot_followed, write_film
 
 COLUMNS = (
@@ -52,6 +54,7 @@ def track_parser() -> argparse.ArgumentParser:
     add('--film', default='film.mp4', metavar='NAME', help='.mp4, .avi, or .png, animated (default: film.mp4)')
     add('--scale', type=float, default=1.0, help='size of the film')
     add('-q', '--quiet', action='store_true', help='no progress bar')
+    add_json(parser)
     return parser
 
 
@@ -68,15 +71,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit status: 0 followed, 1 hardly ever, 2 bad input.
     """
-    options = track_parser().parse_args(arguments)
-    try:
-        frames = _followed(options)
-        write_followed(options.out, frames, options.film, options.scale)
-    except (OSError, ValueError) as error:
-        print(f'track: {error}', file=sys.stderr)
-        return 2
+    return run_command('track', _run, track_parser().parse_args(arguments))
+
+
+def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
+    """Exit code and what --json prints. Raises OSError or ValueError."""
+    frames = _followed(options)
+    write_followed(options.out, frames, options.film, options.scale)
     print(f'{summary(frames)}; wrote {options.out}/')
-    return 0 if 2 * sum(one.pose is not None for one in frames) >= len(frames) else 1
+    poses = [
+        {'stamp': one.frame.stamp_s}
+        | ({} if one.pose is None else {'position': one.pose.translation, 'orientation_xyzw': one.pose.quaternion})
+        for one in frames
+    ]
+    followed = sum(one.pose is not None for one in frames)
+    return (DONE if 2 * followed >= len(frames) else NOTHING), {
+        'frames': poses,
+        'followed': followed,
+        'out': options.out,
+    }
 
 
 def _followed(options: argparse.Namespace) -> list[FollowedFrame]:

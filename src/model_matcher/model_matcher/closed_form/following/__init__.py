@@ -1,0 +1,1 @@
+"""An object followed through recorded pictures: the command, its pictures, tables and film."""

@@ -1,0 +1,1 @@
+"""Features of objects whose poses are known, made without pictures."""

@@ -1,0 +1,86 @@
+"""What of an outline is near what: boxes of curves leave out nothing that a look at every pair would find."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from model_matcher.image_pose.alignment import Placed
+from model_matcher.image_pose.neighbours import neighbours
+from model_matcher.image_pose.presence import crowded, overlap
+from model_matcher.image_pose.profiles import _normal_integral, _straight_profile, profile
+from model_matcher.image_pose.settings import FLANK, OWN_STEP, PARALLEL
+
+
+def strokes(rng: np.random.Generator, count: int) -> Placed:
+    """Straight curves of 12 points, 4 px apart, in a small image, those of the second half in a second view."""
+    angle, start = rng.uniform(0.0, 2.0 * np.pi, count), rng.uniform(0.0, 60.0, (count, 2))
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pixel = (start[:, None] + 4.0 * np.arange(12)[:, None] * way[:, None]).reshape(-1, 2)
+    normal = np.repeat(np.stack([-way[:, 1], way[:, 0]], axis=1), 12, axis=0)
+    group = np.repeat(np.arange(count, dtype=np.int32), 12)
+    eye = (group >= count // 2).astype(np.int32)
+    n = len(group)
+    return Placed(np.zeros((n, 3)), eye, pixel, normal, group, group, np.zeros(n), np.zeros((n, 6)))
+
+
+def pairs_of(one: Placed, other: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of all pairs of points of one view: (n, m) bool; shifts (n, m, 2); cosines between their normals (n, m)."""
+    same_view = one.eye[:, None] == other.eye[None]
+    return same_view, other.pixel[None] - one.pixel[:, None], one.normal @ other.normal.T
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 12))
+def test_a_point_is_crowded_where_an_earlier_curve_is_near(seed, count):
+    placed = strokes(np.random.default_rng(seed), count)
+    same_view, shift, _ = pairs_of(placed, placed)
+    near = same_view & ((shift**2).sum(axis=2) < OWN_STEP**2) & (placed.group[:, None] > placed.group[None])
+    np.testing.assert_array_equal(crowded(placed), near.any(axis=1))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 12))
+def test_room_beside_a_point_ends_at_the_nearest_curve_across(seed, count):
+    placed = strokes(np.random.default_rng(seed), count)
+    flank = neighbours(placed, np.full(len(placed.group), 4.0))[1]
+    same_view, shift, cosine = pairs_of(placed, placed)
+    across = same_view & (placed.group[:, None] != placed.group[None]) & (np.abs(cosine) < PARALLEL)
+    gap = np.where(across & (np.abs(shift).max(axis=2) <= FLANK + 4.0), np.linalg.norm(shift, axis=2) - 2.0, np.inf)
+    room = np.trunc(np.minimum(gap.min(axis=1), FLANK))
+    np.testing.assert_array_equal(flank, np.where(room < 2, 0, room))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 8))
+def test_outlines_overlap_by_the_points_that_share_an_edge(seed, count):
+    rng = np.random.default_rng(seed)
+    one, other = strokes(rng, count), strokes(rng, count)
+    mine, theirs = (rng.integers(-1, 2, len(some.group)).astype(np.int8) for some in (one, other))
+    same_view, shift, cosine = pairs_of(one, other)
+    near = same_view & (np.abs(shift).max(axis=2) < 4.0) & (cosine**2 > 0.5) & (theirs == 1)[None]
+    expected = near.any(axis=1)[mine == 1].mean() if (mine == 1).any() else 0.0
+    assert overlap(one, mine, other, theirs, 4.0) == expected
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.floats(1.0, 12.0))
+def test_a_profile_in_whole_numbers_is_that_of_real_ones(seed, spacing):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 256, (50, 60), dtype=np.uint8)
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    at = (*rng.uniform(0.0, 50.0, 2).tolist(), math.cos(angle), math.sin(angle))
+    exact, quick = np.zeros(15), np.zeros(15)
+    inside = profile(image, np.arange(256.0), at, spacing, 0.0, 7, exact)
+    assert _straight_profile(image, at, spacing, 7, quick) == inside
+    # A weight's last digit is 1 / 65536, and a step of this picture up to 255.
+    np.testing.assert_allclose(quick, exact, atol=0.02)
+
+
+def test_the_normal_integral_has_seven_digits():
+    for t in np.linspace(-6.0, 6.0, 241):
+        exact = 0.5 * math.erfc(-t / math.sqrt(2.0))
+        assert abs(_normal_integral(t, math.exp(-0.5 * t * t)) - exact) < 1e-7
