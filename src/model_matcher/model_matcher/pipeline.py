@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from csg_renderer import Solid, SolidOutline, model_features
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, PinholeCamera, Pose
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.steps import CompileStep, run_all
 
 from .geometry.line_pairs import rank_pairs
@@ -46,6 +48,7 @@ def match(
     params: MatchParams | None = None,
     name: str = 'model',
     views: Views | None = None,
+    deadline: Deadline | None = None,
 ) -> MatchResult:
     """Find one model in recovered features.
 
@@ -62,6 +65,8 @@ def match(
     views : Views, optional
         The images that the features were recovered from; the first camera's frame is that of the data. A model of which
         more than features is known is then accepted by what they show, and its pose measured in them.
+    deadline : Deadline, optional
+        Ends the search before its time limit; the best so far is taken then.
 
     Returns
     -------
@@ -83,7 +88,7 @@ def match(
         index = indexed(model, name)
     except ValueError as error:
         return no_match(data, str(error))
-    return _match(index, data, params, views)
+    return _match(index, data, params, views, within=deadline)
 
 
 def _match(
@@ -92,20 +97,21 @@ def _match(
     params: MatchParams,
     views: Views | None = None,
     claimed: Sequence[Presence] = (),
+    within: Deadline | None = None,
 ) -> MatchResult:
     """As :func:`match`; claimed : outlines of what has been found already, whose edges are no others'."""
-    started = time.perf_counter()
+    deadline = Deadline(params.time_limit_s, within)
     if params.scale == 'free':
         # One length beyond all distance would be all that the scale is read off.
         keep = usable(data, unit=None)
-        result = match_free(index, data.select(keep), params, started, match)
+        result = match_free(index, data.select(keep), params, deadline, partial(_match, within=deadline))
         if len(keep) < len(data):
             found, rejected = (
                 tuple(_spread(one, keep, len(data)) for one in ones)
                 for ones in (result.interpretations, result.rejected)
             )
             result = replace(result, interpretations=found, rejected=rejected)
-        result.stats['seconds'] = time.perf_counter() - started
+        result.stats['seconds'] = deadline.seconds
         return result
     problem = make_problem(index, data, params)
     if len(problem.rows) == 0:
@@ -116,12 +122,12 @@ def _match(
             else 'every data feature has length zero or lies beyond all distance',
         )
     if params.search == 'hypotheses' and not _leaves_a_shift(problem):
-        result = _match_hypotheses(problem, params, started, views, claimed)
+        result = _match_hypotheses(problem, params, deadline, views, claimed)
     else:
-        result = match_by_tree(problem, params, started)
+        result = match_by_tree(problem, params, deadline)
     if params.prove:
-        result = certify(problem, result, params, started)
-    result.stats['seconds'] = time.perf_counter() - started
+        result = certify(problem, result, params, deadline)
+    result.stats['seconds'] = deadline.seconds
     return result
 
 
@@ -133,7 +139,7 @@ def _leaves_a_shift(problem: Problem) -> bool:
 
 
 def _match_hypotheses(
-    problem: Problem, params: MatchParams, started: float, views: Views | None, claimed: Sequence[Presence]
+    problem: Problem, params: MatchParams, deadline: Deadline, views: Views | None, claimed: Sequence[Presence]
 ) -> MatchResult:
     """The production search and what follows it."""
     index, rows = problem.index, problem.rows
@@ -141,22 +147,23 @@ def _match_hypotheses(
     neighbours, all_ranked = np.zeros((0, 0), np.int32), True
     if n > ALL_PAIRED:
         longest = 1.1 * float(index.rows[:, 6].max()) + float(problem.tolerances[:, 0].max())
-        neighbours, all_ranked = _neighbours(rows, longest, started + SHARES.ranking * params.time_limit_s)
+        neighbours, all_ranked = _neighbours(rows, longest, deadline.share(SHARES.ranking))
     pairs, partners = rank_pairs(rows, neighbours, index.size, NEIGHBOURS)
-    searching = params.time_limit_s * SHARES.searching
+    searching = deadline.share(SHARES.searching)
     parts: list[tuple[Refined, _Found]] = []
     for least in (PATIENCE.least, np.inf):
         begin = parts[-1][1].pairs if parts else 0
-        found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), started + searching)
+        found = _search(problem, pairs, partners, begin, (least, PATIENCE.most), searching)
         # Edges among themselves are many: they are asked when nothing else has brought an answer.
-        tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), started + searching)
+        tried = search_all_parallel(problem, bool(parts), Candidates(found.motions, found.scores), searching)
         found = found._replace(hypotheses=found.hypotheses + tried)
-        refined = refine_all(
-            problem, found.motions, found.scores, params, deadline=started + SHARES.refining * params.time_limit_s
-        )
+        refined = refine_all(problem, found.motions, found.scores, params, deadline=deadline.share(SHARES.refining))
         parts.append((refined, found))
-        late = time.perf_counter() > started + searching
-        if late or found.stopped_by != 'patience' or refined.evidence.max() >= needed_evidence(problem, params):
+        if (
+            searching.passed
+            or found.stopped_by != 'patience'
+            or refined.evidence.max() >= needed_evidence(problem, params)
+        ):
             break
     refined = max((part[0] for part in parts), key=lambda part: float(part.evidence.max()))
     outlines: tuple[Presence, ...] = ()
@@ -164,7 +171,7 @@ def _match_hypotheses(
     if views is not None and index.shape is not None:
         many = params.replace(max_interpretations=max(params.max_interpretations, LOOKED_AT))
         hypotheses = [one for part in accept(problem, refined, many) for one in part][:LOOKED_AT]
-        needed, deadline = needed_with_images(params), started + params.time_limit_s
+        needed = needed_with_images(params)
         looked = accepted_by_images(problem, index.shape, hypotheses, views, needed, deadline, claimed)
         most = params.max_interpretations
         accepted, rejected, outlines = looked.accepted[:most], looked.rejected[:most], looked.outlines[:most]
@@ -204,7 +211,7 @@ def _search(
     partners: np.ndarray,
     begin: int,
     patience: tuple[float, float],
-    deadline: float,
+    deadline: Deadline,
 ) -> _Found:
     """Try the ranked pairs from number ``begin`` on."""
     # What a pair takes grows with the square of the model: the first says how many fit between two looks at the clock.
@@ -237,14 +244,14 @@ def _search(
             elif now - looked < LOOK_S / 10:
                 block *= 4
             looked = now
-            in_time = now <= deadline
+            in_time = not deadline.passed
         if np.floor(scores[-1]) < NEARLY_ALL * np.floor(scores[0]) or scores[0] == 0.0 or not in_time:
             break
     stopped = 'patience' if state[3] else 'exhausted' if in_time else 'time limit'
     return _Found(motions, scores, int(state[2]), int(state[0]), stopped)
 
 
-def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.ndarray, bool]:
+def _neighbours(rows: np.ndarray, longest: float, deadline: Deadline) -> tuple[np.ndarray, bool]:
     """(n, m) int32 nearest features of each one, and whether there was time for all.
 
     Curves and long edges go first, edges whose half length exceeds ``longest`` (metres) last, for the model has
@@ -255,7 +262,7 @@ def _neighbours(rows: np.ndarray, longest: float, deadline: float) -> tuple[np.n
     order = np.lexsort((-rows[:, 6], rows[:, 6] > 0.0, rows[:, 6] > longest))
     tree = cKDTree(rows[:, :3])
     for first in range(0, len(rows), BLOCK):
-        if first and time.perf_counter() > deadline:
+        if first and deadline.passed:
             return near, False
         some = order[first : first + BLOCK]
         near[some] = tree.query(rows[some, :3], k=count)[1]
@@ -290,6 +297,7 @@ def survey(
     data: FeatureSet,
     params: MatchParams | None = None,
     views: Views | None = None,
+    deadline: Deadline | None = None,
 ) -> MatchResult:
     """As :func:`recognise`, with the rejected hypotheses and their reasons.
 
@@ -299,8 +307,8 @@ def survey(
 
     Parameters
     ----------
-    models, data, params, views
-        As for :func:`recognise`.
+    models, data, params, views, deadline
+        As for :func:`match`.
 
     Returns
     -------
@@ -311,8 +319,7 @@ def survey(
     if not isinstance(data, FeatureSet):
         raise TypeError(f'data: expected a FeatureSet, got {type(data).__name__}')
     _compile_first(views, len(models))
-    started = time.perf_counter()
-    deadline = started + params.time_limit_s
+    deadline = Deadline(params.time_limit_s, deadline)
     indexes = []
     reasons = []
     for number, model in enumerate(models):
@@ -326,7 +333,7 @@ def survey(
     left = np.arange(len(data))
     n_models = len(indexes)
     if n_models > LIBRARY and params.scale == 'known':
-        indexes = [indexes[k] for k in prefilter(indexes, data, params, started + SHARES.ranking * params.time_limit_s)]
+        indexes = [indexes[k] for k in prefilter(indexes, data, params, deadline.share(SHARES.ranking))]
         reasons += [] if indexes else ['no model of the library explains three data features near each other']
     out_of_time: set[str] = set()
 
@@ -336,7 +343,7 @@ def survey(
             out_of_time.add(indexes[number].name)
             return no_match(data, f'no time was left to look for {indexes[number].name}')
         limited = params.replace(time_limit_s=seconds)
-        return _match(indexes[number], data.select(left), limited, views, tuple(outlines))
+        return _match(indexes[number], data.select(left), limited, views, tuple(outlines), deadline)
 
     results = spread_until(search, range(len(indexes)), deadline)
     while True:
@@ -375,7 +382,7 @@ def survey(
         'data_features': len(data),
         'models': n_models,
         'searched': len(indexes),
-        'seconds': time.perf_counter() - started,
+        'seconds': deadline.seconds,
         'out_of_time': sorted(out_of_time),
     }
     reason = None if accepted else '; '.join(dict.fromkeys(reasons)) or 'there are no models'

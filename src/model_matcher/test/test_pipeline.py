@@ -1,6 +1,7 @@
 """match() finds models in fragmented, noisy, cluttered data."""
 
 import time
+from threading import Timer
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from model_matcher.closed_form.synthetic.scenes import MODELS, chipped_block, l_
 from model_matcher.pipeline import survey, warm_up
 from model_matcher.search.threads import spread_until
 from msgs_py import FeatureSet, Pose
+from msgs_py.numeric.deadline import Deadline
 
 
 def close(pose: Pose, truth: Pose, degrees: float, metres: float) -> bool:
@@ -203,6 +205,37 @@ def test_all_models_and_instances_of_a_message_share_one_time_limit(options, man
         assert result or result.reason
 
 
+@pytest.mark.parametrize(
+    'options',
+    [
+        {},
+        {'search': 'tree'},
+        {'search': 'serial'},
+        {'search': 'tree', 'engine': 'dap'},
+        {'scale': 'free'},
+        {'prove': True},
+    ],
+)
+def test_a_deadline_that_is_brought_forward_ends_a_search_of_an_hour(options):
+    models = [MODELS[name]() for name in LIBRARY_OF_ALL]
+    params = MatchParams(time_limit_s=3600.0, false_alarm_rate=1.0, min_matched=3, **options)
+    warm_up(params, len(models))
+    for n in (150, 3000):
+        deadline, asked = Deadline(), []
+
+        def end(deadline=deadline, asked=asked):
+            asked.append(time.perf_counter())
+            deadline.bring_forward(0.0)
+
+        timer = Timer(0.1, end)
+        timer.start()
+        result = survey(models, crowded(n), params, deadline=deadline)
+        timer.join()
+        # 0.001 to 0.17 s on a quiet machine.
+        assert time.perf_counter() - asked[0] < 1.0, (n, options)
+        assert result or result.reason
+
+
 def test_what_no_time_was_left_for_is_named():
     result = survey([l_shape(), chipped_block()], crowded(150), MatchParams(time_limit_s=1e-9))
     assert result.stats['out_of_time'] == ['model0', 'model1']
@@ -213,6 +246,6 @@ def test_what_no_time_was_left_for_is_named():
 
 def test_time_that_an_item_leaves_goes_to_those_after_it(monkeypatch):
     monkeypatch.setattr('model_matcher.search.threads.THREADS', 1)
-    given = spread_until(lambda item, seconds: seconds, [0, 1, 2, 3], time.perf_counter() + 8.0)
+    given = spread_until(lambda item, seconds: seconds, [0, 1, 2, 3], Deadline(8.0))
     np.testing.assert_allclose(given, [2.0, 8.0 / 3.0, 4.0, 8.0], rtol=0.05)
-    assert spread_until(lambda item, seconds: seconds, [0, 1], time.perf_counter() - 1.0) == [0.0, 0.0]
+    assert spread_until(lambda item, seconds: seconds, [0, 1], Deadline(-1.0)) == [0.0, 0.0]

@@ -26,6 +26,7 @@ from model_matcher.proof.feasibility import (
     search_rotations,
 )
 from msgs_py import BIN, Pose
+from msgs_py.numeric.deadline import Deadline
 
 STRAINED = tuple(name for name in MODELS if name != 'lattice')
 SMALL = ('l_shape', 'wedge', 'chipped_block', 'cylinder_box', 'tubes')
@@ -55,7 +56,7 @@ def test_more_than_a_pose_explains_is_never_ruled_out(seed, name, log_sigma, clu
     problem = make_problem(index, scene.data, params)
     size = int((explained(problem, as_motion(scene.poses[0])) != BIN).sum())
     assume(size >= 4)
-    proof = prove(index, scene.data, size - 1, params, seconds=5.0)
+    proof = prove(index, scene.data, size - 1, params, deadline=Deadline(5.0))
     if proof.assignment is None:
         assert not proof.proven and proof.reason
     else:
@@ -114,7 +115,7 @@ def test_what_the_proof_adds_is_true():
 def test_without_time_nothing_is_proven_and_the_reason_is_given():
     model = MODELS['chair']()
     scene = make_scene(model, 1, clutter=0.5)
-    proof = prove(index_model(model, 'chair'), scene.data, 5, MatchParams(), seconds=0.0)
+    proof = prove(index_model(model, 'chair'), scene.data, 5, MatchParams(), deadline=Deadline(0.0))
     assert not proof.proven and proof.reason == 'time limit'
 
 
@@ -215,7 +216,7 @@ def test_what_may_join_a_set_is_what_shares_a_pose_with_it(seed):
 @given(st.integers(0, 2**31))
 def test_data_at_its_limits_is_never_ruled_out(seed):
     scene = strained_scene(seed, STRAINED)
-    proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, seconds=0.2)
+    proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, deadline=Deadline(0.2))
     assert not proof.proven or (proof.assignment != BIN).sum() >= scene.explained
     params = scene.params.replace(prove=True, time_limit_s=0.2, false_alarm_rate=1.0)
     result = match(scene.index, scene.data, params)
@@ -227,7 +228,7 @@ def test_most_of_what_is_at_its_limits_is_decided():
     found = 0
     for seed in range(40):
         scene = strained_scene(seed, STRAINED)
-        proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, seconds=1.0)
+        proof = prove(scene.index, scene.data, scene.explained - 1, scene.params, deadline=Deadline(1.0))
         found += proof.assignment is not None and (proof.assignment != BIN).sum() >= scene.explained
     assert found >= 34
 

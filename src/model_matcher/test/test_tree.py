@@ -13,6 +13,7 @@ from model_matcher.interpretation_tree.tables import all_pairs, build_tables
 from model_matcher.interpretation_tree.tree import subgraph_search, tree_search
 from model_matcher.params import ORDERINGS
 from msgs_py import FeatureSet
+from msgs_py.numeric.deadline import Deadline
 
 
 def names(pairs, order):
@@ -96,7 +97,7 @@ def test_every_ordering_finds_the_interpretation_of_ideal_data(ordering, signs):
     model = MODELS['l_shape']()
     data = model.transformed(random_pose(np.random.default_rng(2))).select(np.arange(0, 18, 2))
     tables = build_tables(index_model(model), data, MatchParams(fracdev=1e-4, signs=signs))
-    result = tree_search(tables, MatchParams(ordering=ordering, signs=signs, max_bin=0), seconds=20.0)
+    result = tree_search(tables, MatchParams(ordering=ordering, signs=signs, max_bin=0), deadline=Deadline(20.0))
     assert result.complete
     assert any((row == np.arange(0, 18, 2)).all() for row in result.assignments)
 
@@ -107,7 +108,7 @@ def test_signs_cut_off_what_assignments_alone_allow():
     counts = {}
     for signs in (True, False):
         params = MatchParams(fracdev=1e-4, signs=signs, max_bin=0)
-        result = tree_search(build_tables(index_model(model), data, params), params, seconds=20.0)
+        result = tree_search(build_tables(index_model(model), data, params), params, deadline=Deadline(20.0))
         counts[signs] = len(result.assignments)
         if signs:
             assert (result.signs[0] != 0).all()
@@ -123,7 +124,7 @@ def test_the_bin_takes_spurious_edges_and_no_others(spurious):
     data = FeatureSet.concatenate([junk, seen])
     tables = build_tables(index_model(model), data, MatchParams(fracdev=1e-4))
     for eliminate in (True, False):
-        result = tree_search(tables, MatchParams(max_bin=4, eliminate=eliminate), seconds=20.0)
+        result = tree_search(tables, MatchParams(max_bin=4, eliminate=eliminate), deadline=Deadline(20.0))
         assert (result.assignments[0] == [*[-1] * spurious, *range(15)]).all()
     assert largest_core(core_numbers(tables)) == 15
     assert not len(tree_search(tables, MatchParams(max_bin=spurious - 1)).assignments)

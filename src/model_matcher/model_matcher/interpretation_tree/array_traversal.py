@@ -7,7 +7,6 @@ on a vector of quadrants.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from dap_emulator import DapArray
 from dap_emulator.machine import intrinsics as f
 from dap_emulator.machine.kinds import LOGICAL, integer
 from msgs_py import BIN
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from .array_signs import ArraySigns
@@ -68,8 +68,8 @@ class ArrayTraversal:
     rows : (L,) int
         Its table in the match list.
     limits : Limits
-    deadline : float
-        time.perf_counter() at which the search stops.
+    deadline : Deadline
+        When the search stops.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class ArrayTraversal:
     """
 
     def __init__(
-        self, tables: ArrayTables, alive: BoolArray, pairs: IntArray, rows: IntArray, limits: Limits, deadline: float
+        self, tables: ArrayTables, alive: BoolArray, pairs: IntArray, rows: IntArray, limits: Limits, deadline: Deadline
     ) -> None:
         self.tables, self.dap, self.pairs, self.rows = tables, tables.dap, pairs, rows
         self.n, self.e = alive.shape
@@ -111,7 +111,7 @@ class ArrayTraversal:
         while True:
             step = self._next(level, current)
             if step and level + 1 < len(self.pairs):
-                if self.counters[LEVELS] >= self.limits.levels or time.perf_counter() > self.deadline:
+                if self.counters[LEVELS] >= self.limits.levels or self.deadline.passed:
                     self.counters[TRUNCATED] = 1
                     return
                 pending.append(current)

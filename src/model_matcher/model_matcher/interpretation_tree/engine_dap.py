@@ -6,7 +6,6 @@ are made by the machine and charged to it, phase by phase. The cycles are comput
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from dap_emulator import Dap, OutOfStore
 from msgs_py import BIN, FeatureSet
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import BoolArray, Int8Array
 
 from ..model.index import ModelIndex
@@ -28,7 +28,12 @@ from .tree import UNASSIGNED, Limits, Traversed, TreeResult, search_with_bin, su
 
 
 def tree_search(
-    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = INTERPRETATIONS, dap: Dap | None = None
+    index: ModelIndex,
+    data: FeatureSet,
+    params: MatchParams,
+    limit: int = INTERPRETATIONS,
+    dap: Dap | None = None,
+    deadline: Deadline | None = None,
 ) -> TreeResult:
     """Search the interpretation tree on the emulated machine; the interpretations are those of tree.tree_search.
 
@@ -45,6 +50,8 @@ def tree_search(
         Most interpretations that are returned.
     dap : Dap, optional
         The machine; a new DAP 510 when not given.
+    deadline : Deadline, optional
+        After params.time_limit_s when not given.
 
     Returns
     -------
@@ -64,15 +71,15 @@ def tree_search(
     if n * (n - 1) // 2 > LARGEST_PAIRS:
         raise ValueError(f'engine: dap: {n * (n - 1) // 2} data pairs are too many, expected at most {LARGEST_PAIRS}')
     dap = dap or Dap.model('510', tracing=False)
-    deadline = time.perf_counter() + params.time_limit_s
+    deadline = deadline or Deadline(params.time_limit_s)
     with dap.measured() as so_far:
         try:
-            with in_time(dap, deadline, params.time_limit_s):
+            with in_time(dap, deadline):
                 tables = ArrayTables(dap, index, data, params)
             search = _Search(tables, params, deadline)
             # The search needs to know how many features there are, and asks for the rest of the tables in parts.
             known = Tables(tables.pairs, np.zeros((0, 0, 0), np.uint8), tables.unary, tables.curves)
-            result = search_with_bin(known, params, limit, None, search.alive, search.traverse)
+            result = search_with_bin(known, params, limit, deadline, search.alive, search.traverse)
         except OutOfStore as error:
             raise ValueError(f'engine: dap: {error}') from None
         spent = so_far()
@@ -86,16 +93,13 @@ def tree_search(
 
 
 @contextmanager
-def in_time(dap: Dap, deadline: float, limit: float) -> Iterator[None]:
-    """What the machine does inside ends with ValueError at the deadline, seconds of perf_counter().
-
-    limit : the time limit (seconds), for the message
-    """
+def in_time(dap: Dap, deadline: Deadline) -> Iterator[None]:
+    """What the machine does inside ends with ValueError at the deadline."""
     before = dap.watch
 
     def look() -> None:
-        if time.perf_counter() > deadline:
-            raise ValueError(f'engine: dap: {limit:.3g} s are not enough for the tables of so much data')
+        if deadline.passed:
+            raise ValueError(f'engine: dap: {deadline.seconds:.3g} s were not enough for the tables of so much data')
         if before is not None:
             before()
 
@@ -109,14 +113,14 @@ def in_time(dap: Dap, deadline: float, limit: float) -> Iterator[None]:
 class _Search:
     """What search_with_bin asks of the machine, with the tables made."""
 
-    def __init__(self, tables: ArrayTables, params: MatchParams, deadline: float) -> None:
+    def __init__(self, tables: ArrayTables, params: MatchParams, deadline: Deadline) -> None:
         self.tables, self.params, self.deadline = tables, params, deadline
 
     def alive(self, size: int) -> BoolArray:
         """The pairings (n, e) bool that an interpretation of this size is searched among."""
         if not self.params.eliminate:
             return self.tables.unary.copy()
-        with in_time(self.tables.dap, self.deadline, self.params.time_limit_s):
+        with in_time(self.tables.dap, self.deadline):
             return alive_for(self.tables, size)
 
     def traverse(

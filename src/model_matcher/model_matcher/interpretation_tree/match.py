@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from msgs_py import BIN, FeatureSet, Interpretation
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_motion
@@ -24,7 +24,7 @@ from .tables import build_tables
 from .tree import TreeResult, subgraph_search, tree_search
 
 
-def match_by_tree(problem: Problem, params: MatchParams, started: float) -> MatchResult:
+def match_by_tree(problem: Problem, params: MatchParams, deadline: Deadline) -> MatchResult:
     """Match by the search that the parameters name: feasible interpretations, their poses, refined and judged.
 
     Parameters
@@ -33,8 +33,8 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         Model, usable data and tolerances.
     params : MatchParams
         search is 'tree', 'subgraph' or 'serial'; with 'hypotheses' the tree is searched.
-    started : float
-        time.perf_counter() at the start of the match, from which its time limit counts.
+    deadline : Deadline
+        Of the match.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         camera frame) when the data leaves a translation or a rotation open.
     """
     try:
-        result = feasible(problem, params, started)
+        result = feasible(problem, params, deadline)
     except ValueError as error:
         return no_match(problem.data, str(error))
     stats = {
@@ -59,7 +59,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         why = (
             'no feasible interpretation'
             if result.complete
-            else f'no feasible interpretation within {params.time_limit_s:g} s'
+            else f'no feasible interpretation within {deadline.seconds:.3g} s'
         )
         return no_match(problem.data, why, **stats)
     checked = _validated(problem, result, params)
@@ -73,7 +73,7 @@ def match_by_tree(problem: Problem, params: MatchParams, started: float) -> Matc
         if np.isfinite(free[order[0]]).all():
             stats[name] = [float(value) for value in free[order[0]]]  # of the best, camera frame
     motions = np.array([as_motion(checked.poses[k]) for k in order])
-    refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0)
+    refined = refine_all(problem, motions, matched[order].astype(float), params, keep=0.0, deadline=deadline)
     accepted, rejected = accept(problem, refined, params)
     if 'free_shift' in stats:
         free = np.array(stats['free_shift'])
@@ -115,18 +115,16 @@ def _validated(problem: Problem, result: TreeResult, params: MatchParams) -> Val
     return validated_by_machine(index, problem.data, *arguments, *limits, params.real_bytes)
 
 
-def feasible(problem: Problem, params: MatchParams, started: float) -> TreeResult:
+def feasible(problem: Problem, params: MatchParams, deadline: Deadline) -> TreeResult:
     """Feasible interpretations of the usable data, parameters as for :func:`match_by_tree`.
 
     Raises ValueError when the tables would be too large or the engine is not installed.
     """
     if params.engine == 'dap':
         search_by_machine, _ = _array_machine()
-        return search_by_machine(problem.index, problem.data, params, INTERPRETATIONS)
+        return search_by_machine(problem.index, problem.data, params, INTERPRETATIONS, deadline=deadline)
     if params.search == 'serial':
-        seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
-        return serial_search(problem.index, problem.data, params, INTERPRETATIONS, seconds)
+        return serial_search(problem.index, problem.data, params, INTERPRETATIONS, deadline)
     tables = build_tables(problem.index, problem.data, params)
-    seconds = max(params.time_limit_s - (time.perf_counter() - started), 0.0)
     search = subgraph_search if params.search == 'subgraph' else tree_search
-    return search(tables, params, INTERPRETATIONS, seconds)
+    return search(tables, params, INTERPRETATIONS, deadline)

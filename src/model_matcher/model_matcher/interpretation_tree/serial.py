@@ -6,13 +6,13 @@ before it, constraint by constraint, nothing tabulated beforehand but the ranges
 
 from __future__ import annotations
 
-import time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import BoolArray, Int8Array, Int32Array, IntArray
 
 from ..geometry.constraints import entry
@@ -39,7 +39,11 @@ WORK = len(COUNTERS)  # one more counter: pair tests and what counts as such
 
 
 def serial_search(
-    index: ModelIndex, data: FeatureSet, params: MatchParams, limit: int = INTERPRETATIONS, seconds: float | None = None
+    index: ModelIndex,
+    data: FeatureSet,
+    params: MatchParams,
+    limit: int = INTERPRETATIONS,
+    deadline: Deadline | None = None,
 ) -> TreeResult:
     """Find the feasible interpretations with the fewest features in the bin.
 
@@ -53,8 +57,8 @@ def serial_search(
         constraints, signs, max_bin, tolerances and time limit.
     limit : int
         Most interpretations that are returned.
-    seconds : float, optional
-        Time limit, params.time_limit_s when not given.
+    deadline : Deadline, optional
+        After params.time_limit_s when not given.
 
     Returns
     -------
@@ -81,8 +85,8 @@ def serial_search(
     tests = pair_tests(index, rows[order], tolerances[order], params)
     counters = np.zeros(len(COUNTERS) + 1, np.int64)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
-    limit_s = params.time_limit_s if seconds is None else seconds
-    budget, deadline = int(limit_s * RATES.tests), time.perf_counter() + limit_s
+    deadline = deadline or Deadline(params.time_limit_s)
+    budget = int(deadline.left * RATES.tests)
     impossible = int((~unary.any(axis=1)).sum())
     assignments, signs = np.zeros((0, n), np.int32), np.zeros((0, n), np.int8)
     for in_bin in range(impossible, most + 1):

@@ -12,7 +12,6 @@ model features to which the pair's data features are already assigned lie on its
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,6 +21,7 @@ import numpy as np
 
 from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import BoolArray, ByteArray, Int8Array, Int32Array, IntArray
 
 from ..params import MatchParams
@@ -74,7 +74,7 @@ Traversal = Callable[[Tables, BoolArray, MatchParams, int, int, int], Traversed]
 
 
 def tree_search(
-    tables: Tables, params: MatchParams, limit: int = INTERPRETATIONS, seconds: float | None = None
+    tables: Tables, params: MatchParams, limit: int = INTERPRETATIONS, deadline: Deadline | None = None
 ) -> TreeResult:
     """Search the interpretation tree for feasible interpretations.
 
@@ -87,8 +87,8 @@ def tree_search(
         search='subgraph' the tables are searched by quadrants of ``quadrant`` x ``quadrant`` model features.
     limit : int
         Most interpretations that are returned (the thesis' NOI).
-    seconds : float, optional
-        Time limit, params.time_limit_s when not given.
+    deadline : Deadline, optional
+        After params.time_limit_s when not given.
 
     Returns
     -------
@@ -99,10 +99,10 @@ def tree_search(
     ----------
     Thesis 5.7, 5.8, 5.10, 7.4 and appendix C.
     """
-    deadline = time.perf_counter() + (params.time_limit_s if seconds is None else seconds)
+    deadline = deadline or Deadline(params.time_limit_s)
     core = core_numbers(tables) if params.eliminate else None
     traverse = partial(traverse_left, deadline=deadline)
-    return search_with_bin(tables, params, limit, seconds, lambda size: _alive(tables, core, size), traverse)
+    return search_with_bin(tables, params, limit, deadline, lambda size: _alive(tables, core, size), traverse)
 
 
 def _alive(tables: Tables, core: Int32Array | None, size: int) -> BoolArray:
@@ -117,17 +117,17 @@ def _alive(tables: Tables, core: Int32Array | None, size: int) -> BoolArray:
 
 
 def subgraph_search(
-    tables: Tables, params: MatchParams, limit: int = INTERPRETATIONS, seconds: float | None = None
+    tables: Tables, params: MatchParams, limit: int = INTERPRETATIONS, deadline: Deadline | None = None
 ) -> TreeResult:
     """As :func:`tree_search`, by quadrants of params.quadrant x params.quadrant model features (thesis 5.8)."""
-    return tree_search(tables, params.replace(search='subgraph'), limit, seconds)
+    return tree_search(tables, params.replace(search='subgraph'), limit, deadline)
 
 
 def search_with_bin(
     tables: Tables,
     params: MatchParams,
     limit: int,
-    seconds: float | None,
+    deadline: Deadline,
     alive_for: Callable[[int], BoolArray],
     traverse: Traversal,
 ) -> TreeResult:
@@ -138,9 +138,7 @@ def search_with_bin(
     array machine.
     """
     n = tables.unary.shape[0]
-    limit_s = params.time_limit_s if seconds is None else seconds
-    budget = int(limit_s * RATES.levels / max(1.0, tables.unary.size / RATES.level_size))
-    started = time.perf_counter()
+    budget = int(deadline.left * RATES.levels / max(1.0, tables.unary.size / RATES.level_size))
     stats: dict[str, Any] = dict.fromkeys(COUNTERS, 0)
     most = max(n - params.min_matched, 0) if params.max_bin is None else min(params.max_bin, n)
     stats['eliminated'] = 0
@@ -153,7 +151,7 @@ def search_with_bin(
         found = traverse(tables, alive, params, in_bin, limit, budget - stats['levels'])
         for name, count in zip(COUNTERS, found.counters):
             stats[name] += int(count)
-        if time.perf_counter() - started > limit_s:
+        if deadline.passed:
             stats['truncated'] += 1
         if len(found.assignments) or stats['truncated']:
             return TreeResult(found.assignments, found.signs, not stats['truncated'], stats)
@@ -183,12 +181,12 @@ def traverse_left(
     in_bin: int,
     limit: int,
     levels: int,
-    deadline: float = np.inf,
+    deadline: Deadline | None = None,
 ) -> Traversed:
     """Traverse the pairs of the features that have a model feature left; the other features are in the bin at once.
 
     alive : (n, e) bool; in_bin : features in the bin; limit : most interpretations; levels : most levels visited
-    deadline : seconds of perf_counter() at which it ends, though there are levels left
+    deadline : when it ends, though there are levels left
     """
     found = without_pairs(alive, in_bin, limit)
     if found is not None:
@@ -210,14 +208,14 @@ def traverse_left(
     def go_on(some: Limits) -> None:
         traverse_pairs(tree, tables.code, alive, some, walk, counters)
 
-    until(go_on, limits, walk.place, counters, LEVELS, deadline)
+    until(go_on, limits, walk.place, counters, LEVELS, deadline or Deadline())
     count = int(walk.place[FOUND])
     assignments = np.where(walk.out[:count] == UNASSIGNED, np.int32(BIN), walk.out[:count])
     return Traversed(assignments, walk.out_sign[:count], counters)
 
 
 def until(
-    go_on: Callable[[Limits], None], limits: Limits, place: IntArray, counters: IntArray, work: int, deadline: float
+    go_on: Callable[[Limits], None], limits: Limits, place: IntArray, counters: IntArray, work: int, deadline: Deadline
 ) -> None:
     """Go on with a walk until it ends, its steps are used up or the time is; the counters then say truncated.
 
@@ -227,7 +225,7 @@ def until(
         counters[TRUNCATED] = 0
         last = min(limits.levels, int(counters[work]) + limits.at_once)
         go_on(limits._replace(levels=last))
-        over = counters[work] >= limits.levels or time.perf_counter() > deadline
+        over = counters[work] >= limits.levels or deadline.passed
         if over or not counters[TRUNCATED] or place[FOUND] >= limits.interpretations:
             return
 

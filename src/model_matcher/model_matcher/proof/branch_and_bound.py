@@ -14,12 +14,12 @@ known that has a common pose becomes the new bound, until the tree is exhausted 
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py import BIN
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.line_pairs import pair_geometry
@@ -81,8 +81,8 @@ class BranchAndBound:
         Model, usable data and tolerances.
     most : int
         Size of the largest interpretation known; it is asked whether there is a larger one.
-    deadline : float
-        time.perf_counter() when to give up.
+    deadline : Deadline
+        When to give up.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class BranchAndBound:
         How many branches were explored.
     """
 
-    def __init__(self, problem: Problem, most: int, deadline: float) -> None:
+    def __init__(self, problem: Problem, most: int, deadline: Deadline) -> None:
         self.most, self.deadline = most, deadline
         self.index, self.radius_tol = problem.index, problem.radius_tol
         self.sample = sample_of(problem)
@@ -111,7 +111,7 @@ class BranchAndBound:
 
     def check_time(self) -> None:
         """Raise GivenUp when the time is up."""
-        if time.perf_counter() > self.deadline:
+        if self.deadline.passed:
             raise GivenUp('time limit')
 
     # -- before the tree ---------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from functools import cache
 import numpy as np
 
 from msgs_py import BIN, FeatureSet, Interpretation
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, Int32Array
 
 from ..geometry.pose_rows import as_motion, as_pose
@@ -82,7 +83,7 @@ def compile_kernels() -> None:
         np.concatenate([corner, corner]), np.concatenate([np.roll(corner, 1, axis=0), np.zeros((3, 3))])
     )
     problem = make_problem(index_model(edges), edges, MatchParams())
-    tree = BranchAndBound(problem, 3, np.inf)
+    tree = BranchAndBound(problem, 3, Deadline())
     tree.prune()
     nodes = np.arange(6)
     motion = np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0.1])
@@ -99,7 +100,7 @@ def compile_kernels() -> None:
     tree.joined(2, nodes[:2], nodes[3:], None)
 
 
-def certify(problem: Problem, result: MatchResult, params: MatchParams, started: float) -> MatchResult:
+def certify(problem: Problem, result: MatchResult, params: MatchParams, deadline: Deadline) -> MatchResult:
     """Mark the best interpretation of a match as proven, when it is, or that there is none at all.
 
     A larger interpretation that the proof comes across takes the place of the best one, unless it explains fewer
@@ -113,8 +114,8 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
         Of the match.
     params : MatchParams
         Its parameters.
-    started : float
-        time.perf_counter() at the start of the match, which has params.time_limit_s altogether.
+    deadline : Deadline
+        Of the match.
 
     Returns
     -------
@@ -122,15 +123,14 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
         Statistics: proof_branches, proof_pairings, proof_seconds and, when it is not proven, unproven with the reason.
     """
     best = result.best
-    left = params.time_limit_s - (time.perf_counter() - started)
     compile_kernels()
-    if left <= 0.0:
+    if deadline.passed:
         result.stats['unproven'] = 'time limit'
         return result
     if best is None:
-        return _certify_absence(problem, result, params, left)
+        return _certify_absence(problem, result, params, deadline)
     motion = as_motion(best.pose)
-    proof = prove_problem(problem, best.matched, params, left, motion)
+    proof = prove_problem(problem, best.matched, params, deadline, motion)
     result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
     reason = proof.reason
     if proof.assignment is not None and proof.motion is not None:
@@ -150,13 +150,13 @@ def certify(problem: Problem, result: MatchResult, params: MatchParams, started:
     return replace(result, interpretations=(best, *result.interpretations[1:]))
 
 
-def _certify_absence(problem: Problem, result: MatchResult, params: MatchParams, seconds: float) -> MatchResult:
+def _certify_absence(problem: Problem, result: MatchResult, params: MatchParams, deadline: Deadline) -> MatchResult:
     """Mark a match without an answer as absent, when no pose explains as many data features as an answer has to."""
     least = params.min_matched
     known = max((one.matched for one in result.rejected), default=0)
     proof = Proof(False, reason=f'a rejected pose explains {known} data features')
     if known < least:
-        proof = prove_problem(problem, least - 1, params, seconds, only_whether=True)
+        proof = prove_problem(problem, least - 1, params, deadline, only_whether=True)
     result.stats.update(proof_branches=proof.nodes, proof_pairings=proof.pairings, proof_seconds=proof.seconds)
     if not proof.proven:
         result.stats['unproven'] = proof.reason
@@ -181,7 +181,7 @@ def _as_interpretation(
 
 
 def prove(
-    index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams, seconds: float | None = None
+    index: ModelIndex, data: FeatureSet, matched: int, params: MatchParams, deadline: Deadline | None = None
 ) -> Proof:
     """Find out whether no interpretation of the data matches more than so many features.
 
@@ -195,15 +195,15 @@ def prove(
         Data features that an interpretation is known to match.
     params : MatchParams
         The tolerances; scale must be 'known'.
-    seconds : float, optional
-        Time limit, params.time_limit_s when not given.
+    deadline : Deadline, optional
+        After params.time_limit_s when not given.
 
     Returns
     -------
     Proof
     """
     problem = make_problem(index, data, params)
-    found = prove_problem(problem, matched, params, seconds)
+    found = prove_problem(problem, matched, params, deadline)
     if found.assignment is None:
         return found
     assignment = np.full(problem.n_data, BIN, np.int32)
@@ -215,7 +215,7 @@ def prove_problem(
     problem: Problem,
     matched: int,
     params: MatchParams,
-    seconds: float | None = None,
+    deadline: Deadline | None = None,
     motion: FloatArray | None = None,
     only_whether: bool = False,
 ) -> Proof:
@@ -227,7 +227,7 @@ def prove_problem(
         return Proof(False, reason="only data of known scale can be proven, not scale='free'")
     compile_kernels()
     started = time.perf_counter()
-    tree = BranchAndBound(problem, matched, started + (params.time_limit_s if seconds is None else seconds))
+    tree = BranchAndBound(problem, matched, deadline or Deadline(params.time_limit_s))
     reason = None
     try:
         if motion is not None:

@@ -8,13 +8,13 @@ scale that fits what was found best is then estimated with the pose.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from msgs_py import BIN, FeatureKind, FeatureSet, Interpretation, Pose
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.settings import SMALLEST_LENGTH
@@ -44,7 +44,9 @@ from .settings import (
 Search = Callable[[ModelIndex, FeatureSet, MatchParams], MatchResult]
 
 
-def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float, search: Search) -> MatchResult:
+def match_free(
+    index: ModelIndex, data: FeatureSet, params: MatchParams, deadline: Deadline, search: Search
+) -> MatchResult:
     """Find a model in data of unknown scale; poses carry it: data = scale R model + t.
 
     Parameters
@@ -53,8 +55,7 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
     data : FeatureSet
         Camera frame, any unit.
     params : MatchParams
-    started : float
-        Seconds of perf_counter() from which the time limit counts.
+    deadline : Deadline
     search : callable
         Finds the model in data of known scale. The searches of the thesis are run once, on directions only.
 
@@ -68,14 +69,13 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
 
     """
     if params.search != 'hypotheses':
-        return _by_directions(index, data, params, started)
+        return _by_directions(index, data, params, deadline)
     known = params.replace(scale='known', prove=False, false_alarm_rate=params.false_alarm_rate / SCALES)
-    deadline = started + params.time_limit_s
     best: MatchResult | None = None
     best_scale = 1.0
     tried = since = 0
     for scale in likely_scales(index, data):
-        left = deadline - time.perf_counter()
+        left = deadline.left
         if (
             tried >= SCALES
             or (best and since >= UNCHANGED_SCALES)
@@ -94,7 +94,7 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
         return no_match(data, 'the data holds no two features that would tell a scale', **stats)
     estimated: list[Interpretation] = []
     for k, found_one in enumerate(best.interpretations):
-        if k == 0 or time.perf_counter() < deadline:
+        if k == 0 or not deadline.passed:
             one = estimate_scale(index, data, found_one, best_scale, known, deadline)
             estimated += [] if one is None else [one]
     accepted = tuple(estimated)
@@ -103,7 +103,7 @@ def match_free(index: ModelIndex, data: FeatureSet, params: MatchParams, started
     return MatchResult(accepted, rejected, stats, best.reason if not accepted else None)
 
 
-def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, started: float) -> MatchResult:
+def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, deadline: Deadline) -> MatchResult:
     """A tree search without the constraints that need a scale; what it finds is validated with its own scale."""
     unit = next(likely_scales(index, data), 1.0)  # only to make the tolerances' floor comparable
     near = resized(data, 1.0 / unit)
@@ -112,7 +112,7 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
     if len(problem.rows) == 0:
         return no_match(data, 'the data holds no features with length', **stats)
     try:
-        result = feasible(problem, params, started)
+        result = feasible(problem, params, deadline)
     except ValueError as error:
         return no_match(data, str(error), **stats)
     stats.update(feasible=len(result.assignments), complete=result.complete, **result.stats)
@@ -138,7 +138,7 @@ def _by_directions(index: ModelIndex, data: FeatureSet, params: MatchParams, sta
         assignment[problem.keep[matched]] = index.source[result.assignments[k][matched]]
         sign[problem.keep[matched]] = checked.signs[k][matched]
         found = Interpretation(index.name, assignment, sign, Pose(pose.rotation, pose.translation / pose.scale))
-        one = estimate_scale(index, near, found, pose.scale, known, started + params.time_limit_s)
+        one = estimate_scale(index, near, found, pose.scale, known, deadline)
         if one is not None and not any((one.assignment == other.assignment).all() for other in estimated):
             estimated.append(one)
     estimated.sort(key=lambda one: (-len(np.unique(one.assignment)), one.residual_rms))
@@ -265,7 +265,7 @@ def estimate_scale(
     found: Interpretation,
     scale: float,
     params: MatchParams,
-    deadline: float = np.inf,
+    deadline: Deadline | None = None,
 ) -> Interpretation | None:
     """Estimate scale and pose of an interpretation by turns.
 
@@ -280,8 +280,8 @@ def estimate_scale(
         About the right one: lengths of the data over those of the model.
     params : MatchParams
         Of known scale.
-    deadline : float
-        Seconds of perf_counter() after which no turn begins but the first.
+    deadline : Deadline, optional
+        When it has passed, no turn begins but the first.
 
     Returns
     -------
@@ -301,7 +301,7 @@ def estimate_scale(
         if not accepted:
             return None
         current = accepted[0]
-        if abs(factor - 1.0) < 1e-7 or time.perf_counter() > deadline:
+        if abs(factor - 1.0) < 1e-7 or (deadline is not None and deadline.passed):
             break
     return _with_scale(current, scale)
 

@@ -7,12 +7,11 @@ are few and always tried; pairs of edges are many, and fix a pose only where the
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from msgs_py import FeatureKind
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import BoolArray, FloatArray, Int32Array, IntArray
 
 from ..geometry.back_projection import count_matches
@@ -29,7 +28,7 @@ from .settings import EDGE_HYPOTHESES, LONGEST_EDGES, PARALLEL_BLOCK, WORTH_KEEP
 EDGE = int(FeatureKind.EDGE)
 
 
-def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, deadline: float) -> int:
+def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, deadline: Deadline) -> int:
     """Try the parallel data pairs of a problem while there is time.
 
     Parameters
@@ -40,8 +39,8 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
         Pairs of edges, rather than pairs with a curve or an axis, and single ones of a solid of revolution.
     candidates : Candidates
         Changed in place.
-    deadline : float
-        Seconds of perf_counter() after which no block of pairs begins but the first.
+    deadline : Deadline
+        When it has passed, no block of pairs begins but the first.
 
     Returns
     -------
@@ -57,7 +56,7 @@ def search_all_parallel(problem: Problem, edges: bool, candidates: Candidates, d
     state = np.zeros(1, np.int64)
     most = EDGE_HYPOTHESES if edges else np.inf
     for first in range(0, len(pairs), PARALLEL_BLOCK):
-        if first and (time.perf_counter() > deadline or state[0] > most):
+        if first and (deadline.passed or state[0] > most):
             break
         last = min(len(pairs), first + PARALLEL_BLOCK)
         search_parallel(pairs, may, model, index.parallel_pairs, data, SEARCH_WIDTH, first, last, candidates, state)

@@ -9,7 +9,6 @@ refined and judged by their evidence: where few edges are in view, chance scores
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from itertools import zip_longest
 
@@ -17,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from msgs_py import FeatureSet
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, Int32Array, IntArray
 
 from ..geometry.features import DataFeatures, ModelFeatures, PairTable
@@ -48,7 +48,7 @@ from .threads import spread
 
 
 def prefilter(
-    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams, deadline: float = np.inf
+    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams, deadline: Deadline | None = None
 ) -> list[int]:
     """Which models of a library are worth a full search.
 
@@ -58,8 +58,8 @@ def prefilter(
     data : FeatureSet
         Camera frame, metres.
     params : MatchParams
-    deadline : float
-        Seconds of perf_counter() after which no more pairs are counted, and no more models refined.
+    deadline : Deadline, optional
+        When it has passed, no more pairs are counted, and no more models refined.
 
     Returns
     -------
@@ -67,6 +67,7 @@ def prefilter(
         Numbers of the models, best first; all of them when there is next to no data.
 
     """
+    deadline = deadline or Deadline()
     keep = np.flatnonzero(data.lengths > SMALLEST_LENGTH)
     if len(keep) < 3:
         return list(range(len(models)))
@@ -79,8 +80,7 @@ def prefilter(
 
     def judged(k: int) -> float:
         # Those that no time is left for keep the order of their scores.
-        late = time.perf_counter() > deadline
-        return -np.inf if late else _surplus(models[k], used, params, motions[k], scores[k])
+        return -np.inf if deadline.passed else _surplus(models[k], used, params, motions[k], scores[k])
 
     surplus = np.array(spread(judged, order))
     ranked = np.argsort(-surplus, kind='stable')
@@ -103,7 +103,7 @@ def _surplus(
 
 
 def library_scores(
-    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams, deadline: float = np.inf
+    models: Sequence[ModelIndex], data: FeatureSet, params: MatchParams, deadline: Deadline | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """What the best poses of the shared pairs explain of each model.
 
@@ -113,8 +113,8 @@ def library_scores(
     data : FeatureSet
         Features with length, camera frame, metres.
     params : MatchParams
-    deadline : float
-        Seconds of perf_counter() after which no more pairs are counted, but the first.
+    deadline : Deadline, optional
+        When it has passed, no more pairs are counted, but the first.
 
     Returns
     -------
@@ -124,6 +124,7 @@ def library_scores(
         The poses.
 
     """
+    deadline = deadline or Deadline()
     rows = feature_rows(data)
     scores, motions = np.zeros((len(models), POSES)), np.zeros((len(models), POSES, 12))
 
@@ -139,7 +140,7 @@ def library_scores(
     sample = range(0, len(models), max(1, len(models) // SAMPLE))
     told = [against(number) for number in sample]
     for first in range(0, len(pairs), COUNTED):
-        if first and time.perf_counter() > deadline:
+        if first and deadline.passed:
             break
         for model in told:
             count_hypotheses(pairs[first : first + COUNTED], *model, counts[first : first + COUNTED])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from msgs_py.numeric.deadline import Deadline
 
 from .settings import THREADS
 
@@ -51,7 +52,7 @@ def spread(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result
     return results  # type: ignore[return-value]
 
 
-def spread_until(work: Callable[[Item, float], Result], items: Sequence[Item], deadline: float) -> list[Result]:
+def spread_until(work: Callable[[Item, float], Result], items: Sequence[Item], deadline: Deadline) -> list[Result]:
     """As :func:`spread`, in time: what one item leaves of its time goes to those after it.
 
     Parameters
@@ -60,8 +61,7 @@ def spread_until(work: Callable[[Item, float], Result], items: Sequence[Item], d
         Takes an item, and the seconds that it may take: an even share of what is left for those that one thread has
         not begun; 0 when there is none.
     items : sequence
-    deadline : float
-        Seconds of perf_counter().
+    deadline : Deadline
 
     Returns
     -------
@@ -72,7 +72,7 @@ def spread_until(work: Callable[[Item, float], Result], items: Sequence[Item], d
 
     def in_time(number: int) -> Result:
         waiting = -(-(len(items) - number) // workers)  # itself, and what its thread does after it
-        return work(items[number], max(0.0, (deadline - time.perf_counter()) / waiting))
+        return work(items[number], deadline.left / waiting)
 
     return spread(in_time, range(len(items)))
 

@@ -10,7 +10,6 @@ explains it.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -18,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msgs_py import BIN, Interpretation, Pose
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, IntArray
 
 from ..geometry.pose_rows import as_pose
@@ -75,7 +75,7 @@ def weigh(
     shape: Shape,
     hypothesis: Interpretation,
     views: Views,
-    deadline: float = math.inf,
+    deadline: Deadline | None = None,
     turned: FloatArray | None = None,
 ) -> Weighed:
     """Look for a hypothesis in the images.
@@ -92,8 +92,8 @@ def weigh(
     hypothesis : Interpretation
         Its pose is first_T_model.
     views : Views
-    deadline : float
-        Of ``time.perf_counter``: only the first of its poses is looked at that it leaves no time for.
+    deadline : Deadline, optional
+        When it has passed, only the first of the poses is looked at.
     turned : (12,) float64, optional
         The pose drawn in, of a hypothesis that leaves a turn free: all turns are looked at from there.
 
@@ -101,6 +101,7 @@ def weigh(
     -------
     Weighed
     """
+    deadline = deadline or Deadline()
     coarse, near = views, float(REACH)
     if turned is None:
         poses = _equal_poses(problem.index, hypothesis)
@@ -113,13 +114,12 @@ def weigh(
     if len(poses) > DRAWN:
         # One look at each, as coarse as its steps are, says which to draw in.
         glances = [
-            presence(shape, pose, coarse, spacing=GLANCE).log_ratio if time.perf_counter() < deadline else -math.inf
-            for pose in poses
+            -math.inf if deadline.passed else presence(shape, pose, coarse, spacing=GLANCE).log_ratio for pose in poses
         ]
         chosen = [poses[k] for k in np.argsort(glances)[::-1][:DRAWN]]
     found: list[Weighed] = []
     for pose in chosen:
-        if found and time.perf_counter() >= deadline:
+        if found and deadline.passed:
             break
         motion, sight = looked_for(shape, pose, views, near)
         there, seen = _at(problem, hypothesis, motion), shown(sight, views)[0]
@@ -190,7 +190,7 @@ def accepted_by_images(
     hypotheses: Sequence[Interpretation],
     views: Views,
     needed: float,
-    deadline: float,
+    deadline: Deadline,
     claimed: Sequence[Presence] = (),
 ) -> LookedAt:
     """Accept and reject hypotheses of one model by their features and the images.
@@ -206,8 +206,8 @@ def accepted_by_images(
     views : Views
     needed : float
         Nats, see :func:`.false_alarms.needed_with_images`.
-    deadline : float
-        Of ``time.perf_counter``; hypotheses that it does not leave time for stay as they are.
+    deadline : Deadline
+        Hypotheses that it does not leave time for stay as they are.
     claimed : sequence of Presence
         Outlines of what was found before.
 
@@ -218,7 +218,7 @@ def accepted_by_images(
     weighed: list[Weighed] = []
     rejected: list[Interpretation] = []
     for one in hypotheses:
-        if time.perf_counter() >= deadline:
+        if deadline.passed:
             rejected.append(replace(one, rejected_reason=one.rejected_reason or 'no time was left to look for it'))
         elif any(_leaves_no_room(other, one, needed) for other in weighed):
             rejected.append(replace(one, rejected_reason='competes for the same data with one that is seen whole'))
@@ -254,11 +254,13 @@ def _leaves_no_room(found: Weighed, other: Interpretation, needed: float) -> boo
     return found.evidence >= needed and found.shown.support > WHOLE and shared > CLAIMED * int(mine.sum())
 
 
-def _with_turns(problem: Problem, shape: Shape, weighed: list[Weighed], views: Views, deadline: float) -> list[Weighed]:
+def _with_turns(
+    problem: Problem, shape: Shape, weighed: list[Weighed], views: Views, deadline: Deadline
+) -> list[Weighed]:
     """The hypotheses, the best of those that leave a turn free at the turn that the images show most of."""
     weighed = sorted(weighed, key=lambda one: -one.evidence)
     for k in [k for k, one in enumerate(weighed) if one.hypothesis.free_turn is not None][:TURNED]:
-        if axis_of_revolution(problem.index) is None and time.perf_counter() < deadline:
+        if axis_of_revolution(problem.index) is None and not deadline.passed:
             one = weighed[k]
             weighed[k] = weigh(problem, shape, one.hypothesis, views, deadline, one.motion)
     return weighed

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 import numpy as np
 
 from msgs_py import BIN
 from msgs_py.numeric.compiled import njit
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import FloatArray, Int8Array, Int32Array
 
 from ..geometry.back_projection import assign, count_matches
@@ -113,7 +113,7 @@ def refine_all(
     scores: np.ndarray,
     params: MatchParams,
     keep: float = KEEP,
-    deadline: float = np.inf,
+    deadline: Deadline | None = None,
 ) -> Refined:
     """Refine candidate poses.
 
@@ -129,8 +129,8 @@ def refine_all(
         Of the match.
     keep : float
         Candidates whose score is at least this share of the best are refined; all when there is doubt.
-    deadline : float
-        Seconds of perf_counter() after which no candidate is refined but the first.
+    deadline : Deadline, optional
+        When it has passed, no candidate is refined but the first.
 
     Returns
     -------
@@ -148,7 +148,7 @@ def refine_all(
         last = min(c, first + at_once)
         best = refine_candidates(scores, keep, doubtful, model, data, regular, planes, first, last, best, refined)
         first = last
-        if time.perf_counter() > deadline:
+        if deadline is not None and deadline.passed:
             break
     return refined
 
