@@ -113,6 +113,7 @@ ROS_MODULES = (
     'tracker_node',
     'recognise_node',
     'runtime',
+    'beside',
     'service_link',
     'parameter_values',
     'run_graph',

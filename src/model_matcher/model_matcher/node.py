@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
@@ -21,8 +23,11 @@ from msgs_py.codecs import (
     poses_to_array,
     report_from_interpretations,
 )
+from msgs_py.node_runtime.beside import Beside
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import StereoMessages, run_node
+from msgs_py.node_runtime.settings import SILENCE_S
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.renaming import without_effect
 
 from .image_pose.views import Views
@@ -39,6 +44,10 @@ from .settings import MOST_CAMERAS, WAIT_FOR_IMAGES_S
 
 TOPIC = 'interpretations'
 WATCH_PERIOD_S = 1.0
+# Seconds that a search has left when parameters change: what is nearly done is not lost, and nobody waits.
+CHANGED_GRACE_S = 0.25
+# Seconds that a search which is told to end may take for it while the node is taken down.
+ENDING_S = 2.0
 _DEFAULT = MatchParams()
 
 
@@ -155,6 +164,14 @@ class MatcherConfig(ModelConfig):
             raise ValueError(f'parameter {error}') from None
 
 
+class Recovered(NamedTuple):
+    """Features of a message, its header, and the images that they were recovered from, where there are any."""
+
+    header: Header
+    data: FeatureSet
+    views: Views | None
+
+
 class MatcherNode(ModelNode[MatcherConfig]):
     """Publishes what it recognises in every ``features`` message; an empty PoseArray when that is nothing."""
 
@@ -169,6 +186,7 @@ class MatcherNode(ModelNode[MatcherConfig]):
         self._looked_at = time.monotonic()
         self._distance: float | None = None
         self._params = self.config.match_params()
+        self._search = Beside(self, 'features', self._begin, self._finish)
         self._warn_of_seed()
         self._load()
         self.prepare(compile_steps(self._params, len(self._library.models), images=True))
@@ -189,6 +207,8 @@ class MatcherNode(ModelNode[MatcherConfig]):
         """Take over what was changed."""
         super().on_config(old, new)
         self._params = new.match_params()
+        if self._params != old.match_params():
+            self._search.begin_anew(CHANGED_GRACE_S)
         if new.seed != old.seed:
             self._warn_of_seed()
         if new.models != old.models or (new.mesh_units != old.mesh_units and self._library.units):
@@ -199,7 +219,8 @@ class MatcherNode(ModelNode[MatcherConfig]):
             self.get_logger().warning(without_effect('parameter', 'seed'))
 
     def reset(self) -> str:
-        """Read the models again; says what was reset."""
+        """Read the models again, and end the search; says what was reset."""
+        self._search.drop()
         self._load()
         self._images.clear()
         self._instances.clear()
@@ -219,6 +240,7 @@ class MatcherNode(ModelNode[MatcherConfig]):
         for name in sorted(names - set(self._pose_out)):
             self._pose_out[name] = self.create_output(PoseStamped, f'{TOPIC}/{_topic_name(name)}')
         self._answers.load(self._library.models, {name: _topic_name(name) for name in names})
+        self._search.begin_anew(0.0)  # what it finds would be of models that are there no longer
 
     def _models(self) -> dict[str, ModelIndex]:
         """The models by their names."""
@@ -261,9 +283,10 @@ class MatcherNode(ModelNode[MatcherConfig]):
         if self.config.use_images and newest is not None and newest < stamp_ns(message.header):
             self._waiting = message, time.monotonic()
         else:
-            self._recognise(message)
+            self._take(message)
 
     def _wait_no_longer(self) -> None:
+        self._search.look()
         if self._waiting is not None and time.monotonic() - self._waiting[1] >= WAIT_FOR_IMAGES_S:
             self._images.clear()  # they may have ended: what follows waits only when they come again
             self._answer_waiting()
@@ -271,21 +294,27 @@ class MatcherNode(ModelNode[MatcherConfig]):
     def _answer_waiting(self) -> None:
         if self._waiting is not None:
             (message, _), self._waiting = self._waiting, None
-            self._guard('features', self._recognise)(message)
+            self.attempt('features', self._take, message)
 
-    def _recognise(self, message: PointCloud2) -> None:
-        self._look_for_changes()
-        data = cloud_to_features(message)
-        self._look_at_units(data)
+    def _take(self, message: PointCloud2) -> None:
+        """Search in features now, or when the search that is under way is done."""
         views = self._images.at(stamp_ns(message.header)) if self.config.use_images else None
-        self._seen += views is not None
-        result = survey(self._library.models, data, self._params, views)
+        self._search.take(Recovered(message.header, cloud_to_features(message), views))
+
+    def _begin(self, recovered: Recovered, deadline: Deadline) -> Callable[[], MatchResult]:
+        """A search by the models and parameters of now."""
+        self._look_for_changes()
+        self._look_at_units(recovered.data)
+        return partial(survey, self._library.models, recovered.data, self._params, recovered.views, deadline)
+
+    def _finish(self, recovered: Recovered, result: MatchResult) -> None:
+        self._seen += recovered.views is not None
         self._reason = result.reason or ''
         late = result.stats['out_of_time']
         if late:
             self.problem(f'time_limit: {self.config.time_limit:g} s left no time to look for {", ".join(late)}')
-        self._publish(self._canonical(result), message.header)
-        self.done(message.header)
+        self._publish(self._canonical(result), recovered.header)
+        self.done(recovered.header)
 
     def _canonical(self, result: MatchResult) -> MatchResult:
         """A result with the canonical ones of the poses that symmetries make equal."""
@@ -328,6 +357,8 @@ class MatcherNode(ModelNode[MatcherConfig]):
         """What keeps the node from finding anything; None when nothing does."""
         if not self._library.models:
             return 'no model is loaded: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
+        if self._search.seconds > SILENCE_S:
+            return f'a search takes {self._search.seconds:.0f} s, of a time_limit of {self.config.time_limit:g} s'
         return None
 
     def report_values(self) -> dict[str, object]:
@@ -338,7 +369,15 @@ class MatcherNode(ModelNode[MatcherConfig]):
             'unusable_models': '; '.join(self._library.problems),
             'why_nothing_found': self._reason,
             'with_images': self._seen,
+            'searching_s': f'{self._search.seconds:.1f}',
         }
+
+    def destroy_node(self) -> None:
+        """As GraphNode's; the search is ended."""
+        search = getattr(self, '_search', None)  # there is none when the node could not be made
+        if search is not None:
+            search.close(ENDING_S)
+        super().destroy_node()
 
 
 def _topic_name(name: str) -> str:

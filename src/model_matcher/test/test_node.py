@@ -16,12 +16,14 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseArray, PoseStamped  # noqa: E402
+from rcl_interfaces.srv import SetParametersAtomically  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -237,6 +239,67 @@ def test_a_mesh_in_millimetres_is_found_and_its_unit_said(tmp_path):
         assert found(far) == 1 and unit().startswith('l_shape: 107.2 m across')
     finally:
         bench.close()
+
+
+def test_a_search_of_an_hour_holds_nothing_up(tmp_path):
+    """Meanwhile parameters, services and diagnostics answer; changed parameters end it, and the newest is answered."""
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+    l_shape().save(tmp_path / 'l_shape.npz')
+    bench = Bench([str(tmp_path), 'chair'], 48 + worker % 8)
+    try:
+        name = '/matcher_node'
+        setter = bench.other.create_client(SetParametersAtomically, f'{name}/set_parameters_atomically')
+        reset = bench.other.create_client(Trigger, f'{name}/reset')
+        told = []
+        bench.other.create_subscription(DiagnosticArray, '/diagnostics', told.append, 10)
+        bench.wait(lambda: setter.service_is_ready() and reset.service_is_ready() and told)
+
+        def answer(client, request):
+            asked, future = time.monotonic(), client.call_async(request)
+            bench.wait(future.done, 1.0)
+            assert time.monotonic() - asked < 0.5
+            return future.result()
+
+        def set_to(**values):
+            parameters = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+            assert answer(setter, SetParametersAtomically.Request(parameters=parameters)).result.successful
+
+        rng = np.random.default_rng(0)
+        start = np.column_stack([rng.uniform(-0.3, 0.3, (150, 2)), 0.8 + 0.02 * rng.normal(size=150)])
+        vectors = np.eye(3)[rng.integers(0, 3, 150)] * rng.uniform(0.005, 0.06, (150, 1))
+        crowd = FeatureSet.from_edges(start, start + vectors, 5e-3, 5e-3)
+        arrays = bench.heard['interpretations']
+
+        def waiting():
+            newest = bench.node._search._newest
+            return None if newest is None else newest.header.stamp.sec
+
+        set_to(prove=True, time_limit=3600.0)
+        bench.send(stamped(crowd, 1))
+        bench.wait(lambda: bench.node._search.seconds > 0.3)
+        told.clear()
+        bench.wait(lambda: any(status.name == name for message in told for status in message.status), 1.5)
+        for second in (2, 3, 4):
+            bench.features.publish(stamped(make_scene(l_shape(), second).data, second))
+            bench.wait(lambda second=second: waiting() == second)
+        assert bench.node.health.lost == 2 and not arrays
+        changed = time.monotonic()
+        set_to(prove=False, time_limit=2.0)
+        bench.wait(lambda: arrays)
+        assert time.monotonic() - changed < 1.25
+        assert [message.header.stamp.sec for message in arrays] == [4] and len(arrays[0].poses) == 1
+        set_to(prove=True, time_limit=3600.0)
+        bench.send(stamped(crowd, 5))
+        bench.wait(lambda: bench.node._search.seconds > 0.1)
+        assert answer(reset, Trigger.Request()).success
+        set_to(prove=False, time_limit=2.0)
+        bench.send(stamped(make_scene(l_shape(), 6).data, 6))
+        bench.wait(lambda: arrays, 1.25)
+        assert arrays[0].header.stamp.sec == 6
+    finally:
+        ending = time.monotonic()
+        bench.close()
+        assert time.monotonic() - ending < 2.0
 
 
 def mesh_features_of(path):

@@ -601,6 +601,25 @@ class GraphNode(Node, Generic[_C]):
 
         return guarded
 
+    def attempt(self, source: str, work: Callable[..., None], *arguments: Any, begun: float | None = None) -> None:
+        """Call what may raise: that is reported under the name of its source, and the node lives on.
+
+        Parameters
+        ----------
+        source : str
+        work : callable
+        *arguments
+            Of it.
+        begun : float, optional
+            Seconds of time.monotonic() from which the latency of its input runs; from now without it.
+        """
+
+        def timed() -> None:
+            self._callback_start = self._callback_start if begun is None else begun
+            work(*arguments)
+
+        self._guard(source, timed)()
+
     # -- health ------------------------------------------------------------------------------------------------
 
     def done(self, header: Any = None) -> None:
