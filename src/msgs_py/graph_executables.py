@@ -42,6 +42,11 @@ def tracker_node() -> int:
     return start('model_matcher.tracker_node')
 
 
+def viewer_node() -> int:
+    """Run viewer_node."""
+    return start('model_matcher.viewer_node')
+
+
 def recognise() -> int:
     """Run recovery_node, matcher_node and tracker_node in one process."""
     return start('model_matcher.closed_form.recognise_node')

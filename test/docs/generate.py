@@ -26,6 +26,7 @@ from dap_emulator.machine import counted
 from dap_emulator.node import EmulatorNode
 from model_matcher.node import MatcherNode
 from model_matcher.tracker_node import TrackerNode
+from model_matcher.viewer_node import ViewerNode
 from msgs_py.node_runtime.config import ParameterSpec
 from msgs_py.node_runtime.runtime import GraphNode
 from stereo_recovery.node import RecoveryNode
@@ -123,6 +124,7 @@ NODES = (
     Documented('stereo_recovery', RecoveryNode, {}, 'recovery.yaml'),
     Documented('model_matcher', MatcherNode, {'models': ['l_shape']}, 'matcher.yaml'),
     Documented('model_matcher', TrackerNode, {'models': ['l_shape']}, 'tracker.yaml', 'tracker'),
+    Documented('model_matcher', ViewerNode, {'port': 0}, 'viewer.yaml', 'viewer'),
     Documented('dap_emulator', EmulatorNode, {}, 'emulator.yaml'),
 )
 

@@ -18,6 +18,7 @@ from stereo_recovery.recover_cli import parser as recover_parser
 
 from .closed_form.cli import closed_form_parser
 from .closed_form.following.track_cli import track_parser
+from .closed_form.view_cli import view_parser
 from .match_cli import match_parser
 
 HEAD = """\
@@ -50,6 +51,7 @@ def script() -> str:
         (closed_form_parser(), scenes),
         (match_parser(), scenes),
         (track_parser(), scenes),
+        (view_parser(), scenes),
         (recover_parser(), ()),
         (dap_parser(), ('run', 'list', 'functions', 'costs', 'counted', *program_names())),
     )

@@ -143,9 +143,9 @@ class TrackerNode(ModelNode[TrackerConfig]):
             self.destroy_publisher(self._pose_out.pop(name))
             self.destroy_subscription(self._starts.pop(name))
         for name in sorted(set(self._models) - set(self._pose_out)):
-            self._pose_out[name] = self.create_output(PoseWithCovarianceStamped, f'{TOPIC}/{_topic_name(name)}')
+            self._pose_out[name] = self.create_output(PoseWithCovarianceStamped, f'{TOPIC}/{topic_name(name)}')
             self._starts[name] = self.listen(
-                PoseWithCovarianceStamped, f'track/{_topic_name(name)}', partial(self._on_start, name), optional=True
+                PoseWithCovarianceStamped, f'track/{topic_name(name)}', partial(self._on_start, name), optional=True
             )
         self._followed = {name: one for name, one in self._followed.items() if name in self._models}
 
@@ -266,7 +266,7 @@ def _status(name: str, followed: _Followed | None) -> DiagnosticStatus:
     )
 
 
-def _topic_name(name: str) -> str:
+def topic_name(name: str) -> str:
     """The last part of a model's topic; 'report' is taken."""
     return f'{name}_model' if name == 'report' else name
 

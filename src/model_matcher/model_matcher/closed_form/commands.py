@@ -24,6 +24,7 @@ from .scene_files import check_scene
 from .sequences.motion import Motion
 from .sequences.sequence import read_sequence, rendered_sequence, write_found, write_sequence
 from .sequences.turning_part import run_turning_part
+from .view_files import result_moment, write_view
 
 DEMO_SCENES = ('l_shape_v1', 'chipped_block_v1')
 
@@ -203,7 +204,7 @@ def _run_one(case: Case, folder: Path, limits: Limits, quiet: bool, nodes: bool 
         document = result_document(result, limits)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / 'result.json').write_text(json.dumps(document, indent=2) + '\n')
-        write_report(folder, result, document)
+        write_report(folder, result, document, write_view(folder, result.case.name, *result_moment(result)))
         progress('report')
         bar.set_postfix_str(document['verdict'])
     if quiet and not document['passed']:

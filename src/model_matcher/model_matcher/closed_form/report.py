@@ -23,8 +23,8 @@ figcaption { color: #555; font-size: .9em }
 """
 
 
-def write_report(folder: Path, result: CaseResult, document: dict[str, Any]) -> None:
-    """Write report.html and its pictures into an existing folder."""
+def write_report(folder: Path, result: CaseResult, document: dict[str, Any], in_space: bool = False) -> None:
+    """Write report.html and its pictures into an existing folder; in_space: view.html stands beside it."""
     camera = result.rig.left
     pictures = {
         'stereo.png': side_by_side(canvas(result.left), canvas(result.right)),
@@ -48,6 +48,7 @@ def write_report(folder: Path, result: CaseResult, document: dict[str, Any]) -> 
                 ['translation error', '0', _number(document['translation_error_m'], 'mm', 1e3)],
             ],
         ),
+        '<p><a href="view.html">In space, to turn</a></p>' if in_space else '',
         '<h2>The stereo pair</h2>',
         _figure('stereo.png', 'Left and right image' + (', as the renderer published them.' if through_nodes else '.')),
         '<h2>Recovered edges</h2>',

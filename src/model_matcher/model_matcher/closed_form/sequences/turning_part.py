@@ -11,6 +11,7 @@ from tqdm import tqdm
 from ..case import Case
 from ..following.follow import PictureFrame, follow
 from ..following.track_cli import load_solid, write_followed
+from ..view_files import followed_moment, write_view
 from .motion import Motion
 from .sequence import rendered_sequence
 
@@ -19,8 +20,9 @@ MOTION = Motion('turn', frames=100, turn_deg_s=60.0, shift_m_s=0.05)
 PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>A followed part</title>
 <body style="font-family: sans-serif; max-width: 60em; margin: 2em auto">
 <h1>A part that turns, followed for {frames} frames</h1>
-<p>{told}.</p><p><img src="film.png" alt="film"></p><p><img src="plot.png" alt="support, sigmas and time"></p>
+<p>{told}.{view}</p><p><img src="film.png" alt="film"></p><p><img src="plot.png" alt="support, sigmas and time"></p>
 """
+VIEW_LINK = ' <a href="view.html">In space, to turn</a>'
 
 
 def run_turning_part(out: Path, quiet: bool = False) -> str:
@@ -40,7 +42,8 @@ def run_turning_part(out: Path, quiet: bool = False) -> str:
     """
     sequence = rendered_sequence(CASE, MOTION)
     source = (PictureFrame(frame.stamp_s, frame.images, sequence.rig) for frame in sequence)
-    steps = follow(load_solid(CASE.scene), source)
+    model = load_solid(CASE.scene)
+    steps = follow(model, source)
     frames = list(tqdm(steps, 'a turning part', len(sequence), unit='', disable=quiet, file=sys.stdout))
     write_followed(out, frames, 'film.png', 0.75)
     errors = [true.error_to(one.pose) for true, one in zip(sequence.poses, frames) if one.pose is not None]
@@ -49,5 +52,8 @@ def run_turning_part(out: Path, quiet: bool = False) -> str:
         f'a turning part: followed in {len(errors)} of {len(frames)} frames, median errors {turn:.3f} deg, '
         f'{shift:.3f} mm'
     )
-    (out / 'report.html').write_text(PAGE.format(frames=len(frames), told=told.capitalize()), encoding='utf-8')
+    moments = [followed_moment(model.name, one) for one in frames]
+    in_space = write_view(out, 'a turning part', {model.name: model.features}, moments)
+    page = PAGE.format(frames=len(frames), told=told.capitalize(), view=VIEW_LINK if in_space else '')
+    (out / 'report.html').write_text(page, encoding='utf-8')
     return f'{told}; open {out}/report.html'

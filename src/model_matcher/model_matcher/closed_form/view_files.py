@@ -1,0 +1,107 @@
+"""Moments for the page: of files (a pair, a recording, features), recovered and matched, and of what was tested."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from msgs_py import FeatureSet, StereoRig
+from stereo_recovery import recover
+
+from ..image_pose.views import Views
+from ..model.index import ModelIndex
+from ..pair_match import recovered_pair
+from ..pipeline import survey
+from ..viewing.moments import Moment, Placed, placed_objects
+from ..viewing.page import NoPlotly, write_page
+from .following.follow import FollowedFrame
+from .following.picture_frames import picture_frames
+from .result import CaseResult
+
+VIEW = 'view.html'
+
+
+def moment_of(
+    models: Sequence[ModelIndex], features: FeatureSet, views: Views | None = None, stamp_s: float = 0.0
+) -> Moment:
+    """Features with the models that are found among them.
+
+    Parameters
+    ----------
+    models : sequence of ModelIndex
+    features : FeatureSet
+        Frame of the first camera, metres.
+    views : Views, optional
+        The images that they come from; poses are measured in them.
+    stamp_s : float
+        Seconds.
+    """
+    result = survey(models, features, views=views)
+    return Moment(stamp_s, views, features, placed_objects(result.interpretations), result.reason or '')
+
+
+def pair_moment(
+    models: Sequence[ModelIndex], files: Sequence[Path], raw: bool = False, baseline: float | None = None
+) -> Moment:
+    """The moment of left image, right image and calibration; what is wrong with them is among its words.
+
+    Raises OSError and ValueError as :func:`~model_matcher.pair_match.recovered_pair` does.
+    """
+    recovered = recovered_pair(files, raw, baseline)
+    found = moment_of(models, recovered.features, recovered.views)
+    hints = recovered.doubts() or ([] if found.placed else recovered.remedies())
+    return Moment(0.0, found.views, found.features, found.placed, '; '.join([found.words, *hints]).strip('; '))
+
+
+def recorded_moments(
+    models: Sequence[ModelIndex], path: Path, camera: Path | None = None, rate_hz: float = 30.0, every: int = 1
+) -> Iterator[Moment]:
+    """The moments of a folder of pairs or of a bag, each recovered and matched on its own.
+
+    Parameters
+    ----------
+    models : sequence of ModelIndex
+    path, camera, rate_hz
+        As for :func:`~model_matcher.closed_form.following.picture_frames.picture_frames`.
+    every : int
+        Of so many frames one is taken.
+
+    Raises
+    ------
+    OSError, ValueError
+        Something is missing, or the pictures are of one camera.
+    """
+    first = None
+    for number, frame in enumerate(picture_frames(path, camera, rate_hz)):
+        if not isinstance(frame.rig, StereoRig):
+            raise ValueError(f'{path}: pictures of one camera, expected pairs named left and right')
+        first = frame.stamp_s if first is None else first
+        if number % every == 0:
+            features = recover(frame.images[0], frame.images[1], frame.rig).features
+            yield moment_of(models, features, Views.of(frame.images, frame.rig), frame.stamp_s - first)
+
+
+def followed_moment(name: str, one: FollowedFrame) -> Moment:
+    """The moment of a frame in which an object was followed, without features."""
+    views = Views.of(one.frame.images, one.frame.rig)
+    if one.tracked is None or one.tracked.pose is None:
+        return Moment(one.frame.stamp_s, views, words=f'{name}: lost')
+    placed = Placed(name, name, one.tracked.pose, one.tracked.covariance)
+    return Moment(one.frame.stamp_s, views, placed=(placed,))
+
+
+def result_moment(result: CaseResult) -> tuple[dict[str, FeatureSet], list[Moment]]:
+    """The model and the one moment of a closed-form test."""
+    views = Views.of([result.left, result.right], result.rig)
+    placed = () if result.found is None else placed_objects([replace(result.found, model=result.model_name)])
+    return {result.model_name: result.model}, [Moment(0.0, views, result.data, placed, result.reason)]
+
+
+def write_view(folder: Path, title: str, models: Mapping[str, FeatureSet], moments: Sequence[Moment]) -> bool:
+    """Write view.html into a folder; whether it could be, which it cannot without plotly."""
+    try:
+        write_page(folder / VIEW, title, models, moments)
+    except NoPlotly:
+        return False
+    return True
