@@ -79,9 +79,10 @@ def test_an_experiment_runs_and_its_sentence_is_of_its_rows(name):
     outcomes = []
     item = BY_NAME[name]
     watched = dataclasses.replace(item, run=lambda setting: outcomes.append(item.run(setting)) or outcomes[0])
-    document = experiments.conduct(watched, tiny=True)
+    document, page = experiments.conduct(watched, tiny=True)
     json.dumps(document, default=experiments.plain)
     assert document['status'] == 'done', document['why']
+    assert (page is not None) == (name == 'poses' and importlib.util.find_spec('plotly') is not None)
     (outcome,) = outcomes
     assert document['sentence'].endswith('.') and 'nan' not in document['sentence']
     assert outcome.tables and all(table.body for table in outcome.tables) and outcome.spoken
@@ -154,7 +155,7 @@ def test_a_missing_capability_is_said_plainly(tmp_path):
     def unavailable(setting):
         raise lab.NotAvailable('there is no such scene')
 
-    document = experiments.conduct(lab.Experiment('x', 'X', '', unavailable), tiny=True)
+    document, _ = experiments.conduct(lab.Experiment('x', 'X', '', unavailable), tiny=True)
     assert (document['status'], document['why']) == ('not available yet', 'there is no such scene')
     document['title'], document['name'] = 'X', 'x'
     sys.modules['page'].write_page(tmp_path, [document])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,10 @@ from model_matcher import MatchParams, match
 from model_matcher.closed_form.case import Case, Limits
 from model_matcher.closed_form.result import result_document
 from model_matcher.closed_form.run_graph import run_case
-from msgs_py import FeatureKind, Pose
+from model_matcher.closed_form.view_files import result_moment
+from model_matcher.viewing.moments import Moment
+from model_matcher.viewing.page import NoPlotly, page_of
+from msgs_py import FeatureKind, FeatureSet, Pose
 
 # Bars of the closed-form laboratory: the thesis' means, five times better in the median.
 BAR_DEG, BAR_MM = 0.5 / 5, np.array(CURVE_MEANS['translation_mm']) / 5
@@ -55,12 +59,14 @@ def poses(setting: Setting) -> Outcome:
             'passed ours',
         ],
     )
+    seen: list[tuple[str, dict[str, FeatureSet], list[Moment]]] = []
     for name in names:
         setting.advance(name)
         printed = VIEWS[name]
         theirs = printed.translation_error_mm
         result = run_case(Case(name))
         document = result_document(result, Limits())
+        seen.append((name, *result_moment(result)))
         f = result.data
         data.rows.append(
             [
@@ -130,7 +136,18 @@ def poses(setting: Setting) -> Outcome:
             'px, noise 2 grey levels. The thesis rendered without noise and without anti-aliasing.'
         ],
         spoken=(1,),
+        page=_in_space(seen),
     )
+
+
+def _in_space(seen: list[tuple[str, dict[str, FeatureSet], list[Moment]]]) -> str | None:
+    """A page of all views; None where nothing draws it."""
+    models = {name: features for _, ones, _ in seen for name, features in ones.items()}
+    moments = [replace(one, words=f'{name} {one.words}') for name, _, ones in seen for one in ones]
+    try:
+        return page_of("The thesis' views", models, moments)
+    except NoPlotly:
+        return None
 
 
 def _median(values: list[float]) -> float | None:

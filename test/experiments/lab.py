@@ -80,7 +80,8 @@ class Outcome:
     """What an experiment found.
 
     say : the one sentence on agreement with the thesis, or the lesson, made from the tables and from nothing else;
-    notes : what to know; spoken : the tables, by place, of which every row counts in the sentence
+    notes : what to know; spoken : the tables, by place, of which every row counts in the sentence;
+    page : HTML of what was seen, to turn in space
     """
 
     say: Callable[[list[Table]], str]
@@ -88,6 +89,7 @@ class Outcome:
     plots: list[Plot] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     spoken: tuple[int, ...] = (0,)
+    page: str | None = None
 
     @property
     def sentence(self) -> str:

@@ -60,6 +60,8 @@ def _section(folder: Path, document: dict[str, Any]) -> str:
         parts.append(f'<p class="{kind}">{_text(document["status"])}: {_text(why)}</p>')
         return '\n'.join(parts)
     parts.append(f'<p><strong>{_text(document["sentence"])}</strong></p>')
+    if document.get('view'):
+        parts.append(f'<p><a href="{document["name"]}.html">What was seen and found, in space, to turn</a></p>')
     for number, plot in enumerate(document['plots']):
         name = f'{document["name"]}_{number}.png'
         draw(plot, folder / name)

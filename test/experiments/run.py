@@ -77,7 +77,10 @@ def main(arguments: list[str] | None = None) -> int:
                 if not options.force and is_done(path, options.tiny):
                     continue
                 bar.set_postfix_str(item.name)
-                document = conduct(item, options.tiny)
+                document, page = conduct(item, options.tiny)
+                document['view'] = page is not None
+                if page is not None:
+                    (options.out / f'{item.name}.html').write_text(page, encoding='utf-8')
                 whole = path.with_suffix('.part')  # who is killed while writing leaves no half of a result
                 whole.write_text(json.dumps(document, indent=1, default=plain) + '\n')
                 whole.replace(path)
@@ -103,8 +106,9 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def conduct(item: Experiment, tiny: bool) -> dict[str, Any]:
-    """Run one; a missing capability and a failure are results too."""
+def conduct(item: Experiment, tiny: bool) -> tuple[dict[str, Any], str | None]:
+    """Run one; a missing capability and a failure are results too. Its document, and its view in space as HTML."""
+    page = None
     document: dict[str, Any] = {
         'name': item.name,
         'title': item.title,
@@ -123,13 +127,15 @@ def conduct(item: Experiment, tiny: bool) -> dict[str, Any]:
             bar.update()
 
         try:
-            document.update(item.run(Setting(tiny, advance)).as_dict())
+            outcome = item.run(Setting(tiny, advance))
+            document.update(outcome.as_dict())
+            page = outcome.page
         except NotAvailable as missing:
             document.update(status='not available yet', why=str(missing))
         except Exception:  # one broken experiment must not cost the others
             document.update(status='failed', why=traceback.format_exc())
     document['seconds'] = round(time.perf_counter() - started, 1)
-    return document
+    return document, page
 
 
 def is_done(path: Path, tiny: bool) -> bool:

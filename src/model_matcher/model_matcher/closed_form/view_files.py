@@ -23,7 +23,7 @@ VIEW = 'view.html'
 
 
 def moment_of(
-    models: Sequence[ModelIndex], features: FeatureSet, views: Views | None = None, stamp_s: float = 0.0
+    models: Sequence[ModelIndex], features: FeatureSet, views: Views | None = None, stamp_s: float | None = None
 ) -> Moment:
     """Features with the models that are found among them.
 
@@ -34,8 +34,8 @@ def moment_of(
         Frame of the first camera, metres.
     views : Views, optional
         The images that they come from; poses are measured in them.
-    stamp_s : float
-        Seconds.
+    stamp_s : float, optional
+        Seconds; None of what has no place in time.
     """
     result = survey(models, features, views=views)
     return Moment(stamp_s, views, features, placed_objects(result.interpretations), result.reason or '')
@@ -51,7 +51,7 @@ def pair_moment(
     recovered = recovered_pair(files, raw, baseline)
     found = moment_of(models, recovered.features, recovered.views)
     hints = recovered.doubts() or ([] if found.placed else recovered.remedies())
-    return Moment(0.0, found.views, found.features, found.placed, '; '.join([found.words, *hints]).strip('; '))
+    return Moment(None, found.views, found.features, found.placed, '; '.join([found.words, *hints]).strip('; '))
 
 
 def recorded_moments(
@@ -95,7 +95,7 @@ def result_moment(result: CaseResult) -> tuple[dict[str, FeatureSet], list[Momen
     """The model and the one moment of a closed-form test."""
     views = Views.of([result.left, result.right], result.rig)
     placed = () if result.found is None else placed_objects([replace(result.found, model=result.model_name)])
-    return {result.model_name: result.model}, [Moment(0.0, views, result.data, placed, result.reason)]
+    return {result.model_name: result.model}, [Moment(None, views, result.data, placed, result.reason)]
 
 
 def write_view(folder: Path, title: str, models: Mapping[str, FeatureSet], moments: Sequence[Moment]) -> bool:

@@ -45,8 +45,8 @@ class Moment:
 
     Attributes
     ----------
-    stamp_s : float
-        Seconds.
+    stamp_s : float, optional
+        Seconds; None of what has no place in time.
     views : Views, optional
         Images and their cameras.
     features : FeatureSet
@@ -57,7 +57,7 @@ class Moment:
         What is to be said of it, such as why nothing was found.
     """
 
-    stamp_s: float
+    stamp_s: float | None = None
     views: Views | None = None
     features: FeatureSet = field(default_factory=FeatureSet.empty)
     placed: tuple[Placed, ...] = ()

@@ -207,8 +207,9 @@ async function draw() {
   if (!moment) return;
   state.drawing = true;
   element('words').textContent = moment.words;
-  const number = data.moments && data.moments.length > 1 ? `${state.at + 1} of ${data.moments.length}, ` : '';
-  element('where').textContent = `${number}${moment.stamp.toFixed(3)} s`;
+  const number = data.moments && data.moments.length > 1 ? [`${state.at + 1} of ${data.moments.length}`] : [];
+  const time = moment.stamp === null ? [] : [`${moment.stamp.toFixed(3)} s`];
+  element('where').textContent = [...number, ...time].join(', ');
   if (!state.chosen) chooseErrors(moment);
   drawImages(moment);
   drawTable(moment);
@@ -239,7 +240,7 @@ function stop() {
 /** One moment on, after the time that lay between the two. */
 function playOn() {
   const next = (state.at + 1) % state.moments.length;
-  const gap = state.moments[next].stamp - state.moments[state.at].stamp;
+  const gap = state.moments[next].stamp === null ? 1 : state.moments[next].stamp - state.moments[state.at].stamp;
   state.playing = setTimeout(() => { if (!state.drawing) go(next); playOn(); }, MM * Math.max(0.02, Math.min(gap || 0.1, 1)));
 }
 
