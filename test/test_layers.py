@@ -117,6 +117,7 @@ ROS_MODULES = (
     'recognise_node',
     'runtime',
     'beside',
+    'camera_input',
     'service_link',
     'parameter_values',
     'run_graph',

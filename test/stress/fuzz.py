@@ -146,7 +146,7 @@ class TopicFuzzer:
         if sync is not None:
             c = sync.counters
             waiting = sum(len(messages) for _, messages in sync._pending)
-            fates = 4 * c.sets + c.unmatched + c.late + waiting
+            fates = 4 * c.sets - c.borrowed + c.unmatched + c.late + c.spare + waiting
             if heard != fates:
                 raise Failed(f'heard {heard}, but matched, unmatched, late and waiting are {fates}')
 

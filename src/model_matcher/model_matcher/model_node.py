@@ -13,7 +13,8 @@ from csg_renderer.features.mesh_units import GUESS
 from csg_renderer.language.includes import models_folder
 from msgs_py import Pose
 from msgs_py.codecs import transform_message_type
-from msgs_py.node_runtime.config import Config, parameter
+from msgs_py.node_runtime.camera_input import CameraConfig
+from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode
 
@@ -25,7 +26,7 @@ NO_TF = 'parameter tf: tf2_msgs is not installed (ros-jazzy-tf2-msgs), so nothin
 
 
 @dataclass(frozen=True)
-class ModelConfig(Config):
+class ModelConfig(CameraConfig):
     """Parameters of a node of known models."""
 
     models: tuple[str, ...] = parameter(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
@@ -24,8 +24,9 @@ from msgs_py.codecs import (
     report_from_interpretations,
 )
 from msgs_py.node_runtime.beside import Beside
+from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics
 from msgs_py.node_runtime.config import parameter
-from msgs_py.node_runtime.runtime import StereoMessages, run_node
+from msgs_py.node_runtime.runtime import run_node
 from msgs_py.node_runtime.settings import SILENCE_S
 from msgs_py.numeric.deadline import Deadline
 from msgs_py.renaming import without_effect
@@ -37,7 +38,7 @@ from .model.index import ModelIndex
 from .model.library import working_distance
 from .model_node import ModelConfig, ModelNode
 from .node_answers import Answers
-from .node_views import ViewMemory, stamp_ns, views_of_cameras, views_of_pair
+from .node_views import ViewMemory, stamp_ns, views_of
 from .params import CONSTRAINTS, ENGINES, ORDERINGS, SCALES, SEARCHES, MatchParams, MatchResult
 from .pipeline import compile_steps, survey
 from .settings import MOST_CAMERAS, WAIT_FOR_IMAGES_S
@@ -158,6 +159,7 @@ class MatcherConfig(ModelConfig):
 
     def validate(self) -> None:
         """Raise ValueError, naming the parameter, when they do not go together."""
+        CameraTopics.of(self, self.cameras)
         try:
             self.match_params()
         except ValueError as error:
@@ -194,10 +196,7 @@ class MatcherNode(ModelNode[MatcherConfig]):
         self._images = ViewMemory()
         self._waiting: tuple[PointCloud2, float] | None = None
         self._seen = 0
-        if self.config.cameras == 2:
-            self.listen_stereo(self._on_pair, optional=True)
-        else:
-            self.listen_cameras(self.config.cameras, self._on_cameras, optional=True)
+        self.listen_images(CameraTopics.of(self.config, self.config.cameras), self._on_images, optional=True)
         self.listen(PointCloud2, 'features', self._on_features)
         self.create_timer(WAIT_FOR_IMAGES_S, self._wait_no_longer, clock=self._steady_clock)
 
@@ -262,13 +261,9 @@ class MatcherNode(ModelNode[MatcherConfig]):
 
     # -- work --------------------------------------------------------------------------------------------------
 
-    def _on_pair(self, messages: StereoMessages) -> None:
+    def _on_images(self, images: CameraImages) -> None:
         if self.config.use_images:
-            self._keep(stamp_ns(messages.left.header), views_of_pair(messages))
-
-    def _on_cameras(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
-        if self.config.use_images:
-            self._keep(stamp_ns(messages[0][0].header), views_of_cameras(messages))
+            self._keep(stamp_ns(images.header), views_of(images))
 
     def _keep(self, stamp: int, views: Views) -> None:
         """Remember images; features that waited for them, or for older ones, wait no longer."""

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
 from typing import Any
 
-import cv2
-import numpy as np
-
 from msgs_py import CameraRig, StereoRig
-from msgs_py.codecs import image_to_array
-from msgs_py.node_runtime.runtime import StereoMessages
-from msgs_py.numeric.typed import ByteArray
+from msgs_py.codecs import in_eight_bits
+from msgs_py.node_runtime.camera_input import CameraImages
 
 from .image_pose.views import Views
 from .settings import IMAGES_KEPT
@@ -25,28 +20,11 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
 
 
-def views_of_pair(messages: StereoMessages) -> Views:
-    """Rectified images of a stereo pair; raises ValueError naming what cannot be used."""
-    rig = StereoRig.from_camera_info(messages.left_info, messages.right_info)
-    return Views.of([grey_image(messages.left), grey_image(messages.right)], rig)
-
-
-def views_of_cameras(messages: Sequence[tuple[Any, Any]]) -> Views:
-    """Rectified images of any number of parallel cameras, each with its camera_info."""
-    rig = CameraRig.from_camera_info([info for _, info in messages])
-    return Views.of([grey_image(image) for image, _ in messages], rig)
-
-
-def grey_image(message: Any) -> ByteArray:
-    """(h, w) uint8 of an image message; of 16 bits the upper half."""
-    pixels, encoding = image_to_array(message)
-    if pixels.dtype == np.uint16:
-        pixels = (pixels >> 8).astype(np.uint8)
-    if pixels.dtype != np.uint8:
-        raise ValueError(f'image.encoding: {encoding!r} is no picture, expected 8 or 16 bits')
-    if pixels.ndim == 3:
-        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY if encoding == 'rgb8' else cv2.COLOR_BGR2GRAY)
-    return np.asarray(pixels, np.uint8)
+def views_of(images: CameraImages) -> Views:
+    """Rectified images of any number of parallel cameras; raises ValueError naming what cannot be used."""
+    infos = images.infos
+    rig = StereoRig.from_camera_info(*infos) if len(infos) == 2 else CameraRig.from_camera_info(infos)
+    return Views.of([in_eight_bits(picture) for picture in images.pictures()], rig)
 
 
 class ViewMemory:

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from msgs_py import Interpretation, Pose
 from msgs_py.codecs import interpretations_from_report, pose_from_message, pose_to_message
+from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics
 from msgs_py.node_runtime.config import parameter
-from msgs_py.node_runtime.runtime import StereoMessages, run_node
+from msgs_py.node_runtime.runtime import run_node
 
 from .image_pose.sight import Sight
 from .image_pose.views import Views
 from .model.index import ModelIndex
 from .model_node import ModelConfig, ModelNode
-from .node_views import NANOSECONDS, ViewMemory, stamp_ns, views_of_cameras, views_of_pair
+from .node_views import NANOSECONDS, ViewMemory, stamp_ns, views_of
 from .settings import MOST_CAMERAS
 from .tracking.compiling import compile_steps
 from .tracking.settings import ACCELERATION
@@ -69,6 +69,10 @@ class TrackerConfig(ModelConfig):
         read_only=True,
     )
 
+    def validate(self) -> None:
+        """Raise ValueError, naming the parameter, when they do not go together."""
+        CameraTopics.of(self, self.cameras)
+
 
 @dataclass
 class _Followed:
@@ -106,12 +110,7 @@ class TrackerNode(ModelNode[TrackerConfig]):
         self._start_transforms()
         self.prepare(compile_steps())
         queue = self.config.sync_queue_size, self.config.sync_tolerance
-        if self.config.cameras == 1:
-            self.listen_together('image', ('left/image_rect', 'left/camera_info'), self._on_one, *queue)
-        elif self.config.cameras == 2:
-            self.listen_stereo(self._on_pair, *queue)
-        else:
-            self.listen_cameras(self.config.cameras, self._on_cameras, *queue)
+        self.listen_images(CameraTopics.of(self.config, self.config.cameras), self._on_images, *queue)
         self.listen(DiagnosticArray, 'interpretations/report', self._on_report, optional=True)
 
     # -- configuration -----------------------------------------------------------------------------------------
@@ -180,15 +179,8 @@ class TrackerNode(ModelNode[TrackerConfig]):
 
     # -- work --------------------------------------------------------------------------------------------------
 
-    def _on_one(self, messages: dict[str, Any]) -> None:
-        image, info = messages['left/image_rect'], messages['left/camera_info']
-        self._follow(views_of_cameras([(image, info)]), image.header)
-
-    def _on_pair(self, messages: StereoMessages) -> None:
-        self._follow(views_of_pair(messages), messages.left.header)
-
-    def _on_cameras(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
-        self._follow(views_of_cameras(messages), messages[0][0].header)
+    def _on_images(self, images: CameraImages) -> None:
+        self._follow(views_of(images), images.header)
 
     def _follow(self, views: Views, header: Header) -> None:
         """One set of images: every object, the nearest first, for it hides the others."""

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from msgs_py import FeatureSet, Interpretation
 from msgs_py.codecs import cloud_to_features, interpretations_from_report, pose_from_message
-from msgs_py.node_runtime.config import Config, parameter
-from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
+from msgs_py.node_runtime.camera_input import CameraConfig, CameraImages, CameraTopics
+from msgs_py.node_runtime.config import parameter
+from msgs_py.node_runtime.runtime import GraphNode, run_node
 
-from .node_views import NANOSECONDS, stamp_ns, views_of_cameras, views_of_pair
+from .node_views import NANOSECONDS, stamp_ns, views_of
 from .settings import MOST_CAMERAS
 from .tracker_node import topic_name
 from .viewing.moments import Moment, Placed, moment_record, placed_objects
@@ -38,7 +39,7 @@ AWAITED = (IMAGES, FEATURES, FOUND)
 
 
 @dataclass(frozen=True)
-class ViewerConfig(Config):
+class ViewerConfig(CameraConfig):
     """Parameters of viewer_node."""
 
     port: int = parameter(
@@ -56,6 +57,10 @@ class ViewerConfig(Config):
         maximum=MOST_CAMERAS,
         read_only=True,
     )
+
+    def validate(self) -> None:
+        """Raise ValueError, naming the parameter, when they do not go together."""
+        CameraTopics.of(self, self.cameras)
 
 
 class ViewerNode(GraphNode[ViewerConfig]):
@@ -84,13 +89,8 @@ class ViewerNode(GraphNode[ViewerConfig]):
         except ValueError:
             self.destroy_node()
             raise
-        if self.config.cameras == 1:
-            topics = ('left/image_rect', 'left/camera_info')
-            self.listen_together('image', topics, self._on_one, WAITING, 0.0, optional=True)
-        elif self.config.cameras == 2:
-            self.listen_stereo(self._on_pair, WAITING, optional=True)
-        else:
-            self.listen_cameras(self.config.cameras, self._on_cameras, WAITING, optional=True)
+        topics = CameraTopics.of(self.config, self.config.cameras)
+        self.listen_images(topics, self._on_images, WAITING, optional=True)
         self.listen(PointCloud2, 'features', self._on_features, optional=True)
         self.listen(DiagnosticArray, 'interpretations/report', self._on_report, optional=True)
         self.listen(MarkerArray, 'interpretations/markers', self._on_markers, optional=True)
@@ -121,15 +121,8 @@ class ViewerNode(GraphNode[ViewerConfig]):
 
     # -- what comes --------------------------------------------------------------------------------------------
 
-    def _on_one(self, messages: dict[str, Any]) -> None:
-        image, info = messages['left/image_rect'], messages['left/camera_info']
-        self._take(image.header, IMAGES, views_of_cameras([(image, info)]))
-
-    def _on_pair(self, messages: StereoMessages) -> None:
-        self._take(messages.left.header, IMAGES, views_of_pair(messages))
-
-    def _on_cameras(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
-        self._take(messages[0][0].header, IMAGES, views_of_cameras(messages))
+    def _on_images(self, images: CameraImages) -> None:
+        self._take(images.header, IMAGES, views_of(images))
 
     def _on_features(self, message: PointCloud2) -> None:
         self._take(message.header, FEATURES, cloud_to_features(message))

@@ -6,6 +6,7 @@ before any of it is unpacked, and what is too large is refused by name.
 
 from __future__ import annotations
 
+import io
 import stat
 import struct
 import zipfile
@@ -160,6 +161,36 @@ def check_image(path: str | Path) -> Path:
     if size is not None and size[0] * size[1] > LARGEST_IMAGE:
         raise ValueError(f'{path}: {size[0]} x {size[1]} pixels, at most {LARGEST_IMAGE} are read')
     return path
+
+
+def check_packed_picture(data: bytes) -> None:
+    """Refuse a packed picture that is too large to be unpacked, or of no known format.
+
+    Parameters
+    ----------
+    data : bytes
+        Of a PNG, JPEG, BMP, TIFF or PGM.
+
+    Raises
+    ------
+    ValueError
+        Says what is wrong with it.
+    """
+    if not data:
+        raise ValueError('empty, expected a JPEG or PNG')
+    try:
+        size = _picture_size(io.BytesIO(data))
+    except (struct.error, ValueError, IndexError):
+        raise ValueError(f'{len(data)} bytes without the header of a picture; truncated?') from None
+    except _Promises as error:
+        raise ValueError(str(error)) from None
+    # A decoder fills up with grey what is missing, and that would have edges. No scan has these bytes inside.
+    if data.startswith(b'\xff\xd8') and data.rfind(b'\xff\xd9') < data.rfind(b'\xff\xda'):
+        raise ValueError(f'{len(data)} bytes of a JPEG without its end; truncated?')
+    if size is None:
+        raise ValueError(f'{len(data)} bytes that are neither JPEG nor PNG')
+    if size[0] * size[1] > LARGEST_IMAGE:
+        raise ValueError(f'{size[0]} x {size[1]} pixels, at most {LARGEST_IMAGE} are unpacked')
 
 
 def _picture_size(file: IO[bytes]) -> tuple[int, int] | None:

@@ -106,6 +106,56 @@ class TestStampSync:
         sync.add('a', 3, None)
         assert 'do not match' in sync.explain()
 
+    def test_what_lasts_is_lent_to_sets_that_wait_for_it(self):
+        sync = StampSync(['left', 'right', 'info'], lasting=['info'])
+        assert sync.add('info', 3, 'once') is None
+        sync.add('left', 10, 'l1')
+        assert sync.overdue() is None and sync.add('right', 10, 'r1') is None
+        assert sync.overdue() is None, 'it may be on its way'
+        assert sync.overdue() == {'left': 'l1', 'right': 'r1', 'info': 'once'}
+        sync.add('left', 20, 'l2')
+        assert sync.add('right', 20, 'r2') == {'left': 'l2', 'right': 'r2', 'info': 'once'}, 'the next need not wait'
+        assert sync.add('info', 4, 'another') is None and sync.counters.spare == 1
+        sync.add('left', 30, 'l3')
+        assert sync.add('right', 30, 'r3')['info'] == 'another'
+        sync.forget()
+        sync.add('left', 5, 'l0')
+        assert sync.add('right', 5, 'r0')['info'] == 'another', 'it will not come again'
+
+    def test_what_has_come_to_bear_stamps_is_waited_for_again(self):
+        sync = StampSync('abi', lasting='i')
+        for stamp in (10, 11):
+            sync.add('i', 1, 'old')
+            sync.add('a', stamp, 'a')
+            sync.add('b', stamp, 'b')
+            sync.overdue()
+            sync.overdue()
+        assert sync.counters.sets == 2
+        sync.add('i', 11, 'new')  # late, but of a pair
+        sync.add('a', 12, 'a')
+        assert sync.add('b', 12, 'b') is None
+        assert sync.add('i', 12, 'newer') == {'a': 'a', 'b': 'b', 'i': 'newer'}
+
+    def test_pairs_too_fast_to_wait_are_not_dropped(self):
+        sync = StampSync('abi', queue_size=3, lasting='i')
+        sync.add('i', 1, 'once')
+        found = []
+        for stamp in range(10, 30):
+            found += [sync.add('a', stamp, stamp), sync.add('b', stamp, stamp)]
+        assert [one['a'] for one in found if one] == list(range(12, 30)), 'nothing is waited for after the first'
+
+    @settings(max_examples=200, deadline=None)
+    @given(st.lists(st.tuples(st.sampled_from('abci'), st.integers(-5, 20)), max_size=80), st.integers(0, 2))
+    def test_every_message_has_a_fate(self, messages, tolerance):
+        sync = StampSync('abi', queue_size=3, tolerance_ns=tolerance, jump_ns=15, lasting='i')
+        for topic, stamp in messages:
+            found = sync.overdue() if topic == 'c' else sync.add(topic, stamp, stamp)
+            assert found is None or set(found) == set('abi')
+            assert found is None or abs(found['a'] - found['b']) <= 2 * tolerance
+        c = sync.counters
+        waiting = sum(len(pending) for _, pending in sync._pending)
+        assert 3 * c.sets - c.borrowed + c.unmatched + c.late + c.spare + waiting == sum(c.received.values())
+
     @settings(max_examples=100, deadline=None)
     @given(st.lists(st.tuples(st.sampled_from('abc'), st.integers(-5, 20)), max_size=60), st.integers(0, 2))
     def test_never_grows_never_raises_and_counts_everything(self, messages, tolerance):

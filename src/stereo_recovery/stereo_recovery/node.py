@@ -12,9 +12,10 @@ from visualization_msgs.msg import MarkerArray
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from msgs_py.camera import ImageWindow
-from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers, image_to_array
-from msgs_py.node_runtime.config import Config, parameter
-from msgs_py.node_runtime.runtime import GraphNode, StereoMessages, run_node
+from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers
+from msgs_py.node_runtime.camera_input import SIDES, CameraConfig, CameraImages, CameraTopics
+from msgs_py.node_runtime.config import parameter
+from msgs_py.node_runtime.runtime import GraphNode, run_node
 from msgs_py.numeric.typed import AnyArray
 
 from .cameras.rectification import Rectifier, RigImages
@@ -28,7 +29,7 @@ DEFAULT = RecoveryParams()
 
 
 @dataclass(frozen=True)
-class RecoveryConfig(Config):
+class RecoveryConfig(CameraConfig):
     """Parameters of recovery_node."""
 
     cameras: int = parameter(
@@ -130,6 +131,7 @@ class RecoveryConfig(Config):
     def validate(self) -> None:
         """Raises ValueError, naming the parameter, for values that the library refuses."""
         self.params()
+        CameraTopics.of(self, self.cameras)
         if self.calibration and self.cameras == 2:
             raise ValueError(
                 'parameter calibration: of two cameras camera_info says all; expected cameras to be 3 or more'
@@ -167,31 +169,31 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self._counts: dict[str, object] = {}
         self.prepare(compile_steps())
         queue = self.config.sync_queue_size, self.config.sync_tolerance
-        if self.config.cameras == 2:
-            self.listen_stereo(self.on_pair, *queue)
-        else:
-            self.listen_cameras(self.config.cameras, self.on_images, *queue)
+        self.listen_images(CameraTopics.of(self.config, self.config.cameras), self.on_images, *queue)
 
-    def on_pair(self, messages: StereoMessages) -> None:
-        """One stereo pair. Everything published carries the left image's header."""
-        left, _ = image_to_array(messages.left)
-        right, _ = image_to_array(messages.right)
+    def on_images(self, images: CameraImages) -> None:
+        """One image of each camera. Everything published carries the first one's header."""
+        recover_them = self._of_pair if len(images.infos) == 2 else self._of_many
+        self._publish(*recover_them(images), images.header)
+
+    def _of_pair(self, images: CameraImages) -> tuple[Recovery, AnyArray, PinholeCamera]:
+        """Of a pair: what was found, the left picture, and its camera."""
+        left, right = images.pictures()
         if self.config.rectify:
-            rectifier = self._rectifier_for(messages)
+            rectifier = self._rectifier_for(images.infos)
             left, right = rectifier.apply(left, right)
             rig = rectifier.rig
         else:
-            rig = StereoRig.from_camera_info(messages.left_info, messages.right_info)
-            _check_size('left', left, messages.left_info)
-            _check_size('right', right, messages.right_info)
-        self._publish(recover(left, right, rig, self.config.params()), left, rig.left, messages.left.header)
+            rig = StereoRig.from_camera_info(*images.infos)
+            for side, picture, info in zip(SIDES, (left, right), images.infos):
+                _check_size(side, picture, info)
+        return recover(left, right, rig, self.config.params()), left, rig.left
 
-    def on_images(self, messages: Sequence[tuple[Image, CameraInfo]]) -> None:
-        """One image of each camera. Everything published carries the first one's header."""
-        images = self._images_for([info for _, info in messages])
-        pictures = images.apply([image_to_array(image)[0] for image, _ in messages])
-        result = recover(pictures, images.rig, self.config.params())
-        self._publish(result, pictures[0], images.rig.cameras[0], messages[0][0].header)
+    def _of_many(self, images: CameraImages) -> tuple[Recovery, AnyArray, PinholeCamera]:
+        """The same of three cameras and more, of the first of them."""
+        rig_images = self._images_for(images.infos)
+        pictures = rig_images.apply(images.pictures())
+        return recover(pictures, rig_images.rig, self.config.params()), pictures[0], rig_images.rig.cameras[0]
 
     def _publish(self, result: Recovery, picture: AnyArray, camera: PinholeCamera, header: Header) -> None:
         """Publish what was found; the picture is that of the left or first camera."""
@@ -212,11 +214,11 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             self.problem(f'no features: {result.reason}')
         self.done(header)
 
-    def _rectifier_for(self, messages: StereoMessages) -> Rectifier:
+    def _rectifier_for(self, infos: Sequence[CameraInfo]) -> Rectifier:
         """The rectification maps for this calibration, made again only when it has changed."""
-        key = _calibration_of((messages.left_info, messages.right_info))
+        key = _calibration_of(infos)
         if self._rectifier is None or key != self._calibration:
-            self._rectifier, self._calibration = Rectifier(messages.left_info, messages.right_info), key
+            self._rectifier, self._calibration = Rectifier(*infos), key
         return self._rectifier
 
     def _images_for(self, infos: Sequence[CameraInfo]) -> RigImages:

@@ -15,8 +15,9 @@ from .collision import (
 from .detections import Detection, detection_messages, detections_to_message
 from .errors import CodecError
 from .features import cloud_to_features, features_to_cloud
-from .images import array_to_image, gray_from_image, image_to_array
+from .images import array_to_image, image_to_array
 from .markers import DEFAULT_COLOURS, features_to_markers
+from .pictures import gray_from_image, grey_picture, in_eight_bits
 from .poses import (
     array_to_poses,
     pose_from_message,
@@ -45,7 +46,9 @@ __all__ = [
     'features_to_cloud',
     'features_to_markers',
     'gray_from_image',
+    'grey_picture',
     'image_to_array',
+    'in_eight_bits',
     'interpretations_from_report',
     'objects_to_markers',
     'pose_from_message',

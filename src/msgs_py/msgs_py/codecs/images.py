@@ -9,7 +9,7 @@ import numpy as np
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from ..numeric.typed import AnyArray, ByteArray
+from ..numeric.typed import AnyArray
 from .errors import CodecError
 
 # Encodings that are understood: element type without byte order, channels.
@@ -17,13 +17,18 @@ ENCODINGS: dict[str, tuple[str, int]] = {
     'mono8': ('u1', 1),
     'rgb8': ('u1', 3),
     'bgr8': ('u1', 3),
+    'rgba8': ('u1', 4),
+    'bgra8': ('u1', 4),
     'mono16': ('u2', 1),
+    'rgb16': ('u2', 3),
+    'bgr16': ('u2', 3),
+    'rgba16': ('u2', 4),
+    'bgra16': ('u2', 4),
+    **{f'bayer_{order}{bits}': (f'u{bits // 8}', 1) for bits in (8, 16) for order in ('rggb', 'bggr', 'gbrg', 'grbg')},
     '32FC1': ('f4', 1),
 }
 # The same memory layouts under the names OpenCV users publish.
-ALIASES = {'8UC1': 'mono8', '8UC3': 'bgr8', '16UC1': 'mono16'}
-# Weights of red, green and blue in a grey level: ITU-R BT.601, as in every grey conversion of OpenCV.
-LUMA = np.array([0.299, 0.587, 0.114])
+ALIASES = {'8UC1': 'mono8', '8UC3': 'bgr8', '8UC4': 'bgra8', '16UC1': 'mono16', '16UC3': 'bgr16', '16UC4': 'bgra16'}
 
 
 def image_to_array(message: Image) -> tuple[AnyArray, str]:
@@ -36,9 +41,9 @@ def image_to_array(message: Image) -> tuple[AnyArray, str]:
 
     Returns
     -------
-    pixels : (height, width) or (height, width, 3) array of uint8, uint16 or float32
-        In this machine's byte order. It is a view of the message's memory where that is possible: copy it before
-        changing it.
+    pixels : (height, width) or (height, width, 3 or 4) array of uint8, uint16 or float32
+        In this machine's byte order; of a Bayer encoding the mosaic as it is. It is a view of the message's memory
+        where that is possible: copy it before changing it.
     encoding : str
         One of ENCODINGS.
 
@@ -83,41 +88,12 @@ def image_to_array(message: Image) -> tuple[AnyArray, str]:
     return (pixels.reshape(height, width, channels) if channels > 1 else pixels.reshape(height, width)), encoding
 
 
-def gray_from_image(message: Image) -> ByteArray:
-    """Grey levels of any image but a depth image.
-
-    Parameters
-    ----------
-    message : sensor_msgs.msg.Image
-        Levels of 16 bits are divided by 256; colours are weighted as in ITU-R BT.601.
-
-    Returns
-    -------
-    (height, width) uint8
-
-    Raises
-    ------
-    CodecError
-        As :func:`image_to_array`, and for 32FC1.
-    """
-    pixels, encoding = image_to_array(message)
-    if encoding == 'mono8':
-        return pixels
-    if encoding == 'mono16':
-        return (pixels >> 8).astype(np.uint8)
-    if encoding == '32FC1':
-        raise CodecError('image.encoding: 32FC1 is a depth image, expected grey levels or colour')
-    weights = LUMA if encoding == 'rgb8' else LUMA[::-1]
-    levels: ByteArray = np.rint(pixels @ weights).astype(np.uint8)
-    return levels
-
-
 def array_to_image(pixels: AnyArray, encoding: str, header: Header | None = None) -> Image:
     """The message of an array of pixels.
 
     Parameters
     ----------
-    pixels : (height, width) or (height, width, 3) array
+    pixels : (height, width) or (height, width, 3 or 4) array
         With the element type of the encoding.
     encoding : str
         One of ENCODINGS.
@@ -137,7 +113,7 @@ def array_to_image(pixels: AnyArray, encoding: str, header: Header | None = None
         raise CodecError(f'encoding: {encoding!r} is unknown, expected one of {", ".join(ENCODINGS)}')
     element, channels = ENCODINGS[encoding]
     pixels = np.asarray(pixels)
-    expected = 'shape (h, w, 3)' if channels == 3 else 'shape (h, w)'
+    expected = f'shape (h, w, {channels})' if channels > 1 else 'shape (h, w)'
     if pixels.ndim != (3 if channels > 1 else 2) or (channels > 1 and pixels.shape[2] != channels):
         raise CodecError(f'pixels: shape {pixels.shape}, expected {expected} for {encoding}')
     if pixels.dtype != np.dtype(element):

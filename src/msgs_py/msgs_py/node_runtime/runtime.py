@@ -26,13 +26,14 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from ..numeric.steps import CompileStep, Preparation
+from .camera_input import COMPRESSED, INFO, RAW, CameraImages, CameraTopics, message_type
 from .config import Config, ParameterSpec
 from .health import Health, SequenceGaps, shortened
 from .renaming import notice
@@ -40,6 +41,7 @@ from .settings import (
     COMPILING_HEARD_S,
     DIAGNOSTICS_DEPTH,
     DIAGNOSTICS_PERIOD_S,
+    INFO_WAIT_S,
     NANOSECONDS,
     PENDING_SETS,
     QUEUE_DEPTH,
@@ -295,6 +297,7 @@ class GraphNode(Node, Generic[_C]):
             except (InvalidParameterTypeException, InvalidParameterValueException, ValueError) as error:
                 self.problem(f'{error}; using the default {spec.default!r}')
                 if self.has_parameter(spec.name):
+                    self.describe_parameter(spec.name).read_only = False  # or it could not be taken back
                     self.undeclare_parameter(spec.name)
                 self._declare_one(spec, ignore_override=True)
                 continue
@@ -515,31 +518,30 @@ class GraphNode(Node, Generic[_C]):
 
         self.listen_together('stereo pair', STEREO_TOPICS, on_set, queue_size, tolerance_s, optional)
 
-    def listen_cameras(
+    def listen_images(
         self,
-        count: int,
-        callback: Callable[[Sequence[tuple[Image, CameraInfo]]], None],
+        topics: CameraTopics,
+        callback: Callable[[CameraImages], None],
         queue_size: int = PENDING_SETS,
         tolerance_s: float = 0.0,
         optional: bool = False,
     ) -> None:
-        """Subscribe to the topics of any number of cameras: camera_0/image_rect, camera_0/camera_info, camera_1/...
+        """Subscribe to the images of cameras, raw or compressed, and to their camera_info.
 
         Parameters
         ----------
-        count : int
-            Of cameras.
+        topics : CameraTopics
         callback : callable
-            Takes image and camera_info of each camera, of one stamp.
+            Takes the CameraImages of one stamp.
         queue_size, tolerance_s, optional
             As for :meth:`listen_stereo`.
         """
-        topics = [f'camera_{k}/{name}' for k in range(count) for name in ('image_rect', 'camera_info')]
 
         def on_set(messages: dict[str, Any]) -> None:
-            callback([(messages[image], messages[info]) for image, info in zip(topics[::2], topics[1::2])])
+            images, infos = ([messages[name] for name in names] for names in (topics.images, topics.infos))
+            callback(CameraImages(topics, images, infos))
 
-        self.listen_together('set of images', topics, on_set, queue_size, tolerance_s, optional)
+        self.listen_together(topics.source, topics.all, on_set, queue_size, tolerance_s, optional)
 
     def listen_together(
         self,
@@ -552,26 +554,34 @@ class GraphNode(Node, Generic[_C]):
     ) -> None:
         """Subscribe to topics of images and camera_info that belong together.
 
+        Where camera_info does not bear the stamps of the images (a driver that publishes it once, or at a rate of its
+        own), the last one counts; what was published before this node came is asked for where it is kept.
+
         Parameters
         ----------
         source : str
             What a set of them is called in messages.
         topics : sequence of str
-            Those that end in camera_info carry one, the others images.
+            Those that end in camera_info carry one, those in compressed a compressed image, the others images.
         callback : callable
             Takes the messages of one stamp by their topics.
         queue_size, tolerance_s, optional
             As for :meth:`listen_stereo`.
         """
-        on_set = self._when_prepared(source, callback)
-        sync = StampSync(topics, queue_size, round(tolerance_s * NANOSECONDS))
+        on_set = self._when_prepared(source, self._guard(source, callback))
+        lasting = [topic for topic in topics if topic.endswith(INFO)]
+        sync = StampSync(topics, queue_size, round(tolerance_s * NANOSECONDS), lasting=lasting)
         if optional:
             self._optional_syncs.append(sync)
         else:
             self._sync = sync
 
+        kept: set[str] = set()
+
         def joined(topic: str) -> Callable[[Any], None]:
             def on_message(message: Any) -> None:
+                if topic in kept and message == sync.last(topic):
+                    return  # both subscriptions hear what comes
                 stamp = message.header.stamp
                 complete = sync.add(topic, stamp.sec * NANOSECONDS + stamp.nanosec, message)
                 if complete is not None:
@@ -579,9 +589,41 @@ class GraphNode(Node, Generic[_C]):
 
             return on_message
 
-        for topic in topics:
-            kind = CameraInfo if topic.endswith('camera_info') else Image
-            self._subscribe(kind, topic, joined(topic), optional=optional)
+        takers = {topic: joined(topic) for topic in topics}
+        for topic, take in takers.items():
+            self._subscribe(message_type(topic), topic, take, optional=optional)
+
+        def look() -> None:
+            for topic in sync.unheard:
+                if topic not in kept and self._is_kept(topic):
+                    kept.add(topic)
+                    self._ask_for_kept(topic, takers[topic])
+            complete = sync.overdue()
+            if complete is not None:
+                on_set(complete)
+
+        self.create_timer(INFO_WAIT_S, look, clock=self._steady_clock)
+
+    def _is_kept(self, topic: str) -> bool:
+        """Whether a publisher keeps its last messages for who comes late ("latched")."""
+        publishers = self.get_publishers_info_by_topic(topic)
+        return any(one.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for one in publishers)
+
+    def _ask_for_kept(self, topic: str, take: Callable[[Any], None]) -> None:
+        """Subscribe to what is kept of a topic, which a subscription to what comes does not get.
+
+        It is not made beside every subscription: all publishers that keep nothing would warn of it.
+        """
+        asked = copy.copy(INPUT_QOS)
+        asked.durability, asked.reliability = QoSDurabilityPolicy.TRANSIENT_LOCAL, QoSReliabilityPolicy.RELIABLE
+        guarded = self._guard(topic, take)
+
+        def on_kept(message: Any) -> None:
+            if topic in self._received:
+                self._received[topic] += 1
+            guarded(message)
+
+        self.create_subscription(message_type(topic), topic, on_kept, asked)
 
     def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
         """A callback that reports what the given one raises, under the name of its source."""
@@ -644,6 +686,9 @@ class GraphNode(Node, Generic[_C]):
             return own
         if self._others_compiling():
             return None  # what is expected from them comes when they are ready
+        other = self._other_transport()
+        if other is not None:
+            return other
         if self._sync is not None and self._sync.explain() is not None:
             return self._sync.explain()
         deaf = [topic for topic, count in self._received.items() if count == 0]
@@ -652,6 +697,18 @@ class GraphNode(Node, Generic[_C]):
         if self._received and self.health.last_error_time is not None and self.health.last_error_time >= since:
             return f'every input was refused: {self.health.last_error}'
         return f'no input for {now - since:.0f} s' if self._received else None
+
+    def _other_transport(self) -> str | None:
+        """Whether images that nobody sends raw are there compressed, or the other way round, and the remedy."""
+        for topic, count in self._received.items():
+            packed = topic.endswith(f'/{COMPRESSED}')
+            other = topic.removesuffix(f'/{COMPRESSED}') if packed else f'{topic}/{COMPRESSED}'
+            if count == 0 and not topic.endswith(INFO) and self.count_publishers(other):
+                return (
+                    f'nothing received on {topic}, but {other} is published: set image_transport to '
+                    f'{RAW if packed else COMPRESSED}'
+                )
+        return None
 
     def _publish_diagnostics(self) -> None:
         self._on_prepared()  # should its guard condition have been overheard

@@ -34,3 +34,6 @@ UNBOUNDED_INTEGER = 2**62
 NANOSECONDS = 1_000_000_000
 # Sets of stereo messages that wait for their missing members.
 PENDING_SETS = 5
+# Half the time that images wait for camera_info of their stamp, seconds, before the last one counts; afterwards they do
+# not wait. Of one stamp they are published within milliseconds.
+INFO_WAIT_S = 0.1

@@ -15,12 +15,18 @@ from .settings import NANOSECONDS, PENDING_SETS
 
 @dataclass
 class SyncCounters:
-    """What happened so far; all numbers of messages, except ``sets`` and ``clock_jumps``."""
+    """What happened so far; all numbers of messages, except ``sets`` and ``clock_jumps``.
+
+    ``borrowed`` are the messages of lasting topics that a set took though they have another stamp, ``spare`` those that
+    came while sets borrow, and belong to no stamp of a set.
+    """
 
     sets: int = 0
     unmatched: int = 0
     late: int = 0
     clock_jumps: int = 0
+    borrowed: int = 0
+    spare: int = 0
     received: dict[str, int] = field(default_factory=dict)
 
 
@@ -38,6 +44,9 @@ class StampSync:
     jump_ns : int
         A stamp this far behind the newest emitted set means that the clock jumped back, and everything pending is
         forgotten.
+    lasting : sequence of str
+        Topics whose last message holds until another comes: where they do not bear the stamps of the others (a driver
+        that says once how its cameras are calibrated), sets take the last one.
 
     Raises
     ------
@@ -55,7 +64,12 @@ class StampSync:
     """
 
     def __init__(
-        self, topics: Sequence[str], queue_size: int = PENDING_SETS, tolerance_ns: int = 0, jump_ns: int = NANOSECONDS
+        self,
+        topics: Sequence[str],
+        queue_size: int = PENDING_SETS,
+        tolerance_ns: int = 0,
+        jump_ns: int = NANOSECONDS,
+        lasting: Sequence[str] = (),
     ) -> None:
         if len(set(topics)) != len(topics) or not topics:
             raise ValueError(f'topics: expected distinct names, got {list(topics)}')
@@ -63,7 +77,10 @@ class StampSync:
             raise ValueError(f'queue_size: expected at least 1, got {queue_size}')
         if tolerance_ns < 0 or jump_ns <= 0:
             raise ValueError('tolerance_ns: expected >= 0; jump_ns: expected > 0')
+        if not set(lasting) < set(topics):
+            raise ValueError(f'lasting: expected some of {list(topics)}, got {list(lasting)}')
         self.topics = tuple(topics)
+        self.lasting = tuple(lasting)
         self.queue_size = queue_size
         self.tolerance_ns = tolerance_ns
         self.jump_ns = jump_ns
@@ -71,6 +88,9 @@ class StampSync:
         self._pending: list[tuple[int, dict[str, Any]]] = []  # (stamp of the first arrival, messages), by arrival
         self._newest_emitted: int | None = None
         self._late_run = dict.fromkeys(self.topics, 0)
+        self._last: dict[str, Any] = {}  # of lasting topics
+        self._borrows = False  # whether the last set has borrowed: then the next one need not wait
+        self._overdue: dict[str, Any] | None = None  # what lacked only lasting topics at the last look
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> dict[str, Any] | None:
         """Take a message.
@@ -91,6 +111,12 @@ class StampSync:
         if topic not in self.counters.received:
             raise ValueError(f'topic: expected one of {", ".join(self.topics)}, got {topic!r}')
         self.counters.received[topic] += 1
+        if topic in self.lasting:
+            self._last[topic] = message
+            if self._borrows and not self._belongs(stamp_ns):
+                self.counters.spare += 1
+                return None
+            self._borrows = False
         if self._newest_emitted is not None and stamp_ns <= self._newest_emitted:
             if not self._clock_jumped(topic, stamp_ns):
                 self.counters.late += 1
@@ -101,17 +127,41 @@ class StampSync:
         messages = self._group(topic, stamp_ns)
         self.counters.unmatched += topic in messages
         messages[topic] = message
-        if len(messages) < len(self.topics):
-            self._evict()
+        if len(messages) == len(self.topics):
+            self._borrows = False
+            self._emit(messages)
+            return messages
+        if self._borrows and self._lacks_lasting(messages):
+            return self._borrowed(messages)
+        return self._evict()
+
+    def overdue(self) -> dict[str, Any] | None:
+        """To be called now and then: a set that has lacked nothing but lasting topics since the call before.
+
+        Returns
+        -------
+        dict of str to object, or None
+            The newest such set, with the last messages of those topics.
+        """
+        before, self._overdue = self._overdue, self._lacking_lasting()
+        if self._overdue is None or self._overdue is not before:
             return None
-        self._emit(messages)
-        return messages
+        return self._borrowed(self._overdue)
+
+    @property
+    def unheard(self) -> list[str]:
+        """Lasting topics of which nothing was received."""
+        return [topic for topic in self.lasting if topic not in self._last]
+
+    def last(self, topic: str) -> Any:
+        """The last message of a lasting topic; None before there is one."""
+        return self._last.get(topic)
 
     def forget(self) -> None:
-        """Drop everything pending, and the memory of what was emitted."""
+        """Drop everything pending, and the memory of what was emitted; what lasts is kept."""
         self.counters.unmatched += sum(len(messages) for _, messages in self._pending)
         self._pending.clear()
-        self._newest_emitted = None
+        self._newest_emitted, self._overdue = None, None
         self._late_run = dict.fromkeys(self.topics, 0)
 
     def explain(self) -> str | None:
@@ -155,10 +205,38 @@ class StampSync:
         self._pending.append((stamp_ns, messages))
         return messages
 
-    def _evict(self) -> None:
-        """Keep the queue within its size."""
+    def _belongs(self, stamp_ns: int) -> bool:
+        """Whether a stamp is that of something pending, or of the newest set."""
+        stamps = [stamp for stamp, _ in self._pending]
+        if self._newest_emitted is not None:
+            stamps.append(self._newest_emitted)
+        return any(abs(stamp - stamp_ns) <= self.tolerance_ns for stamp in stamps)
+
+    def _lacks_lasting(self, messages: dict[str, Any]) -> bool:
+        """Whether a set lacks nothing but messages of lasting topics, of which there are earlier ones."""
+        return all(topic in messages or topic in self._last for topic in self.topics)
+
+    def _lacking_lasting(self) -> dict[str, Any] | None:
+        """The pending set of the newest stamp that lacks nothing else."""
+        found = [entry for entry in self._pending if self._lacks_lasting(entry[1])]
+        return max(found, key=lambda entry: entry[0])[1] if found else None
+
+    def _borrowed(self, messages: dict[str, Any]) -> dict[str, Any]:
+        """The set, emitted, with the last messages of the lasting topics that it lacks."""
+        missing = [topic for topic in self.lasting if topic not in messages]
+        self._emit(messages)
+        self.counters.borrowed += len(missing)
+        self._borrows = True
+        return messages | {topic: self._last[topic] for topic in missing}
+
+    def _evict(self) -> dict[str, Any] | None:
+        """Keep the queue within its size; what would be dropped for want of lasting topics alone is a set."""
         while len(self._pending) > self.queue_size:
+            lacking = self._lacking_lasting() if self._lacks_lasting(self._pending[0][1]) else None
+            if lacking is not None:
+                return self._borrowed(lacking)
             self.counters.unmatched += len(self._pending.pop(0)[1])
+        return None
 
     def _emit(self, messages: dict[str, Any]) -> None:
         """Take the set out of the queue, and with it every older one: they would come out of order.

@@ -138,15 +138,13 @@ def _is_topic(recorded: str, name: str) -> bool:
 
 def _recorded_grey(message: Any, path: Path) -> ByteArray:
     """(h, w) uint8 of a recorded image. Raises ValueError for one that cannot be read."""
-    if not hasattr(message, 'encoding'):
-        image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise ValueError(f'{path}: a compressed image ({message.format}) that cannot be read')
-        return np.asarray(image, np.uint8)
-    # The codecs know ROS, which compressed images do without.
-    from ...node_views import grey_image
+    # The codecs need message classes, which a folder of pictures does without.
+    from msgs_py.codecs import CodecError, gray_from_image
 
-    return grey_image(message)
+    try:
+        return gray_from_image(message)
+    except CodecError as error:
+        raise ValueError(f'{path}: {error}') from None
 
 
 def _info(message: Any) -> SimpleNamespace:
