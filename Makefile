@@ -10,13 +10,14 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHONUNBUFFERED := 1
 TEST_WORKERS ?= 2
 
-.PHONY: help setup demo test test-oldest coverage lint bench experiments docs site stress fresh-seeds colcon clean
+.PHONY: help setup demo test test-oldest coverage mutants lint bench experiments docs site stress fresh-seeds colcon clean
 
 help:
 	@echo 'make demo         render, recover, match, track: scenes and a real stereo pair, into demo_out/'
 	@echo 'make test         the test suite'
 	@echo 'make test-oldest  the same on the oldest supported versions (needs python3.12; OLDEST_PYTHON names another)'
 	@echo 'make coverage     how much of the pure modules the tests run, into out/coverage/index.html'
+	@echo 'make mutants      whether the tests notice small changes of the code, by sample, into test/mutation/SURVIVORS.md'
 	@echo 'make lint         ruff and mypy'
 	@echo 'make bench        speed, beside the tools you might use instead'
 	@echo 'make experiments  the tables of the thesis, beside ours'
@@ -63,6 +64,9 @@ coverage: $(READY)
 	$(PY) -m coverage combine --quiet
 	$(PY) -m coverage html --quiet --directory out/coverage
 	$(PY) -m coverage report --skip-covered --sort=cover
+
+mutants: $(READY)
+	$(PY) test/mutation/run.py
 
 lint: $(READY)
 	$(PY) -m ruff format --check src test

@@ -1,4 +1,4 @@
-"""What all tests share: a profile of hypothesis for runs that look for what nobody has seen, and a browser."""
+"""What all tests share: profiles of hypothesis, a run in which compiled functions are interpreted, and a browser."""
 
 from __future__ import annotations
 
@@ -7,14 +7,55 @@ import itertools
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 
+# make fresh-seeds: looks for what nobody has seen.
 settings.register_profile('many', max_examples=1000, deadline=None)
+# make mutants: failures that nobody reads.
+settings.register_profile('mutants', database=None, deadline=None, phases=(Phase.explicit, Phase.generate))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """The option ``--interpreted``."""
+    parser.addoption(
+        '--interpreted',
+        type=float,
+        metavar='SECONDS',
+        help='run compiled functions as plain Python; a test that needs more CPU time is ended and skipped',
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Tell numba, which no plugin has imported yet, not to compile."""
+    config.addinivalue_line('markers', 'compiled: is about machine code or its speed, and not run interpreted')
+    if config.getoption('--interpreted'):
+        os.environ['NUMBA_DISABLE_JIT'] = '1'
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is about machine code."""
+    if config.getoption('--interpreted'):
+        items[:] = [item for item in items if item.get_closest_marker('compiled') is None]
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """End a test that takes too long interpreted."""
+    limit = item.config.getoption('--interpreted')
+    if limit:
+        # A skip passes through hypothesis, which would look for a smaller example of any other exception.
+        signal.signal(signal.SIGPROF, lambda *_: pytest.skip(f'takes longer than {limit:g} s interpreted'))
+        signal.setitimer(signal.ITIMER_PROF, limit)
+    yield
+    if limit:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
 class Browser:

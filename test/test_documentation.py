@@ -41,10 +41,20 @@ def test_tables_and_parameter_files_are_what_the_code_says():
     assert result.returncode == 0, result.stdout + result.stderr[-2000:] + '\nrun python test/docs/generate.py'
 
 
+LINK = re.compile(r'\]\(([^)#:]+)\)')
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page):
-    for target in re.findall(r'\]\(([^)#:]+)\)', page.read_text(encoding='utf-8')):
+    for target in LINK.findall(page.read_text(encoding='utf-8')):
         assert (page.parent / target).exists(), target
+
+
+def test_pages_have_links_and_examples():
+    """What the tests about each page look for is there to be found."""
+    texts = [page.read_text(encoding='utf-8') for page in PAGES]
+    assert len(PAGES) > 12 and sum(len(LINK.findall(text)) for text in texts) > 60
+    assert sum(len(blocks(page, 'python')) for page in PAGES) > 8
 
 
 def test_the_tests_that_the_list_of_promises_names_exist():
@@ -118,4 +128,4 @@ def test_pictures_are_drawn_by_their_command(tmp_path):
         for page in PAGES
         for target in re.findall(r'!\[[^\]]*\]\(([^)]+)\)', page.read_text(encoding='utf-8'))
     }
-    assert drawn <= shown
+    assert drawn and drawn <= shown

@@ -199,6 +199,10 @@ PAGES = [ROOT / 'README.md', *sorted((ROOT / 'src').glob('*/README.md')), *sorte
 RUN = re.compile(r'\.venv/bin/(?:render|features|closed_form|dap|model_table) [^`\n#]*')
 
 
+def test_the_pages_have_commands():
+    assert sum(len(RUN.findall(page.read_text(encoding='utf-8'))) for page in PAGES) > 5
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_the_pages_run(page, tmp_path):
     """Those that need no files of the user's own and no minutes; they are run in an empty folder."""

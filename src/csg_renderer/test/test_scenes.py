@@ -79,15 +79,16 @@ def test_both_sides_of_every_edge_differ_in_grey(name):
     (placement,) = scene.placements
     grey = cv2.cvtColor(render(scene).image, cv2.COLOR_RGB2GRAY).astype(float)
     fragments = visible_fragments(placement.model, placement.pose, scene.camera).features
-    weak = []
+    weak, looked_at = [], 0
     for start, end in zip(scene.camera.project(fragments.start), scene.camera.project(fragments.end)):
         along = end - start
         if np.linalg.norm(along) < 30.0:
             continue
+        looked_at += 1
         across = 2.5 * np.array([-along[1], along[0]]) / np.linalg.norm(along)
         points = start + np.linspace(0.2, 0.8, 21)[:, None] * along
         one, other = (np.rint(points + side * across).astype(int) for side in (1, -1))
         step = float(np.median(np.abs(grey[one[:, 1], one[:, 0]] - grey[other[:, 1], other[:, 0]])))
         if step < 20.0:
             weak.append((start.round(), end.round(), step))
-    assert not weak
+    assert not weak and looked_at >= 6

@@ -162,6 +162,7 @@ def test_a_true_pairing_is_never_pruned_when_errors_are_inside_their_bounds(name
     for signs in (True, False):
         tables = build_tables(index, data, MatchParams(signs=signs, fracdev=1e-9, overhang=0.0, max_cone_deg=90.0))
         assert tables.unary[np.arange(n), origin].all()
+        assert len(tables.pairs) == n * (n - 1) // 2
         for p, (a, b) in enumerate(tables.pairs):
             code = int(tables.code[p, origin[a], origin[b]])
             assert code
@@ -175,6 +176,7 @@ def test_type_masks_keep_edges_curves_and_axes_apart():
     tables = build_tables(index_model(model), model, MatchParams())
     same = model.kind[:, None] == model.kind[None]
     assert not tables.unary[~same].any()
+    assert len(tables.pairs) == len(model) * (len(model) - 1) // 2
     for p, (a, b) in enumerate(tables.pairs):
         assert not tables.code[p][~(same[a][:, None] & same[b][None])].any()
 

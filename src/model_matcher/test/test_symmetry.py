@@ -39,7 +39,9 @@ def test_mirror_symmetry_is_no_symmetry_but_the_turn_of_a_mirrored_outline_is():
 def test_every_symmetry_lays_the_features_on_themselves():
     model = regular(4)
     points = np.concatenate([model.start, model.end])
-    for motion in symmetries(index_model(model)):
+    found = symmetries(index_model(model))
+    assert len(found) == 7, 'a square prism has eight, with the one that moves nothing'
+    for motion in found:
         assert np.linalg.det(motion.rotation) == pytest.approx(1.0)
         gaps = np.linalg.norm(motion.apply(points)[:, None] - points, axis=2).min(axis=1)
         assert gaps.max() < 1e-9

@@ -117,8 +117,8 @@ class FeatureSet:
             'start': as_finite('start', _rows(self.start, n, 3), (n, 3)),
             'end': as_finite('end', _rows(self.end, n, 3), (n, 3)),
             'radii': as_shaped('radii', _rows(self.radii, n, 2), (n, 2)),
-            'err_par': as_finite('err_par', np.broadcast_to(self.err_par, (n,)), (n,)),
-            'err_per': as_finite('err_per', np.broadcast_to(self.err_per, (n,)), (n,)),
+            'err_par': as_finite('err_par', _each(self.err_par, n), (n,)),
+            'err_per': as_finite('err_per', _each(self.err_per, n), (n,)),
         }
         if (arrays['err_par'] < 0).any() or (arrays['err_per'] < 0).any():
             raise ValueError('err_par, err_per: expected distances >= 0')
@@ -463,3 +463,9 @@ def _rows(array: ArrayLike, n: int, columns: int) -> FloatArray:
     """An empty list stands for zero rows of any width."""
     array = np.asarray(array, dtype=np.float64)
     return array.reshape(n, columns) if array.size == 0 and n == 0 else array
+
+
+def _each(values: ArrayLike, n: int) -> FloatArray:
+    """One number stands for n of them."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.full(n, array) if array.shape in ((), (1,)) else array

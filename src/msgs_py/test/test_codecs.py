@@ -307,8 +307,10 @@ class TestMarkersAndReports:
         for marker in markers[1:]:
             assert marker.header == HEADER and marker.type == Marker.LINE_LIST and len(marker.points) % 2 == 0
         edges = [m for m in markers if m.ns == 'data/edge']
-        if edges:
-            assert edges[0].points[0].x == features.start[0, 0] and edges[0].points[1].z == features.end[0, 2]
+        straight = features.select(np.flatnonzero(features.kind == 0))
+        assert [[[p.x, p.y, p.z] for p in m.points] for m in edges] == (
+            [np.stack([straight.start, straight.end], axis=1).reshape(-1, 3).tolist()] if len(straight) else []
+        )
 
     @fast
     @given(

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs_py.node_runtime.config import Config, parameter
-from msgs_py.node_runtime.health import REMEMBERED_PROBLEMS, Health, SequenceGaps
+from msgs_py.node_runtime.health import LONGEST_TEXT, REMEMBERED_PROBLEMS, Health, SequenceGaps, shortened
 from msgs_py.node_runtime.stamp_sync import NANOSECONDS, StampSync
 
 
@@ -193,6 +193,11 @@ class TestHealth:
         assert health.problem(2.0, 'image.data: short') is None
         assert health.problem(40.0, 'image.data: short') == 'image.data: short (and 1 times more)'
         assert health.problems == 3 and health.values(41.0)['last_error_age_s'] == '1.0'
+
+    def test_a_long_text_loses_its_middle_and_a_text_of_the_longest_length_nothing(self):
+        assert shortened('a' * LONGEST_TEXT) == 'a' * LONGEST_TEXT
+        text = shortened('begin' + 'a' * LONGEST_TEXT + 'end')
+        assert text.startswith('begin') and text.endswith('end') and '[...]' in text and len(text) < LONGEST_TEXT
 
     def test_a_flood_of_different_problems_does_not_grow(self):
         health = Health(now=0.0)

@@ -121,7 +121,9 @@ def test_a_header_that_promises_more_than_there_is_takes_no_memory(tmp_path, hea
 def test_arrays_come_as_they_were_saved(tmp_path):
     given = {'a': np.arange(6.0).reshape(2, 3), 'b': np.array([True]), 'c': np.zeros((0, 3)), 'd': np.array(7)}
     np.savez(tmp_path / 'file.npz', **given)
-    for name, array in load_arrays(tmp_path / 'file.npz').items():
+    found = load_arrays(tmp_path / 'file.npz')
+    assert list(found) == list(given)
+    for name, array in found.items():
         np.testing.assert_array_equal(array, given[name])
         np.save(tmp_path / 'one.npy', given[name])
         np.testing.assert_array_equal(load_array(tmp_path / 'one.npy'), given[name])

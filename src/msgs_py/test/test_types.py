@@ -44,13 +44,20 @@ class TestPose:
         assert np.allclose(Pose.from_quaternion(pose.quaternion, pose.translation).matrix, pose.matrix, atol=1e-12)
         assert np.allclose(Pose.from_matrix(pose.matrix).matrix, pose.matrix, atol=1e-9)
 
+    @pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
     @pytest.mark.parametrize('angle', [1e-10, 1e-3, 1.0, np.pi - 1e-9])
-    def test_error_is_the_angle_and_the_distance(self, angle):
+    def test_error_is_the_angle_and_the_distance(self, angle, axis):
         a = Pose.from_rotation_vector([0.3, -0.2, 0.9], [1, 2, 3])
-        b = a.compose(Pose.from_rotation_vector([0, angle, 0]))
+        b = a.compose(Pose.from_rotation_vector(angle * np.array(axis)))
         error = a.error_to(Pose(b.rotation, [1, 2, 5]))
         assert error.rotation == pytest.approx(angle, rel=1e-5, abs=1e-15)
         assert error.translation == pytest.approx(2.0)
+
+    def test_it_is_shown_in_degrees_and_metres_and_its_scale_where_it_has_one(self):
+        pose = Pose.from_rotation_vector([0.0, 0.0, np.pi / 2], [1, 2, 0.5])
+        assert repr(pose) == 'Pose(rotation_vector_deg=[0, 0, 90], translation=[1, 2, 0.5])'
+        assert repr(Pose(scale=2.0)).endswith('translation=[0, 0, 0], scale=2)')
+        assert pose.error_to(Pose(scale=2.0)).scale == 1.0
 
     @pytest.mark.parametrize(
         ('arguments', 'name'),
@@ -83,6 +90,12 @@ class TestCameras:
     def test_rays_undo_projection(self, x, y, z):
         point = np.array([x * z, y * z, z])
         assert np.allclose(self.camera.rays(self.camera.project(point)) * z, point, atol=1e-12)
+
+    def test_an_image_reaches_half_a_pixel_around_its_outer_centres(self):
+        camera = PinholeCamera(64, 48, 70.0, 70.0, 31.5, 23.5)
+        inside = [(-0.5, -0.5), (63.5, 47.5), (30.0, 20.0)]
+        outside = [(-0.6, 20.0), (63.6, 20.0), (30.0, -0.6), (30.0, 47.6), (np.nan, 20.0), (30.0, np.nan)]
+        assert camera.contains(inside).all() and not camera.contains(outside).any()
 
     def test_points_behind_the_camera_have_no_image(self):
         assert np.isnan(self.camera.project([0, 0, -1.0])).all()
@@ -253,6 +266,22 @@ class TestFeatureSet:
         for name in ('start', 'end', 'radii', 'err_per', 'major_axis'):
             assert np.allclose(getattr(back, name), getattr(f, name), atol=1e-8, equal_nan=True)
 
+    def test_a_whole_circle_is_drawn_round_and_an_arc_as_far_as_it_goes(self):
+        circle = FeatureSet.from_curves([[1.0, 2.0, 3.0]], [[0.0, 0.0, 2.0]], [[0.5, 0.5]]).polyline(0, 5)
+        around = np.arctan2(*(circle[:, 1::-1] - [2.0, 1.0]).T)
+        np.testing.assert_allclose(np.exp(1j * np.diff(around)), np.full(4, 1j), atol=1e-12)
+        np.testing.assert_allclose(circle[0], circle[4], atol=1e-12)
+        arc = FeatureSet([1], [[0, 0, 0]], [[0, 0, 1]], [[2.0, 1.0]], [0.0], [0.0], [[1, 0, 0]], [[0.0, np.pi / 2]])
+        np.testing.assert_allclose(arc.polyline(0, 3), [[2, 0, 0], [2**0.5, 0.5**0.5, 0], [0, 1, 0]], atol=1e-12)
+
+    def test_an_empty_list_stands_for_no_rows_and_for_nothing_else(self):
+        assert len(FeatureSet([], [], [], [], [], [])) == 0
+        for name in ('start', 'end', 'radii', 'err_par', 'err_per'):
+            values = {'kind': [0], 'start': [[0, 0, 0]], 'end': [[1, 0, 0]], 'radii': [[1, 1]], 'err_par': [0.0]}
+            values |= {'err_per': [0.0], name: np.zeros((0, 3))}
+            with pytest.raises(ValueError, match=f'{name}: expected shape'):
+                FeatureSet(**values)
+
     def test_a_curve_is_drawn_on_its_ellipse(self):
         points = example_features().polyline(2, 5)
         assert np.allclose(points[:, 2], 1.0)
@@ -308,6 +337,9 @@ class TestInterpretation:
     def test_matched_is_counted(self):
         item = Interpretation('block', [0, -1, 3], [1, 0, -1], Pose())
         assert item.matched == 2 and item.accepted and list(item.data_indices) == [0, 2]
+        nothing = Interpretation('block', [-1], [0], Pose(), symmetric_poses=[Pose()], rejected_reason='too few')
+        assert nothing.matched == 0 and not nothing.accepted and nothing.symmetric_poses == (Pose(),)
+        assert repr(nothing).endswith('rejected: too few)') and 'matched=0/1' in repr(nothing)
 
     @pytest.mark.parametrize(
         ('change', 'name'),
@@ -316,6 +348,7 @@ class TestInterpretation:
             ({'assignment': [0, -2]}, 'assignment'),
             ({'sign': [2, 0]}, 'sign'),
             ({'matched': 5}, 'matched'),
+            ({'matched': 0}, 'matched'),
             ({'covariance': np.eye(3)}, 'covariance'),
         ],
     )
