@@ -14,6 +14,7 @@ from csg_renderer.language import scene_names
 from csg_renderer.render_cli import render_parser
 from dap_emulator.dap_cli import parser as dap_parser
 from dap_emulator.fortran_plus.library import program_names
+from stereo_recovery.check_rig_cli import check_rig_parser
 from stereo_recovery.recover_cli import parser as recover_parser
 
 from .closed_form.cli import closed_form_parser
@@ -53,6 +54,7 @@ def script() -> str:
         (track_parser(), scenes),
         (view_parser(), scenes),
         (recover_parser(), ()),
+        (check_rig_parser(), ()),
         (dap_parser(), ('run', 'list', 'functions', 'costs', 'counted', *program_names())),
     )
     return HEAD + ''.join(function(parser, names) for parser, names in commands)

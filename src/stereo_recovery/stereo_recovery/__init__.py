@@ -1,6 +1,8 @@
 """Recovers 3D edges, curves and axes with stated uncertainty from a stereo pair."""
 
+from .matching.rig_error import RigError
 from .params import RecoveryParams
 from .pipeline import Recovery, recover
+from .rig_check import check_rig
 
-__all__ = ['Recovery', 'RecoveryParams', 'recover']
+__all__ = ['Recovery', 'RecoveryParams', 'RigError', 'check_rig', 'recover']

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -21,9 +23,11 @@ from msgs_py.numeric.typed import AnyArray
 from .cameras.rectification import Rectifier, RigImages
 from .cameras.rig_files import load_camera_rig
 from .drawing import draw_features
+from .matching.rig_error import AXES, RigError, mean_error
+from .matching.settings import CALIBRATION_ROW_SIGMA
 from .params import DETECTORS, LIMITS, RecoveryParams
 from .pipeline import Recovery, compile_steps, recover
-from .settings import MOST_CAMERAS
+from .settings import MOST_CAMERAS, RIG_PAIRS
 
 DEFAULT = RecoveryParams()
 
@@ -108,6 +112,13 @@ class RecoveryConfig(CameraConfig):
         minimum=LIMITS['rectification_sigma'][0],
         maximum=LIMITS['rectification_sigma'][1],
     )
+    calibration_sigma: float = parameter(
+        CALIBRATION_ROW_SIGMA,
+        'What the calibration of a pair left its rows off by; a rig that is farther off is reported to have drifted',
+        unit='px',
+        minimum=0.0,
+        maximum=10.0,
+    )
     time_limit: float = parameter(
         0.0,
         'Time for one pair; what would begin too late is left out, and diagnostics say what; 0: no limit',
@@ -167,6 +178,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self._images: RigImages | None = None
         self._reason = ''
         self._counts: dict[str, object] = {}
+        self._rig_errors: deque[RigError] = deque(maxlen=RIG_PAIRS)
         self.prepare(compile_steps())
         queue = self.config.sync_queue_size, self.config.sync_tolerance
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self.on_images, *queue)
@@ -205,6 +217,8 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             **{f'milliseconds.{name}': f'{value:.1f}' for name, value in result.milliseconds.items()},
             'left_out': '; '.join(result.left_out),
         }
+        if result.rig_error is not None:
+            self._remember(result.rig_error)
         self.features_out.publish(features_to_cloud(result.features, header))
         if self.wanted(self.markers_out):
             self.markers_out.publish(features_to_markers(result.features, header))
@@ -213,6 +227,23 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         if result.reason:
             self.problem(f'no features: {result.reason}')
         self.done(header)
+
+    def _remember(self, error: RigError) -> None:
+        """Keep what a pair says of the rig; what others said of another calibration is forgotten."""
+        if self._rig_errors and self._rig_errors[-1].rig != error.rig:
+            self._rig_errors.clear()
+        self._rig_errors.append(error)
+
+    def _rig_error(self) -> RigError | None:
+        """What the last pairs say of the rig; not of three cameras and more, whose main pair may change."""
+        return mean_error(self._rig_errors) if self._rig_errors and self.config.cameras == 2 else None
+
+    def doubt(self) -> str | None:
+        """That the rig has drifted."""
+        error = self._rig_error()
+        if error is None or not error.tells or not error.has_drifted(self.config.calibration_sigma):
+            return None
+        return error.verdict(self.config.calibration_sigma)
 
     def _rectifier_for(self, infos: Sequence[CameraInfo]) -> Rectifier:
         """The rectification maps for this calibration, made again only when it has changed."""
@@ -248,11 +279,29 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
     def reset(self) -> str:
         """Forget maps and counters; returns what was forgotten."""
         self._rectifier, self._images, self._reason, self._counts = None, None, '', {}
+        self._rig_errors.clear()
         return 'rectification maps and counters'
 
     def report_values(self) -> dict[str, object]:
         """Counts, times and the reason of an empty result, for /diagnostics."""
-        return {**self._counts, 'reason': self._reason}
+        return {**self._counts, **self._rig_values(), 'reason': self._reason}
+
+    def _rig_values(self) -> dict[str, object]:
+        """How far the rig has drifted, as numbers."""
+        error = self._rig_error()
+        if error is None:
+            return {}
+        turns = {f'rig.{name}_deg': f'{turn:.4f}' for name, turn in zip(AXES, np.degrees(error.rotation))}
+        sigmas = {f'rig.{name}_sigma_deg': f'{sigma:.4f}' for name, sigma in zip(AXES, np.degrees(error.sigma))}
+        return {
+            **turns,
+            **sigmas,
+            'rig.rows_middle_px': f'{error.offset_px:.3f}',
+            'rig.rows_most_px': f'{error.most_px:.3f}',
+            'rig.row_sigma_px': f'{error.row_sigma:.3f}',
+            'rig.distance': f'{error.distance(self.config.calibration_sigma):.2f}',
+            'rig.drifted': error.has_drifted(self.config.calibration_sigma) if error.tells else 'unknown',
+        }
 
 
 def _check_size(side: str, image: AnyArray, info: CameraInfo) -> None:

@@ -38,7 +38,8 @@ from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
 from .matching.matches import Matches
 from .matching.merging import join_matched, split_matched
-from .matching.row_error import row_error
+from .matching.rig_error import RigError, rig_error
+from .matching.row_error import fitted_error, row_witnesses
 from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
 from .settings import (
@@ -73,6 +74,8 @@ class Recovery:
         The CURVE features in their order, with the covariance of centre, normal and radius.
     left_out : tuple of str
         What was not done to keep to the time limit.
+    rig_error : RigError, optional
+        How far the right camera of the pair has turned since it was calibrated; None when nothing is matched.
     """
 
     features: FeatureSet
@@ -82,6 +85,7 @@ class Recovery:
     counts: dict[str, int] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
     left_out: tuple[str, ...] = ()
+    rig_error: RigError | None = None
 
 
 @overload
@@ -244,7 +248,9 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     texture = None if pair.dense is None else Texture.of((pair.views[0].grey, pair.views[1].grey), pair.dense)
     strips = None if texture is None else AlignedStrips(segments[0], texture)
     beside_edges = None if strips is None else texture_rows(seen, strips)
-    rows = row_error(seen, (rig.right.width, rig.right.height), params.rectification_sigma, beside_edges)
+    witnesses = row_witnesses(seen, beside_edges)
+    rows = fitted_error(witnesses, (rig.right.width, rig.right.height), params.rectification_sigma)
+    turned = rig_error(witnesses, rig, params.rectification_sigma)
     seen = rows.aligned(seen)
     segments = seen.segments
     ellipses = pair.views[0].ellipses, rows.aligned_ellipses(pair.views[1].ellipses)
@@ -272,7 +278,7 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'
     return Recovery(
-        features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves), tuple(watch.left_out)
+        features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves), tuple(watch.left_out), turned
     )
 
 

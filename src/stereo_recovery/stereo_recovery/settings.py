@@ -54,3 +54,5 @@ PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.
 # Pixels. An image without edges is looked at smaller and smaller, down to this side: what fills it can be no more than
 # a few edges.
 LEAST_SIDE = 32
+# Pairs whose word on the drift of the rig is kept: a second or two of them.
+RIG_PAIRS = 30

@@ -45,6 +45,7 @@ from .settings import (
     NANOSECONDS,
     PENDING_SETS,
     QUEUE_DEPTH,
+    REPEAT_LOG_S,
     SILENCE_LOG_S,
     SILENCE_S,
     UNBOUNDED_FLOAT,
@@ -159,6 +160,10 @@ class GraphNode(Node, Generic[_C]):
 
     def why_silent(self) -> str | None:
         """A reason of this node's own why nothing comes out."""
+        return None
+
+    def doubt(self) -> str | None:
+        """What is wrong with the inputs although results come; None when nothing is."""
         return None
 
     def report_values(self) -> dict[str, object]:
@@ -715,7 +720,7 @@ class GraphNode(Node, Generic[_C]):
         self._tell_compiling()
         now = time.monotonic()
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id='none', message='ok')
-        silence = self.silence()
+        silence, doubt = self.silence(), self.doubt()
         recent = self.health.last_error_time is not None and now - self.health.last_error_time < SILENCE_S
         if silence is not None:
             status.level, status.message = DiagnosticStatus.WARN, silence
@@ -726,6 +731,9 @@ class GraphNode(Node, Generic[_C]):
             status.message = f'compiling: {self.compiling}'
         elif recent:
             status.level, status.message = DiagnosticStatus.WARN, self.health.last_error
+        elif doubt is not None:
+            status.level, status.message = DiagnosticStatus.WARN, doubt
+            self.get_logger().warning(doubt, throttle_duration_sec=REPEAT_LOG_S)
         elif self._old_names:
             status.level, status.message = DiagnosticStatus.WARN, '; '.join(self._old_names)
         elif self.health.processed == 0 and self._others_compiling():

@@ -168,10 +168,15 @@ def row_error(seen: StereoSegments, size: tuple[int, int], least: float, more: R
     more : RowWitnesses, optional
         Beside corners and level edges.
     """
+    return fitted_error(row_witnesses(seen, more), size, least)
+
+
+def row_witnesses(seen: StereoSegments, more: RowWitnesses | None = None) -> RowWitnesses:
+    """Corners and edges along the rows that a pair shows, and more that is given."""
     witnesses = _witnesses(seen)
-    if more is not None:
-        witnesses = RowWitnesses(*(np.concatenate(both) for both in zip(witnesses, more)))
-    return fitted_error(witnesses, size, least)
+    if more is None:
+        return witnesses
+    return RowWitnesses(*(np.concatenate(both) for both in zip(witnesses, more)))
 
 
 def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, axis: int = 1) -> RowError:
@@ -190,11 +195,39 @@ def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, a
     half = 0.5 * np.array(size, float)
     centre = half - 0.5
     point, off, sigma = witnesses
-    near = np.abs(off) < ROW_SHIFT_MOST
-    point, off, sigma = point[near], off[near], sigma[near]
+    point, off, sigma = near_rows(witnesses)
     columns = np.column_stack([np.ones(len(point)), (point - centre) / half])
     prior = np.diag(np.array([ROW_OFFSET_SIGMA, ROW_TURN_SIGMA, ROW_TURN_SIGMA]) ** -2.0)
-    value: FloatArray = np.zeros(3)
+    value, single = robust_fit(columns, off, sigma, prior, least)
+    # What an exact rig, single rows and a few wrong corners explain as well is no error.
+    by_chance = _single(off, sigma, least)
+    if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
+        value, single = np.zeros(3), by_chance
+    return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
+
+
+def near_rows(witnesses: RowWitnesses) -> RowWitnesses:
+    """Those that may be of one point, by their rows."""
+    near = np.abs(witnesses.off) < ROW_SHIFT_MOST
+    return RowWitnesses(*(each[near] for each in witnesses))
+
+
+def robust_fit(
+    columns: FloatArray, off: FloatArray, sigma: FloatArray, prior: FloatArray, least: float
+) -> tuple[FloatArray, float]:
+    """Parameters (n,) of which witnesses are the columns, and the sigma of single rows about them, pixels.
+
+    Parameters
+    ----------
+    columns : (k, n) float64
+        What each parameter adds to the rows of each witness.
+    off, sigma : (k,) float64, pixels
+    prior : (n, n) float64
+        Information.
+    least : float, pixels
+        Least sigma of single rows.
+    """
+    value: FloatArray = np.zeros(columns.shape[1])
     single = least
     for _ in range(ROW_ROUNDS):
         left_over = off - columns @ value
@@ -204,11 +237,16 @@ def fitted_error(witnesses: RowWitnesses, size: tuple[int, int], least: float, a
         weight = 2.0 / (variance + left_over**2)
         normal = (columns * weight[:, None]).T @ columns + prior
         value = np.asarray(np.linalg.solve(normal, columns.T @ (weight * off)), np.float64)
-    # What an exact rig, single rows and a few wrong corners explain as well is no error.
-    by_chance = _single(off, sigma, least)
-    if _log_odds(columns, off, sigma, prior, (value, single, by_chance)) < ROW_LOG_ODDS:
-        value, single = np.zeros(3), by_chance
-    return RowError(float(value[0]), value[1:], centre, half, single, len(off), axis)
+    return value, single
+
+
+def information(
+    columns: FloatArray, left_over: FloatArray, sigma: FloatArray, single: float | FloatArray
+) -> FloatArray:
+    """(n, n) float64: what witnesses say of the parameters, each as far as it is one."""
+    right, wrong = _likelihoods(left_over, sigma, single)
+    weight = right / (right + wrong) / (sigma**2 + single**2)
+    return np.asarray((columns * weight[:, None]).T @ columns)
 
 
 def _log_odds(
@@ -220,11 +258,10 @@ def _log_odds(
     of single rows about it, and about none
     """
     value, single, by_chance = fit
-    right, wrong = _likelihoods(off - columns @ value, sigma, single)
-    weight = right / (right + wrong) / (sigma**2 + single**2)
-    information = (columns * weight[:, None]).T @ columns
+    left_over = off - columns @ value
+    right, wrong = _likelihoods(left_over, sigma, single)
     gain = np.log(right + wrong).sum() - np.log(np.add(*_likelihoods(off, sigma, by_chance))).sum()
-    told = np.linalg.slogdet(np.eye(3) + np.linalg.solve(prior, information))[1]
+    told = np.linalg.slogdet(np.eye(3) + np.linalg.solve(prior, information(columns, left_over, sigma, single)))[1]
     return float(gain - 0.5 * (value @ prior @ value + told))
 
 

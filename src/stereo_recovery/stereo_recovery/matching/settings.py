@@ -119,3 +119,12 @@ ROW_ROUNDS = 15
 ROW_WITNESS_PRIOR = 0.8
 # Log odds below which the rows' error is taken to be none. [D] one exact rig in twenty
 ROW_LOG_ODDS = 3.0
+
+# px: what a calibration leaves the rows of a rig off by, in the middle, and from there to the border. A tenth is
+# what is hoped of calibrating a pair; users know their own (the reprojection error), and it is a parameter.
+CALIBRATION_ROW_SIGMA = 0.1
+# px: side of the squares inside which single rows differ by the same. [R] with it the six boards of test/chessboards
+# differ in what they say of their rig as they state (chi-squared a degree of freedom 1.2; at 64 px 2.7, at 256 px 0.5)
+ROW_CELL = 128.0
+# Share of checks in which a rig in order is said to have drifted: three sigma of one number.
+DRIFT_FALSE_ALARM = 0.0027
