@@ -42,7 +42,7 @@ byte APPEND=2
 byte MOVE=3
 byte operation"""
 }
-PLAIN: dict[str, type] = {'string': str, 'float64': float, 'byte': bytes, 'int8': int, 'uint8': int}
+PLAIN: dict[str, type] = {'string': str, 'float64': float, 'byte': bytes, 'int8': int, 'uint8': int, 'uint64': int}
 OTHERS = {
     'geometry_msgs': geometry_msgs.msg,
     'std_msgs': std_msgs.msg,

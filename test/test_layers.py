@@ -114,6 +114,8 @@ ROS_MODULES = (
     'model_node',
     'tracker_node',
     'viewer_node',
+    'bpc_node',
+    'bpc_requests',
     'recognise_node',
     'runtime',
     'beside',

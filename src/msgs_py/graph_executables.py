@@ -47,6 +47,11 @@ def viewer_node() -> int:
     return start('model_matcher.viewer_node')
 
 
+def bpc_node() -> int:
+    """Run bpc_node."""
+    return start('model_matcher.closed_form.bop.bpc_node')
+
+
 def recognise() -> int:
     """Run recovery_node, matcher_node and tracker_node in one process."""
     return start('model_matcher.closed_form.recognise_node')

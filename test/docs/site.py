@@ -45,7 +45,11 @@ GUIDES = {
     'dap_emulator': (('The array machine', 'docs/dap.md'),),
     'csg_renderer': (('The modelling language', 'docs/language.md'), ('Gallery', 'docs/scenes.md')),
     'stereo_recovery': (('Your camera', 'docs/your_camera.md'), ('The method', 'docs/method.md')),
-    'model_matcher': (('The pose in the images', 'docs/images.md'), ('Proven', 'docs/proof.md')),
+    'model_matcher': (
+        ('The pose in the images', 'docs/images.md'),
+        ('Proven', 'docs/proof.md'),
+        ('BOP and BPC', 'docs/benchmarks.md'),
+    ),
 }
 
 

@@ -17,6 +17,7 @@ from dap_emulator.fortran_plus.library import program_names
 from stereo_recovery.check_rig_cli import check_rig_parser
 from stereo_recovery.recover_cli import parser as recover_parser
 
+from .closed_form.bop_cli import bop_parser
 from .closed_form.cli import closed_form_parser
 from .closed_form.following.track_cli import track_parser
 from .closed_form.view_cli import view_parser
@@ -55,6 +56,7 @@ def script() -> str:
         (view_parser(), scenes),
         (recover_parser(), ()),
         (check_rig_parser(), ()),
+        (bop_parser(), ()),
         (dap_parser(), ('run', 'list', 'functions', 'costs', 'counted', *program_names())),
     )
     return HEAD + ''.join(function(parser, names) for parser, names in commands)
