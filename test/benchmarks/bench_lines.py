@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from line_scoring import LineScore, pose_errors
 from measure import Measurement, milliseconds, seed_range
+from results import add_record_option, keep
 from stereo_scenes import USUAL, Imaging, StereoScene, random_scene
 from tqdm import tqdm
 
@@ -127,13 +128,18 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument('--cameras', type=int, choices=(2, 3), default=2, help='3: one more above the pair')
     parser.add_argument('--each', action='store_true', help='a line for every scene')
+    add_record_option(parser)
     options = parser.parse_args(arguments)
+    measured: dict[str, dict[str, float]] = {}
     for kind in options.kinds:
         figures = score(kind, options.seeds, options.each, replace(USUAL, cameras=options.cameras)).figures()
+        measured[kind] = figures
         print(f'-- {kind}, seeds {options.seeds[0]}..{options.seeds[-1]}')
         for name, value in figures.items():
             bars = ALIASED_BARS if kind == 'aliased' else BARS
             print(f'{name:<24} {value:>8.3f} {_unit(name):<4} {_verdict(name, value, bars)}'.rstrip())
+    if options.record:
+        keep(options.record, measured)
     return 0
 
 

@@ -17,10 +17,12 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from ambiguity import is_listed, is_pose, judge
 from matcher_shapes import SHAPES
+from results import add_record_option, keep
 
 from model_matcher import MatchParams, index_model, match, recognise
 from model_matcher.closed_form.synthetic.scenes import (
@@ -78,7 +80,8 @@ def run(
     scene_of: Callable[[FeatureSet, int], SyntheticScene],
     params: MatchParams | None = None,
     absent: bool = False,
-) -> None:
+) -> dict[str, float]:
+    """Print a row; of how many scenes how many went well."""
     model = MODELS[name]()
     size = model_size(model)
     match(model, scene_of(model, seeds[0]).data, params)
@@ -93,6 +96,7 @@ def run(
         notes.append(bool(result.best and result.best.proven))
     note = f'proven {100 * np.mean(notes):.0f} %' if params is not None and params.prove else ''
     row(preset, name, n, good, ms, note, seeds)
+    return {'scenes': len(good), 'right': sum(good)}
 
 
 def clutter(models: list[str], seeds: range) -> None:
@@ -116,11 +120,12 @@ def decoys(models: list[str], seeds: range) -> None:
         run('decoys 80 %', name, seeds, lambda model, seed, name=name: scene_of(model, seed, name in CHIRAL))
 
 
-def low_visible(models: list[str], seeds: range) -> None:
+def low_visible(models: list[str], seeds: range) -> dict[str, dict[str, float]]:
     """Each feature is in view with a chance of 30 %, so that of 15 there are often three or fewer. What is not right is
     looked into: undetermined (ambiguity.py), and then whether nothing wrong was claimed and the true pose listed among
     the rejected; else refused (the true pose listed, but chance explains as much as it does), missed, or wrong."""
     params = MatchParams()
+    found = {}
     for name in models:
         index = index_model(MODELS[name](), name)
         match(index, make_scene(index.features, seeds[0], clutter=0.8, visible=0.3).data)
@@ -158,6 +163,8 @@ def low_visible(models: list[str], seeds: range) -> None:
             + ', '.join(f'{kind} {count}' for kind, count in counts.items())
             + f'; failed {failed[:8]}',
         )
+        found[name] = {'scenes': len(good), 'right': sum(good), 'determined': determined, **counts}
+    return found
 
 
 def unseen(models: list[str], seeds: range) -> None:
@@ -181,15 +188,17 @@ def unseen(models: list[str], seeds: range) -> None:
             row(f'clutter {100 * share:.0f} %', kind, n, good, ms, '', chosen)
 
 
-def absent(models: list[str], seeds: range) -> None:
-    for name in models:
-        run(
+def absent(models: list[str], seeds: range) -> dict[str, dict[str, float]]:
+    return {
+        name: run(
             'absent 80 %',
             name,
             seeds,
             lambda model, seed: make_scene(model, seed, clutter=0.8, instances=0),
             absent=True,
         )
+        for name in models
+    }
 
 
 def absent_decoys(models: list[str], seeds: range) -> None:
@@ -440,7 +449,7 @@ def false_alarms(models: list[str], seeds: range) -> None:
             )
 
 
-def target_decoys(models: list[str], seeds: range) -> None:
+def target_decoys(models: list[str], seeds: range) -> dict[str, float]:
     """Views of single objects recovered from rendered stereo pairs, each searched for every model: the object's own is
     the target, all others are decoys. Other objects of round dimensions share edges with the models, as boxes do."""
     from rendered_views import load_object, recovered_view
@@ -468,9 +477,11 @@ def target_decoys(models: list[str], seeds: range) -> None:
         f'targets accepted {found} of {targets}  {answered[:12]}',
         flush=True,
     )
+    return {'searches': tried, 'answered': len(answered), 'targets': targets, 'found': found}
 
 
-PRESETS = {
+# What a preset returns is what --record keeps; the others only print.
+PRESETS: dict[str, Callable[[list[str], range], Any]] = {
     'clutter': clutter,
     'decoys': decoys,
     'low_visible': low_visible,
@@ -495,10 +506,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--presets', default=','.join(PRESETS), help='default: %(default)s')
     parser.add_argument('--models', default=','.join(THESIS_SIZES), help='default: %(default)s')
     parser.add_argument('--first-seed', type=int, help='of every preset; default: 0, or as above')
+    add_record_option(parser)
     chosen = parser.parse_args(arguments)
+    measured = {}
     for preset in chosen.presets.split(','):
         first = FIRST_SEEDS.get(preset, 0) if chosen.first_seed is None else chosen.first_seed
-        PRESETS[preset](chosen.models.split(','), range(first, first + chosen.seeds))
+        measured[preset] = PRESETS[preset](chosen.models.split(','), range(first, first + chosen.seeds))
+    if chosen.record:
+        keep(chosen.record, measured)
     return 0
 
 

@@ -1,6 +1,6 @@
 """Stereo recovery on path-traced and on real pairs with truth, beside LSD laid on semi-global disparity.
 
-A table with a line a family, and one JSON file; ``--save`` keeps the table as pair_baseline.json, which every later run
+A table with a line a family, and one JSON file; ``--record pairs`` keeps the table in results/, which every later run
 prints beside its own. ``--recover module:function`` runs another recover(left, right, rig) in place of today's.
 
     python test/benchmarks/bench_photoreal.py --quick
@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from measure import OURS, Absent, Measurement
 from pair_scoring import drawing, score, semi_global_edges, summary
+from results import add_record_option, figures_of, keep
 from third_eyes import WITH_THREE, with_third_eye
 from true_pairs import (
     CACHE,
@@ -42,7 +43,6 @@ from stereo_recovery import recover as todays_recover
 from stereo_recovery.pipeline import warm_up
 
 HERE = Path(__file__).resolve().parent
-BASELINE = HERE / 'pair_baseline.json'
 PEER = 'LSD + semi-global'
 DEFAULT = ('photoreal',)
 # Everything whose change changes a score: kept scores of the peer carry it.
@@ -298,7 +298,7 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
     )
     parser.add_argument('--recover', type=function_named, default=todays_recover, metavar='MODULE:FUNCTION')
     parser.add_argument('--repeat', type=int, default=1, metavar='N', help='times are the least of N calls')
-    parser.add_argument('--save', action='store_true', help='keep the table as the baseline')
+    add_record_option(parser)
     parser.add_argument('--out', type=Path, default=HERE.parents[1] / 'out' / 'pairs.json', help='the JSON file')
     options = parser.parse_args(arguments)
     try:
@@ -325,10 +325,10 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
         print(error, file=sys.stderr)
         return 1
     whole = options.cameras == 2 and not (options.scenes or options.limit or options.quick or options.held)
-    kept = json.loads(BASELINE.read_text()) if BASELINE.exists() else {}
+    kept = figures_of('pairs_quick' if options.quick else 'pairs')
     print(pair_table(rows))
     print()
-    print(table(rows, kept.get('quick' if options.quick else 'whole') if whole or options.quick else None))
+    print(table(rows, kept if whole or options.quick else None))
     print(LEGEND)
     recovery, scoring = (1e-3 * float(np.nansum([row[key] for row in rows])) for key in ('ms', 'scoring_ms'))
     took = time.perf_counter() - since
@@ -336,19 +336,9 @@ def main(arguments: list[str] | None = None, default: tuple[str, ...] = DEFAULT)
     found = summaries(rows)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps({'families': found, 'pairs': rows}, indent=1))
-    if options.save:
-        if not (whole or options.quick):
-            parser.error('--save: a baseline is of whole families, or of --quick')
-        part = kept.setdefault('quick' if options.quick else 'whole', {})
-        part.update({name: _rounded(figures) for name, figures in found.items()})
-        BASELINE.write_text(json.dumps(kept, indent=1) + '\n')
+    if options.record:
+        keep(options.record, found)
     return 0
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(x) for key, x in value.items()}
-    return round(value, 4) if isinstance(value, float) else value
 
 
 if __name__ == '__main__':

@@ -2,7 +2,7 @@
 
 Every part of a pair's family that is asked for (those present, and those that are not) is a search of its own:
 recovery of the pair, then model_matcher.pipeline.survey of the one part, or with ``--together`` of all at once. A table
-with a line a family and one JSON file; ``--save`` keeps the table as pose_baseline.json, which later runs print beside
+with a line a family and one JSON file; ``--record poses`` keeps the table in results/, which later runs print beside
 theirs. true_poses.py says what stands where, pose_scoring.py what counts as right.
 
     python test/benchmarks/bench_poses.py --quick
@@ -27,6 +27,7 @@ import numpy as np
 from measure import Absent, Measurement
 from pose_scoring import Search, add_witness, drawing, row_of, score_search, summary
 from rendered_poses import RENDERED, rendered_pairs
+from results import add_record_option, figures_of, keep
 from tqdm import tqdm
 from true_pairs import PHOTOREAL_KINDS, QUICK, data_folder, families_of
 from true_poses import READERS, Part, Pictures, PosedPair, all_parts, posed_pairs, witness
@@ -39,7 +40,6 @@ from stereo_recovery import recover
 from stereo_recovery.pipeline import warm_up as warm_up_recovery
 
 HERE = Path(__file__).resolve().parent
-BASELINE = HERE / 'pose_baseline.json'
 REAL_POSED = ('openvgr', 'visp_cube', 'teabox')
 DEFAULT = (*REAL_POSED, *PHOTOREAL_KINDS, RENDERED)
 # Real families with pictures of their own: the tags stand in those of the cube.
@@ -299,7 +299,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--limit', type=int, default=LIMIT, metavar='N', help='with --negatives: pairs of each family')
     parser.add_argument('--images', choices=('on', 'off'), default='on', help='whether the search looks at the images')
     parser.add_argument('--draw', type=Path, metavar='FOLDER', help='both images with the parts where they were found')
-    parser.add_argument('--save', action='store_true', help='keep the table as the baseline')
+    add_record_option(parser)
     parser.add_argument('--json', type=Path, default=HERE.parents[1] / 'out' / 'poses.json', help='the JSON file')
     options = parser.parse_args(arguments)
     try:
@@ -327,27 +327,18 @@ def main(arguments: list[str] | None = None) -> int:
     except FileNotFoundError as error:
         print(error, file=sys.stderr)
         return 1
-    kept = json.loads(BASELINE.read_text()) if BASELINE.exists() else {}
     whole = not (options.scenes or options.held or options.together or options.limit != LIMIT)
-    section = ('negatives ' if options.negatives else '') + ('quick' if options.quick else 'whole')
+    kept = figures_of('poses_negatives' if options.negatives else 'poses_quick' if options.quick else 'poses')
     print(search_table(rows, not options.negatives))
     print()
-    print(table(rows, kept.get(section) if whole else None))
+    print(table(rows, kept if whole else None))
     print(LEGEND)
     print(f'{len(rows)} pairs in {time.perf_counter() - since:.1f} s')
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps({'families': summaries(rows), 'pairs': rows}, indent=1))
-    if options.save:
-        if not whole:
-            parser.error('--save: a baseline is of whole families, or of --quick')
-        part = kept.setdefault(section, {})
-        part.update({name: _rounded(figures) for name, figures in summaries(rows).items()})
-        BASELINE.write_text(json.dumps(kept, indent=1) + '\n')
+    if options.record:
+        keep(options.record, summaries(rows))
     return 0
-
-
-def _rounded(figures: dict[str, Any]) -> dict[str, Any]:
-    return {key: round(value, 4) if isinstance(value, float) else value for key, value in figures.items()}
 
 
 if __name__ == '__main__':

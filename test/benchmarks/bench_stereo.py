@@ -20,6 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from measure import OURS, Absent, Measurement, milliseconds
+from results import add_record_option, keep
 from stereo_scoring import RIG, Score, peer, views
 
 from msgs_py import FeatureKind, FeatureSet, PinholeCamera, StereoRig
@@ -164,10 +165,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         '--large', nargs=2, type=int, metavar=('WIDTH', 'HEIGHT'), help='time and memory of such a pair'
     )
+    add_record_option(parser)
     options = parser.parse_args(arguments)
     if options.large:
         print('{:.0f} {:.0f} {:.0f}'.format(*large(*options.large)))
         return 0
+    measured: dict[str, float] = {}
     for kind in options.kinds:
         shown = views(kind, options.views, options.seed)
         found = [recover(view.left, view.right, RIG).features for view in shown]
@@ -181,6 +184,9 @@ def main(arguments: list[str] | None = None) -> int:
                 )
         for item in _accuracy(kind, OURS, found, shown):
             print(f'{item.what:<44} {item.value:>9.3f} {item.unit:<4} {item.note}')
+            measured[item.what] = item.value
+    if options.record:
+        keep(options.record, measured)
     return 0
 
 

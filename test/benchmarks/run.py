@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from measure import OURS, Absent, Measurement, read_rows, yardstick
+from results import keep, machine_kind
 from tqdm import tqdm
 
 HERE = Path(__file__).resolve().parent
@@ -51,6 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--quick', action='store_true', help='about two minutes instead of ten')
     parser.add_argument('--out', type=Path, default=ROOT / 'out' / 'bench', help='folder of the saved runs')
     parser.add_argument('--against', type=Path, help='saved run to compare with (default: the last one)')
+    parser.add_argument('--record', action='store_true', help='keep each benchmark in results/, which pages quote')
     parser.add_argument('--list', action='store_true', help='name the benchmarks and stop')
     options = parser.parse_args(arguments)
     modules = {path.stem.removeprefix('bench_'): path for path in sorted(HERE.glob('bench_*.py'))}
@@ -87,6 +89,8 @@ def main(arguments: list[str] | None = None) -> int:
         measured.append(yardstick())
         document['benchmarks'][name] = [row.as_dict() for row in rows]
         document['yardstick_ms'][name] = sum(measured) / len(measured)
+        if options.record:
+            keep(name, {row.what + ('' if row.by == OURS else f' [{row.by}]'): row.value for row in rows}, timed=True)
         last = next((run for run in earlier if name in run['benchmarks']), None)
         slower = 1.0
         if last is not None:
@@ -179,13 +183,7 @@ def table(
 
 
 def machine() -> dict[str, Any]:
-    name = platform.processor()
-    try:
-        lines = Path('/proc/cpuinfo').read_text().splitlines()
-        name = next((line.split(':', 1)[1].strip() for line in lines if line.startswith('model name')), name)
-    except OSError:
-        pass
-    return {'cpu': name, 'cores': os.cpu_count(), 'system': platform.platform(), 'python': platform.python_version()}
+    return {'kind': machine_kind(), 'system': platform.platform(), 'python': platform.python_version()}
 
 
 def versions() -> dict[str, str]:

@@ -3,7 +3,8 @@
     python test/docs/generate.py            # write
     python test/docs/generate.py --check    # exit code 1, naming the files, when they are not what the code says
 
-In src/dap_emulator/docs/dap.md the table of cycles counted on bit-planes is written.
+In README.md the figures that were measured are written (figures.py), in src/dap_emulator/docs/dap.md the table of
+cycles counted on bit-planes.
 In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written (of a second
 node with another word), and in ARCHITECTURE.md the table of rooms; the rest is left alone. config/<node>.yaml is
 written whole.
@@ -17,6 +18,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import figures
 import rclpy
 import yaml
 from rclpy.context import Context
@@ -273,6 +275,12 @@ def expected_files() -> dict[Path, str]:
         f'{page.split(COUNTED_BEGIN)[0]}{COUNTED_BEGIN}\n\n{counted.table()}\n\n{COUNTED_END}'
         f'{page.split(COUNTED_END)[1]}'
     )
+    for name, (path, _) in figures.BLOCKS.items():
+        begin, end = figures.block(name)
+        page = files.get(path) or path.read_text(encoding='utf-8')
+        if begin not in page or end not in page:
+            raise ValueError(f'{path}: has no {begin} ... {end}')
+        files[path] = page.split(begin, 1)[0] + figures.written(name) + page.split(end, 1)[1]
     idle = set(MEANING) - used
     if idle:
         raise ValueError(f'meanings of topics that no node has: {", ".join(sorted(idle))}')

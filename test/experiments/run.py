@@ -20,10 +20,12 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 sys.path.insert(0, str(HERE))
+sys.path.append(str(HERE.parent / 'benchmarks'))
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 from lab import Experiment, NotAvailable, Setting  # noqa: E402
 from page import write_page, write_results  # noqa: E402
+from results import keep  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 # The order of the page.
@@ -51,6 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--only', nargs='+', default=[], metavar='NAME', help='run these; --list names them')
     parser.add_argument('--force', action='store_true', help='run again what has a result')
+    parser.add_argument('--record', action='store_true', help='keep them in benchmarks/results/, which pages quote')
     parser.add_argument('--tiny', action='store_true', help='the smallest run of each, to test the plumbing')
     parser.add_argument('--out', type=Path, default=ROOT / 'out' / 'experiments', help='folder of the results')
     parser.add_argument('--list', action='store_true', help='name the experiments and stop')
@@ -84,6 +87,8 @@ def main(arguments: list[str] | None = None) -> int:
                 whole = path.with_suffix('.part')  # who is killed while writing leaves no half of a result
                 whole.write_text(json.dumps(document, indent=1, default=plain) + '\n')
                 whole.replace(path)
+                if options.record and document['status'] == 'done':
+                    keep(f'experiment_{item.name}', figures_of(document))
                 if document['status'] == 'failed':
                     failed.append(item.name)
                     tqdm.write(document['why'], file=sys.stderr)
@@ -136,6 +141,15 @@ def conduct(item: Experiment, tiny: bool) -> tuple[dict[str, Any], str | None]:
             document.update(status='failed', why=traceback.format_exc())
     document['seconds'] = round(time.perf_counter() - started, 1)
     return document, page
+
+
+def figures_of(document: dict[str, Any]) -> dict[str, Any]:
+    """The sentence, and the tables by title, row and column."""
+    tables = {
+        table['title']: {str(row[0]): dict(zip(table['columns'][1:], row[1:])) for row in table['rows']}
+        for table in document['tables']
+    }
+    return {'sentence': document['sentence'], **tables}
 
 
 def is_done(path: Path, tiny: bool) -> bool:

@@ -1,0 +1,214 @@
+"""What the pages say of measured figures, written from test/benchmarks/results.
+
+Each function is one block of a page, between ``<!-- NAME:begin ... -->`` and ``<!-- NAME:end -->``. Numbers are in no
+text here: a command measures them and keeps them with ``--record``, test/benchmarks/results.py says how.
+"""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / 'test' / 'benchmarks'))
+
+from results import Record, read  # noqa: E402
+
+WIDTH = 120
+NUMBERS = ('none', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine', 'ten', 'eleven', 'twelve')
+
+
+def block(name: str) -> tuple[str, str]:
+    """The lines between which a block is written."""
+    return f'<!-- {name}:begin (written by test/docs/generate.py) -->', f'<!-- {name}:end -->'
+
+
+def paragraph(text: str, indent: str = '') -> str:
+    """Text in lines of a page's width."""
+    return textwrap.fill(
+        ' '.join(text.split()),
+        WIDTH,
+        initial_indent=indent,
+        subsequent_indent=' ' * len(indent),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A table; the first column has no title."""
+    lines = [['', *head], ['---'] * (len(head) + 1), *rows]
+    return '\n'.join('| ' + ' | '.join(cells) + ' |' for cells in lines).replace('|  |', '| |')
+
+
+def word(count: int) -> str:
+    """A small count as a word."""
+    return NUMBERS[count] if count < len(NUMBERS) else str(count)
+
+
+def percent(part: float, of: float) -> str:
+    """A share as a whole number of percents."""
+    return f'{100.0 * part / of:.0f} %'
+
+
+# -- README ----------------------------------------------------------------------------------------------------
+
+
+def views() -> str:
+    """The poses of the thesis' views."""
+    record = read('experiment_poses')
+    median = record.figures['Pose errors']['median']
+    x, y, z = (f'{median[f"{axis} mm ours"]:.3f}' for axis in 'xyz')
+    rows = [
+        ['rotation error', f'{median["rotation deg ours"]:.3f} deg', '0.5 deg'],
+        ['translation error in x, y, z', f'{x}, {y}, {z} mm', '0.31, 0.31, 1.57 mm'],
+    ]
+    return f'{table(["here, median", "thesis, mean"], rows)}\n\n{paragraph(record.source + ".")}'
+
+
+def renderer() -> str:
+    """Times of the renderer beside POV-Ray's."""
+    record = read('renderer')
+    scenes = {
+        'L-shape, 2 blocks': 'L-shape, 2 blocks',
+        'lattice, 44 beams': 'lattice, 44 beams',
+        'hollow cubes, 42 primitives': '42 primitives, curved differences',
+        'table, 100 primitives, 6 levels, shadows': 'table: 100 primitives, 3 lights, shadows, 6 levels',
+    }
+    rows = [
+        [label, _ms(record.figures[name]), _ms(record.figures.get(f'{name} [POV-Ray]'))]
+        for name, label in scenes.items()
+    ]
+    return f'{table(["here", "POV-Ray 3.7, its own trace time"], rows)}\n\n{paragraph(record.source + ".")}'
+
+
+def latency() -> str:
+    """From image to pose."""
+    record = read('latency')
+    rows = []
+    for where, label in (('one process', 'all nodes in one process'), ('a process a node', 'one process a node')):
+        name = f'l_shape_v1, {where}'
+        p50, p99 = (_ms(record.figures[f'{name}: image to pose, p{share}']) for share in (50, 99))
+        rows.append([label, p50, p99, f'{record.figures[f"{name}: poses a second, flooded"]:.0f} Hz'])
+    return f'{table(["p50", "p99", "most poses a second"], rows)}\n\n{paragraph(record.source + ".")}'
+
+
+def pictures() -> str:
+    """Parts found in pictures of cameras and path-traced ones."""
+    record = read('poses')
+    traced, parts, cube, every = (record.figures[name] for name in ('photoreal', 'openvgr', 'visp_cube', 'all'))
+    answers = every['right'] + every['wrong'] + every['false'] + every['twice']
+    mistakes = every['wrong'] + every['twice']
+    return paragraph(f"""
+        {traced['found']} of {traced['to_find']} path-traced ones, to {traced['deg']:.2f} degrees and
+        {traced['mm']:.2f} mm (medians); {parts['found']} of {parts['to_find']} machined parts, cans and cubes in
+        pictures of cameras, to {parts['deg']:.2f} degrees and {parts['mm']:.2f} mm (what their truth is good for);
+        {word(cube['found'])} of {cube['to_find']} pairs of a printed cube among tags. Of {answers} answers
+        {word(mistakes)} {'was' if mistakes == 1 else 'were'} a part at a wrong pose, and {word(every['false'])} of
+        {every['absent']} parts that were not there {'was' if every['false'] == 1 else 'were'} answered.
+        {record.source}, where the pictures are installed.""")
+
+
+def limits() -> str:
+    """What it cannot do, as it is."""
+    return '\n'.join(paragraph(text, '* ') for text in (_rows(), _print(), _alike(), _hidden(), *_others()))
+
+
+def _rows() -> str:
+    lines, flat, three = read('lines'), read('stereo_flat'), read('lines_three_cameras')
+    level, usual, more = (record.figures[kind] for record, kind in ((lines, 'flat'), (lines, 'any'), (three, 'flat')))
+    wrong = 100.0 - flat.figures['flat: precision']
+    better = 100.0 * (1.0 - more['pose rotation'] / level['pose rotation'])
+    return f"""
+        Edges within 8 degrees of the image rows carry no disparity of their own. They are recovered from their corners,
+        their ends and what is parallel to them. On views full of such edges {100 * level['recall of flat edges']:.0f} %
+        of their length is found, and the pose from all edges is {level['pose rotation']:.3f} degrees off, on other
+        views {usual['pose rotation']:.3f} ({lines.source}). A face that one eye sees a pixel or two wide, and the
+        other not at all, still leads to wrong edges: {wrong:.0f} in 100 on views full of them ({flat.source}). A third
+        camera above the pair takes {better:.0f} % off the error of the pose there ({three.source})."""
+
+
+def _print() -> str:
+    real, rooms = read('experiment_real_pairs'), read('rooms')
+    box = real.figures['Tea box']
+    found = sorted({row['edges found of 7 ours'] for row in box.values()})
+    near = [row for row in box.values() if isinstance(row['pose deg from the reference ours'], float)]
+    placed = ' and '.join(
+        f'{row["pose deg from the reference ours"]:.1f} degrees and {row["mm from the reference ours"]:.1f} mm'
+        for row in near
+    )
+    return f"""
+        On real images with print and clutter fewer edges are found, and less exactly, than on rendered ones: of the
+        seven of ViSP's tea box {' to '.join(word(n) for n in found)} in either pair, and {word(len(near))} of
+        {word(len(box))} pairs is placed, within {placed} of its reference ({real.source}, where the pictures are
+        installed). Of the strong edges of rooms {100 * rooms.figures['middlebury']['recall']:.0f} % are found
+        ({rooms.source}). A regular grid is nearly its own shifted copy; poses that the data cannot tell apart are
+        listed together."""
+
+
+def _alike() -> str:
+    alike, absent = read('target_decoys'), read('absent')
+    found = alike.figures['target_decoys']
+    tried = sum(one['scenes'] for one in absent.figures['absent'].values())
+    answered = tried - sum(one['right'] for one in absent.figures['absent'].values())
+    return f"""
+        Two objects that share dimensions can be taken for each other: {found['answered']} of {found['searches']:,}
+        searches in views of other objects were answered ({alike.source}), {word(answered)} of {tried:,} in clutter
+        without such an object ({absent.source})."""
+
+
+def _hidden() -> str:
+    record = read('low_visible')
+    models = record.figures['low_visible']
+    share = {name: one['right'] / one['scenes'] for name, one in models.items()}
+    best = max(share, key=lambda name: share[name])
+    hard = sorted((name for name in share if share[name] < 0.9), key=lambda name: share[name])
+    told = ', '.join(f'{percent(share[name], 1.0)} ({name})' for name in hard)
+    wrong = sum(one['wrong'] + one['of these answered wrongly'] for one in models.values())
+    scenes = sum(one['scenes'] for one in models.values())
+    return f"""
+        Small objects mostly hidden are often refused: with 30 % of its edges in view among 80 % clutter an object is
+        found in {told} of scenes, beside {percent(share[best], 1.0)} ({best}); the rest is unanswered, but for
+        {word(wrong)} wrong in {scenes:,}. In part no answer is right: where what is left determines the pose,
+        {_of_determined(models, hard)} are found ({record.source})."""
+
+
+def _of_determined(models: dict[str, Any], names: list[str]) -> str:
+    shares = [models[name]['right'] / models[name]['determined'] for name in names]
+    return f'{100 * min(shares):.0f} to {100 * max(shares):.0f} %' if shares else 'all'
+
+
+def _others() -> tuple[str, ...]:
+    times, serial, pair = read('experiment_stereo_times'), read('experiment_serial_parallel'), read('renderer')
+    least, most = (pair.figures[f'a stereo pair over one image, {which}'] for which in ('least', 'most'))
+    return (
+        """Textured and free-form objects are out of its world: it sees straight edges, circles, ellipses and their
+        axes.""",
+        f"""The array machine's times are computed from a cost model, not simulated. {times.figures['sentence']}
+        ({times.source}.) {_first_sentence(serial)} ({serial.source}.)
+        [Where the rest goes](src/dap_emulator/docs/dap.md).""",
+        f"""A stereo pair takes {least:.1f} to {most:.1f} times as long to render as one image: one image already keeps
+        both cores busy, and the eyes share only the scene's preparation.""",
+    )
+
+
+def _first_sentence(record: Record) -> str:
+    return record.figures['sentence'].split('. ')[0] + '.'
+
+
+def _ms(value: float | None) -> str:
+    return '-' if value is None else f'{value:.1f} ms' if value < 10.0 else f'{value:.0f} ms'
+
+
+BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
+    function.__name__: (ROOT / 'README.md', function) for function in (views, renderer, latency, pictures, limits)
+}
+
+
+def written(name: str) -> str:
+    """A block with its marks."""
+    begin, end = block(name)
+    return f'{begin}\n\n{BLOCKS[name][1]()}\n\n{end}'
