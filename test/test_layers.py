@@ -124,6 +124,8 @@ ROS_MODULES = (
     'parameter_values',
     'run_graph',
     'run_sequence',
+    'replay',
+    'recorder',
 )
 
 
@@ -251,8 +253,8 @@ def test_every_import_has_a_dependency_in_package_xml(package):
     names = {'cv2': 'python3-opencv', 'yaml': 'python3-yaml', 'lark': 'python3-lark-parser', 'PIL': 'python3-pil'}
     for path in sources(package):
         for name in imports(path) - set(sys.stdlib_module_names) - {package}:
-            # trimesh and manifold3d have no rosdep key in Ubuntu: optional, and absent is reported by name.
-            if name in ('trimesh', 'manifold3d', 'networkx', 'dask', 'distributed', 'rosbags'):
+            # These have no rosdep key in Ubuntu: optional, and absent is reported by name.
+            if name in ('trimesh', 'manifold3d', 'networkx', 'dask', 'distributed', 'rosbags', 'mcap'):
                 continue
             key = names.get(name, name if name in PACKAGES or name in ROS else f'python3-{name}')
             assert key in keys, f'{path.relative_to(ROOT)} imports {name}, package.xml lacks {key}'

@@ -20,6 +20,7 @@ from stereo_recovery.recover_cli import parser as recover_parser
 from .closed_form.bop_cli import bop_parser
 from .closed_form.cli import closed_form_parser
 from .closed_form.following.track_cli import track_parser
+from .closed_form.recordings.replay_cli import replay_parser
 from .closed_form.view_cli import view_parser
 from .match_cli import match_parser
 
@@ -53,6 +54,7 @@ def script() -> str:
         (closed_form_parser(), scenes),
         (match_parser(), scenes),
         (track_parser(), scenes),
+        (replay_parser(), scenes),
         (view_parser(), scenes),
         (recover_parser(), ()),
         (check_rig_parser(), ()),

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from msgs_py import StereoRig
 from msgs_py.numeric.typed import FloatArray
@@ -111,8 +110,8 @@ class RigError:
         return f'{angles} deg; rows off by {self.offset_px:+.2f} px in the middle, at most {self.most_px:.2f} px'
 
 
-# Mahalanobis distance of two numbers, beyond which a rig in order is found once in so many.
-FARTHEST = float(np.sqrt(chi2.isf(DRIFT_FALSE_ALARM, 2)))
+# Mahalanobis distance of two numbers beyond which a rig in order is found once in so many: chi-squared of two degrees.
+FARTHEST = float(np.sqrt(-2.0 * np.log(DRIFT_FALSE_ALARM)))
 
 
 def rig_error(witnesses: RowWitnesses, rig: StereoRig, least: float) -> RigError:

@@ -1,0 +1,224 @@
+"""Recordings of other programs in, recordings for other programs out; nothing of ROS runs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip('rosbags', reason='rosbags (pip) is not installed')
+pytest.importorskip('mcap', reason='mcap (pip) is not installed')
+
+import mcap.reader
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from csg_renderer import load_scene, render_stereo, scene_path
+from model_matcher.closed_form.recordings.bag_reader import StereoBag
+from model_matcher.closed_form.recordings.replay_cli import main as replay
+from model_matcher.match_cli import main as match
+from msgs_py import PinholeCamera, StereoRig
+
+RIG = StereoRig.symmetric(PinholeCamera.centred(320, 320, 440.0), 0.03)
+STORE, STORE1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+FRAME = 'stereo_left_optical_frame'
+# The second pair is of an hour before the first: the clock was set.
+STAMPS = (1_700_003_600_250_000_000, 1_700_000_000_000_000_000, 1_700_000_000_100_000_000)
+
+
+@pytest.fixture(scope='module')
+def pictures(tmp_path_factory) -> list[list[Path]]:
+    """JPEG files of three pairs, and their calibration, camera.json beside them."""
+    folder = tmp_path_factory.mktemp('pictures')
+    camera = RIG.left
+    matrix = [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
+    record = {'width': camera.width, 'height': camera.height, 'K': matrix, 'baseline': RIG.baseline}
+    (folder / 'camera.json').write_text(json.dumps(record))
+    files: list[list[Path]] = []
+    frames = render_stereo(load_scene(scene_path('l_shape_v1')), RIG, antialias=True)
+    rng = np.random.default_rng(2)
+    for number in range(len(STAMPS)):
+        files.append([folder / f'{side}_{number}.jpg' for side in ('left', 'right')])
+        for path, frame in zip(files[-1], frames):
+            grey = cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY) + rng.normal(0.0, 2.0, frame.image.shape[:2])
+            cv2.imwrite(str(path), np.clip(np.rint(grey), 0, 255).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 95])
+    return files
+
+
+def header(store, stamp_ns: int, sequence: dict):
+    time = store.types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+    return store.types['std_msgs/msg/Header'](**sequence, stamp=time, frame_id=FRAME)
+
+
+def info(store, side: int, capitals: bool, sequence: dict):
+    """The message of one camera, with a stamp that no image has."""
+    camera, offset = (RIG.left, 0.0) if side == 0 else (RIG.right, -RIG.right.fx * RIG.baseline)
+    matrices = {
+        'd': np.zeros(5),
+        'k': np.array([camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0]),
+        'r': np.eye(3).ravel(),
+        'p': np.array([camera.fx, 0.0, camera.cx, offset, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+    }
+    roi = store.types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
+    return store.types['sensor_msgs/msg/CameraInfo'](
+        header=header(store, 10**9, sequence),
+        height=camera.height,
+        width=camera.width,
+        distortion_model='plumb_bob',
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+        **{name.upper() if capitals else name: value for name, value in matrices.items()},
+    )
+
+
+def recorded(store, pictures, capitals: bool = False, sequence: dict | None = None):
+    """Topic, message and time of recording: camera_info once, here after the first images; a clock that is set back."""
+    sequence = sequence or {}
+    for number, (files, stamp) in enumerate(zip(pictures, STAMPS)):
+        for side, path in zip(('left', 'right'), files):
+            data = np.frombuffer(path.read_bytes(), np.uint8)
+            message = store.types['sensor_msgs/msg/CompressedImage'](header(store, stamp, sequence), 'jpeg', data)
+            yield f'/stereo/{side}/image_rect/compressed', message, 10**18 + number * 10**8
+        if number == 0:
+            for side, name in enumerate(('left', 'right')):
+                yield f'/stereo/{name}/camera_info', info(store, side, capitals, sequence), 10**18 + 5 * 10**7
+
+
+def write(writer, store, messages, serialise) -> None:
+    with writer:
+        connections = {}
+        for topic, message, time_ns in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=store)
+            writer.write(connections[topic], time_ns, serialise(message, message.__msgtype__))
+
+
+@pytest.fixture(params=['mcap', 'sqlite3', 'ros1'])
+def bag(request, tmp_path, pictures) -> Path:
+    """What rosbags itself has written of these pictures."""
+    if request.param == 'ros1':
+        path = tmp_path / 'foreign.bag'
+        write(Writer1(path), STORE1, recorded(STORE1, pictures, True, {'seq': 0}), STORE1.serialize_ros1)
+        return path
+    path = tmp_path / 'foreign'
+    plugin = StoragePlugin.MCAP if request.param == 'mcap' else StoragePlugin.SQLITE3
+    write(Writer(path, version=9, storage_plugin=plugin), STORE, recorded(STORE, pictures), STORE.serialize_cdr)
+    return path
+
+
+def test_pairs_of_foreign_bags(bag, pictures):
+    pairs = list(StereoBag(bag))
+    assert [pair.stamp_ns for pair in pairs] == list(STAMPS)
+    assert {pair.frame_id for pair in pairs} == {FRAME}
+    assert [pair.log_ns for pair in pairs] == [10**18 + k * 10**8 for k in range(3)]
+    assert pairs[0].rig.baseline == pytest.approx(RIG.baseline)
+    for pair, files in zip(pairs, pictures):
+        for image, path in zip(pair.images, files):
+            assert np.array_equal(image, cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+
+
+def test_a_replayed_bag_gives_what_match_gives(bag, pictures, tmp_path, capsys):
+    out = tmp_path / 'out.mcap'
+    assert replay([str(bag), 'l_shape', '-o', str(out), '--inputs', '-q', '--json']) == 0
+    record = json.loads(capsys.readouterr().out)
+    expected = []
+    for files in pictures:
+        arguments = ['l_shape', *map(str, files), str(files[0].parent / 'camera.json'), '--json']
+        assert match([*arguments, '-o', str(tmp_path / 'match.png')]) == 0
+        expected.append(json.loads(capsys.readouterr().out)['found'][0])
+    said = [pair['found'][0] for pair in record['pairs']]
+    for mine, other in zip(said, expected):
+        np.testing.assert_allclose(mine['position'], other['position'], atol=1e-9)
+    assert [pair['stamp_ns'] for pair in record['pairs']] == list(STAMPS)
+
+    # With the library of the format: schemas, encodings, stamps, checksums.
+    with out.open('rb') as file:
+        reader = mcap.reader.make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        summary = reader.get_summary()
+        assert {channel.message_encoding for channel in summary.channels.values()} == {'cdr'}
+        assert {schema.encoding for schema in summary.schemas.values()} == {'ros2msg'}
+        messages = [(c.topic, s.name, m) for s, c, m in reader.iter_messages(log_time_order=False)]
+    assert {m.publish_time for _, _, m in messages} == set(STAMPS)
+    poses = [(name, m) for topic, name, m in messages if topic == '/interpretations/l_shape']
+    assert [m.publish_time for _, m in poses] == list(STAMPS)
+    assert {name for name, _ in poses} == {'geometry_msgs/msg/PoseStamped'}
+    for (name, message), other in zip(poses, expected):
+        decoded = STORE.deserialize_cdr(message.data, name)
+        at = decoded.pose.position
+        np.testing.assert_allclose([at.x, at.y, at.z], other['position'], atol=1e-9)
+        assert decoded.header.frame_id == FRAME
+        assert decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec == message.publish_time
+
+    # With rosbags, by the definitions in the file.
+    with AnyReader([out]) as again:
+        topics = {c.topic: c.msgcount for c in again.connections}
+        below = [f'/interpretations{each}' for each in ('', '/report', '/l_shape', '/l_shape/with_covariance')]
+        assert {topic: topics[topic] for topic in ('/features', *below)} == dict.fromkeys(('/features', *below), 3)
+        assert topics['/stereo/left/image_rect/compressed'] == 3
+        features = again.messages([c for c in again.connections if c.topic == '/features'])
+        clouds = [again.deserialize(data, connection.msgtype) for connection, _, data in features]
+        assert [cloud.width for cloud in clouds] == [pair['features'] for pair in record['pairs']]
+    # And what was written can be replayed.
+    assert [pair.stamp_ns for pair in StereoBag(out)] == list(STAMPS)
+
+
+def test_nothing_of_ros_runs(tmp_path, pictures):
+    write(Writer(tmp_path / 'bag', version=9), STORE, recorded(STORE, pictures[:1]), STORE.serialize_cdr)
+    code = (
+        'import sys\n'
+        'from model_matcher.closed_form.recordings.replay_cli import main\n'
+        f'assert main([{str(tmp_path / "bag")!r}, "l_shape", "-o", {str(tmp_path / "out.mcap")!r}, "-q"]) == 0\n'
+        'assert "rclpy" not in sys.modules\n'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_broken_image_costs_one_pair_and_is_named(tmp_path, pictures, capsys):
+    messages = list(recorded(STORE, pictures))
+    messages[-1][1].data = messages[-1][1].data[:500]
+    write(Writer(tmp_path / 'bag', version=9), STORE, messages, STORE.serialize_cdr)
+    assert replay([str(tmp_path / 'bag'), 'l_shape', '-q']) == 0
+    said = capsys.readouterr()
+    assert '2 pairs' in said.out
+    assert (
+        f'{tmp_path / "bag"}: /stereo/right/image_rect/compressed: image.data: 500 bytes of a JPEG without' in said.err
+    )
+
+
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        (
+            ['--left', '/cam0/image_raw', '--right', '/cam1/image_raw'],
+            'there is no topic /cam0/image_raw; there are /stereo',
+        ),
+        (['--left', '/cam0/image_raw'], '--left, --right: expected both'),
+        (['-o', 'poses.bag'], 'poses.bag: expected a name that ends in .mcap'),
+        (None, 'there.mcap: is there already'),
+    ],
+)
+def test_typical_mistakes_are_named(tmp_path, pictures, capsys, change, text):
+    write(Writer(tmp_path / 'bag', version=9), STORE, recorded(STORE, pictures), STORE.serialize_cdr)
+    there = tmp_path / 'there.mcap'
+    there.write_bytes(b'precious')
+    change = ['-o', str(there)] if change is None else change
+    assert replay([str(tmp_path / 'bag'), 'l_shape', '-q', *change]) == 2
+    assert text in capsys.readouterr().err
+    assert there.read_bytes() == b'precious'
+
+
+def test_what_is_no_bag_is_named(tmp_path, capsys):
+    (tmp_path / 'torn.mcap').write_bytes(b'\x89MCAP0\r\n torn')
+    for name, text in {'missing': 'no such bag', 'torn.mcap': 'not a bag that can be read'}.items():
+        assert replay([str(tmp_path / name), 'l_shape', '-q']) == 2
+        assert f'{tmp_path / name}: {text}' in capsys.readouterr().err
