@@ -71,6 +71,7 @@ def test_ideal_data_is_proven_largest_without_a_tree(name):
     assert proof.proven and proof.reason is None and proof.nodes == 0
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize('name', ['l_shape', 'wedge', 'chipped_block', 'chair', 'computer', 'plug'])
 def test_match_is_proven_with_half_the_data_spurious(name):
     model = MODELS[name]()
@@ -85,6 +86,7 @@ def test_match_is_proven_with_half_the_data_spurious(name):
         )
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize('seed', range(3))
 def test_the_plug_with_its_short_pins_is_proven_and_no_other_pose_explains_more(seed):
     model = MODELS['plug']()
@@ -99,6 +101,7 @@ def test_the_plug_with_its_short_pins_is_proven_and_no_other_pose_explains_more(
         assert (explained(problem, motion) != BIN).sum() <= best.matched
 
 
+@pytest.mark.compiled
 def test_what_the_proof_adds_is_true():
     model = MODELS['chair']()
     added = right = 0
@@ -224,6 +227,7 @@ def test_data_at_its_limits_is_never_ruled_out(seed):
     assert not result or not result.best.proven or result.best.matched >= scene.explained
 
 
+@pytest.mark.compiled
 def test_most_of_what_is_at_its_limits_is_decided():
     found = 0
     for seed in range(40):
