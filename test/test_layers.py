@@ -120,6 +120,7 @@ ROS_MODULES = (
     'runtime',
     'beside',
     'camera_input',
+    'managed',
     'service_link',
     'parameter_values',
     'run_graph',

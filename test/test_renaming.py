@@ -26,7 +26,12 @@ class RenamedConfig(Config):
 class RenamedNode(GraphNode):
     def __init__(self, **kwargs):
         super().__init__('renamed_node', RenamedConfig, **kwargs)
+        self.start()
+
+    def configure(self):
         self.out = self.create_output(String, 'texts', formerly=('output',))
+
+    def activate(self):
         self.listen(String, 'words', self.on_text, formerly=('input',))
 
     def on_text(self, message):

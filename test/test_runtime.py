@@ -40,9 +40,13 @@ class EchoConfig(Config):
 class EchoNode(GraphNode):
     def __init__(self, **kwargs):
         super().__init__('echo_node', EchoConfig, **kwargs)
-        self.out = self.create_output(String, 'out')
         self.changes = []
-        self.pairs = []
+        self.start()
+
+    def configure(self):
+        self.out = self.create_output(String, 'out')
+
+    def activate(self):
         self.listen(String, 'in', self.on_text)
 
     def on_text(self, message):
@@ -61,6 +65,9 @@ class StereoEchoNode(GraphNode):
     def __init__(self, **kwargs):
         super().__init__('stereo_echo_node', EchoConfig, **kwargs)
         self.seen = []
+        self.start()
+
+    def activate(self):
         self.listen_stereo(self.on_pair)
 
     def on_pair(self, pair):

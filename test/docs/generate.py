@@ -82,6 +82,11 @@ EVERY_NODE_HAS = (
     *(
         f'~/{name}'
         for name in (
+            'change_state',
+            'get_state',
+            'get_available_states',
+            'get_available_transitions',
+            'get_transition_graph',
             'get_type_description',
             'describe_parameters',
             'get_parameter_types',

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from msgs_py.node_runtime.background import Background
 from msgs_py.node_runtime.config import Config, parameter
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.node_runtime.until import Until
 from msgs_py.numeric.steps import CompileStep
 
 from .language import SceneError, SceneFile, read_scene
@@ -154,11 +154,6 @@ class RendererNode(GraphNode[RendererConfig]):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('renderer_node', RendererConfig, **kwargs)
-        self._images = [self.create_output(Image, f'{side}/image_rect') for side in ('left', 'right')]
-        self._infos = [self.create_output(CameraInfo, f'{side}/camera_info') for side in ('left', 'right')]
-        self._depth = self.create_output(Image, 'left/depth')
-        self._pose = self.create_output(PoseStamped, 'ground_truth/pose')
-        self._features = self.create_output(PointCloud2, 'ground_truth/features')
         # Of a group of its own: one that waits for the compiler keeps no other callback waiting.
         self.create_service(Trigger, '~/render', self._on_render, callback_group=ReentrantCallbackGroup())
         self._file: SceneFile | None = None
@@ -170,10 +165,38 @@ class RendererNode(GraphNode[RendererConfig]):
         self._trusted = TrustedFolders(
             [*self.config.scene_folders, models_folder()], [self.config.scene], 'scene_folders'
         )
+        self.start()
+
+    # -- its life ----------------------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Make the outputs, read the scene, and compile."""
+        self._images = [self.create_output(Image, f'{side}/image_rect') for side in ('left', 'right')]
+        self._infos = [self.create_output(CameraInfo, f'{side}/camera_info') for side in ('left', 'right')]
+        self._depth = self.create_output(Image, 'left/depth')
+        self._pose = self.create_output(PoseStamped, 'ground_truth/pose')
+        self._features = self.create_output(PointCloud2, 'ground_truth/features')
         self._load(self.config.scene)
         self.prepare(self._compile_steps())
+
+    def unusable(self) -> str:
+        """A scene that cannot be read, or a parameter that was refused. See ManagedNode."""
+        return super().unusable() or (self.health.last_error if self._file is None else '')
+
+    def activate(self) -> None:
+        """Render at the rate that the parameter says."""
         self._start_timer()
-        self.create_timer(LOOK_S, self._look_at_the_clock, clock=self._steady_clock)
+        self.every(LOOK_S, self._look_at_the_clock, clock=self._steady_clock)
+
+    def deactivate(self) -> None:
+        """End what is being rendered."""
+        self._timer = None
+        if self._picture is not None:
+            self._picture.stop.set('the node was deactivated')
+
+    def cleanup(self) -> None:
+        """Forget the scene."""
+        self._file, self._read_at, self._pair_index = None, {}, 0
 
     # -- configuration -----------------------------------------------------------------------------------------
 
@@ -248,8 +271,8 @@ class RendererNode(GraphNode[RendererConfig]):
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = None
-        if self.config.rate > 0.0:
-            self._timer = self.create_timer(1.0 / self.config.rate, self._guard('render', self._on_timer))
+        if self.config.rate > 0.0 and self.active:
+            self._timer = self.every(1.0 / self.config.rate, self._guard('render', self._on_timer))
 
     # -- rendering ---------------------------------------------------------------------------------------------
 
@@ -258,12 +281,15 @@ class RendererNode(GraphNode[RendererConfig]):
             self._begin()
 
     async def _on_render(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self.active:
+            response.success, response.message = False, f'renderer_node is {self.lifecycle}'
+            return response
         await self.prepared()
-        await _Until(lambda: self._picture is None)
+        await Until(lambda: self._picture is None)
         self._guard('render', self._begin)()
         picture = self._picture
         if picture is not None:
-            await _Until(lambda: self._picture is not picture)
+            await Until(lambda: self._picture is not picture)
         response.success = picture is not None and picture.published
         response.message = (
             f'pair {picture.number}' if picture is not None and picture.published else self.health.last_error
@@ -307,7 +333,8 @@ class RendererNode(GraphNode[RendererConfig]):
     def _on_rendered(self) -> None:
         picture = self._picture
         if picture is not None and picture.job is not None and picture.job.done:
-            self._guard('render', self._publish)(picture, picture.job)
+            if self.active:
+                self._guard('render', self._publish)(picture, picture.job)
             self._picture = None
 
     def _publish(self, picture: Picture, job: Background[Rendered]) -> None:
@@ -342,18 +369,6 @@ class RendererNode(GraphNode[RendererConfig]):
             if picture.job is not None:
                 picture.job.wait(2.0)
         super().destroy_node()
-
-
-class _Until:
-    """Awaitable: until something holds. The executor asks again and again, and leaves the processor in between."""
-
-    def __init__(self, holds: Callable[[], bool]) -> None:
-        self.holds = holds
-
-    def __await__(self) -> Generator[None, None, None]:
-        while not self.holds():
-            time.sleep(0.001)
-            yield
 
 
 def rendered(scene: Scene, rig: StereoRig, picture: Picture, with_pose: bool, with_features: bool) -> Rendered:

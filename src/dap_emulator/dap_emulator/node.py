@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from msgs_py.codecs import array_to_image, gray_from_image
 from msgs_py.node_runtime.confinement import TrustedFolders
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.node_runtime.until import Until
 from msgs_py.numeric.typed import ByteArray
 
 from .fortran_plus import Stopped
@@ -26,21 +27,10 @@ from .service.imaging import ImageProgram
 from .service.parameter_values import value_from_message, value_to_message
 from .service.processes import PROCESSES, ProgramFailed
 from .service.service_config import EmulatorConfig
+from .service.settings import MAX_CALLS
 from .service.workspaces import Refused, ServiceLimits, Workspaces
 
 _T = TypeVar('_T')
-
-
-class _Finished(Generic[_T]):
-    """Awaitable of a Future of another thread; the executor is woken by a guard condition when it is done."""
-
-    def __init__(self, future: Future[_T]) -> None:
-        self.future = future
-
-    def __await__(self) -> Generator[None, None, _T]:
-        while not self.future.done():
-            yield
-        return self.future.result()
 
 
 class _ImageRun(NamedTuple):
@@ -61,12 +51,12 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         super().__init__('emulator_node', EmulatorConfig, **kwargs)
         started_with = [self.config.image_program] if self.config.image_program else []
         self._trusted = TrustedFolders(self.config.program_folders, started_with, 'program_folders')
-        self.on_config(self.config, self.config)
         # Threads that wait for the processes in which programs run and are compiled, so that meanwhile a store can
         # cancel a run, and a fetch can watch it.
         self._runner, self._compiler, self._image_runner = (
             ThreadPoolExecutor(max_workers=1, thread_name_prefix=f'dap {what}') for what in ('run', 'compile', 'image')
         )
+        self._calls = 0
         self._image_run: _ImageRun | None = None
         self._newest_image: Image | None = None
         self._no_more_images = threading.Event()
@@ -76,8 +66,35 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         self.create_service(GetParameters, '~/fetch', self._on_fetch)
         self.create_service(Trigger, '~/list', self._on_list)
         self.create_service(Trigger, '~/run', self._on_run, callback_group=ReentrantCallbackGroup())
+        self.start()
+
+    def configure(self) -> None:
+        """Make the output, take over the limits, and compile the image program."""
         self.image_out = self.create_output(Image, 'image_out')
+        self.on_config(self.config, self.config)
+
+    def unusable(self) -> str:
+        """An image program that cannot be used, or a parameter that was refused. See ManagedNode."""
+        missing = self.config.image_program and self.images is None
+        return super().unusable() or (self.health.last_error if missing else '')
+
+    def activate(self) -> None:
+        """Subscribe to the images; programs may be stored and run."""
         self.listen(Image, 'image_in', self._on_image)
+
+    def deactivate(self) -> None:
+        """Stop what runs, and forget all workspaces."""
+        self.spaces.clear()
+        self._newest_image = None
+
+    def cleanup(self) -> None:
+        """Forget the image program."""
+        self.images = None
+
+    def _refuse_unless_active(self) -> None:
+        """Raise Refused."""
+        if not self.active:
+            raise Refused(f'emulator_node is {self.lifecycle}')
 
     def check_config(self, new: EmulatorConfig) -> None:
         """Refuse an image program that lies outside of the trusted folders or cannot filter images."""
@@ -106,6 +123,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
     ) -> SetParametersAtomically.Response:
         try:
+            self._refuse_unless_active()
             items = []
             for parameter in request.parameters:
                 try:
@@ -113,7 +131,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
                 except ValueError as error:
                     raise Refused(f'{parameter.name}: {error}') from None
             if any(name.endswith(('.program', '.library')) for name, _ in items):
-                await self._done(self._compiler.submit(self.spaces.store, items))
+                await self._done(self._compiler, self.spaces.store, items)
             else:
                 self.spaces.store(items)
             response.result = SetParametersResult(successful=True)
@@ -124,14 +142,28 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             response.result = SetParametersResult(successful=False, reason=f'{type(error).__name__}: {error}')
         return response
 
-    def _done(self, future: Future[_T]) -> _Finished[_T]:
-        """What a thread does, to be awaited."""
-        future.add_done_callback(lambda _: self._something_done.trigger())
-        return _Finished(future)
+    async def _done(self, threads: ThreadPoolExecutor, work: Callable[..., _T], *arguments: Any) -> _T:
+        """What work of a call gives in its thread. Raises Refused when too many calls wait already."""
+        if self._calls >= MAX_CALLS:
+            raise Refused(f'{self._calls} calls are waiting already')
+        self._calls += 1
+        try:
+            future = threads.submit(work, *arguments)
+            await Until(future.done)
+            return future.result()
+        finally:
+            self._calls -= 1
 
     async def _on_run(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Execute what waits, oldest first; done when everything that waited on arrival is done."""
-        waiting = await self._done(self._runner.submit(self.spaces.execute_waiting))
+        if not self.active:
+            response.success, response.message = False, f'emulator_node is {self.lifecycle}'
+            return response
+        try:
+            waiting = await self._done(self._runner, self.spaces.execute_waiting)
+        except Refused as error:
+            response.success, response.message = False, str(error)
+            return response
         response.success = all(item.state == 'done' for item in waiting)
         response.message = json.dumps([item.summary() for item in waiting])
         return response
@@ -174,7 +206,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
             self.images.run, gray_from_image(message), self.config.max_run_seconds, self._no_more_images
         )
         self._image_run = _ImageRun(future, message, self.config.image_program, time.monotonic())
-        self._done(future)
+        future.add_done_callback(lambda _: self._something_done.trigger())
 
     def _on_image_done(self) -> None:
         """Publish what the program made of an image, when it is done with one."""
@@ -182,8 +214,9 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         if run is None or not run.future.done():
             return
         self._image_run = None
-        self._guard('image_in', self._publish_image)(run)
-        self._guard('image_in', self._filter_newest)()
+        if self.active:
+            self._guard('image_in', self._publish_image)(run)
+            self._guard('image_in', self._filter_newest)()
 
     def _publish_image(self, run: _ImageRun) -> None:
         self._callback_start = run.started

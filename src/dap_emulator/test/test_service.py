@@ -1,11 +1,13 @@
 """emulator_node over real services: store, run, fetch, list; several clients; refusals; limits; images."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
 
 from dap_emulator import DapError
+from dap_emulator.service.settings import MAX_CALLS
 
 ADD = """
 ENTRY SUBROUTINE ADD(A, B, C)
@@ -93,6 +95,50 @@ def test_a_running_request_can_be_cancelled_and_watched(start_emulator):
     waiting.join(timeout=10)
     assert not waiting.is_alive()
     assert client.fetch('result.7.state', 'result.7.message') == ['stopped', 'cancelled']
+
+
+def test_any_number_of_calls_beside_an_endless_program_are_answered_or_refused(start_emulator):
+    """Those that wait are bounded, and others are answered beside them."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from std_srvs.srv import Trigger
+
+    emulator = start_emulator(max_run_seconds=30.0)
+    client = emulator.client('one')
+    asker = rclpy.create_node('asker', context=emulator.context)
+    executor = SingleThreadedExecutor(context=emulator.context)
+    executor.add_node(asker)
+    run = asker.create_client(Trigger, 'emulator_node/run')
+    assert run.wait_for_service(10.0)
+    answers, refused = [], []
+
+    def accounted():
+        return emulator.node._calls + sum(one.done() for one in answers) == len(answers)
+
+    def spin_until(holds):
+        end = time.monotonic() + 20.0
+        while not holds():
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.01)
+
+    first = run.call_async(Trigger.Request())  # nothing waits, so it is answered at once, and both ends are known
+    spin_until(first.done)
+    client.store(program=ENDLESS, run_request=1)
+    while not refused:
+        answers += [run.call_async(Trigger.Request()) for _ in range(4)]  # a service's queue takes ten
+        spin_until(accounted)
+        refused = [one for one in answers if one.done()]
+    assert len(answers) > MAX_CALLS and all('are waiting already' in one.result().message for one in refused)
+    started = time.monotonic()
+    assert client.fetch('result.1.state') == ['running']
+    assert time.monotonic() - started < 1.0
+    client.cancel(1)
+    spin_until(lambda: emulator.node._calls == 0)
+    last = run.call_async(Trigger.Request())
+    spin_until(last.done)
+    assert last.result().success
+    executor.shutdown()
+    asker.destroy_node()
 
 
 def test_the_library_is_listed_and_runs(start_emulator):

@@ -73,6 +73,10 @@ class ModelNode(GraphNode[_C]):
         if new.tf != old.tf:
             self._start_transforms()
 
+    def cleanup(self) -> None:
+        """Forget the models."""
+        self._pose_out, self._transforms_out, self._library = {}, None, Library((), (), {})
+
     def _read_library(self, mesh_units: str = GUESS, distance: float | None = None) -> None:
         """Read the models; what cannot be used is reported by name and left out."""
         self._library = load_library(self.config.models, mesh_units, distance)
@@ -91,7 +95,7 @@ class ModelNode(GraphNode[_C]):
         if self._transforms_type is None:
             self.problem(NO_TF)
             return
-        self._transforms_out = self.create_publisher(self._transforms_type, '/tf', 100)
+        self._transforms_out = self.owned(self.create_publisher(self._transforms_type, '/tf', 100))
 
     def _broadcast(self, poses: Mapping[str, Pose], models: Mapping[str, ModelIndex], header: Header) -> None:
         """The frames of objects at poses, by the names of their models, where they are asked for."""

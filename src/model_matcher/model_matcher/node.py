@@ -179,26 +179,53 @@ class MatcherNode(ModelNode[MatcherConfig]):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('matcher_node', MatcherConfig, **kwargs)
-        self._array_out = self.create_output(PoseArray, TOPIC)
-        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
-        self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
-        self._answers = Answers(self, TOPIC)
         self._instances = Instances()
         self._reason = ''
         self._looked_at = time.monotonic()
         self._distance: float | None = None
         self._params = self.config.match_params()
         self._search = Beside(self, 'features', self._begin, self._finish)
+        self._images = ViewMemory()
+        self._waiting: tuple[PointCloud2, float] | None = None
+        self._seen = 0
+        self.start()
+
+    # -- its life ----------------------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Make the outputs, read the models, and compile."""
+        self._array_out = self.create_output(PoseArray, TOPIC)
+        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
+        self._markers_out = self.create_output(MarkerArray, f'{TOPIC}/markers')
+        self._answers = Answers(self, TOPIC)
+        self._params = self.config.match_params()
         self._warn_of_seed()
         self._load()
         self.prepare(compile_steps(self._params, len(self._library.models), images=True))
         self._start_transforms()
-        self._images = ViewMemory()
-        self._waiting: tuple[PointCloud2, float] | None = None
-        self._seen = 0
+
+    def unusable(self) -> str:
+        """No model, or a parameter that was refused. See ManagedNode."""
+        return super().unusable() or self._no_model()
+
+    def activate(self) -> None:
+        """Subscribe, and say what is latched."""
+        self._answers.tell_symmetries()
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self._on_images, optional=True)
         self.listen(PointCloud2, 'features', self._on_features)
-        self.create_timer(WAIT_FOR_IMAGES_S, self._wait_no_longer, clock=self._steady_clock)
+        self.every(WAIT_FOR_IMAGES_S, self._wait_no_longer, clock=self._steady_clock)
+
+    def deactivate(self) -> None:
+        """End the search, and forget what it was about."""
+        self._search.drop()
+        self._images.clear()
+        self._instances.clear()
+        self._waiting = None
+
+    def cleanup(self) -> None:
+        """Forget the models."""
+        super().cleanup()
+        self._reason, self._seen, self._distance = '', 0, None
 
     # -- configuration -----------------------------------------------------------------------------------------
 
@@ -239,6 +266,8 @@ class MatcherNode(ModelNode[MatcherConfig]):
         for name in sorted(names - set(self._pose_out)):
             self._pose_out[name] = self.create_output(PoseStamped, f'{TOPIC}/{_topic_name(name)}')
         self._answers.load(self._library.models, {name: _topic_name(name) for name in names})
+        if self.active:
+            self._answers.tell_symmetries()
         self._search.begin_anew(0.0)  # what it finds would be of models that are there no longer
 
     def _models(self) -> dict[str, ModelIndex]:
@@ -351,10 +380,16 @@ class MatcherNode(ModelNode[MatcherConfig]):
     def why_silent(self) -> str | None:
         """What keeps the node from finding anything; None when nothing does."""
         if not self._library.models:
-            return 'no model is loaded: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
+            return self._no_model()
         if self._search.seconds > SILENCE_S:
             return f'a search takes {self._search.seconds:.0f} s, of a time_limit of {self.config.time_limit:g} s'
         return None
+
+    def _no_model(self) -> str:
+        """Why there is no model; empty when there is one."""
+        if self._library.models:
+            return ''
+        return 'no model is loaded: ' + ('; '.join(self._library.problems) or 'parameter models is empty')
 
     def report_values(self) -> dict[str, object]:
         """What diagnostics say besides the counters."""

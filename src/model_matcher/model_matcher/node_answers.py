@@ -65,7 +65,7 @@ class Answers:
         self._in_scene: set[str] = set()
         # Who comes later hears it, too.
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self._symmetries = node.create_publisher(String, f'{topic}/symmetries', latched)
+        self._symmetries = node.owned(node.create_publisher(String, f'{topic}/symmetries', latched))
 
     def load(self, models: Iterable[ModelIndex], topic_names: Mapping[str, str]) -> None:
         """Take over the models; topic_names : the last part of each one's topic, by its name."""
@@ -79,6 +79,9 @@ class Answers:
             self._poses[name] = self._node.create_output(PoseWithCovarianceStamped, topic)
         for name in self._models:
             self._make_frames(name, f'{self._topic}/{topic_names[name]}')
+
+    def tell_symmetries(self) -> None:
+        """Publish what each model looks the same under, latched."""
         groups = {name: symmetry_group(model) for name, model in self._models.items()}
         self._symmetries.publish(String(data=json.dumps(groups)))
 

@@ -100,18 +100,43 @@ class TrackerNode(ModelNode[TrackerConfig]):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('tracker_node', TrackerConfig, **kwargs)
-        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
         self._starts: dict[str, Any] = {}
         self._models: dict[str, ModelIndex] = {}
         self._followed: dict[str, _Followed] = {}
         self._images = ViewMemory()
         self._lost = 0
+        self.start()
+
+    # -- its life ----------------------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Make the outputs, read the models, and compile."""
+        self._report_out = self.create_output(DiagnosticArray, f'{TOPIC}/report')
         self._load()
         self._start_transforms()
         self.prepare(compile_steps())
+
+    def unusable(self) -> str:
+        """No model that can be followed, or a parameter that was refused. See ManagedNode."""
+        return super().unusable() or self.why_silent() or ''
+
+    def activate(self) -> None:
+        """Subscribe."""
+        self._hear_starts()
         queue = self.config.sync_queue_size, self.config.sync_tolerance
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self._on_images, *queue)
         self.listen(DiagnosticArray, 'interpretations/report', self._on_report, optional=True)
+
+    def deactivate(self) -> None:
+        """Follow nothing more."""
+        self._starts.clear()
+        self._images.clear()
+        self._followed.clear()
+
+    def cleanup(self) -> None:
+        """Forget the models."""
+        super().cleanup()
+        self._models, self._lost = {}, 0
 
     # -- configuration -----------------------------------------------------------------------------------------
 
@@ -140,13 +165,20 @@ class TrackerNode(ModelNode[TrackerConfig]):
                 self._models[model.name] = model
         for name in set(self._pose_out) - set(self._models):
             self.destroy_publisher(self._pose_out.pop(name))
-            self.destroy_subscription(self._starts.pop(name))
+            if name in self._starts:
+                self.destroy_subscription(self._starts.pop(name))
         for name in sorted(set(self._models) - set(self._pose_out)):
             self._pose_out[name] = self.create_output(PoseWithCovarianceStamped, f'{TOPIC}/{topic_name(name)}')
+        if self.active:
+            self._hear_starts()
+        self._followed = {name: one for name, one in self._followed.items() if name in self._models}
+
+    def _hear_starts(self) -> None:
+        """Subscribe to the poses that users give, of models that are not heard of yet."""
+        for name in sorted(set(self._models) - set(self._starts)):
             self._starts[name] = self.listen(
                 PoseWithCovarianceStamped, f'track/{topic_name(name)}', partial(self._on_start, name), optional=True
             )
-        self._followed = {name: one for name, one in self._followed.items() if name in self._models}
 
     # -- what to follow ------------------------------------------------------------------------------------------
 

@@ -89,12 +89,21 @@ class ViewerNode(GraphNode[ViewerConfig]):
         except ValueError:
             self.destroy_node()
             raise
+        self.start()
+        self.get_logger().info(f'open {self.server.url}')
+
+    def activate(self) -> None:
+        """Subscribe to all that may be shown."""
         topics = CameraTopics.of(self.config, self.config.cameras)
         self.listen_images(topics, self._on_images, WAITING, optional=True)
         self.listen(PointCloud2, 'features', self._on_features, optional=True)
         self.listen(DiagnosticArray, 'interpretations/report', self._on_report, optional=True)
         self.listen(MarkerArray, 'interpretations/markers', self._on_markers, optional=True)
-        self.get_logger().info(f'open {self.server.url}')
+
+    def deactivate(self) -> None:
+        """Forget what has come."""
+        self._tracked.clear()
+        self.reset()
 
     def destroy_node(self) -> None:
         """Also ends the page."""

@@ -274,7 +274,7 @@ def test_a_search_of_an_hour_holds_nothing_up(tmp_path):
             newest = bench.node._search._newest
             return None if newest is None else newest.header.stamp.sec
 
-        set_to(prove=True, time_limit=3600.0)
+        set_to(search='serial', time_limit=3600.0)
         bench.send(stamped(crowd, 1))
         bench.wait(lambda: bench.node._search.seconds > 0.3)
         told.clear()
@@ -284,15 +284,15 @@ def test_a_search_of_an_hour_holds_nothing_up(tmp_path):
             bench.wait(lambda second=second: waiting() == second)
         assert bench.node.health.lost == 2 and not arrays
         changed = time.monotonic()
-        set_to(prove=False, time_limit=2.0)
+        set_to(search='hypotheses', time_limit=2.0)
         bench.wait(lambda: arrays)
         assert time.monotonic() - changed < 1.25
         assert [message.header.stamp.sec for message in arrays] == [4] and len(arrays[0].poses) == 1
-        set_to(prove=True, time_limit=3600.0)
+        set_to(search='serial', time_limit=3600.0)
         bench.send(stamped(crowd, 5))
         bench.wait(lambda: bench.node._search.seconds > 0.1)
         assert answer(reset, Trigger.Request()).success
-        set_to(prove=False, time_limit=2.0)
+        set_to(search='hypotheses', time_limit=2.0)
         bench.send(stamped(make_scene(l_shape(), 6).data, 6))
         bench.wait(lambda: arrays, 1.25)
         assert arrays[0].header.stamp.sec == 6

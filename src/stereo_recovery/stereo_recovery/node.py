@@ -170,16 +170,31 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('recovery_node', RecoveryConfig, **kwargs)
-        self.features_out = self.create_output(PointCloud2, 'features')
-        self.markers_out = self.create_output(MarkerArray, 'features/markers')
-        self.debug_out = self.create_output(Image, 'debug_image')
         self._calibration: tuple[object, ...] = ()
         self._rectifier: Rectifier | None = None
         self._images: RigImages | None = None
         self._reason = ''
         self._counts: dict[str, object] = {}
         self._rig_errors: deque[RigError] = deque(maxlen=RIG_PAIRS)
+        self.start()
+
+    def configure(self) -> None:
+        """Make the outputs, and compile."""
+        self.features_out = self.create_output(PointCloud2, 'features')
+        self.markers_out = self.create_output(MarkerArray, 'features/markers')
+        self.debug_out = self.create_output(Image, 'debug_image')
         self.prepare(compile_steps())
+
+    def unusable(self) -> str:
+        """A calibration file that cannot be read. See ManagedNode."""
+        try:
+            self._poses()
+        except ValueError as error:
+            return str(error)
+        return super().unusable()
+
+    def activate(self) -> None:
+        """Subscribe to the images."""
         queue = self.config.sync_queue_size, self.config.sync_tolerance
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self.on_images, *queue)
 
@@ -275,6 +290,10 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
                 f'{self.config.cameras}, as the parameter cameras says'
             )
         return rig.poses
+
+    def cleanup(self) -> None:
+        """Forget maps and counters."""
+        self.reset()
 
     def reset(self) -> str:
         """Forget maps and counters; returns what was forgotten."""

@@ -22,6 +22,9 @@ NAME_BYTES = 200
 MAX_NAMES = 1000
 # Requests that may wait for one client.
 MAX_WAITING = 32
+# Calls of services that may wait for a run or for the compiler: the executor asks each of them in turn whether it is
+# done, in about half a millisecond.
+MAX_CALLS = 64
 # Requests that may wait in all, of all clients.
 MAX_WAITING_IN_ALL = 256
 # Finished requests whose results are kept for one client.

@@ -13,7 +13,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, cast
 
@@ -36,6 +36,7 @@ from ..numeric.steps import CompileStep, Preparation
 from .camera_input import COMPRESSED, INFO, RAW, CameraImages, CameraTopics, message_type
 from .config import Config, ParameterSpec
 from .health import Health, SequenceGaps, shortened
+from .managed import ManagedNode
 from .renaming import notice
 from .settings import (
     COMPILING_HEARD_S,
@@ -53,6 +54,7 @@ from .settings import (
 )
 from .stamp_sync import StampSync
 from .transport import make_room_for_images
+from .until import Until
 
 # REP-2003: publishers reliable, so that either kind of subscriber is served; subscribers best effort, so that either
 # kind of publisher is heard.
@@ -64,6 +66,7 @@ INPUT_QOS = QoSProfile(
 )
 # Its value in a status says how far compiling is; empty when a node is ready.
 COMPILING_KEY = 'compiling'
+LIFECYCLE_KEY = 'lifecycle'
 # What a node that takes stereo pairs listens to; a set of them has one stamp.
 STEREO_TOPICS = ('left/image_rect', 'left/camera_info', 'right/image_rect', 'right/camera_info')
 
@@ -93,7 +96,7 @@ class StereoMessages:
     right_info: CameraInfo
 
 
-class GraphNode(Node, Generic[_C]):
+class GraphNode(ManagedNode, Generic[_C]):
     """A node of the recognition graph, ``GraphNode[ItsConfig]``.
 
     Parameters
@@ -114,11 +117,13 @@ class GraphNode(Node, Generic[_C]):
     def __init__(self, name: str, config_class: type[_C], **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.health = Health(time.monotonic())
+        self._refused: dict[str, str] = {}
         self._sync: StampSync | None = None
         self._optional_syncs: list[StampSync] = []
         self._received: dict[str, int] = {}
         self._callback_start = time.monotonic()
         self._preparation: Preparation | None = None
+        self._cancelled: list[Preparation] = []
         self._ready_at = -math.inf
         self._newest: dict[str, tuple[Callable[..., None], Any]] = {}
         self._told = ''
@@ -170,6 +175,27 @@ class GraphNode(Node, Generic[_C]):
         """More key and value pairs for /diagnostics."""
         return {}
 
+    # -- its life ----------------------------------------------------------------------------------------------
+
+    def unusable(self) -> str:
+        """Values given at the start that were refused: a manager is told, rather than defaults used in their place."""
+        return '; '.join(self._refused.values())
+
+    def _quiet(self) -> None:
+        """As ManagedNode's; what was heard is forgotten, so that nothing old is answered later."""
+        super()._quiet()
+        self._sync, self._optional_syncs = None, []
+        self._received.clear()
+        self._newest.clear()
+
+    def _forget(self) -> None:
+        """As ManagedNode's; what has not been compiled is not begun."""
+        if self._preparation is not None:
+            self._preparation.cancel()
+            self._cancelled.append(self._preparation)
+            self._preparation, self._told = None, ''
+        super()._forget()
+
     # -- compiling ---------------------------------------------------------------------------------------------
 
     def prepare(self, steps: Sequence[CompileStep]) -> None:
@@ -195,11 +221,11 @@ class GraphNode(Node, Generic[_C]):
     @property
     def is_busy_compiling(self) -> bool:
         """Whether a thread compiles, also for a node that was destroyed."""
-        return self._preparation is not None and self._preparation.running
+        return any(one.running for one in (self._preparation, *self._cancelled) if one is not None)
 
     async def prepared(self) -> None:
         """For services that cannot answer before all is compiled."""
-        await _WhilePreparing(self)
+        await Until(lambda: not self.compiling)
 
     def _on_prepared(self) -> None:
         """All is compiled: what waits is processed. Also called when it was before, and then does nothing."""
@@ -300,6 +326,7 @@ class GraphNode(Node, Generic[_C]):
                 self._declare_one(spec)
                 candidate = config.changed({spec.name: self._declared_value(spec)})
             except (InvalidParameterTypeException, InvalidParameterValueException, ValueError) as error:
+                self._refused[spec.name] = str(error)
                 self.problem(f'{error}; using the default {spec.default!r}')
                 if self.has_parameter(spec.name):
                     self.describe_parameter(spec.name).read_only = False  # or it could not be taken back
@@ -387,9 +414,12 @@ class GraphNode(Node, Generic[_C]):
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
         old, new = self._config, self._candidate(parameters)
+        for given in parameters:
+            self._refused.pop(given.name, None)
         if new != old:
             self._config = new
-            self._guard('parameters', self.on_config)(old, new)
+            if self.configured:
+                self._guard('parameters', self.on_config)(old, new)
 
     # -- topics ------------------------------------------------------------------------------------------------
 
@@ -406,11 +436,13 @@ class GraphNode(Node, Generic[_C]):
 
         def publisher(name: str) -> Publisher:
             # A copy: rclpy writes what parameters override into the profile it is given.
-            return self.create_publisher(
-                message_type,
-                name,
-                copy.copy(OUTPUT_QOS),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            return self.owned(
+                self.create_publisher(
+                    message_type,
+                    name,
+                    copy.copy(OUTPUT_QOS),
+                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                )
             )
 
         if not formerly:
@@ -466,13 +498,15 @@ class GraphNode(Node, Generic[_C]):
                 self._old_name_used('topic', old, topic)
                 guarded(message)
 
-            self.create_subscription(message_type, old, on_old, INPUT_QOS)
+            self._inputs.append(self.create_subscription(message_type, old, on_old, INPUT_QOS))
         if not optional:
             self._received.setdefault(topic, 0)
         guarded = self._guard(topic, callback)
         gaps = SequenceGaps()
 
         def on_message(message: Any, info: Any) -> None:
+            if not self.active:
+                return  # it was on its way when the node was deactivated
             if not optional:
                 self._received[topic] += 1
             # Numbers of several writers cannot be told apart; then nothing is counted rather than something wrong.
@@ -495,6 +529,7 @@ class GraphNode(Node, Generic[_C]):
             copy.copy(INPUT_QOS),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+        self._inputs.append(subscription)
         return subscription
 
     def listen_stereo(
@@ -607,7 +642,7 @@ class GraphNode(Node, Generic[_C]):
             if complete is not None:
                 on_set(complete)
 
-        self.create_timer(INFO_WAIT_S, look, clock=self._steady_clock)
+        self.every(INFO_WAIT_S, look, clock=self._steady_clock)
 
     def _is_kept(self, topic: str) -> bool:
         """Whether a publisher keeps its last messages for who comes late ("latched")."""
@@ -628,7 +663,7 @@ class GraphNode(Node, Generic[_C]):
                 self._received[topic] += 1
             guarded(message)
 
-        self.create_subscription(message_type(topic), topic, on_kept, asked)
+        self._inputs.append(self.create_subscription(message_type(topic), topic, on_kept, asked))
 
     def _guard(self, source: str, callback: Callable[..., None]) -> Callable[..., None]:
         """A callback that reports what the given one raises, under the name of its source."""
@@ -683,6 +718,8 @@ class GraphNode(Node, Generic[_C]):
     def silence(self) -> str | None:
         """Why nothing has come out for a while, or None when all is well."""
         now = time.monotonic()
+        if not self.active:
+            return None
         since = self.health.last_output_time if self.health.last_output_time is not None else self.health.started
         if self.compiling or now - max(since, self._ready_at) < SILENCE_S:
             return None
@@ -722,7 +759,10 @@ class GraphNode(Node, Generic[_C]):
         status = DiagnosticStatus(name=self.get_fully_qualified_name(), hardware_id='none', message='ok')
         silence, doubt = self.silence(), self.doubt()
         recent = self.health.last_error_time is not None and now - self.health.last_error_time < SILENCE_S
-        if silence is not None:
+        if not self.active:
+            status.message = f'{self.lifecycle}: {self.why_not}' if self.why_not else self.lifecycle
+            status.level = DiagnosticStatus.WARN if self.why_not else DiagnosticStatus.OK
+        elif silence is not None:
             status.level, status.message = DiagnosticStatus.WARN, silence
             if now - self._silence_logged >= SILENCE_LOG_S:
                 self._silence_logged = now
@@ -748,6 +788,7 @@ class GraphNode(Node, Generic[_C]):
                 'clock_jumps': counters.clock_jumps,
             }
         values |= {
+            LIFECYCLE_KEY: self.lifecycle,
             COMPILING_KEY: self.compiling,
             'old_names_in_use': '; '.join(self._old_names),
             'ignored_parameters': ', '.join(self._ignored_overrides()),
@@ -765,22 +806,11 @@ class GraphNode(Node, Generic[_C]):
         self.health = Health(time.monotonic())
         self._newest.clear()
         try:
-            response.success, response.message = True, f'reset: {self.reset()}'
+            response.success, response.message = True, f'reset: {self.reset() if self.configured else "counters"}'
         except Exception as error:
             response.success, response.message = False, f'{type(error).__name__}: {error}'
             self.problem(f'reset: {response.message}')
         return response
-
-
-class _WhilePreparing:
-    """Awaitable of a node that compiles; its guard condition wakes the executor at the end."""
-
-    def __init__(self, node: GraphNode[Any]) -> None:
-        self.node = node
-
-    def __await__(self) -> Generator[None, None, None]:
-        while self.node.compiling:
-            yield
 
 
 class _AlsoUnderOldNames:

@@ -50,8 +50,12 @@ class EstimatorNode(GraphNode[EstimatorConfig]):
             self.destroy_node()
             raise
         self._estimate_type = messages[0].PoseEstimate
-        self.prepare((*recovery_steps(), *compile_steps(n_models=len(self._models), images=True)))
         self.create_service(messages[1].GetPoseEstimates, 'get_pose_estimates', self._on_request)
+        self.start()
+
+    def configure(self) -> None:
+        """Compile."""
+        self.prepare((*recovery_steps(), *compile_steps(n_models=len(self._models), images=True)))
 
     def report_values(self) -> dict[str, object]:
         """What diagnostics say besides the counters."""
@@ -59,6 +63,9 @@ class EstimatorNode(GraphNode[EstimatorConfig]):
 
     async def _on_request(self, request: Any, response: Any) -> Any:
         """Answer; of a request that cannot be used nothing, and why in the log and the diagnostics."""
+        if not self.active:
+            self.problem(f'get_pose_estimates: bpc_node is {self.lifecycle}')
+            return response
         await self.prepared()
         self.attempt('get_pose_estimates', self._answer, request, response)
         return response
