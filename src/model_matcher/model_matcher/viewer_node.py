@@ -34,8 +34,8 @@ from .viewing.settings import PORT, SILENT_S, WAITING
 Lines = list[list[list[float]]]
 # What a moment is made of; each comes on topics of its own.
 IMAGES, FEATURES, FOUND, WIRES, FOLLOWED = 'images', 'features', 'found', 'wires', 'followed'
-# Those that a moment waits for; the others come at once with these, or not with every one of them.
-AWAITED = (IMAGES, FEATURES, FOUND)
+# Those that a moment waits for; what is followed comes with some.
+AWAITED = (IMAGES, FEATURES, FOUND, WIRES)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ The pictures, their calibration and the reference pose are data of stereo_recove
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +20,12 @@ from stereo_recovery import recover
 from stereo_recovery.cameras.calibration import load_rig
 
 from ..drawing import GREEN, GREY, canvas, draw_features
+from ..image_pose.views import Views
 from ..params import MatchParams
 from ..pipeline import match
+from ..viewing.moments import Moment, placed_objects
 from .comparison import best_pose_error, compare_edges
+from .view_files import write_view
 
 PAIR = '01'
 
@@ -114,6 +118,9 @@ def run_chessboard(out: Path) -> str:
             draw_features(canvas(left, dim=0.6), model.transformed(best.pose), rig.left, thickness=1),
         )
     (out / 'result.json').write_text(json.dumps(document, indent=2) + '\n')
+    placed = placed_objects([replace(best, model='board')] if best is not None and best.accepted else [])
+    moment = Moment(None, Views.of([left, right], rig), features, placed, document['reason'] or '')
+    write_view(out, f'chessboard {PAIR}', {'board': model}, [moment])
     head = (
         f"real chessboard pair {PAIR}: {len(features)} features, {100 * edges.recall:.0f} % of the grid lines' length"
     )

@@ -9,6 +9,8 @@ const MM = 1000;
 const SIGMAS = 3;
 // The half axis of the middle error, and the depth of a camera's pyramid, in distances of what is looked at.
 const LARGEST_ERROR = 0.05, PYRAMID = 0.12, TRIAD = 0.08;
+// Stamps from here on, seconds (a day of 2001), are since 1970.
+const A_CLOCK = 1e9;
 // Rings and points a ring of an ellipsoid.
 const RINGS = 6, AROUND = 10;
 const state = { moments: data.moments || [], models: data.models, at: 0, playing: null, drawing: null, again: false, chosen: false };
@@ -200,6 +202,9 @@ function drawTable(moment) {
   element('objects').tBodies[0].innerHTML = moment.objects.map(row).join('');
 }
 
+/** Seconds, or, of a clock that tells the time of day, that. */
+const clock = (stamp) => (stamp < A_CLOCK ? `${stamp.toFixed(3)} s` : `${new Date(MM * stamp).toISOString().slice(11, 23)} UTC`);
+
 /** Draw the moment that the slider is at; what comes while plotly draws is drawn after it, the newest only. */
 async function draw() {
   if (state.drawing) { state.again = true; return; }
@@ -208,13 +213,15 @@ async function draw() {
   state.drawing = true;
   element('words').textContent = moment.words;
   const number = data.moments && data.moments.length > 1 ? [`${state.at + 1} of ${data.moments.length}`] : [];
-  const time = moment.stamp === null ? [] : [`${moment.stamp.toFixed(3)} s`];
+  const time = moment.stamp === null ? [] : [clock(moment.stamp)];
   element('where').textContent = [...number, ...time].join(', ');
   if (!state.chosen) chooseErrors(moment);
   drawImages(moment);
   drawTable(moment);
   try {
     await drawSpace(moment);
+    // The browser shows it, and hears the user, before the next is drawn; a page that nobody sees draws nothing.
+    await new Promise(requestAnimationFrame);
   } finally {
     state.drawing = false;
     document.body.dataset.step = `${state.at}`;
