@@ -19,7 +19,7 @@ from csg_renderer import default_rig, load_scene, model_features, render_stereo,
 from csg_renderer.raycast.sensor import grey
 from model_matcher.closed_form.following.follow import FollowedFrame, PictureFrame
 from model_matcher.closed_form.view_cli import main
-from model_matcher.closed_form.view_files import followed_moment, moment_of
+from model_matcher.closed_form.view_files import followed_moment, moment_of, recorded_moments
 from model_matcher.image_pose.views import Views
 from model_matcher.model.library import load_library
 from model_matcher.viewer_node import ViewerNode
@@ -223,6 +223,38 @@ def test_a_pair_becomes_one_file_that_names_no_address(demo, tmp_path, capsys):
     assert not re.search(r'(src|href)="(?!data:|\$\{)|url\(|https?://|@import', own)
     (shown,) = data_of(page)['moments']
     assert [one['model'] for one in shown['objects']] == ['l_shape'] and len(shown['images']) == 2
+
+
+@pytest.mark.parametrize('with_images', [True, False])
+def test_a_recording_is_shown_as_it_was_with_what_was_found_then(demo, tmp_path, with_images, capsys):
+    """A file with results, as nodes and replay publish them: the pose is the recorded one, though it is wrong."""
+    pytest.importorskip('rosbags')
+    pytest.importorskip('mcap')
+    from model_matcher.closed_form.recordings.mcap_file import McapFile
+
+    pose, rig, pair, _, moment = demo
+    nothing = np.full(len(moment.features), -1, np.int32), np.zeros(len(moment.features), np.int8)
+    wrong = [Pose(pose.rotation, pose.translation + [0.0, 0.0, 0.01 * k]) for k in (1, 2)]
+    path = tmp_path / 'results.mcap'
+    with McapFile(path) as file:
+        for number, placed in enumerate(wrong):
+            header = Header(frame_id='left_optical')
+            header.stamp.sec, header.stamp.nanosec = 1_700_000_000, number * 500_000_000
+            at = header.stamp.sec * 10**9 + header.stamp.nanosec
+            if with_images:
+                for side, picture, info in zip(('left', 'right'), pair, camera_infos_from_rig(rig, header)):
+                    file.write(f'/stereo/{side}/image_rect', array_to_image(picture, 'mono8', header), at)
+                    file.write(f'/stereo/{side}/camera_info', info, at)
+            file.write('/stereo/features', features_to_cloud(moment.features, header), at)
+            found = Interpretation('l_shape', *nothing, placed)
+            file.write('/stereo/interpretations/report', report_from_interpretations([found], header), at)
+    shown = list(recorded_moments([], path))
+    assert [one.stamp_s for one in shown] == [0.0, 0.5]
+    assert [one.placed[0].pose.error_to(true).translation for one, true in zip(shown, wrong)] == [0.0, 0.0]
+    assert all(one.features == moment.features for one in shown)
+    assert all((one.views is not None) == with_images for one in shown)
+    assert main(['l_shape', str(path), '-o', str(tmp_path / 'page.html'), '-q', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['found'] == 2
 
 
 def test_nothing_in_the_data_ends_the_script():

@@ -2,6 +2,7 @@
 
 view part.csg left.png right.png calibration.yaml       # a pair, served on this machine
 view part.csg recording/ -o page.html                   # a folder of pairs or a bag, as one file
+view part.csg results.mcap                              # what replay or the nodes have recorded
 view                                                    # live, from topics
 """
 
@@ -44,7 +45,8 @@ def view_parser() -> argparse.ArgumentParser:
         nargs='*',
         type=Path,
         metavar='FILE',
-        help='left image, right image and calibration; or a folder of pairs, a rosbag2, or an .npz file of features',
+        help='left image, right image and calibration; or a folder of pairs, a bag (shown with the features and poses '
+        'recorded in it, if there are any), or an .npz file of features',
     )
     add(
         '-o', '--out', type=Path, metavar='FILE', help='write the page, which needs nothing else, instead of serving it'

@@ -17,6 +17,8 @@ from ..viewing.moments import Moment, Placed, placed_objects
 from ..viewing.page import NoPlotly, write_page
 from .following.follow import FollowedFrame
 from .following.picture_frames import picture_frames
+from .recordings.bag_reader import StereoBag, is_bag
+from .recordings.result_reader import RecordedResult, RecordedResults, recorded_results
 from .result import CaseResult
 
 VIEW = 'view.html'
@@ -57,7 +59,7 @@ def pair_moment(
 def recorded_moments(
     models: Sequence[ModelIndex], path: Path, camera: Path | None = None, rate_hz: float = 30.0, every: int = 1
 ) -> Iterator[Moment]:
-    """The moments of a folder of pairs or of a bag, each recovered and matched on its own.
+    """The moments of a folder of pairs or of a bag: what is recorded of them, else recovered and matched one by one.
 
     Parameters
     ----------
@@ -72,6 +74,11 @@ def recorded_moments(
     OSError, ValueError
         Something is missing, or the pictures are of one camera.
     """
+    if is_bag(path):
+        recorded = recorded_results(path)
+        if recorded.by_stamp:
+            yield from list(_found_before(path, recorded))[::every]
+            return
     first = None
     for number, frame in enumerate(picture_frames(path, camera, rate_hz)):
         if not isinstance(frame.rig, StereoRig):
@@ -80,6 +87,24 @@ def recorded_moments(
         if number % every == 0:
             features = recover(frame.images[0], frame.images[1], frame.rig).features
             yield moment_of(models, features, Views.of(frame.images, frame.rig), frame.stamp_s - first)
+
+
+def _found_before(path: Path, recorded: RecordedResults) -> Iterator[Moment]:
+    """The moments of a recording of which it holds what was found, with the images where it holds them, too."""
+    left = dict(recorded.by_stamp)
+    first = min(left)
+    for pair in StereoBag(path, problem=lambda text: None) if recorded.with_images else ():
+        result = left.pop(pair.stamp_ns, None)
+        if result is not None:
+            yield _recorded_moment(pair.stamp_ns - first, result, Views.of(pair.images, pair.rig))
+    for stamp, result in left.items():
+        yield _recorded_moment(stamp - first, result, None)
+
+
+def _recorded_moment(nanoseconds: int, result: RecordedResult, views: Views | None) -> Moment:
+    accepted = [one for one in result.interpretations if one.accepted]
+    why = '' if accepted or not result.interpretations else result.interpretations[0].rejected_reason or ''
+    return Moment(1e-9 * nanoseconds, views, result.features, placed_objects(accepted), why)
 
 
 def followed_moment(name: str, one: FollowedFrame) -> Moment:
