@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,16 +17,20 @@ pytest.importorskip('rosbags', reason='rosbags (pip) is not installed')
 pytest.importorskip('mcap', reason='mcap (pip) is not installed')
 
 import mcap.reader
+from geometry_msgs.msg import PoseArray
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 
 from csg_renderer import load_scene, render_stereo, scene_path
+from model_matcher.closed_form.recognise_node import main as recognise
 from model_matcher.closed_form.recordings.bag_reader import StereoBag
 from model_matcher.closed_form.recordings.replay_cli import main as replay
 from model_matcher.match_cli import main as match
-from msgs_py import PinholeCamera, StereoRig
+from msgs_py import PinholeCamera, StereoRig, codecs
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(320, 320, 440.0), 0.03)
 STORE, STORE1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
@@ -181,6 +187,63 @@ def test_nothing_of_ros_runs(tmp_path, pictures):
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
+
+
+def test_what_recognise_records_can_be_replayed(graph, tmp_path, pictures):
+    """The process as users start it, ended as they end it."""
+    out = tmp_path / 'live.mcap'
+    arguments = ['--record', str(out), '--ros-args', '-p', "models:=['l_shape']"]
+    environment = os.environ | {'ROS_DOMAIN_ID': str(graph.domain_id)}
+    code = 'from model_matcher.closed_form.recognise_node import main; raise SystemExit(main())'
+    process = subprocess.Popen(
+        [sys.executable, '-c', code, *arguments], env=environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        found = graph.collect(PoseArray, 'interpretations')
+        images = [graph.publisher(Image, f'{side}/image_rect') for side in ('left', 'right')]
+        infos = [graph.publisher(CameraInfo, f'{side}/camera_info') for side in ('left', 'right')]
+        # recovery_node, matcher_node, tracker_node and the recorder
+        graph.spin_until(
+            lambda: all(p.get_subscription_count() == 4 for p in (*images, *infos)), 60.0, 'the nodes and the recorder'
+        )
+        for second in range(1, 4):
+            at = Header(frame_id=FRAME)
+            at.stamp.sec = second
+            for publisher, message in zip(infos, codecs.camera_infos_from_rig(RIG, at)):
+                publisher.publish(message)
+            for publisher, path in zip(images, pictures[0]):
+                grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+                publisher.publish(codecs.array_to_image(grey, 'mono8', at))
+            graph.spin_until(lambda n=second: found and found[-1].header.stamp.sec == n, 60.0, 'an interpretation')
+        live = codecs.pose_from_message(found[-1].poses[0])
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30.0) == 0
+    finally:
+        process.kill()
+        process.communicate()
+    with out.open('rb') as file:
+        reader = mcap.reader.make_reader(file, validate_crcs=True)
+        counts: dict[str, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
+            if schema.name not in ('visualization_msgs/msg/MarkerArray', 'std_msgs/msg/String'):  # without a header
+                assert message.publish_time in (10**9, 2 * 10**9, 3 * 10**9), channel.topic
+        assert reader.get_summary().statistics.message_count == sum(counts.values())
+    recorded_topics = {f'/{side}/{name}' for side in ('left', 'right') for name in ('image_rect', 'camera_info')}
+    for topic in (*recorded_topics, '/features', '/interpretations', '/interpretations/l_shape'):
+        assert counts[topic] == 3, topic
+    assert replay([str(out), 'l_shape', '-q', '-o', str(tmp_path / 'again.mcap')]) == 0
+    with AnyReader([tmp_path / 'again.mcap']) as again:
+        poses = again.messages([c for c in again.connections if c.topic == '/interpretations/l_shape'])
+        pose = [again.deserialize(data, connection.msgtype) for connection, _, data in poses][-1].pose.position
+    np.testing.assert_allclose([pose.x, pose.y, pose.z], live.translation, atol=1e-6)
+
+
+@pytest.mark.parametrize('name', ['poses.bag', 'there.mcap'])
+def test_recognise_does_not_start_without_its_file(tmp_path, capsys, name):
+    (tmp_path / 'there.mcap').write_bytes(b'precious')
+    assert recognise(['--record', str(tmp_path / name)]) == 2
+    assert f'recognise: cannot start: {tmp_path / name}: ' in capsys.readouterr().err
 
 
 def test_a_broken_image_costs_one_pair_and_is_named(tmp_path, pictures, capsys):
