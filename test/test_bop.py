@@ -170,6 +170,23 @@ def test_without_the_messages_of_the_challenge_the_node_names_what_else_there_is
     assert 'bpc_node: ibpc_interfaces is not installed' in result.stderr
 
 
+def test_targets_say_which_images_are_answered_and_what_is_looked_for(data, tmp_path, capsys):
+    scene, out = data / 'moved' / '000005', tmp_path / 'r.csv'
+    targets = tmp_path / 'test_targets_bop19.json'
+    entries = [(5, 2, 3), (5, 2, 1), (9, 0, 2)]
+    targets.write_text(json.dumps([dict(zip(('scene_id', 'im_id', 'obj_id'), one)) for one in entries]))
+    assert main([str(scene), str(data / 'models'), '-o', str(out), '-q', '--targets', str(targets)]) == 0
+    assert sorted((one.image_id, one.object_id) for one in read_results(out)) == [(2, 1), (2, 3)]
+    # That of detection names images only.
+    targets.write_text(json.dumps([{'scene_id': 5, 'im_id': 1}]))
+    assert main([str(scene), str(data / 'models'), '-o', str(out), '-q', '--targets', str(targets)]) == 0
+    assert sorted((one.image_id, one.object_id) for one in read_results(out)) == [(1, 1), (1, 2), (1, 3)]
+    capsys.readouterr()
+    targets.write_text('[{"scene_id": 5}]')
+    assert main([str(scene), str(data / 'models'), '-q', '--targets', str(targets)]) == 2
+    assert "entry 0: no field 'im_id'" in capsys.readouterr().err
+
+
 # -- files -----------------------------------------------------------------------------------------------------------
 
 

@@ -22,7 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from bop_scenes import write_models, write_scene
-from bop_scoring import Judged, Recall, mesh_depth, mspd, mssd, symmetry_poses, vsd
+from bop_scoring import VSD_DELTA, Judged, Recall, mesh_depth, mspd, mssd, symmetry_poses, vsd
 
 from csg_renderer.features.mesh_features import read_mesh
 from model_matcher.closed_form.bop.answer import answer_scene, load_models
@@ -36,7 +36,8 @@ TO_MM = 1e3
 class Judge:
     """What answers are scored against."""
 
-    def __init__(self, models: Path, info: dict[int, ModelInfo]) -> None:
+    def __init__(self, models: Path, info: dict[int, ModelInfo], delta: float = VSD_DELTA) -> None:
+        self.delta = delta
         self.meshes = {number: read_mesh(models / f'obj_{number:06d}.ply') for number in info}
         self.info = info
         self.symmetries = {number: symmetry_poses(one) for number, one in info.items()}
@@ -83,7 +84,9 @@ class Judge:
         visible = None
         if depth is not None:
             depths = [[mesh_depth(points, faces, pose, matrix, size) for pose in ones] for ones in (answers, true)]
-            visible = np.array([[vsd(a, t, depth, matrix, diameter) for t in depths[1]] for a in depths[0]])
+            visible = np.array(
+                [[vsd(a, t, depth, matrix, diameter, delta=self.delta) for t in depths[1]] for a in depths[0]]
+            )
             visible = visible.reshape(*shape, -1) if visible.size else np.zeros((*shape, 10))
         return Judged(np.array(surface).reshape(shape), np.array(drawn).reshape(shape), visible)
 
@@ -103,9 +106,11 @@ def _millimetres(pose: Pose) -> Pose:
     return Pose(pose.rotation, TO_MM * pose.translation)
 
 
-def score(folders: Sequence[Path], models: Path, results: Path | None = None, views: int = 3) -> Recall:
+def score(
+    folders: Sequence[Path], models: Path, results: Path | None = None, views: int = 3, delta: float = VSD_DELTA
+) -> Recall:
     """Answer scenes, or take somebody's answers, and count what was found."""
-    judge = Judge(models, read_models_info(models / 'models_info.json'))
+    judge = Judge(models, read_models_info(models / 'models_info.json'), delta)
     known = None if results is not None else load_models(models)
     given = [] if results is None else read_results(results)
     recall = Recall()
@@ -130,6 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--results', type=Path, help='score this file of answers')
     parser.add_argument('--views', type=int, default=3, help='images of one camera that are taken together')
     parser.add_argument('--images', type=int, default=6, help='of our own')
+    parser.add_argument('--delta', type=float, default=VSD_DELTA, metavar='MM', help='of VSD (default: 15; ITODD: 5)')
     options = parser.parse_args(arguments)
     if (options.scenes is None) != (options.models is None):
         parser.error('--scenes and --models go together')
@@ -138,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             write_models(Path(folder, 'models'))
             write_scene(Path(folder, '000001'), options.images)
             options.scenes, options.models = [Path(folder, '000001')], Path(folder, 'models')
-        recall = score(options.scenes, options.models, options.results, options.views)
+        recall = score(options.scenes, options.models, options.results, options.views, options.delta)
     print(f'{recall.true} true poses')
     for name, value in recall.average().items():
         print(f'{name:<6}{value:.3f}')

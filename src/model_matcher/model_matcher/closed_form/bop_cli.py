@@ -17,7 +17,7 @@ from msgs_py.commands import DONE, NOTHING, add_json, run_command
 
 from .bop.answer import answer_scene, load_models
 from .bop.results import write_results
-from .bop.scene_folder import read_scene
+from .bop.scene_folder import read_scene, read_targets
 
 
 def bop_parser() -> argparse.ArgumentParser:
@@ -31,6 +31,7 @@ def bop_parser() -> argparse.ArgumentParser:
     add('scenes', nargs='+', type=Path, metavar='SCENE', help="folders of scenes, and the models' as the last one")
     add('-o', '--out', type=Path, default=Path('bop_result.csv'), metavar='FILE', help='default: bop_result.csv')
     add('--objects', type=int, nargs='+', metavar='ID', help='look for these (default: those annotated, else all)')
+    add('--targets', type=Path, metavar='FILE', help='answer what this file asks for (test_targets_bop19.json, ...)')
     add('--views', type=int, default=3, metavar='N', help='of one camera, images that go together (default: 3)')
     add('-q', '--quiet', action='store_true', help='no progress bar')
     add_json(parser)
@@ -60,10 +61,12 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
         raise ValueError(f'{model_folder}: expected folders of scenes and then that of the models')
     scenes = [read_scene(folder) for folder in folders]
     models = load_models(model_folder)
+    targets = None if options.targets is None else read_targets(options.targets)
     results, images = [], 0
     for scene in scenes:
-        answers = answer_scene(scene, models, options.objects, options.views)
-        total = len(scene.images[scene.cameras[0]])
+        asked = None if targets is None else targets.get(scene.number, {})
+        answers = answer_scene(scene, models, options.objects, options.views, asked)
+        total = len(scene.images[scene.cameras[0]] if asked is None else asked)
         for answer in tqdm(answers, scene.folder.name, total, unit='', disable=options.quiet, file=sys.stdout):
             results += answer
             images += 1

@@ -92,9 +92,13 @@ def estimates(
 
 
 def answer_scene(
-    scene: BopScene, models: Mapping[int, ModelIndex], objects: Sequence[int] | None = None, views: int = 3
+    scene: BopScene,
+    models: Mapping[int, ModelIndex],
+    objects: Sequence[int] | None = None,
+    views: int = 3,
+    targets: Mapping[int, Sequence[int]] | None = None,
 ) -> Iterator[list[BopResult]]:
-    """Answer every image of a scene.
+    """Answer the images of a scene.
 
     Of several cameras (rgb_cam1, rgb_cam2, ...) the images of one number belong together, and poses are those in the
     world, as the challenge has it. Of one camera that moved through a scene that did not, each image is answered with
@@ -106,9 +110,11 @@ def answer_scene(
     models : mapping of int to ModelIndex
         By the objects' numbers.
     objects : sequence of int, optional
-        What to look for; else what the annotations of an image name, or, where there are none, every model.
+        What to look for; else what is asked for in an image, what its annotations name, or every model.
     views : int
         Images of one camera that are taken together.
+    targets : mapping of int to sequence of int, optional
+        By the number of an image, the objects asked for in it; images that are not named are not answered.
 
     Yields
     ------
@@ -126,6 +132,8 @@ def answer_scene(
     if not several and (views < 2 or len(numbers) < 2):
         raise ValueError(f'{scene.folder}: recovery needs two images or more of cameras with a distance between them')
     for place, number in enumerate(numbers):
+        if targets is not None and number not in targets:
+            continue
         began = time.perf_counter()
         if several:
             missing = [name for name in scene.cameras if number not in scene.images[name]]
@@ -138,7 +146,8 @@ def answer_scene(
         pixels = [image.read() for image in together.values()]
         rig, first_T_world = rig_of(together, [(one.shape[1], one.shape[0]) for one in pixels])
         annotated = scene.truth.get(first, {}).get(number)
-        wanted = objects or (sorted(models) if annotated is None else sorted({one.object_id for one in annotated}))
+        known = sorted(models) if annotated is None else sorted({one.object_id for one in annotated})
+        wanted = objects or (known if targets is None else targets[number] or sorted(models))
         found = estimates(models, wanted, pixels, rig)
         seconds = time.perf_counter() - began
         base_T_first = first_T_world.inverse() if several else Pose.identity()

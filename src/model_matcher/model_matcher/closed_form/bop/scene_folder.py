@@ -170,6 +170,34 @@ def read_models_info(path: Path) -> dict[int, ModelInfo]:
     return found
 
 
+def read_targets(path: Path) -> dict[int, dict[int, list[int]]]:
+    """What a file of targets (test_targets_bop19.json, ...) asks for.
+
+    Returns
+    -------
+    dict of int to dict of int to list of int
+        By the scene's and the image's number: the objects; none where the task is to find whatever there is.
+
+    Raises
+    ------
+    OSError, ValueError
+        Names the file and the entry.
+    """
+    try:
+        records = json.loads(read_text(path))
+    except ValueError as error:
+        raise ValueError(f'{path}: not JSON: {error}') from None
+    found: dict[int, dict[int, list[int]]] = {}
+    for place, record in enumerate(records if isinstance(records, list) else [records]):
+        try:
+            objects = found.setdefault(int(record['scene_id']), {}).setdefault(int(record['im_id']), [])
+            if 'obj_id' in record:
+                objects.append(int(record['obj_id']))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f'{path}: entry {place}: {_reason(error)}') from None
+    return found
+
+
 def model_files(folder: Path) -> dict[int, Path]:
     """Model files of a folder by their objects' numbers: obj_000001.ply, or beside it .csg or .npz, which say more.
 
