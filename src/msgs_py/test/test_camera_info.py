@@ -58,6 +58,18 @@ def test_a_point_is_seen_in_the_pixel_that_holds_the_cameras_pixel(bx, by, x, y,
     np.testing.assert_allclose(part.triangulate(part.project(point)[0], part.project(point)[1][0]), point, atol=1e-9)
 
 
+def test_a_camera_of_one_pixel_is_one_and_of_none_is_refused():
+    left, right = infos()
+    for info in (left, right):
+        info.width = info.height = 1
+    assert StereoRig.from_camera_info(left, right).left.width == 1
+    for name in ('width', 'height'):
+        left, right = infos()
+        setattr(left, name, 0)
+        with pytest.raises(ValueError, match='left camera_info: size .* expected at least one pixel'):
+            StereoRig.from_camera_info(left, right)
+
+
 def test_zeros_mean_all_of_the_camera_and_no_binning():
     assert StereoRig.from_camera_info(*infos()) == StereoRig.from_camera_info(*infos(binning=(1, 1)))
     assert StereoRig.from_camera_info(*infos()) == StereoRig.from_camera_info(*infos(window=roi(0, 0, 640, 480)))

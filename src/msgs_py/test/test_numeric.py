@@ -100,6 +100,8 @@ class TestCovariances:
         mended = semidefinite(broken[None])[0]
         np.testing.assert_allclose(mended, mended.T, atol=1e-15)
         assert np.linalg.eigvalsh(mended)[0] > -1e-12
+        thin = np.zeros((1, 6, 6))  # known without any error, and one matrix beside it that has to be mended
+        np.testing.assert_array_equal(semidefinite(np.concatenate([thin, broken[None]]))[0], thin[0])
         # Nothing is taken from the directions in which it was one.
         assert (np.linalg.eigvalsh(mended - broken) > -1e-12).all()
 

@@ -59,6 +59,19 @@ class TestPose:
         assert repr(Pose(scale=2.0)).endswith('translation=[0, 0, 0], scale=2)')
         assert pose.error_to(Pose(scale=2.0)).scale == 1.0
 
+    def test_a_scale_of_whole_numbers_is_a_number_and_a_matrix_has_a_last_row(self):
+        assert isinstance(Pose(scale=np.float32(2)).scale, float)
+        matrix = np.diag([2.0, 2.0, 2.0, 1.0])
+        assert Pose.from_matrix(matrix).scale == pytest.approx(2.0)
+        for row, text in (([0, 0, 0, 2], 'last row'), ([0, 0, 1, 1], 'last row')):
+            with pytest.raises(ValueError, match=text):
+                Pose.from_matrix(np.vstack([matrix[:3], row]))
+        for bad in (np.diag([1.0, 1.0, -1.0, 1.0]), np.diag([1.0, 1.0, 0.0, 1.0])):
+            with pytest.raises(ValueError, match='determinant .* expected > 0'):
+                Pose.from_matrix(bad)
+        small = np.diag([0.1, 0.1, 0.1, 1.0])
+        assert Pose.from_matrix(small).scale == pytest.approx(0.1)
+
     @pytest.mark.parametrize(
         ('arguments', 'name'),
         [
@@ -274,6 +287,12 @@ class TestFeatureSet:
         arc = FeatureSet([1], [[0, 0, 0]], [[0, 0, 1]], [[2.0, 1.0]], [0.0], [0.0], [[1, 0, 0]], [[0.0, np.pi / 2]])
         np.testing.assert_allclose(arc.polyline(0, 3), [[2, 0, 0], [2**0.5, 0.5**0.5, 0], [0, 1, 0]], atol=1e-12)
 
+    def test_one_curve_without_a_radius_is_enough_to_be_refused(self):
+        rows = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
+        for radii in ([[1.0, 1.0], [1.0, 0.0]], [[1.0, 1.0], [np.nan, 1.0]], [[-1.0, 1.0], [1.0, 1.0]]):
+            with pytest.raises(ValueError, match='radii: a CURVE needs two finite radii > 0'):
+                FeatureSet([1, 1], *rows, radii, 0.0, 0.0)
+
     def test_an_empty_list_stands_for_no_rows_and_for_nothing_else(self):
         assert len(FeatureSet([], [], [], [], [], [])) == 0
         for name in ('start', 'end', 'radii', 'err_par', 'err_per'):
@@ -349,6 +368,7 @@ class TestInterpretation:
             ({'sign': [2, 0]}, 'sign'),
             ({'matched': 5}, 'matched'),
             ({'matched': 0}, 'matched'),
+            ({'assignment': [[0, -1]], 'sign': [[1, 0]]}, 'assignment'),
             ({'covariance': np.eye(3)}, 'covariance'),
         ],
     )
