@@ -57,10 +57,21 @@ test-oldest: $(OLDEST)
 	.venv-oldest/bin/python test/prepare.py
 	ROS_PYTHON_CHECK_FIELDS=1 .venv-oldest/bin/python -m pytest -n $(TEST_WORKERS)
 
+# Compiled functions once more as plain Python, where a test is of one of them or of a small scene: whole pictures, nodes
+# and long searches would take hours.
+files = $(foreach name,$(2),src/$(1)/test/test_$(name).py)
+INTERPRETED := $(call files,csg_renderer,behind_terrain engines_agree light_and_samples occlusion outline ray_casting \
+    render_frame terrain tree_order visibility) \
+  $(call files,stereo_recovery,bounds buckets chains corner_matching curve_geometry edgels estimate factors inliers joining \
+    labelling noise parallel_groups row_error texture view view_votes) \
+  $(call files,model_matcher,constraints engine_dap equal_poses evidence image_pose outline_neighbours pair_pose pair_test \
+    parallel_search pose_fit prefilter presence proof proof_work sightlines symmetry tracking tree views)
+
 coverage: $(READY)
 	rm -rf out/coverage
 	mkdir -p out/coverage
 	ROS_PYTHON_CHECK_FIELDS=1 $(PY) -m coverage run -m pytest -n $(TEST_WORKERS)
+	$(PY) -m coverage run -m pytest -n $(TEST_WORKERS) --interpreted 3 $(INTERPRETED)
 	$(PY) -m coverage combine --quiet
 	$(PY) -m coverage html --quiet --directory out/coverage
 	$(PY) -m coverage report --skip-covered --sort=cover

@@ -112,6 +112,37 @@ def pictures() -> str:
         {record.source}, where the pictures are installed.""")
 
 
+def found_in_pictures() -> str:
+    """The table of poses in pictures, with and without what the images say."""
+    record, without = read('poses'), read('poses_without_images')
+    families = {
+        'photoreal': 'path-traced parts',
+        'openvgr': 'machined parts, a can, a cube; pictures of cameras',
+        'visp_cube': 'a printed cube on a cluttered desk',
+        'rendered': 'rendered views of the thesis',
+    }
+    rows = []
+    for name, label in families.items():
+        with_, off = record.figures[name], without.figures[name]
+        wrong, wrong_off = (one['wrong'] + one['twice'] for one in (with_, off))
+        absent = f'{with_["false"]} of {with_["absent"]} ({off["false"]})' if with_['absent'] else ''
+        rows.append(
+            [
+                f'{label}, {with_["pairs"]} pairs',
+                f'{with_["found"]} of {with_["to_find"]} ({off["found"]})',
+                f'{wrong} ({wrong_off})',
+                absent,
+                _near(with_) + (f' ({_near(off)})' if off['deg'] is not None else ''),
+            ]
+        )
+    head = ['found', 'wrong', 'absent, answered', 'turned by, off by (medians)']
+    return f'{table(head, rows)}\n\n{paragraph(f"{record.source}; in brackets {without.source}.")}'
+
+
+def _near(figures: dict[str, Any]) -> str:
+    return f'{figures["deg"]:.2g} deg, {figures["mm"]:.2g} mm'
+
+
 def limits() -> str:
     """What it cannot do, as it is."""
     return '\n'.join(paragraph(text, '* ') for text in (_rows(), _print(), _alike(), _hidden(), *_others()))
@@ -203,8 +234,14 @@ def _ms(value: float | None) -> str:
     return '-' if value is None else f'{value:.1f} ms' if value < 10.0 else f'{value:.0f} ms'
 
 
+README, IMAGES = ROOT / 'README.md', ROOT / 'src' / 'model_matcher' / 'docs' / 'images.md'
 BLOCKS: dict[str, tuple[Path, Callable[[], str]]] = {
-    function.__name__: (ROOT / 'README.md', function) for function in (views, renderer, latency, pictures, limits)
+    'views': (README, views),
+    'renderer': (README, renderer),
+    'latency': (README, latency),
+    'pictures': (README, pictures),
+    'limits': (README, limits),
+    'found': (IMAGES, found_in_pictures),
 }
 
 

@@ -3,7 +3,7 @@
     python test/docs/generate.py            # write
     python test/docs/generate.py --check    # exit code 1, naming the files, when they are not what the code says
 
-In README.md the figures that were measured are written (figures.py), in src/dap_emulator/docs/dap.md the table of
+On pages the figures that were measured are written (figures.py), in src/dap_emulator/docs/dap.md the table of
 cycles counted on bit-planes.
 In src/<package>/README.md everything between ``<!-- node:begin -->`` and ``<!-- node:end -->`` is written (of a second
 node with another word), and in ARCHITECTURE.md the table of rooms; the rest is left alone. config/<node>.yaml is

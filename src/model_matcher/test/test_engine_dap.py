@@ -127,6 +127,7 @@ def test_interpretations_are_the_native_ones(changes, clutter):
         assert ours.stats[counter] == native.stats[counter], counter
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     ('clutter', 'quadrant', 'eliminate'), [(0, 5, True), (0, 9, False), (1, 32, False), (2, 32, True), (1, 9, True)]
 )
