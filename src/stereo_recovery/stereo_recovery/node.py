@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from .matching.rig_error import AXES, RigError, mean_error
 from .matching.settings import CALIBRATION_ROW_SIGMA
 from .params import DETECTORS, LIMITS, RecoveryParams
 from .pipeline import Recovery, compile_steps, recover
-from .settings import MOST_CAMERAS, RIG_PAIRS
+from .settings import MOST_CAMERAS, RIG_PAIRS, RIG_PERIOD_S
 
 DEFAULT = RecoveryParams()
 
@@ -176,6 +177,7 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self._reason = ''
         self._counts: dict[str, object] = {}
         self._rig_errors: deque[RigError] = deque(maxlen=RIG_PAIRS)
+        self._rig_looked_at = 0.0
         self.start()
 
     def configure(self) -> None:
@@ -232,8 +234,6 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             **{f'milliseconds.{name}': f'{value:.1f}' for name, value in result.milliseconds.items()},
             'left_out': '; '.join(result.left_out),
         }
-        if result.rig_error is not None:
-            self._remember(result.rig_error)
         self.features_out.publish(features_to_cloud(result.features, header))
         if self.wanted(self.markers_out):
             self.markers_out.publish(features_to_markers(result.features, header))
@@ -242,16 +242,23 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         if result.reason:
             self.problem(f'no features: {result.reason}')
         self.done(header)
+        self._look_at_rig(result)
 
-    def _remember(self, error: RigError) -> None:
-        """Keep what a pair says of the rig; what others said of another calibration is forgotten."""
-        if self._rig_errors and self._rig_errors[-1].rig != error.rig:
+    def _look_at_rig(self, result: Recovery) -> None:
+        """Keep what a pair now and then says of the rig; what others said of another calibration is forgotten."""
+        if result.rows is None or self.config.cameras > 2:
+            return
+        if self._rig_errors and self._rig_errors[-1].rig != result.rows.rig:
             self._rig_errors.clear()
-        self._rig_errors.append(error)
+        now = time.monotonic()
+        due = not self._rig_errors or now - self._rig_looked_at >= RIG_PERIOD_S
+        if due and result.rig_error is not None:
+            self._rig_errors.append(result.rig_error)
+            self._rig_looked_at = now
 
     def _rig_error(self) -> RigError | None:
-        """What the last pairs say of the rig; not of three cameras and more, whose main pair may change."""
-        return mean_error(self._rig_errors) if self._rig_errors and self.config.cameras == 2 else None
+        """What the last pairs say of the rig; nothing of three cameras and more, whose main pair may change."""
+        return mean_error(self._rig_errors) if self._rig_errors else None
 
     def doubt(self) -> str | None:
         """That the rig has drifted."""

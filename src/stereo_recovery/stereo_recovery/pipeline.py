@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
@@ -38,7 +39,7 @@ from .matching.further_views import FurtherView, further_view
 from .matching.labelling import match
 from .matching.matches import Matches
 from .matching.merging import join_matched, split_matched
-from .matching.rig_error import RigError, rig_error
+from .matching.rig_error import PairRows, RigError, rig_error
 from .matching.row_error import fitted_error, row_witnesses
 from .matching.stereo_segments import StereoSegments
 from .params import RecoveryParams
@@ -74,8 +75,8 @@ class Recovery:
         The CURVE features in their order, with the covariance of centre, normal and radius.
     left_out : tuple of str
         What was not done to keep to the time limit.
-    rig_error : RigError, optional
-        How far the right camera of the pair has turned since it was calibrated; None when nothing is matched.
+    rows : PairRows, optional
+        What the pair shows of its rows; None when nothing is matched.
     """
 
     features: FeatureSet
@@ -85,7 +86,15 @@ class Recovery:
     counts: dict[str, int] = field(default_factory=dict)
     curves: tuple[Curve, ...] = ()
     left_out: tuple[str, ...] = ()
-    rig_error: RigError | None = None
+    rows: PairRows | None = None
+
+    @cached_property
+    def rig_error(self) -> RigError | None:
+        """How far the right camera of the pair has turned since it was calibrated; None when nothing is matched.
+
+        Computed when it is asked for.
+        """
+        return None if self.rows is None else rig_error(*self.rows)
 
 
 @overload
@@ -250,7 +259,6 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     beside_edges = None if strips is None else texture_rows(seen, strips)
     witnesses = row_witnesses(seen, beside_edges)
     rows = fitted_error(witnesses, (rig.right.width, rig.right.height), params.rectification_sigma)
-    turned = rig_error(witnesses, rig, params.rectification_sigma)
     seen = rows.aligned(seen)
     segments = seen.segments
     ellipses = pair.views[0].ellipses, rows.aligned_ellipses(pair.views[1].ellipses)
@@ -277,8 +285,9 @@ def _features(pair: _MatchedPair, further: Sequence[FurtherView], params: Recove
     )
     watch.stage('features')
     reason = '' if len(features) else 'no matched edge is long enough'
+    pair_rows = PairRows(witnesses, rig, params.rectification_sigma)
     return Recovery(
-        features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves), tuple(watch.left_out), turned
+        features, pair.edgels, reason, watch.milliseconds, pair.counts, tuple(curves), tuple(watch.left_out), pair_rows
     )
 
 

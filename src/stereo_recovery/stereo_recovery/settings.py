@@ -54,5 +54,6 @@ PICTURES = ('.png', '.jpg', '.jpeg', '.bmp', '.tif', '.tiff', '.pgm', '.ppm', '.
 # Pixels. An image without edges is looked at smaller and smaller, down to this side: what fills it can be no more than
 # a few edges.
 LEAST_SIDE = 32
-# Pairs whose word on the drift of the rig is kept: a second or two of them.
-RIG_PAIRS = 30
+# Pairs whose word on the drift of the rig is kept, and the time from one to the next, seconds: those between show the
+# same scene and say the same.
+RIG_PAIRS, RIG_PERIOD_S = 30, 1.0

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -112,6 +113,14 @@ class RigError:
 
 # Mahalanobis distance of two numbers beyond which a rig in order is found once in so many: chi-squared of two degrees.
 FARTHEST = float(np.sqrt(-2.0 * np.log(DRIFT_FALSE_ALARM)))
+
+
+class PairRows(NamedTuple):
+    """What a pair shows of its rows: witnesses of a rectified pair of this rig, and the least sigma of rows, pixels."""
+
+    witnesses: RowWitnesses
+    rig: StereoRig
+    least: float
 
 
 def rig_error(witnesses: RowWitnesses, rig: StereoRig, least: float) -> RigError:
