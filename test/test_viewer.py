@@ -289,13 +289,15 @@ def test_what_cannot_be_viewed_is_named_in_one_line(arguments, says, capsys):
     assert said.startswith('view: ') and said.count('\n') == 1 and says in said
 
 
-def test_a_port_that_is_taken_is_said_in_one_line():
+def test_a_port_that_is_taken_is_said_in_one_line(capsys):
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(ValueError, match=f'port {port}: another program'):
             PageServer('', port)
+        assert main(['l_shape', 'no.png', 'no.png', 'no.yaml', '--port', str(port)]) == 2
+        assert capsys.readouterr().err.startswith(f'view: port {port}: another program')
         command = [sys.executable, '-m', 'model_matcher.viewer_node', '--ros-args', '-p', f'port:={port}']
         result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 2
@@ -324,10 +326,12 @@ def test_the_server_answers_this_machine_alone_and_sends_the_newest(monkeypatch)
         server.close()
 
 
-def test_what_is_not_installed_is_named(monkeypatch, tmp_path):
+def test_what_is_not_installed_is_named(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(page_module.resources, 'files', lambda package: tmp_path)
     with pytest.raises(NoPlotly, match='pip install plotly'):
         page_module.plotly_script()
+    assert main(['l_shape', 'no.npz']) == 2
+    assert 'pip install plotly' in capsys.readouterr().err
 
 
 def test_a_set_back_clock_starts_the_live_view_afresh(graph, demo):

@@ -9,6 +9,7 @@ view                                                    # live, from topics
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import threading
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from ..match_cli import PAIR_FILES
 from ..model.index import ModelIndex
 from ..model.library import load_library
 from ..viewing.moments import Moment
-from ..viewing.page import check_page_name, page_of, write_page
+from ..viewing.page import check_page_name, page_of, plotly_script, write_page
 from ..viewing.server import PageServer
 from ..viewing.settings import PORT
 from .view_files import moment_of, pair_moment, recorded_moments
@@ -98,12 +99,26 @@ def _run(options: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     library = load_library([options.model], options.mesh_units)
     if not library.models:
         raise ValueError('; '.join(library.problems) or f'{options.model}: holds no model')
-    moments = _moments(library.models, options)
-    found = sum(bool(one.placed) for one in moments)
-    print(f'{found} of {len(moments)} moments with something found')
-    record: dict[str, Any] = {'moments': len(moments), 'found': found}
-    features = {model.name: model.features for model in library.models}
-    record |= _show(f'{options.model} in {options.files[0]}', features, moments, options)
+    # What cannot be drawn or served is said before the seconds that recovery takes.
+    plotly_script()
+    title = f'{options.model} in {options.files[0]}'
+    with contextlib.ExitStack() as stack:
+        server = None if options.out is not None else stack.enter_context(PageServer('', options.port))
+        moments = _moments(library.models, options)
+        found = sum(bool(one.placed) for one in moments)
+        print(f'{found} of {len(moments)} moments with something found')
+        record: dict[str, Any] = {'moments': len(moments), 'found': found}
+        features = {model.name: model.features for model in library.models}
+        if server is None:
+            write_page(options.out, title, features, moments)
+            print(f'wrote {options.out}')
+            record['out'] = options.out
+        else:
+            server.page = page_of(title, features, moments)
+            record['url'] = server.url
+            print(f'open {server.url} (Ctrl-C ends)', flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Event().wait()
     return (DONE if found else NOTHING), record
 
 
@@ -124,25 +139,6 @@ def _moments(models: Sequence[ModelIndex], options: argparse.Namespace) -> list[
     if not shown:
         raise ValueError(f'{files[0]}: holds no pair')
     return shown
-
-
-def _show(
-    title: str, models: dict[str, FeatureSet], moments: Sequence[Moment], options: argparse.Namespace
-) -> dict[str, Any]:
-    """Write the page or serve it until Ctrl-C; what --json prints of that."""
-    if options.out is not None:
-        write_page(options.out, title, models, moments)
-        print(f'wrote {options.out}')
-        return {'out': options.out}
-    server = PageServer(page_of(title, models, moments), options.port)
-    print(f'open {server.url} (Ctrl-C ends)', flush=True)
-    try:
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.close()
-    return {'url': server.url}
 
 
 def _live(options: argparse.Namespace) -> int:

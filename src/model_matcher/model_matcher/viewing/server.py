@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
 from typing import Any
 
 from .page import json_text
@@ -24,12 +25,13 @@ class PageServer:
     Parameters
     ----------
     page : str
-        HTML.
+        HTML; it may be replaced later.
     port : int
         0 for any that is free.
 
     Attributes
     ----------
+    page : str
     url : str
         What to open.
 
@@ -40,7 +42,7 @@ class PageServer:
     """
 
     def __init__(self, page: str, port: int) -> None:
-        self._page = page.encode()
+        self.page = page
         self._changed = threading.Condition()
         self._number = 0
         self._make: Callable[[], dict[str, Any]] | None = None
@@ -76,6 +78,14 @@ class PageServer:
         self._http.server_close()
         self._thread.join()
 
+    def __enter__(self) -> PageServer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         server = self
 
@@ -83,17 +93,20 @@ class PageServer:
             """Answers one browser."""
 
             def do_GET(self) -> None:
-                """The page, or its events."""
+                """The page, or its events; a browser that has gone shows itself by a broken pipe."""
+                with contextlib.suppress(OSError):
+                    self._answer()
+
+            def _answer(self) -> None:
                 if self.headers.get('Host', '').rpartition(':')[0] not in NAMES:
                     self.send_error(HTTPStatus.FORBIDDEN)
                 elif self.path == '/':
-                    self._begin('text/html; charset=utf-8', len(server._page))
-                    self.wfile.write(server._page)
+                    page = server.page.encode()
+                    self._begin('text/html; charset=utf-8', len(page))
+                    self.wfile.write(page)
                 elif self.path == '/events':
                     self._begin('text/event-stream')
-                    # A browser that has gone shows itself by a broken pipe.
-                    with contextlib.suppress(OSError):
-                        server._send_events(self.wfile.write)
+                    server._send_events(self.wfile.write)
                 else:
                     self.send_error(HTTPStatus.NOT_FOUND)
 
