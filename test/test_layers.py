@@ -121,6 +121,7 @@ ROS_MODULES = (
     'beside',
     'camera_input',
     'managed',
+    'hand_over',
     'service_link',
     'parameter_values',
     'run_graph',

@@ -13,7 +13,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
@@ -24,18 +23,30 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'src/model_matcher/
 from test_tracking import at, images, part, rig_for
 
 PERIOD_NS = 100_000_000
+PARAMETERS = """
+/recovery_node:
+  ros__parameters: {sigma: 0.9}
+/matcher_node:
+  ros__parameters: {models: [l_shape], min_matched: 4}
+/tracker_node:
+  ros__parameters: {models: [l_shape], acceleration: 3.0}
+"""
 
 
 @pytest.mark.timeout(300)
-def test_images_alone_lead_to_a_followed_object():
+def test_images_alone_lead_to_a_followed_object(tmp_path):
+    """Images are taken from the network once, and one parameter file has what each node is given."""
     solid, shape = part('l_shape')
     rig, pose = rig_for(shape), at(shape, [25, 30, 0])
     pair = images(solid, shape, [pose])
     worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
     context = Context()
-    rclpy.init(args=[], context=context, domain_id=70 + worker % 8)
-    models = Parameter('models', Parameter.Type.STRING_ARRAY, ['l_shape'])
-    together = Recognition(context, parameter_overrides=[models])
+    parameters = tmp_path / 'recognise.yaml'
+    parameters.write_text(PARAMETERS)
+    rclpy.init(args=['--ros-args', '--params-file', str(parameters)], context=context, domain_id=70 + worker % 8)
+    together = Recognition(context)
+    recovery, matcher, tracker = together.nodes
+    assert (recovery.config.sigma, matcher.config.min_matched, tracker.config.acceleration) == (0.9, 4, 3.0)
     camera, executor = Node('camera', context=context), SingleThreadedExecutor(context=context)
     executor.add_node(camera)
     followed = []
@@ -56,6 +67,7 @@ def test_images_alone_lead_to_a_followed_object():
                 for out, picture in zip(pictures, pair):
                     out.publish(array_to_image(picture, 'mono8', header))
             executor.spin_once(timeout_sec=0.02)
+        assert [out.get_subscription_count() for out in (*infos, *pictures)] == [1] * 4
         assert pose.error_to(pose_from_message(followed[-1].pose.pose)).rotation_deg < 0.3
     finally:
         together.close()

@@ -1,28 +1,26 @@
 """recovery_node, matcher_node and tracker_node in one process: images in, poses at the rate of the images out.
 
-Each node has a thread of its own, so that the tracker does not wait for a search. Parameters are given by node:
-``recognise --ros-args -p matcher_node:models:="['part.csg']" -p tracker_node:models:="['part.csg']"``.
+Each node has a thread of its own, so that the tracker does not wait for a search. Images are taken from the network
+once and handed over, as features and reports are (msgs_py.node_runtime.hand_over). Parameters are given by node:
+``recognise --ros-args -p matcher_node:models:="['part.csg']" -p tracker_node:models:="['part.csg']"``, or in one file.
 With ``--record out.mcap`` before these, images and results are recorded; ``replay`` reads such files.
 """
 
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
-from msgs_py.node_runtime.runtime import GraphNode, spin_once
-from msgs_py.node_runtime.transport import make_room_for_images
+from msgs_py.node_runtime.hand_over import HandOver
+from msgs_py.node_runtime.runtime import GraphNode, run_until_stopped, spin_once
 from stereo_recovery.node import RecoveryNode
 
 from ..node import MatcherNode
@@ -30,26 +28,41 @@ from ..tracker_node import TrackerNode
 from .recordings.mcap_file import McapFile
 from .recordings.recorder import Recorder
 
-NODES: tuple[Callable[..., GraphNode[Any]], ...] = (RecoveryNode, MatcherNode, TrackerNode)
+NODES: dict[str, Callable[..., GraphNode[Any]]] = {
+    'recovery_node': RecoveryNode,
+    'matcher_node': MatcherNode,
+    'tracker_node': TrackerNode,
+}
 
 
 class Recognition:
-    """The three nodes, each spun by a thread.
+    """Nodes, each spun by a thread.
 
     Parameters
     ----------
     context : rclpy.context.Context, optional
         That they belong to; the default one without it.
+    names : sequence of str
+        Of the nodes.
     record : McapFile, optional
         Where what they take in and give out is recorded; it is closed with them.
     **kwargs
         For each node.
     """
 
-    def __init__(self, context: Context | None = None, record: McapFile | None = None, **kwargs: Any) -> None:
-        self.nodes = [make(context=context, **kwargs) for make in NODES]
+    def __init__(
+        self,
+        context: Context | None = None,
+        names: Sequence[str] = tuple(NODES),
+        record: McapFile | None = None,
+        **kwargs: Any,
+    ) -> None:
+        self.hand_over = HandOver(context)
+        self.nodes = [NODES[name](context=context, hand_over=self.hand_over, **kwargs) for name in names]
         self._all: list[Node] = list(self.nodes)
-        self._recorder = None if record is None else Recorder(record, self.nodes, context=context)
+        self._recorder = (
+            None if record is None else Recorder(record, [*self.nodes, *self.hand_over.receivers], context=context)
+        )
         if self._recorder is not None:
             self._all.append(self._recorder)
         self._stop = threading.Event()
@@ -69,7 +82,12 @@ class Recognition:
         except (KeyboardInterrupt, ExternalShutdownException):
             self._stop.set()
 
-    def wait(self) -> None:
+    @property
+    def is_busy_compiling(self) -> bool:
+        """Whether a thread of a node compiles, also when it was closed."""
+        return any(node.is_busy_compiling for node in self.nodes)
+
+    def run(self) -> None:
         """Until the context is shut down."""
         while not self._stop.wait(0.2) and self.nodes[0].context.ok():
             pass
@@ -81,6 +99,7 @@ class Recognition:
             thread.join(5.0)
         if self._recorder is not None:
             self._recorder.finish(self._executors[-1])
+        self.hand_over.close()
         for node, executor in zip(self._all, self._executors):
             executor.shutdown()
             node.destroy_node()
@@ -105,26 +124,13 @@ def main(args: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if args is None else args)
     ours = given.index('--ros-args') if '--ros-args' in given else len(given)
     options = recognise_parser().parse_args(given[:ours])
-    make_room_for_images()
     try:
         record = None if options.record is None else McapFile(options.record)
-        # Signals are ours: what was sent before the end is still to be recorded.
-        rclpy.init(args=given[ours:], signal_handler_options=SignalHandlerOptions.NO)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-    except Exception as error:  # a file that cannot be, or malformed --ros-args; rclpy has a type for each
+    except Exception as error:  # a file that cannot be, or what writes it is not installed
         print(f'recognise: cannot start: {error}', file=sys.stderr)
         return 2
-    together = None
-    try:
-        together = Recognition(record=record)
-        together.wait()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        if together is not None:
-            together.close()
-        rclpy.try_shutdown()
-    return 0
+    # What was sent before the end is still to be recorded.
+    return run_until_stopped(lambda: Recognition(record=record), given[ours:], outlived=True)
 
 
 if __name__ == '__main__':

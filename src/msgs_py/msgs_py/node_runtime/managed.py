@@ -17,7 +17,6 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 AUTOSTART = 'autostart'
@@ -50,7 +49,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         LifecycleNodeMixin.__init__(self, callback_group=ReentrantCallbackGroup())
         self.why_not = ''
         self._starting = False
-        self._inputs: list[Subscription] = []
+        self._inputs: list[Any] = []  # subscriptions, or what stands for them
         self._outputs_made: list[Publisher] = []
         self._timers_running: list[Timer] = []
         # rclpy lets what the state machine refuses escape from the service, so that nobody is answered.

@@ -10,12 +10,13 @@ import copy
 import difflib
 import math
 import os
+import signal
 import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -28,6 +29,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
@@ -35,6 +37,7 @@ from std_srvs.srv import Trigger
 from ..numeric.steps import CompileStep, Preparation
 from .camera_input import COMPRESSED, INFO, RAW, CameraImages, CameraTopics, message_type
 from .config import Config, ParameterSpec
+from .hand_over import Handing, HandOver, Taker
 from .health import Health, SequenceGaps, shortened
 from .managed import ManagedNode
 from .renaming import notice
@@ -105,6 +108,8 @@ class GraphNode(ManagedNode, Generic[_C]):
         The node's name.
     config_class : type of Config
         Its parameters are declared.
+    hand_over : HandOver, optional
+        With the other nodes of its process.
     **kwargs
         For rclpy's Node: context, namespace, parameter_overrides, ...
 
@@ -114,8 +119,11 @@ class GraphNode(ManagedNode, Generic[_C]):
         Counters, which /diagnostics shows.
     """
 
-    def __init__(self, name: str, config_class: type[_C], **kwargs: Any) -> None:
+    def __init__(self, name: str, config_class: type[_C], hand_over: HandOver | None = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
+        self._hand_over = hand_over
+        if hand_over is not None:
+            hand_over.join(self, list(self._overrides.values()))
         self.health = Health(time.monotonic())
         self._refused: dict[str, str] = {}
         self._sync: StampSync | None = None
@@ -274,6 +282,20 @@ class GraphNode(ManagedNode, Generic[_C]):
             f'{name} is compiling: {text}' for name, (at, text) in self._heard_compiling.items() if at > oldest
         )
 
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """As rclpy's, of what listen gave."""
+        if isinstance(subscription, Taker):
+            subscription.close()
+            return True
+        return bool(super().destroy_subscription(subscription))
+
+    def destroy_publisher(self, publisher: Any) -> bool:
+        """As rclpy's, of what create_output gave."""
+        if isinstance(publisher, Handing):
+            publisher.close()
+            publisher = publisher.publisher
+        return bool(super().destroy_publisher(publisher))
+
     def destroy_node(self) -> None:
         """As rclpy's; what has not been compiled is not begun."""
         if self._preparation is not None:
@@ -311,7 +333,8 @@ class GraphNode(ManagedNode, Generic[_C]):
         """What was given at the start and no parameter has taken: ROS says nothing of a misspelt name."""
         if self._ignored is None:
             known = [*self._parameters, *type(self._config).former_names()]
-            self._ignored = [name for name in self._overrides if not self.has_parameter(name)]
+            shared = (lambda name: False) if self._hand_over is None else self._hand_over.knows
+            self._ignored = [name for name in self._overrides if not (self.has_parameter(name) or shared(name))]
             for name in self._ignored:
                 near = difflib.get_close_matches(name, known, n=1)
                 hint = f'; did you mean {near[0]}?' if near else ''
@@ -436,14 +459,13 @@ class GraphNode(ManagedNode, Generic[_C]):
 
         def publisher(name: str) -> Publisher:
             # A copy: rclpy writes what parameters override into the profile it is given.
-            return self.owned(
-                self.create_publisher(
-                    message_type,
-                    name,
-                    copy.copy(OUTPUT_QOS),
-                    qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-                )
+            made = self.create_publisher(
+                message_type,
+                name,
+                copy.copy(OUTPUT_QOS),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
+            return self.owned(made if self._hand_over is None else self._hand_over.handing(self, made))
 
         if not formerly:
             return publisher(topic)
@@ -522,15 +544,19 @@ class GraphNode(ManagedNode, Generic[_C]):
             self.health.lost += missed
             guarded(message)
 
-        subscription = self.create_subscription(
-            message_type,
-            topic,
-            on_message,  # type: ignore[arg-type]
-            copy.copy(INPUT_QOS),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        subscription: Subscription | Taker
+        if self._hand_over is not None:
+            subscription = self._hand_over.listen(self, message_type, topic, on_message, INPUT_QOS)
+        else:
+            subscription = self.create_subscription(
+                message_type,
+                topic,
+                on_message,  # type: ignore[arg-type]
+                copy.copy(INPUT_QOS),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
         self._inputs.append(subscription)
-        return subscription
+        return cast(Subscription, subscription)
 
     def listen_stereo(
         self,
@@ -853,6 +879,40 @@ def spin_once(node: Node, executor: Executor, timeout_s: float | None = None) ->
         node.problem(text) if isinstance(node, GraphNode) else node.get_logger().error(text)
 
 
+class Running(Protocol):
+    """What a process does until it is stopped."""
+
+    @property
+    def is_busy_compiling(self) -> bool:
+        """Whether a thread compiles, also when it was closed."""
+
+    def run(self) -> None:
+        """Go on until the context is shut down; KeyboardInterrupt and ExternalShutdownException may end it."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class _Spun:
+    """A node and its executor."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(node)
+
+    @property
+    def is_busy_compiling(self) -> bool:
+        return isinstance(self.node, GraphNode) and self.node.is_busy_compiling
+
+    def run(self) -> None:
+        while rclpy.ok():
+            spin_once(self.node, self.executor)
+
+    def close(self) -> None:
+        self.node.destroy_node()
+
+
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """Initialise, spin, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown.
 
@@ -868,26 +928,47 @@ def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     int
         The exit code.
     """
+    return run_until_stopped(lambda: _Spun(factory()), args)
+
+
+def run_until_stopped(make: Callable[[], Running], args: list[str] | None = None, outlived: bool = False) -> int:
+    """Initialise ROS, run, and shut down cleanly on Ctrl-C, SIGTERM or an outside shutdown.
+
+    Parameters
+    ----------
+    make : callable
+        Makes what runs.
+    args : list of str, optional
+        Of the command; those of the process where it is left out.
+    outlived : bool
+        Signals leave the context as it is, until what runs is closed. It must not wait for long outside of Python.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
     make_room_for_images()
     try:
-        rclpy.init(args=args)
+        if outlived:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
+        else:
+            rclpy.init(args=args)
     except Exception as error:  # malformed --ros-args; rclpy has a type for each
         print(f'cannot start: {error}', file=sys.stderr)
         return 2
-    node = None
+    running = None
     try:
-        node = factory()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        while rclpy.ok():
-            spin_once(node, executor)
+        running = make()
+        running.run()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        if node is not None:
-            node.destroy_node()
+        if running is not None:
+            running.close()
         rclpy.try_shutdown()
-    if isinstance(node, GraphNode) and node.is_busy_compiling:
+    if running is not None and running.is_busy_compiling:
         # The compiler cannot be interrupted, and must not be while the interpreter is taken down around it.
         sys.stdout.flush()
         sys.stderr.flush()
