@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .numeric.typed import FloatArray
+
+# Numbers that are few.
+FEW = 20
 
 
 def as_finite(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -33,7 +38,9 @@ def as_finite(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Flo
     ValueError: points: expected shape (n, 3), got (1, 2)
     """
     array = as_shaped(name, value, shape)
-    if not np.isfinite(array).all():
+    # Poses are made by the thousand: of so few numbers Python's own look takes a tenth of the time of numpy's.
+    finite = all(map(math.isfinite, array.ravel().tolist())) if array.size < FEW else np.isfinite(array).all()
+    if not finite:
         raise ValueError(f'{name}: contains NaN or infinity')
     return array
 
@@ -44,6 +51,8 @@ def as_shaped(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Flo
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f'{name}: not an array of numbers: {error}') from None
+    if array.shape == shape:
+        return array
     if array.ndim != len(shape) or any(want is not None and want != got for want, got in zip(shape, array.shape)):
         wanted = ', '.join('n' if want is None else str(want) for want in shape)
         raise ValueError(f'{name}: expected shape ({wanted}), got {array.shape}')

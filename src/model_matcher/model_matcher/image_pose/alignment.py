@@ -127,7 +127,7 @@ def align(
         Filled with the normal matrix, turn and shift, about the middle; the prior is not in it.
     """
     right, step, centre, moved = np.zeros(6), np.zeros(6), np.zeros(3), np.zeros(6)
-    n = len(placed.eye)
+    n, with_lines = len(placed.eye), common[0] > 0.0 or common[1] > 0.0
     of_group = np.empty((placed.group.max() + 1 if n else 0, 2, 9))
     of_curve = np.empty((placed.curve.max() + 1 if n else 0, 2, 9))
     for turn in range(len(widths) + 1):
@@ -156,12 +156,17 @@ def align(
             if total <= 1e-300:
                 continue
             residual[k], weight[k] = mean / total, own / variance
-            add_to_line(of_group[placed.group[k]], weight[k], placed.abscissa[k], row, residual[k])
+            if with_lines:
+                add_to_line(of_group[placed.group[k]], weight[k], placed.abscissa[k], row, residual[k])
             for i in range(6):
                 right[i] += weight[k] * row[i] * residual[k]
                 for j in range(i + 1):
                     normal[i, j] += weight[k] * row[i] * row[j]
-        _without_lines(normal, right, placed, of_group, of_curve, common)
+        if with_lines:
+            _without_lines(normal, right, placed, of_group, of_curve, common)
+        for i in range(6):
+            for j in range(i):
+                normal[j, i] = normal[i, j]
         if last:
             break
         damped = normal + prior
@@ -186,7 +191,7 @@ def _without_lines(
     of_curve: FloatArray,
     common: tuple[float, float],
 ) -> None:
-    """Take the lines by which curves are off out of normal equations whose lower half is filled; fill the upper one.
+    """Take the lines by which curves are off out of normal equations of which the lower half is filled.
 
     of_group, of_curve : (g, 2, 9) and (c, 2, 9) zeros, see :func:`_eliminate`; common : see :func:`align`
     """
@@ -196,9 +201,6 @@ def _without_lines(
             of_curve[placed.curve[k]] += of_group[placed.group[k]]
     for curve in range(len(of_curve)):
         _eliminate(normal, right, of_curve[curve], common[0])
-    for i in range(6):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
 
 
 @njit(nogil=True)

@@ -54,6 +54,8 @@ LAST_FIT_STEP = 0.02
 BLUR_POINTS = 64
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.
 FARTHEST_STEP = 1.5
+# Pixels that a stretch may leave its tangent by to count as straight.
+STRAIGHT = 0.01
 # Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.
 BESIDE = 2
 # Cosine of the angle between edges that run beside one another: across a stretch of 4 px they stay within a pixel.
@@ -79,7 +81,7 @@ STOPS = 0.05
 REVEALED = 0.1
 # Shares of the straight curves of a pose, and of its others, that lie on edges, in space, of what is not the object:
 # poses are thought of from edges. Of absent parts, by test/benchmarks/calibrate_evidence.py.
-OTHERS_EDGES = (0.22, 0.05)
+OTHERS_EDGES = (0.23, 0.06)
 # Shares of an outline that may be hidden, equally likely.
 HIDDEN = (0.1, 0.3, 0.5, 0.7)
 # Pixels, the outline's errors that are believed at first: large, so that no curve is left out before they are known.
@@ -93,3 +95,19 @@ TONES = (1.0, 2.2)
 TONE_NATS = 5.0
 # Pixels between curves within which one step confirms both: ON_EDGE to either side, and half the spacing of points.
 OWN_STEP = 3.0
+# Pixels to either side of the middle of a patch of surface; between middles, at least; patches of a view, at most.
+PATCH = 3
+GRID = 8
+PATCHES = 80
+# Pixels along the epipolar line within which a patch is looked for: farther, a face is another one.
+SHIFTS = 8
+# Pixels, sigma: what noise may leave open of a patch's place along that line: the nearest pixel is the right one.
+SHIFT_SIGMA = 0.3
+# Pixels that a corner of a patch may be off its plane: the surface bends, or is another one there.
+PATCH_BEND = 0.5
+# Beta distributions of the share of patches that lie on the surface: where it is the object's own, and where it is
+# another's. Fitted by test/benchmarks/calibrate_evidence.py.
+SURFACE_OF_OWN = (0.45, 1.13)
+SURFACE_OF_OTHERS = (0.45, 2.02)
+# Share of the poses of absent objects whose faces lie on another's: the fit is as good with any up to a tenth.
+OTHERS_FACES = 0.05
