@@ -1,12 +1,13 @@
 """What features and images count for as evidence, and what chance reaches: fitted to searches whose answer is known.
 
 Parts are asked for in real and path-traced pairs, those that stand there and others. Every hypothesis that a search
-looks for in the images is recorded: the nats of its features, those of its outline, and whether it is right. On every
-second pair (training) a logistic regression says what a nat of the one counts for in nats of the other, and the best
-hypotheses of parts that are absent say how much chance reaches: both are scaled so that it reaches t nats in exp(-t) of
-the searches. How often curves of absent parts lie on edges in space is fitted by maximum likelihood. On the other pairs
-(test) stated rates are held against observed ones. Written are IMAGE_EVIDENCE (model_matcher/verification/settings.py)
-and OTHERS_EDGES (model_matcher/image_pose/settings.py), with intervals from bootstrapped pairs.
+looks for in the images is recorded: the nats of its features, those of its outline, how many patches of its surface
+agree, and whether it is right. What a nat of each counts for is fitted on every second pair (training): so that the
+best hypotheses of parts that are absent have more than t nats in exp(-t) of the searches, and with that the most right
+ones are accepted at the default rate (Neyman and Pearson's test). How often curves of absent parts lie on edges in
+space, and what share of the patches agrees, is fitted by maximum likelihood. On the other pairs (test) stated rates are
+held against observed ones. Written are IMAGE_EVIDENCE (model_matcher/verification/settings.py), OTHERS_EDGES,
+SURFACE_OF_OWN and SURFACE_OF_OTHERS (model_matcher/image_pose/settings.py), with intervals from bootstrapped pairs.
 
     python test/benchmarks/calibrate_evidence.py --draw out/evidence.png
 """
@@ -17,25 +18,27 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import cv2
 import numpy as np
-from bench_poses import REAL_POSED, recovered
-from measure import Absent
+from bench_poses import NEGATIVES, recovered
 from pose_scoring import WRONG_DEG, WRONG_M
 from scipy.optimize import minimize, minimize_scalar
+from scipy.special import betaln
 from tqdm import tqdm
 from true_pairs import PHOTOREAL_KINDS, data_folder
 from true_poses import ALIKE, Part, PosedPair, all_parts, difference, posed_pairs
 
+from model_matcher import MatchParams
 from model_matcher.geometry.pose_rows import as_pose
 from model_matcher.image_pose.measurement import Presence, searched
 from model_matcher.image_pose.presence import bent, chance_beside, over_views
-from model_matcher.image_pose.settings import OTHERS_EDGES, REACH
+from model_matcher.image_pose.settings import OTHERS_EDGES, OTHERS_FACES, REACH, SURFACE_OF_OTHERS, SURFACE_OF_OWN
+from model_matcher.image_pose.surface import Agreement, agreement, log_ratio
 from model_matcher.image_pose.views import Views
 from model_matcher.pipeline import match, warm_up
 from model_matcher.verification import image_evidence
@@ -47,18 +50,32 @@ from stereo_recovery.pipeline import warm_up as warm_up_recovery
 ABSENT = 12
 # Of the best hypotheses of absent parts, those above this quantile tell the tail.
 TAIL_FROM = 0.9
-# Nats squared, one over: the prior of each weight, so weak that a dozen searches outweigh it.
-RIDGE = 0.01
-BOOTSTRAPS = 200
+BOOTSTRAPS = 50
 RATES = (0.1, 0.01, 0.001)
+# At which as many right poses as possible are accepted; what features, outline and surface count for at first.
+DEFAULT_RATE = MatchParams().false_alarm_rate
+STARTS = ((0.3, 0.6, 0.7), (0.25, 0.4, 1.0), (0.36, 0.6, 1.4))
+# Of the numbers that are fitted.
+NAMES = (
+    'features',
+    'outline',
+    'surface',
+    'straight, on others',
+    'bent, on others',
+    'own surface, a',
+    'own surface, b',
+    "others' surface, a",
+    "others' surface, b",
+)
 
 
 @dataclass(frozen=True)
 class Best:
     """The best hypothesis of one search that is right, or the best of one for a part that is absent.
 
-    features, outline : nats; train : whether its pair is one to fit to; curves : of each curve of its outline, whether
-    it is bent, and the log-likelihoods of its confirmations when an edge in space lies there, and when none does
+    features, outline : nats; faces : patches of each that agree, and that could; train : whether its pair is one to fit
+    to; curves : of each curve of its outline, whether it is bent, and the log-likelihoods of its confirmations when an
+    edge in space lies there, and when none does
     """
 
     family: str
@@ -67,6 +84,7 @@ class Best:
     right: bool
     features: float
     outline: float
+    faces: list[tuple[int, int]]
     train: bool
     curves: list[tuple[bool, float, float]]
 
@@ -102,7 +120,7 @@ def _best(posed: PosedPair, part: Part, features: FeatureSet, views: Views, trai
     with patch.object(image_evidence, 'weigh', recording):
         match(part.index, features, name=part.name, views=views)
     instances = [one for one in posed.instances if one.part.name == part.name]
-    looked = [one for one in looked if np.isfinite(one.evidence)]
+    looked = [_with_surface(one, part, views) for one in looked if np.isfinite(one.evidence)]
     if instances:
         poses = [as_pose(one.motion) for one in looked]
         looked = [
@@ -113,8 +131,15 @@ def _best(posed: PosedPair, part: Part, features: FeatureSet, views: Views, trai
     if looked:
         best = max(looked, key=lambda one: one.evidence)
         nats = float(best.hypothesis.evidence), float(best.shown.log_ratio)
+        faces = [(face.agree, face.looked) for face in best.surface or ()]
         curves = _curves(best.shown, views)
-        yield Best(posed.pair.family, posed.pair.name, part.name, bool(instances), *nats, train, curves)
+        yield Best(posed.pair.family, posed.pair.name, part.name, bool(instances), *nats, faces, train, curves)
+
+
+def _with_surface(one: image_evidence.Weighed, part: Part, views: Views) -> image_evidence.Weighed:
+    """A hypothesis with what the images show of its surface, whether or not that can decide."""
+    shape = part.index.shape
+    return replace(one, surface=agreement(shape, as_pose(one.motion), one.shown.sight, views))
 
 
 def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, float]]:
@@ -132,25 +157,43 @@ def _curves(shown_there: Presence, views: Views) -> list[tuple[bool, float, floa
 
 
 def _columns(found: list[Best]) -> tuple[np.ndarray, np.ndarray]:
-    """Nats (n, 2) of features and outline, and whether right (n,)."""
-    return np.array([[one.features, one.outline] for one in found]), np.array([one.right for one in found])
+    """Nats (n, 3) of features, outline and surface, and whether right (n,)."""
+    nats = [[one.features, one.outline, log_ratio([Agreement(*face) for face in one.faces])] for one in found]
+    return np.array(nats), np.array([one.right for one in found])
 
 
 def fitted(found: list[Best]) -> np.ndarray:
-    """(4,): what a nat of features and of outline counts for; shares of straight and of bent curves on other edges."""
+    """(9,): the numbers of NAMES."""
     nats, right = _columns(found)
-    # Present and absent parts count alike: how often a part is there is the user's to say.
-    weight = np.where(right, 0.5 / max(right.sum(), 1), 0.5 / max((~right).sum(), 1)) * len(found)
 
-    def cost(unknown: np.ndarray) -> float:
-        odds = nats @ unknown[:2] - unknown[2]
-        return float(weight @ (np.logaddexp(0.0, odds) - right * odds) + RIDGE * unknown[:2] @ unknown[:2])
+    def counts(logarithms: np.ndarray) -> np.ndarray:
+        direction = np.exp(logarithms - logarithms.max())
+        return direction * _scale(nats[~right] @ direction)
 
-    counts = minimize(cost, np.array([0.5, 1.0, 5.0])).x[:2]
-    evidence = nats[~right] @ counts
-    start = np.quantile(evidence, TAIL_FROM)
-    counts /= np.mean(evidence[evidence > start] - start)
-    return np.concatenate([counts, [_share(found, False), _share(found, True)]])
+    def cost(logarithms: np.ndarray) -> float:
+        missing = -np.log(DEFAULT_RATE) - nats[right] @ counts(logarithms)
+        return float(np.logaddexp(0.0, missing).mean())
+
+    # The scale goes in steps where absent parts change places at the quantile: several ways down.
+    fits = [minimize(cost, np.log(start), method='Nelder-Mead') for start in STARTS]
+    best = counts(min(fits, key=lambda fit: fit.fun).x)
+    shares = [_share(found, False), _share(found, True)]
+    return np.concatenate([best, shares, _surface_shares(found)])
+
+
+def _scale(evidence: np.ndarray) -> float:
+    """By what evidence (n,) of absent parts is to be multiplied, so that t nats are reached in exp(-t) of the searches.
+
+    The most likely one, of an exponential distribution of which only the tail was observed.
+    """
+    start = float(np.quantile(evidence, TAIL_FROM))
+    tail = evidence[evidence > start]
+
+    def cost(scale: float) -> float:
+        below = np.log1p(-np.exp(-scale * max(start, 1e-3)))
+        return float(-(len(evidence) - len(tail)) * below - len(tail) * np.log(scale) + scale * tail.sum())
+
+    return float(minimize_scalar(cost, bounds=(0.05, 20.0), method='bounded').x)
 
 
 def _share(found: list[Best], is_bent: bool) -> float:
@@ -163,8 +206,29 @@ def _share(found: list[Best], is_bent: bool) -> float:
     return float(minimize_scalar(cost, bounds=(1e-3, 0.9), method='bounded').x)
 
 
+def _surface_shares(found: list[Best]) -> np.ndarray:
+    """(4,): of the most likely beta distributions of the share of patches that agree, own surfaces and others'."""
+
+    def fit(right: bool, own: np.ndarray | None) -> np.ndarray:
+        agree, looked = np.array([face for one in found if one.right == right for face in one.faces]).T
+
+        def likely(share: np.ndarray) -> np.ndarray:
+            return betaln(agree + share[0], looked - agree + share[1]) - betaln(*share)
+
+        def cost(logarithms: np.ndarray) -> float:
+            here = likely(np.exp(logarithms))
+            if own is not None:
+                here = np.logaddexp(np.log1p(-OTHERS_FACES) + here, np.log(OTHERS_FACES) + likely(own))
+            return -float(here.sum())
+
+        return np.exp(minimize(cost, np.zeros(2), method='Nelder-Mead').x)
+
+    own = fit(True, None)
+    return np.concatenate([own, fit(False, own)])
+
+
 def intervals(found: list[Best], rng: np.random.Generator) -> np.ndarray:
-    """(2, 4): what 90 in 100 fits to bootstrapped pairs lie between."""
+    """(2, 9): what 90 in 100 fits to bootstrapped pairs lie between."""
     pairs = list(dict.fromkeys(one.pair for one in found))
     fits = []
     for _ in range(BOOTSTRAPS):
@@ -179,7 +243,7 @@ def intervals(found: list[Best], rng: np.random.Generator) -> np.ndarray:
 
 
 def report(found: list[Best], counts: np.ndarray, title: str) -> list[str]:
-    """Lines: false alarms and refusals where features and outline count for so much (2,)."""
+    """Lines: false alarms and refusals where features, outline and surface count for so much (3,)."""
     nats, right = _columns(found)
     evidence = nats @ counts
     lines = [f'{title}: {int(right.sum())} right, {int((~right).sum())} absent']
@@ -232,10 +296,11 @@ def drawing(found: list[Best], counts: np.ndarray) -> np.ndarray:
 def main(arguments: list[str] | None = None) -> int:
     """Record, fit, report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--families', nargs='+', default=[*REAL_POSED, *PHOTOREAL_KINDS])
+    parser.add_argument('--families', nargs='+', default=[*NEGATIVES, *PHOTOREAL_KINDS])
     parser.add_argument('--data', type=Path, help='folder with real and photoreal')
     parser.add_argument('--absent', type=int, default=ABSENT, help='parts that are not there, asked for in a pair')
     parser.add_argument('--seed', type=int, default=0, help='which of them')
+    parser.add_argument('--all', action='store_true', help='fit to all pairs, not to every second one')
     parser.add_argument('--draw', type=Path, help='write a picture of the evidence')
     parser.add_argument('--json', type=Path, help='write every search')
     options = parser.parse_args(arguments)
@@ -243,23 +308,24 @@ def main(arguments: list[str] | None = None) -> int:
     warm_up(images=True)
     try:
         found = best_hypotheses(options.families, options.data, options.absent, options.seed)
-    except Absent as reason:
+    except FileNotFoundError as reason:
         print(reason)
         return 0
     train, test = [one for one in found if one.train], [one for one in found if not one.train]
-    numbers = fitted(train)
-    low, high = intervals(train, np.random.default_rng(options.seed))
-    in_use = np.array([*IMAGE_EVIDENCE, *OTHERS_EDGES])
+    some = found if options.all else train
+    numbers = fitted(some)
+    low, high = intervals(some, np.random.default_rng(options.seed))
+    in_use = np.array([*IMAGE_EVIDENCE, *OTHERS_EDGES, *SURFACE_OF_OWN, *SURFACE_OF_OTHERS])
     print(f'{"":<20}{"fitted":>8}{"90 % of bootstraps":>24}{"in use":>8}')
-    for k, name in enumerate(('features', 'outline', 'straight, on others', 'bent, on others')):
+    for k, name in enumerate(NAMES):
         print(f'{name:<20}{numbers[k]:8.2f}{low[k]:16.2f} {high[k]:7.2f}{in_use[k]:8.2f}')
     for some, title in ((train, 'training'), (test, 'test')):
-        print('\n'.join(report(some, in_use[:2], f'{title}, with the numbers in use')))
+        print('\n'.join(report(some, in_use[:3], f'{title}, with the numbers in use')))
     if options.json:
         options.json.write_text(json.dumps([asdict(one) for one in found], indent=1) + '\n')
     if options.draw:
         options.draw.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(options.draw), drawing(found, in_use[:2]))
+        cv2.imwrite(str(options.draw), drawing(found, in_use[:3]))
     return 0
 
 

@@ -1,10 +1,10 @@
 """Hypotheses weighed again by the images: what is there is accepted, where the images have it.
 
-The evidence of a hypothesis is that of its features and that of its outline in the images
-(:mod:`..image_pose.presence`). Both come from the same pictures and say partly the same: what each counts for, and what
-chance reaches, was fitted to the hypotheses of searches whose answer is known (test/benchmarks/calibrate_evidence.py).
-Hypotheses are taken in the order of their evidence. A feature, and a step of the image, belong to the first that
-explains it.
+The evidence of a hypothesis is that of its features, that of its outline in the images (:mod:`..image_pose.presence`)
+and that of its surface (:mod:`..image_pose.surface`). All come from the same pictures and say partly the same: what
+each counts for, and what chance reaches, was fitted to the hypotheses of searches whose answer is known
+(test/benchmarks/calibrate_evidence.py). Hypotheses are taken in the order of their evidence. A feature, and a step of
+the image, belong to the first that explains it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from ..image_pose.measurement import Presence, looked_for, polished, presence, s
 from ..image_pose.presence import overlap
 from ..image_pose.settings import REACH
 from ..image_pose.sight import Shape
+from ..image_pose.surface import Agreement, agreement, log_ratio
 from ..image_pose.views import Views
 from ..model.index import ModelIndex
 from ..model.problem import Problem
@@ -42,6 +43,7 @@ from .settings import (
     LIKE_PART,
     SAME_STEP,
     SEEN_LARGE,
+    SURFACE_DECIDES,
     TURN_PX,
     TURNED,
     WHOLE,
@@ -60,14 +62,20 @@ class Weighed:
         Its pose, drawn in.
     shown : Presence
         What the images show of its outline.
-    evidence : float
-        Nats, of features and images together.
+    surface : tuple of Agreement, optional
+        What they show of its faces; None where that was not asked.
     """
 
     hypothesis: Interpretation
     motion: FloatArray
     shown: Presence
-    evidence: float
+    surface: tuple[Agreement, ...] | None = None
+
+    @property
+    def evidence(self) -> float:
+        """Nats, of features and images together."""
+        nats = self.hypothesis.evidence, self.shown.log_ratio, log_ratio(self.surface or ())
+        return float(np.dot(IMAGE_EVIDENCE, nats))
 
 
 def weigh(
@@ -122,9 +130,7 @@ def weigh(
         if found and deadline.passed:
             break
         motion, sight = looked_for(shape, pose, views, near)
-        there, seen = _at(problem, hypothesis, motion), shown(sight, views)[0]
-        evidence = IMAGE_EVIDENCE.features * there.evidence + IMAGE_EVIDENCE.outline * seen.log_ratio
-        found.append(Weighed(there, motion, seen, evidence))
+        found.append(Weighed(_at(problem, hypothesis, motion), motion, shown(sight, views)[0]))
     return max(found, key=lambda one: one.shown.log_ratio)
 
 
@@ -225,6 +231,7 @@ def accepted_by_images(
         else:
             weighed.append(weigh(problem, shape, one, views, deadline))
     weighed = _with_turns(problem, shape, weighed, views, deadline)
+    weighed = [_with_surface(shape, one, views, needed) for one in weighed]
     accepted: list[Interpretation] = []
     taken: list[Weighed] = []
     refused = []
@@ -264,6 +271,13 @@ def _with_turns(
             one = weighed[k]
             weighed[k] = weigh(problem, shape, one.hypothesis, views, deadline, one.motion)
     return weighed
+
+
+def _with_surface(shape: Shape, one: Weighed, views: Views, needed: float) -> Weighed:
+    """A hypothesis with what the images show of its surface, where that is likely to decide."""
+    if one.evidence + SURFACE_DECIDES < needed:
+        return one
+    return replace(one, surface=agreement(shape, as_pose(one.motion), one.shown.sight, views))
 
 
 def _another(problem: Problem, one: Weighed) -> str | None:
@@ -309,10 +323,12 @@ def _measured(shape: Shape, one: Weighed, views: Views) -> Interpretation:
 def _why_rejected(one: Weighed, taken: list[Weighed], claimed: Sequence[Presence], needed: float) -> str | None:
     """The reason to reject a hypothesis, or None; taken, claimed : what is accepted of this model and of others."""
     if not one.evidence >= needed:
+        faces = one.surface or ()
+        agree, looked = (sum(counts) for counts in zip((0, 0), *faces))
         return (
             f'chance explains as much: evidence {one.evidence:.1f} of {needed:.1f} nats needed, features '
             f'{one.hypothesis.evidence:.1f}, images {one.shown.log_ratio:+.1f} (they confirm {one.shown.support:.0%} '
-            'of the outline)'
+            f'of the outline), surface {log_ratio(faces):+.1f} ({agree} of {looked} patches of it agree)'
         )
     mine = one.hypothesis.assignment != BIN
     for other in taken:

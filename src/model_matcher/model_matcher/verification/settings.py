@@ -157,7 +157,7 @@ PLACES = 64
 
 
 class ImageEvidence(NamedTuple):
-    """What a nat of features and of outline counts for: both come from the same pictures, and say partly the same.
+    """What a nat of features, outline and surface counts for: all come from the same pictures, and say partly the same.
 
     Fitted by test/benchmarks/calibrate_evidence.py, so that the best hypothesis of a model that is not there has more
     than t nats in less than exp(-t) of the searches.
@@ -165,9 +165,12 @@ class ImageEvidence(NamedTuple):
 
     features: float
     outline: float
+    surface: float
 
 
-IMAGE_EVIDENCE = ImageEvidence(0.43, 0.62)
+IMAGE_EVIDENCE = ImageEvidence(0.35, 0.75, 1.27)
+# Nats that a surface is asked for: two faces of print bring as much.
+SURFACE_DECIDES = 6.0
 # Pixels between points of two outlines, SPACING apart on each, that may stand on one step.
 SAME_STEP = 4.0
 # Square radians, about an axis: a turn known to a tenth of a radian is not free.
