@@ -99,7 +99,7 @@ def log_ratio(found: Sequence[Agreement]) -> float:
     Examples
     --------
     >>> printed, metal = Agreement(14, 18), Agreement(1, 18)
-    >>> log_ratio([printed, printed]) > 2.0 > log_ratio([printed, metal]) > 0.0 > log_ratio([metal]) > -1.0
+    >>> log_ratio([printed, printed]) > 1.5 > log_ratio([printed, metal]) > 0.0 > log_ratio([metal]) > -0.5
     True
     >>> log_ratio([])
     0.0
