@@ -18,6 +18,7 @@ from model_matcher.interpretation_tree.array_validation import Limits, at_once, 
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.interpretation_tree.tree import tree_search
 from msgs_py import FeatureKind, FeatureSet
+from msgs_py.numeric.deadline import Deadline
 
 FRACDEV = 0.1
 # Interpretations that the DAP 510 validates together.
@@ -273,7 +274,7 @@ def realistic(setting: Setting) -> Outcome:
         right = False
         for ranges in ('exact', 'corners'):
             params = MatchParams(**{**_AS_STATED, 'max_cone_deg': printed.cone_deg, 'ranges': ranges, 'max_bin': _BIN})
-            found = tree_search(build_tables(index, data, params), params, LIMIT, 5.0)
+            found = tree_search(build_tables(index, data, params), params, LIMIT, Deadline(5.0))
             right |= any((one == truth).all() for one in found.assignments)
             both: list[float | None] = [None, None]
             if found.complete and found.stats['levels'] <= setting.pick(30_000, 500):

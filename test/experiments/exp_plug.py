@@ -16,6 +16,7 @@ from model_matcher.interpretation_tree.settings import RATES
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.interpretation_tree.tree import TreeResult, tree_search
 from msgs_py import BIN, FeatureKind, FeatureSet
+from msgs_py.numeric.deadline import Deadline
 
 # The search as printed, all five constraints, errors as they are stated and nothing added.
 PRINTED: dict[str, Any] = {'eliminate': False, 'fracdev': 0.0, 'overhang': 0.0}
@@ -169,7 +170,9 @@ def _with_bin(name: str, count: int, seeds: int, setting: Setting) -> list:
         mixed, false = _with_spurious(data, count, seed)
         both = both_lengths(index, mixed, **common, time_limit_s=120.0)
         aided = both_lengths(index, mixed, **{**common, 'eliminate': True}, time_limit_s=120.0)
-        found = tree_search(build_tables(index, mixed, MatchParams(**common)), MatchParams(**common), LIMIT, 20.0)
+        found = tree_search(
+            build_tables(index, mixed, MatchParams(**common)), MatchParams(**common), LIMIT, Deadline(20.0)
+        )
         runs['short'].append(both[0].matching)
         runs['long'].append(both[1].matching)
         runs['aided'].append(aided[0].matching)
@@ -183,7 +186,7 @@ def _with_bin(name: str, count: int, seeds: int, setting: Setting) -> list:
         level_s = both[0].seconds(*TREE) / max(both[0].stats['levels'], 1)
         most = BIN_S / level_s if not setting.tiny else 1e5
         params = MatchParams(**common, ordering='holder_buxton')
-        other = tree_search(build_tables(index, mixed, params), params, LIMIT, most / RATES.levels)
+        other = tree_search(build_tables(index, mixed, params), params, LIMIT, Deadline(most / RATES.levels))
         runs['hb'].append(other.stats['levels'])
         runs['ended'].append(other.complete)
         runs['hb_s'].append(other.stats['levels'] * level_s)

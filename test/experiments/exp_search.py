@@ -16,6 +16,7 @@ from model_matcher.interpretation_tree.ordering import order_pairs
 from model_matcher.interpretation_tree.tables import build_tables
 from model_matcher.interpretation_tree.tree import tree_search
 from msgs_py import FeatureSet
+from msgs_py.numeric.deadline import Deadline
 
 POLYHEDRA = [f'{model}_v{k}' for model in ('chipped_block', 'chair', 'computer', 'l_shape', 'wedge') for k in (1, 2)]
 # The orderings of 5.7.1; that of 6.10 is for curves.
@@ -54,7 +55,7 @@ def search(name: str, seconds: float, stated: float = 1e-3, **changes: Any) -> d
     params = MatchParams(**{**IDEAL, **changes})
     tables = build_tables(index, data, params)
     order = order_pairs(tables.pairs, tables.sums, params.ordering)
-    result, tree_s = timed(lambda: tree_search(tables, params, LIMIT, seconds))
+    result, tree_s = timed(lambda: tree_search(tables, params, LIMIT, Deadline(seconds)))
     return {
         **result.stats,
         'complete': result.complete,
@@ -275,7 +276,7 @@ def combinatorics(setting: Setting) -> Outcome:
             params = MatchParams(search='tree')
             tables = build_tables(index, data, params)
             for key, eliminate in (('plain', False), ('aided', True)):
-                result = tree_search(tables, params.replace(eliminate=eliminate), 1, 2.0)
+                result = tree_search(tables, params.replace(eliminate=eliminate), 1, Deadline(2.0))
                 rows[key].append((result.stats['levels'], result.complete or len(result.assignments) > 0))
             rows['pairs'].append(match(index, data).stats['hypotheses'])
             serial = match(index, data, MatchParams(search='serial', time_limit_s=2.0))
