@@ -18,6 +18,9 @@ import pytest
 from hypothesis import Phase, settings
 
 # make fresh-seeds: looks for what nobody has seen.
+# How long a page may take to show something, seconds.
+OPENING_S = 60.0
+
 settings.register_profile('many', max_examples=1000, deadline=None)
 # make mutants: failures that nobody reads.
 settings.register_profile('mutants', database=None, deadline=None, phases=(Phase.explicit, Phase.generate))
@@ -132,7 +135,8 @@ class Browser:
         """A file, or an address; waits until the page says that it has drawn."""
         self.events.clear()
         self.send('Page.navigate', url=page if isinstance(page, str) else page.resolve().as_uri())
-        self.wait("document.readyState === 'complete' && document.body.dataset.step !== undefined")
+        # Megabytes of script are compiled first, beside whatever else the machine does.
+        self.wait("document.readyState === 'complete' && document.body.dataset.step !== undefined", OPENING_S)
 
     def evaluate(self, expression):
         """The value of an expression in the page."""
