@@ -77,6 +77,9 @@ PACKED = {
 }
 
 
+NAMES = (('image_rect', 'image_raw'), ('camera_info', 'info'))
+
+
 class Driver:
     """A stereo driver: topics of one transport, camera_info with each pair, or once and latched."""
 
@@ -202,6 +205,24 @@ def test_silence_names_the_transport_that_is_there(graph, pictures):
         what='the remedy in the diagnostics',
     )
     assert 'left/image_rect/compressed is published: set image_transport to compressed' in node.silence()
+
+
+def test_remapping_a_topic_remaps_its_compressed_images(graph, pictures):
+    """As for every image_transport; a namespace applies as well."""
+    remaps = [f'{side}/{ours}:=/cam_{side}/{theirs}' for side in ('left', 'right') for ours, theirs in NAMES]
+    arguments = ['--ros-args', *(item for remap in remaps for item in ('-r', remap))]
+    clouds = graph.collect(PointCloud2, '/rig/features')
+    images = [graph.publisher(CompressedImage, f'/cam_{side}/image_raw/compressed') for side in ('left', 'right')]
+    infos = [graph.publisher(CameraInfo, f'/cam_{side}/info') for side in ('left', 'right')]
+    graph.add(RecoveryNode, parameters={'image_transport': 'compressed'}, namespace='rig', cli_args=arguments)
+    graph.wait_heard('/rig/features')
+    graph.wait_matched(*images, *infos)
+    at = header(1)
+    for publisher, info in zip(infos, codecs.camera_infos_from_rig(RIG, at)):
+        publisher.publish(info)
+    for publisher, picture in zip(images, pictures):
+        publisher.publish(PACKED['png'](picture, at))
+    graph.spin_until(lambda: clouds, what='features')
 
 
 def test_side_by_side_is_of_two_cameras(graph):

@@ -122,7 +122,7 @@ def test_a_launch_file_names_what_exists(path, monkeypatch):
             if not key.startswith('qos_overrides.')
         }
         assert given <= known
-        assert {source for source, _ in node.kwargs.get('remappings', [])} in (set(), set(STEREO_TOPICS))
+        assert {source for source, _ in node.kwargs.get('remappings', [])} in (set(), {*STEREO_TOPICS, 'image_rect'})
         assert node.kwargs['respawn'].args == ('respawn',) and node.kwargs['respawn_delay'] < 1.0
     declared = {action.args[0] for action in actions if type(action).__name__ == 'DeclareLaunchArgument'}
     assert (

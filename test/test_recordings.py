@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from importlib import resources
 from pathlib import Path
 
 import cv2
@@ -31,6 +32,8 @@ from model_matcher.closed_form.recordings.bag_reader import StereoBag
 from model_matcher.closed_form.recordings.replay_cli import main as replay
 from model_matcher.match_cli import main as match
 from msgs_py import PinholeCamera, StereoRig, codecs
+from stereo_recovery.cameras.calibration import load_cameras
+from stereo_recovery.pair_files import read_pair
 
 RIG = StereoRig.symmetric(PinholeCamera.centred(320, 320, 440.0), 0.03)
 STORE, STORE1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
@@ -175,6 +178,35 @@ def test_a_replayed_bag_gives_what_match_gives(bag, pictures, tmp_path, capsys):
         assert [cloud.width for cloud in clouds] == [pair['features'] for pair in record['pairs']]
     # And what was written can be replayed.
     assert [pair.stamp_ns for pair in StereoBag(out)] == list(STAMPS)
+
+
+def test_raw_images_are_rectified(tmp_path):
+    """The chessboard's pair as it was taken, under the names of a driver, and its calibration as ROS has it."""
+    folder = Path(str(resources.files('stereo_recovery') / 'data' / 'chessboard'))
+    files = [folder / f'{side}01.jpg' for side in ('left', 'right')]
+    cameras = load_cameras(folder / 'calibration.yaml', (640, 480))
+    messages = []
+    for side, (path, camera) in enumerate(zip(files, cameras)):
+        told = info(STORE, side, False, {})
+        for name in ('width', 'height', 'distortion_model'):
+            setattr(told, name, getattr(camera, name))
+        for name in 'dkrp':
+            setattr(told, name, np.array(getattr(camera, name), float))
+        messages.append((f'/cam{side}/camera_info', told, 10**18))
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        image = STORE.types['sensor_msgs/msg/CompressedImage'](header(STORE, STAMPS[0], {}), 'jpeg', data)
+        messages.append((f'/cam{side}/image_raw/compressed', image, 10**18))
+    write(Writer(tmp_path / 'bag', version=9), STORE, messages, STORE.serialize_cdr)
+    topics = ['/cam0/image_raw/compressed', '/cam1/image_raw/compressed']
+    (pair,) = StereoBag(tmp_path / 'bag', topics, raw=True)
+    expected = read_pair((files[0], files[1]), folder / 'calibration.yaml', raw=True)
+    for image, other in zip(pair.images, (expected.left, expected.right)):
+        assert np.array_equal(image, other)
+    assert pair.rig == expected.rig
+    with pytest.raises(
+        ValueError, match='no topic ends in left/image_rect; there are /cam0/image_raw/compressed, /cam1'
+    ):
+        list(StereoBag(tmp_path / 'bag'))
 
 
 def test_nothing_of_ros_runs(tmp_path, pictures):

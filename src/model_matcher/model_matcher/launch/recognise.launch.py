@@ -22,6 +22,10 @@ ARGUMENTS = {
     'left_info': ('left/camera_info', 'Topic of its camera_info'),
     'right_image': ('right/image_rect', 'Topic of the right image'),
     'right_info': ('right/camera_info', 'Topic of its camera_info'),
+    'side_by_side': ('false', 'true when both images come as the halves of one'),
+    'image': ('image_rect', 'Topic of that one'),
+    'image_transport': ('raw', 'compressed when the images come as JPEG or PNG, on topics that end in /compressed'),
+    'image_bits': ('16', 'How many of its 16 bits the camera fills, where images have 16'),
     'rectify': ('false', 'true when the images are raw; then only recovery_node looks at them, and nothing is tracked'),
     'tf': ('false', 'true to broadcast the poses of followed objects on /tf'),
     'use_sim_time': ('false', 'true when a bag or a simulator publishes /clock'),
@@ -42,7 +46,13 @@ def generate_launch_description():
         ('left/camera_info', value['left_info']),
         ('right/image_rect', value['right_image']),
         ('right/camera_info', value['right_info']),
+        ('image_rect', value['image']),
     ]
+    images = {
+        'side_by_side': ParameterValue(value['side_by_side'], value_type=bool),
+        'image_transport': value['image_transport'],
+        'image_bits': ParameterValue(value['image_bits'], value_type=int),
+    }
     sim_time = {'use_sim_time': ParameterValue(value['use_sim_time'], value_type=bool)}
 
     def node(**arguments):
@@ -69,6 +79,7 @@ def generate_launch_description():
                 parameters=[
                     PathJoinSubstitution([FindPackageShare('stereo_recovery'), 'config', 'recovery.yaml']),
                     {'rectify': ParameterValue(value['rectify'], value_type=bool)},
+                    images,
                     sim_time,
                 ],
                 remappings=topics,
@@ -79,6 +90,7 @@ def generate_launch_description():
                 parameters=[
                     PathJoinSubstitution([share, 'config', 'matcher.yaml']),
                     {'models': models, 'use_images': ParameterValue(rectified, value_type=bool)},
+                    images,
                     sim_time,
                 ],
                 remappings=topics,
@@ -90,6 +102,7 @@ def generate_launch_description():
                 parameters=[
                     PathJoinSubstitution([share, 'config', 'tracker.yaml']),
                     {'models': models, 'tf': ParameterValue(value['tf'], value_type=bool)},
+                    images,
                     sim_time,
                 ],
                 remappings=topics,

@@ -545,12 +545,13 @@ class GraphNode(ManagedNode, Generic[_C]):
             guarded(message)
 
         subscription: Subscription | Taker
+        name = self._transported(topic)
         if self._hand_over is not None:
-            subscription = self._hand_over.listen(self, message_type, topic, on_message, INPUT_QOS)
+            subscription = self._hand_over.listen(self, message_type, name, on_message, INPUT_QOS)
         else:
             subscription = self.create_subscription(
                 message_type,
-                topic,
+                name,
                 on_message,  # type: ignore[arg-type]
                 copy.copy(INPUT_QOS),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -670,6 +671,11 @@ class GraphNode(ManagedNode, Generic[_C]):
 
         self.every(INFO_WAIT_S, look, clock=self._steady_clock)
 
+    def _transported(self, topic: str) -> str:
+        """A topic of compressed images goes with its base: remapping that remaps it, as image_transport has it."""
+        base = topic.removesuffix(f'/{COMPRESSED}')
+        return topic if base == topic else f'{self.resolve_topic_name(base)}/{COMPRESSED}'
+
     def _is_kept(self, topic: str) -> bool:
         """Whether a publisher keeps its last messages for who comes late ("latched")."""
         publishers = self.get_publishers_info_by_topic(topic)
@@ -771,7 +777,7 @@ class GraphNode(ManagedNode, Generic[_C]):
         for topic, count in self._received.items():
             packed = topic.endswith(f'/{COMPRESSED}')
             other = topic.removesuffix(f'/{COMPRESSED}') if packed else f'{topic}/{COMPRESSED}'
-            if count == 0 and not topic.endswith(INFO) and self.count_publishers(other):
+            if count == 0 and not topic.endswith(INFO) and self.count_publishers(self._transported(other)):
                 return (
                     f'nothing received on {topic}, but {other} is published: set image_transport to '
                     f'{RAW if packed else COMPRESSED}'
