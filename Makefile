@@ -64,7 +64,7 @@ INTERPRETED := $(call files,csg_renderer,behind_terrain engines_agree light_and_
     render_frame terrain tree_order visibility) \
   $(call files,stereo_recovery,bounds buckets chains corner_matching curve_geometry edgels estimate factors inliers joining \
     labelling noise parallel_groups row_error texture view view_votes) \
-  $(call files,model_matcher,constraints engine_dap equal_poses evidence image_pose outline_neighbours pair_pose pair_test \
+  $(call files,model_matcher,constraints engine_dap equal_poses evidence image_pose outline_neighbours pair_bounds pair_pose pair_test \
     parallel_search pose_fit prefilter presence proof proof_work sightlines symmetry tracking tree views)
 
 coverage: $(READY)

@@ -41,7 +41,8 @@ def test_relative_paths_home_and_files_of_the_working_directory_count_as_paths(t
 
 
 def test_names_of_things_that_come_with_a_package_pass(tree):
-    TrustedFolders([], [], 'model_folders').check('l_shape_v1')
+    for name in ('l_shape_v1', 'x' * 5000):  # whether there is one of that name, its package says
+        TrustedFolders([], [], 'model_folders').check(name)
 
 
 def test_what_a_node_is_started_with_is_trusted_with_its_folder(tree):
@@ -51,9 +52,8 @@ def test_what_a_node_is_started_with_is_trusted_with_its_folder(tree):
     trusted.check(str(tree / 'other/secret.csg'))
 
 
-@pytest.mark.parametrize('given', ['/x\0y', '/' + 'x' * 5000, 'x' * 5000])
+@pytest.mark.parametrize('given', ['/x\0y', '/' + 'x' * 5000])
 def test_impossible_paths_are_refused_not_raised_through(tree, given):
-    try:
+    with pytest.raises(ValueError, match='.') as refused:
         TrustedFolders([tree / 'models'], [], 'model_folders').check(given)
-    except ValueError as error:
-        assert len(str(error)) < 6000
+    assert len(str(refused.value)) < 6000
