@@ -23,7 +23,7 @@ from msgs_py.codecs import (
     poses_to_array,
     report_from_interpretations,
 )
-from msgs_py.node_runtime.beside import Beside
+from msgs_py.node_runtime.beside import CHANGED_GRACE_S, ENDING_S, Beside
 from msgs_py.node_runtime.camera_input import CameraImages, CameraTopics
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import run_node
@@ -45,10 +45,6 @@ from .settings import MOST_CAMERAS, WAIT_FOR_IMAGES_S
 
 TOPIC = 'interpretations'
 WATCH_PERIOD_S = 1.0
-# Seconds that a search has left when parameters change: what is nearly done is not lost, and nobody waits.
-CHANGED_GRACE_S = 0.25
-# Seconds that a search which is told to end may take for it while the node is taken down.
-ENDING_S = 2.0
 _DEFAULT = MatchParams()
 
 

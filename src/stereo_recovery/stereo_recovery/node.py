@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
 from msgs_py.camera import ImageWindow
 from msgs_py.codecs import array_to_image, features_to_cloud, features_to_markers
+from msgs_py.node_runtime.beside import CHANGED_GRACE_S, ENDING_S, LOOK_S, Beside
 from msgs_py.node_runtime.camera_input import SIDES, CameraConfig, CameraImages, CameraTopics
 from msgs_py.node_runtime.config import parameter
 from msgs_py.node_runtime.runtime import GraphNode, run_node
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.typed import AnyArray
 
 from .cameras.rectification import Rectifier, RigImages
@@ -177,6 +179,8 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         self._reason = ''
         self._counts: dict[str, object] = {}
         self._rig_errors: deque[RigError] = deque(maxlen=RIG_PAIRS)
+        source = 'stereo pair' if self.config.cameras == 2 else 'set of images'
+        self._work = Beside(self, source, self._begin, self._publish)
         self._rig_looked_at = 0.0
         self.start()
 
@@ -199,33 +203,24 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
         """Subscribe to the images."""
         queue = self.config.sync_queue_size, self.config.sync_tolerance
         self.listen_images(CameraTopics.of(self.config, self.config.cameras), self.on_images, *queue)
+        self.every(LOOK_S, self._work.look, clock=self._steady_clock)
 
     def on_images(self, images: CameraImages) -> None:
         """One image of each camera. Everything published carries the first one's header."""
-        recover_them = self._of_pair if len(images.infos) == 2 else self._of_many
-        self._publish(*recover_them(images), images.header)
+        self._work.take(images)
 
-    def _of_pair(self, images: CameraImages) -> tuple[Recovery, AnyArray, PinholeCamera]:
-        """Of a pair: what was found, the left picture, and its camera."""
-        left, right = images.pictures()
-        if self.config.rectify:
-            rectifier = self._rectifier_for(images.infos)
-            left, right = rectifier.apply(left, right)
-            rig = rectifier.rig
-        else:
-            rig = StereoRig.from_camera_info(*images.infos)
-            for side, picture, info in zip(SIDES, (left, right), images.infos):
-                _check_size(side, picture, info)
-        return recover(left, right, rig, self.config.params()), left, rig.left
+    def _begin(self, images: CameraImages, deadline: Deadline) -> Callable[[], Recovered]:
+        """Recovery by the parameters of now."""
+        params = self.config.params()
+        if len(images.infos) > 2:
+            return partial(_of_many, images, self._images_for(images.infos), params, deadline)
+        rectifier = self._rectifier_for(images.infos) if self.config.rectify else None
+        return partial(_of_pair, images, rectifier, params, deadline)
 
-    def _of_many(self, images: CameraImages) -> tuple[Recovery, AnyArray, PinholeCamera]:
-        """The same of three cameras and more, of the first of them."""
-        rig_images = self._images_for(images.infos)
-        pictures = rig_images.apply(images.pictures())
-        return recover(pictures, rig_images.rig, self.config.params()), pictures[0], rig_images.rig.cameras[0]
-
-    def _publish(self, result: Recovery, picture: AnyArray, camera: PinholeCamera, header: Header) -> None:
-        """Publish what was found; the picture is that of the left or first camera."""
+    def _publish(self, images: CameraImages, recovered: Recovered) -> None:
+        """Publish what was found."""
+        result, picture, camera = recovered
+        header = images.header
         self._reason = result.reason
         kinds = {f'features.{kind.name.lower()}s': int((result.features.kind == kind).sum()) for kind in FeatureKind}
         self._counts = {
@@ -298,12 +293,29 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             )
         return rig.poses
 
+    def on_config(self, old: RecoveryConfig, new: RecoveryConfig) -> None:
+        """What is recovered by other parameters has a moment left, and is begun anew then. See GraphNode."""
+        if new.params() != old.params() or new.rectify != old.rectify:
+            self._work.begin_anew(CHANGED_GRACE_S)
+
+    def deactivate(self) -> None:
+        """End what is under way."""
+        self._work.drop()
+
+    def destroy_node(self) -> None:
+        """As GraphNode's; what is under way is ended."""
+        work = getattr(self, '_work', None)  # there is none when the node could not be made
+        if work is not None:
+            work.close(ENDING_S)
+        super().destroy_node()
+
     def cleanup(self) -> None:
         """Forget maps and counters."""
         self.reset()
 
     def reset(self) -> str:
         """Forget maps and counters; returns what was forgotten."""
+        self._work.drop()
         self._rectifier, self._images, self._reason, self._counts = None, None, '', {}
         self._rig_errors.clear()
         return 'rectification maps and counters'
@@ -328,6 +340,36 @@ class RecoveryNode(GraphNode[RecoveryConfig]):
             'rig.distance': f'{error.distance(self.config.calibration_sigma):.2f}',
             'rig.drifted': error.has_drifted(self.config.calibration_sigma) if error.tells else 'unknown',
         }
+
+
+class Recovered(NamedTuple):
+    """What was found, the picture of the left or first camera, and that camera."""
+
+    result: Recovery
+    picture: AnyArray
+    camera: PinholeCamera
+
+
+def _of_pair(
+    images: CameraImages, rectifier: Rectifier | None, params: RecoveryParams, deadline: Deadline
+) -> Recovered:
+    """Of a pair, with a rectifier where it is raw."""
+    left, right = images.pictures()
+    if rectifier is not None:
+        left, right = rectifier.apply(left, right)
+        rig = rectifier.rig
+    else:
+        rig = StereoRig.from_camera_info(*images.infos)
+        for side, picture, info in zip(SIDES, (left, right), images.infos):
+            _check_size(side, picture, info)
+    return Recovered(recover(left, right, rig, params, deadline=deadline), left, rig.left)
+
+
+def _of_many(images: CameraImages, rig_images: RigImages, params: RecoveryParams, deadline: Deadline) -> Recovered:
+    """Of three cameras and more."""
+    pictures = rig_images.apply(images.pictures())
+    result = recover(pictures, rig_images.rig, params, deadline=deadline)
+    return Recovered(result, pictures[0], rig_images.rig.cameras[0])
 
 
 def _check_size(side: str, image: AnyArray, info: CameraInfo) -> None:

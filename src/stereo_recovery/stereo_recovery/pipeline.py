@@ -10,6 +10,7 @@ from typing import Any, overload
 import numpy as np
 
 from msgs_py import CameraRig, FeatureSet, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.deadline import Deadline
 from msgs_py.numeric.steps import CompileStep, run_all
 from msgs_py.numeric.typed import AnyArray, Float32Array
 
@@ -98,7 +99,14 @@ class Recovery:
 
 
 @overload
-def recover(left: AnyArray, right: AnyArray, rig: StereoRig, params: RecoveryParams | None = None) -> Recovery: ...
+def recover(
+    left: AnyArray,
+    right: AnyArray,
+    rig: StereoRig,
+    params: RecoveryParams | None = None,
+    *,
+    deadline: Deadline | None = None,
+) -> Recovery: ...
 
 
 @overload
@@ -107,10 +115,14 @@ def recover(
     right: CameraRig | StereoRig,
     rig: RecoveryParams | None = None,
     params: RecoveryParams | None = None,
+    *,
+    deadline: Deadline | None = None,
 ) -> Recovery: ...
 
 
-def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | None = None) -> Recovery:
+def recover(
+    left: Any, right: Any, rig: Any = None, params: RecoveryParams | None = None, *, deadline: Deadline | None = None
+) -> Recovery:
     """Straight edges, planar curves and axes of rotation in space.
 
     ``recover(left, right, rig, params)`` takes a rectified pair, ``recover(images, cameras, params)`` the pictures of
@@ -127,6 +139,8 @@ def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | Non
         The two calibrated cameras.
     params : RecoveryParams, optional
         Thresholds that a user may change.
+    deadline : Deadline, optional
+        When it has passed, what has not begun is left out where it can be, as at the time limit of the parameters.
 
     Returns
     -------
@@ -156,7 +170,7 @@ def recover(left: Any, right: Any, rig: Any = None, params: RecoveryParams | Non
     many = isinstance(right, CameraRig)
     params = rig if many and isinstance(rig, RecoveryParams) else params
     params = params or RecoveryParams()
-    watch = Stopwatch(params.time_limit)
+    watch = Stopwatch(params.time_limit, deadline=deadline)
     if many:
         return _of_many(left, right, params, watch)
     greys = _grey_images(left, right, rig)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import TypeAlias
+
+from msgs_py.numeric.deadline import Deadline
 
 # Whether it is too late for what comes next.
 Late: TypeAlias = Callable[[], bool]
@@ -27,6 +30,8 @@ class Stopwatch:
         From now; none by default.
     clock : callable
         Seconds since some moment.
+    deadline : Deadline, optional
+        After which it is too late in any case.
 
     Attributes
     ----------
@@ -44,10 +49,15 @@ class Stopwatch:
     (False, True, ['curves'])
     """
 
-    def __init__(self, limit: float | None = None, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(
+        self,
+        limit: float | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+        deadline: Deadline | None = None,
+    ) -> None:
         self.milliseconds: dict[str, float] = {}
         self.left_out: list[str] = []
-        self._limit, self._clock = limit, clock
+        self._limit, self._clock, self._deadline = limit, clock, deadline
         self._start = self._since = clock()
 
     def stage(self, name: str) -> None:
@@ -58,10 +68,12 @@ class Stopwatch:
 
     def late_after(self, share: float, what: str) -> Late:
         """Whether more than this share of the limit has passed, so that ``what`` is left out; it is noted then."""
-        return never if self._limit is None else partial(self._is_late, share * self._limit, what)
+        if self._limit is None and self._deadline is None:
+            return never
+        return partial(self._is_late, math.inf if self._limit is None else share * self._limit, what)
 
     def _is_late(self, seconds: float, what: str) -> bool:
-        late = self._clock() - self._start > seconds
+        late = self._clock() - self._start > seconds or (self._deadline is not None and self._deadline.passed)
         if late and what not in self.left_out:
             self.left_out.append(what)
         return late

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from msgs_py import FeatureKind, PinholeCamera, Pose, StereoRig
+from msgs_py.numeric.deadline import Deadline
 from stereo_recovery import RecoveryParams, pipeline, recover
 from stereo_recovery.recover_cli import profile
 from stereo_recovery.stopwatch import Stopwatch
@@ -28,7 +29,7 @@ class LateFrom(Stopwatch):
 
 
 def limited(pair, monkeypatch, stage: str) -> pipeline.Recovery:
-    monkeypatch.setattr(pipeline, 'Stopwatch', lambda limit: LateFrom(stage))
+    monkeypatch.setattr(pipeline, 'Stopwatch', lambda limit, deadline=None: LateFrom(stage))
     return recover(*pair, RIG, RecoveryParams(time_limit=1.0))
 
 
@@ -64,3 +65,12 @@ def test_the_profile_has_every_stage_and_what_was_left_out(pair, monkeypatch):
     lines = profile(limited(pair, monkeypatch, 'match'))
     for start in ('segment', 'match', 'curves', 'lines', 'features', 'all', 'left out: curves'):
         assert any(line.startswith(start) for line in lines)
+
+
+def test_a_deadline_that_is_brought_forward_is_too_late_for_all():
+    deadline = Deadline()
+    watch = Stopwatch(deadline=deadline)
+    late = watch.late_after(0.5, 'curves')
+    assert not late() and watch.left_out == []
+    deadline.bring_forward(0.0)
+    assert late() and watch.left_out == ['curves']

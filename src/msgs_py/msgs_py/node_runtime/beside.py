@@ -16,6 +16,13 @@ from ..numeric.deadline import Deadline
 from .background import Background
 from .runtime import GraphNode
 
+# Seconds that work has left when parameters change: what is nearly done is not lost, and nobody waits.
+CHANGED_GRACE_S = 0.25
+# Seconds that work which is told to end may take for it while its node is taken down.
+ENDING_S = 2.0
+# Seconds between two looks of a timer at whether work is done.
+LOOK_S = 0.1
+
 Given = TypeVar('Given')
 Made = TypeVar('Made')
 
