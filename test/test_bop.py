@@ -22,10 +22,10 @@ from stand_ins import messages
 
 from model_matcher.closed_form.bop import bpc_node
 from model_matcher.closed_form.bop.answer import load_models
+from model_matcher.closed_form.bop.bop_cli import main
 from model_matcher.closed_form.bop.bpc_requests import answer_request
 from model_matcher.closed_form.bop.results import COLUMNS, BopResult, read_results, write_results
 from model_matcher.closed_form.bop.scene_folder import ModelInfo, read_models_info, read_scene
-from model_matcher.closed_form.bop_cli import main
 from msgs_py import Pose
 from msgs_py.codecs import array_to_image, pose_from_message, pose_to_message
 

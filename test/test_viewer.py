@@ -18,8 +18,8 @@ from std_msgs.msg import Header
 from csg_renderer import default_rig, load_scene, model_features, render_stereo, scene_path
 from csg_renderer.raycast.sensor import grey
 from model_matcher.closed_form.following.follow import FollowedFrame, PictureFrame
-from model_matcher.closed_form.view_cli import main
-from model_matcher.closed_form.view_files import followed_moment, moment_of, recorded_moments
+from model_matcher.closed_form.viewing.view_cli import main
+from model_matcher.closed_form.viewing.view_files import followed_moment, moment_of, recorded_moments
 from model_matcher.image_pose.views import Views
 from model_matcher.model.library import load_library
 from model_matcher.viewer_node import ViewerNode

@@ -15,7 +15,7 @@ from model_matcher import MatchParams, match
 from model_matcher.closed_form.case import Case, Limits
 from model_matcher.closed_form.result import result_document
 from model_matcher.closed_form.run_graph import run_case
-from model_matcher.closed_form.view_files import result_moment
+from model_matcher.closed_form.viewing.view_files import result_moment
 from model_matcher.viewing.moments import Moment
 from model_matcher.viewing.page import NoPlotly, page_of
 from msgs_py import FeatureKind, FeatureSet, Pose

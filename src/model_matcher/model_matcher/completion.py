@@ -17,11 +17,11 @@ from dap_emulator.fortran_plus.library import program_names
 from stereo_recovery.check_rig_cli import check_rig_parser
 from stereo_recovery.recover_cli import parser as recover_parser
 
-from .closed_form.bop_cli import bop_parser
+from .closed_form.bop.bop_cli import bop_parser
 from .closed_form.cli import closed_form_parser
 from .closed_form.following.track_cli import track_parser
 from .closed_form.recordings.replay_cli import replay_parser
-from .closed_form.view_cli import view_parser
+from .closed_form.viewing.view_cli import view_parser
 from .match_cli import match_parser
 
 HEAD = """\

@@ -24,7 +24,7 @@ from .scene_files import check_scene
 from .sequences.motion import Motion
 from .sequences.sequence import read_sequence, rendered_sequence, write_found, write_sequence
 from .sequences.turning_part import run_turning_part
-from .view_files import result_moment, write_view
+from .viewing.view_files import result_moment, write_view
 
 DEMO_SCENES = ('l_shape_v1', 'chipped_block_v1')
 

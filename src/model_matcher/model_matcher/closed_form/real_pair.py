@@ -25,7 +25,7 @@ from ..params import MatchParams
 from ..pipeline import match
 from ..viewing.moments import Moment, placed_objects
 from .comparison import best_pose_error, compare_edges
-from .view_files import write_view
+from .viewing.view_files import write_view
 
 PAIR = '01'
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ..case import Case
 from ..following.follow import PictureFrame, follow
 from ..following.track_cli import load_solid, write_followed
-from ..view_files import followed_moment, write_view
+from ..viewing.view_files import followed_moment, write_view
 from .motion import Motion
 from .sequence import rendered_sequence
 

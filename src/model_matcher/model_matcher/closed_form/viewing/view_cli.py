@@ -22,13 +22,13 @@ from csg_renderer.features.mesh_units import GUESS, MESH_UNITS
 from msgs_py import FeatureSet
 from msgs_py.commands import DONE, NOTHING, add_json, run_command
 
-from ..match_cli import PAIR_FILES
-from ..model.index import ModelIndex
-from ..model.library import load_library
-from ..viewing.moments import Moment
-from ..viewing.page import check_page_name, page_of, plotly_script, write_page
-from ..viewing.server import PageServer
-from ..viewing.settings import PORT
+from ...match_cli import PAIR_FILES
+from ...model.index import ModelIndex
+from ...model.library import load_library
+from ...viewing.moments import Moment
+from ...viewing.page import check_page_name, page_of, plotly_script, write_page
+from ...viewing.server import PageServer
+from ...viewing.settings import PORT
 from .view_files import moment_of, pair_moment, recorded_moments
 
 
@@ -145,7 +145,7 @@ def _live(options: argparse.Namespace) -> int:
     """Run the node; its exit status."""
     # Whoever looks at files needs no ROS.
     try:
-        from ..viewer_node import main as run_viewer
+        from ...viewer_node import main as run_viewer
     except ImportError as error:
         raise ValueError(f'a live view needs ROS ({error}); name a model and files to look at') from None
     return run_viewer(['--ros-args', '-p', f'port:={options.port}', *(options.ros_args or ())])

@@ -15,9 +15,9 @@ from tqdm import tqdm
 
 from msgs_py.commands import DONE, NOTHING, add_json, run_command
 
-from .bop.answer import answer_scene, load_models
-from .bop.results import write_results
-from .bop.scene_folder import read_scene, read_targets
+from .answer import answer_scene, load_models
+from .results import write_results
+from .scene_folder import read_scene, read_targets
 
 
 def bop_parser() -> argparse.ArgumentParser:

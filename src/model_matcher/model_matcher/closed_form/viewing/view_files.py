@@ -9,17 +9,17 @@ from pathlib import Path
 from msgs_py import FeatureSet, StereoRig
 from stereo_recovery import recover
 
-from ..image_pose.views import Views
-from ..model.index import ModelIndex
-from ..pair_match import recovered_pair
-from ..pipeline import survey
-from ..viewing.moments import Moment, Placed, placed_objects
-from ..viewing.page import NoPlotly, write_page
-from .following.follow import FollowedFrame
-from .following.picture_frames import picture_frames
-from .recordings.bag_reader import StereoBag, is_bag
-from .recordings.result_reader import RecordedResult, RecordedResults, recorded_results
-from .result import CaseResult
+from ...image_pose.views import Views
+from ...model.index import ModelIndex
+from ...pair_match import recovered_pair
+from ...pipeline import survey
+from ...viewing.moments import Moment, Placed, placed_objects
+from ...viewing.page import NoPlotly, write_page
+from ..following.follow import FollowedFrame
+from ..following.picture_frames import picture_frames
+from ..recordings.bag_reader import StereoBag, is_bag
+from ..recordings.result_reader import RecordedResult, RecordedResults, recorded_results
+from ..result import CaseResult
 
 VIEW = 'view.html'
 
