@@ -193,8 +193,9 @@ def test_an_image_that_has_no_halves_is_named(graph, pictures):
     assert 'image_rect: image.width: 639, expected an even number' in node.health.last_error
 
 
-def test_silence_names_the_transport_that_is_there(graph, pictures):
+def test_silence_names_the_transport_that_is_there(graph, pictures, monkeypatch):
     """Who publishes compressed images only, to a node that listens to raw ones, is told."""
+    monkeypatch.setattr('msgs_py.node_runtime.runtime.SILENCE_S', 0.0)
     driver = Driver(graph, compressed=True)
     node = graph.add(RecoveryNode)
     graph.wait_matched(*driver.infos)
