@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -15,6 +19,7 @@ from csg_renderer.node import RendererNode
 from model_matcher.node import MatcherNode
 from msgs_py import PinholeCamera, StereoRig, codecs
 from msgs_py.node_runtime.runtime import STEREO_TOPICS
+from stereo_recovery import recover
 from stereo_recovery.node import RecoveryNode
 
 
@@ -32,6 +37,53 @@ def frames():
         codecs.gray_from_image(codecs.array_to_image(frame.image, 'rgb8'))
         for frame in csg_renderer.render_stereo(scene, rig, antialias=2)
     ]
+
+
+def test_a_recovery_that_takes_long_holds_nothing_up(graph, frames, monkeypatch):
+    """It is ended when parameters change, and the newest pair recovered by the new ones; a reset drops it."""
+    rig, pictures = frames
+    sigmas = []
+
+    def endless(left, right, rig, params, deadline):
+        sigmas.append(params.sigma)
+        while params.sigma > 1.5 and not deadline.passed:
+            time.sleep(0.001)
+        return recover(left, right, rig, params)
+
+    monkeypatch.setattr('stereo_recovery.node.recover', endless)
+    node = graph.add(RecoveryNode, parameters={'sigma': 2.0})
+    graph.spin_until(lambda: not node.compiling, 120.0)
+    clouds = graph.collect(PointCloud2, 'features')
+    outputs = {topic: graph.publisher(CameraInfo if 'info' in topic else Image, topic) for topic in STEREO_TOPICS}
+    graph.wait_matched(*outputs.values())
+    graph.wait_heard('/features')
+
+    def send(second):
+        infos = codecs.camera_infos_from_rig(rig, header(second))
+        images = [codecs.array_to_image(picture, 'mono8', header(second)) for picture in pictures]
+        for topic, message in zip(STEREO_TOPICS, (images[0], infos[0], images[1], infos[1])):
+            outputs[topic].publish(message)
+
+    def set_sigma(value):
+        request = SetParametersAtomically.Request(parameters=[Parameter('sigma', value=value).to_parameter_msg()])
+        answer = graph.call(SetParametersAtomically, '/recovery_node/set_parameters_atomically', request)
+        assert answer.result.successful
+
+    send(1)
+    graph.spin_until(lambda: sigmas)
+    send(2)
+    graph.spin_until(lambda: node._work._newest is not None)
+    set_sigma(1.0)
+    graph.spin_until(lambda: clouds)
+    assert [cloud.header.stamp.sec for cloud in clouds] == [2] and sigmas == [2.0, 1.0]
+    set_sigma(2.0)
+    send(3)
+    graph.spin_until(lambda: len(sigmas) == 3)
+    assert graph.call(Trigger, '/recovery_node/reset', Trigger.Request()).success
+    set_sigma(1.0)
+    send(4)
+    graph.spin_until(lambda: len(clouds) == 2)
+    assert clouds[1].header.stamp.sec == 4 and sigmas[2:] == [2.0, 1.0]
 
 
 def test_simulated_time_stamps_the_images_and_diagnostics_go_on_when_it_stands_still(graph):
