@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -21,8 +23,24 @@ def load_object(file: str) -> tuple[Solid, FeatureSet]:
     return solid, model_features(solid)
 
 
+@dataclass(frozen=True, eq=False)
+class RenderedView:
+    """A stereo pair of one object, uint8, and its pose, first_T_model."""
+
+    left: np.ndarray
+    right: np.ndarray
+    rig: StereoRig
+    pose: Pose
+
+
 def recovered_view(solid: Solid, model: FeatureSet, seed: int) -> FeatureSet:
-    """What stereo recovery finds of the object alone; the seed decides pose, lights, greys, rig and noise."""
+    """What stereo recovery finds of the object alone; see :func:`rendered_view`."""
+    view = rendered_view(solid, model, seed)
+    return recover(view.left, view.right, view.rig).features
+
+
+def rendered_view(solid: Solid, model: FeatureSet, seed: int) -> RenderedView:
+    """A pair of the object alone; the seed decides pose, lights, greys, rig and noise."""
     rng = np.random.default_rng([seed, 31])
     low, high = model.start.min(axis=0), model.start.max(axis=0)
     distance = float(np.linalg.norm(high - low)) * rng.uniform(*DISTANCES)
@@ -39,4 +57,4 @@ def recovered_view(solid: Solid, model: FeatureSet, seed: int) -> FeatureSet:
         SensorModel(0.5, 2.0, (seed, eye)).apply(grey(frame.image))
         for eye, frame in enumerate(render_stereo(scene, rig, antialias=2))
     )
-    return recover(left, right, rig).features
+    return RenderedView(left, right, rig, pose)
