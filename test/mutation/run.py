@@ -80,13 +80,15 @@ class Area:
 
 
 EXAMPLES = 'test/test_examples.py'
+# Of node_runtime: what the tests across packages show over real topics.
+OVER_A_GRAPH = ('runtime.py', 'background.py', 'beside.py', 'hand_over.py', 'managed.py')
 VOCABULARY, MATCHER = 'src/msgs_py', 'src/model_matcher'
 AREAS = {
-    # What needs a graph or compiles has its tests there: runtime.py, background.py; compiled.py, one_unit.py.
+    # What needs a graph, or compiles, is tested there.
     'msgs_py': Area(
         (f'{VOCABULARY}/msgs_py/*.py', f'{VOCABULARY}/msgs_py/numeric/*.py', f'{VOCABULARY}/msgs_py/node_runtime/*.py'),
         (f'{VOCABULARY}/test/test_*.py', 'test/test_renaming.py', EXAMPLES),
-        ('runtime.py', 'background.py', 'transport.py', 'compiled.py', 'one_unit.py'),
+        (*OVER_A_GRAPH, 'transport.py', 'compiled.py', 'one_unit.py'),
     ),
     'codecs': Area(
         (f'{VOCABULARY}/msgs_py/codecs/*.py',),

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from model_matcher.geometry.constraints import corner_ranges, pair_ranges
+from model_matcher.geometry.constraints import (
+    A_MINUS,
+    A_PLUS,
+    B_MINUS,
+    B_PLUS,
+    DIFFERENT,
+    SAME,
+    corner_ranges,
+    entry,
+    pair_ranges,
+)
 from model_matcher.geometry.pair_bounds import margins_of, model_relations, pair_fits, possible, relation
 from model_matcher.interpretation_tree.ordering import curves_before_others
 from model_matcher.interpretation_tree.signs import relate, set_sign, unknown_signs, write_signs
@@ -216,3 +226,76 @@ def test_signs_that_are_told_are_those_that_every_solution_has(seed):
         np.testing.assert_array_equal(found, known)
         write_signs(signs, np.array([0, -1, 0, 0, -1], np.int32), found)
         assert found[1] == found[4] == 0
+
+
+@pytest.mark.parametrize('ways', [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_lines_nearly_at_right_angles_fit_whichever_angle_is_the_acute_one(ways):
+    """89 degrees in the model, 91 in the data: the sign of the distance and one foot turn round."""
+    model = [MODEL[0], row([0.3 * np.sin(0.02), 0.3 * np.cos(0.02), 0.4], [np.sin(0.02), np.cos(0.02), 0], 0.6)]
+    for along, expected in ((0.0, True), (0.9, False)):
+        other = np.array([-np.sin(0.02), np.cos(0.02), 0.0])
+        a = row([-0.2 - along, 0, 0], [ways[0], 0, 0], HALVES[0])
+        b = row([0.3 * other[0], 0.3 * other[1], 0.4], ways[1] * other, HALVES[1])
+        assert fits([a, b], model, [[0.01, 0.02, 0.03], [0.03, 0.05, 0.03]]) == expected
+
+
+class TestEntry:
+    """What the constraints say of ranges, one at a time."""
+
+    def only(self, place):
+        return np.arange(5) == place
+
+    def ranges(self, **given):
+        """Ranges that contain everything, or what is given: distance, angle, first, second, third."""
+        out = np.array([0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+        for place, name in enumerate(('distance', 'angle', 'first', 'second', 'third')):
+            if name in given:
+                out[2 * place : 2 * place + 2] = given[name]
+        return out
+
+    def test_a_distance_lies_in_the_models_up_to_rounding(self):
+        model = self.ranges(distance=(0.2, 0.8))
+        for low, high, agrees in ((0.2, 0.8, True), (0.1999, 0.8, False), (0.2, 0.8001, False), (0.3, 0.4, True)):
+            data = self.ranges(distance=(low, high))
+            assert bool(entry(data, model, False, 0.0, 0.0, self.only(0))) == agrees
+            assert entry(data, model, False, 0.0, 0.0, self.only(1)) != 0, 'only what is asked for counts'
+
+    def test_on_one_edge_a_pair_is_as_long_as_the_edge_and_its_slack(self):
+        data, model = self.ranges(distance=(0.0, 0.61)), self.ranges()
+        assert entry(data, model, True, 0.6, 0.011, self.only(0)) and not entry(
+            data, model, True, 0.6, 0.009, self.only(0)
+        )
+
+    def test_an_angle_tells_whether_signs_are_the_same(self):
+        for angle, code in ((1.0, SAME), (np.pi - 1.0, DIFFERENT), (0.5, 0)):
+            data = self.ranges(angle=(angle + 0.1, angle - 0.1))
+            for model_angle in (0.9, 1.0, 1.1):
+                found = entry(data, self.ranges(angle=(model_angle, model_angle)), False, 0.0, 0.0, self.only(1))
+                assert found & (SAME | DIFFERENT) == code if code else found == 0
+        right = entry(self.ranges(angle=(1.58, 1.56)), self.ranges(angle=(1.57, 1.57)), False, 0.0, 0.0, self.only(1))
+        assert right & SAME and right & DIFFERENT
+
+    @pytest.mark.parametrize(('place', 'name'), [(2, 'first'), (3, 'second')])
+    def test_pieces_of_one_edge_that_are_clear_of_each_other_lie_on_one_line(self, place, name):
+        model = self.ranges()
+        aside, along = self.ranges(**{name: (1.2, 1.1)}), self.ranges(**{name: (0.01, -0.01)})
+        assert not entry(aside, model, True, 1.0, 0.1, self.only(place))
+        assert entry(along, model, True, 1.0, 0.1, self.only(place))
+        assert entry(self.ranges(**{name: (np.pi + 0.01, 3.1)}), model, True, 1.0, 0.1, self.only(place))
+        assert entry(aside, model, True, 1.0, 0.3, self.only(place)), 'nearer than their errors they tell nothing'
+        assert entry(aside, model, True, 1.0, 0.1, self.only(4)), 'where it is not asked for it tells nothing'
+
+    @pytest.mark.parametrize(
+        ('place', 'name', 'plus', 'minus'), [(2, 'first', A_PLUS, A_MINUS), (3, 'second', B_PLUS, B_MINUS)]
+    )
+    def test_a_direction_tells_the_sign(self, place, name, plus, minus):
+        model = self.ranges(**{name: (0.5, 1.0)})
+        for (low, high), code in (
+            ((0.5, 1.0), plus),
+            ((np.pi - 1.0, np.pi - 0.5), minus),
+            ((0.4, 1.0), 0),
+            ((0.5, 1.1), 0),
+            ((np.pi - 1.1, np.pi - 0.5), 0),
+        ):
+            found = entry(self.ranges(**{name: (low, high)}), model, False, 0.0, 0.0, self.only(place))
+            assert found & (plus | minus) == code if code else found == 0

@@ -59,6 +59,15 @@ class TestPose:
         assert repr(Pose(scale=2.0)).endswith('translation=[0, 0, 0], scale=2)')
         assert pose.error_to(Pose(scale=2.0)).scale == 1.0
 
+    def test_what_is_given_is_copied_into_arrays(self):
+        given = np.eye(3)
+        pose = Pose(given, [1, 2, 3])
+        given[0, 0] = 5.0
+        assert np.array_equal(pose.rotation, np.eye(3)) and pose.translation.dtype == np.float64
+        assert isinstance(Pose(np.eye(3).tolist()).rotation, np.ndarray)
+        assert not Pose.from_quaternion([0, 0, 0, 2]).translation.any()
+        assert not Pose.from_rotation_vector([0, 0, 1]).translation.any() and not Pose().translation.any()
+
     def test_a_scale_of_whole_numbers_is_a_number_and_a_matrix_has_a_last_row(self):
         assert isinstance(Pose(scale=np.float32(2)).scale, float)
         matrix = np.diag([2.0, 2.0, 2.0, 1.0])
@@ -286,6 +295,21 @@ class TestFeatureSet:
         np.testing.assert_allclose(circle[0], circle[4], atol=1e-12)
         arc = FeatureSet([1], [[0, 0, 0]], [[0, 0, 1]], [[2.0, 1.0]], [0.0], [0.0], [[1, 0, 0]], [[0.0, np.pi / 2]])
         np.testing.assert_allclose(arc.polyline(0, 3), [[2, 0, 0], [2**0.5, 0.5**0.5, 0], [0, 1, 0]], atol=1e-12)
+
+    def test_errors_are_zero_where_none_are_stated(self):
+        for features in (
+            FeatureSet.from_edges([[0, 0, 0]], [[1, 0, 0]]),
+            FeatureSet.from_curves([[0, 0, 0]], [[0, 0, 1]], [[1, 1]]),
+            FeatureSet.from_axes([[0, 0, 0]], [[1, 0, 0]]),
+        ):
+            assert features.err_par.tolist() == features.err_per.tolist() == [0.0]
+
+    def test_every_kind_is_one_of_three_and_a_file_has_every_array(self, tmp_path):
+        with pytest.raises(ValueError, match='kind: expected 0'):
+            FeatureSet([0, 7], np.zeros((2, 3)), np.ones((2, 3)), np.ones((2, 2)), 0.0, 0.0)
+        np.savez(tmp_path / 'bare.npz', kind=[0], start=[[0, 0, 0]])
+        with pytest.raises(ValueError, match="bare.npz: not a feature file: no array named 'end'"):
+            FeatureSet.load(tmp_path / 'bare.npz')
 
     def test_one_curve_without_a_radius_is_enough_to_be_refused(self):
         rows = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
