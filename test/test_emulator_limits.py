@@ -322,7 +322,7 @@ def test_an_endless_image_program_does_not_hold_the_services(graph, tmp_path):
         'ENTRY SUBROUTINE SLOW(IMAGE, RESULT)\nINTEGER*2 IMAGE(,), RESULT(,)\nRESULT = IMAGE\n'
         '10 IF (MAXV(IMAGE) .GT. 100) GOTO 10\nEND\n'
     )
-    node = graph.add(EmulatorNode, parameters={'image_program': str(slow), 'max_run_seconds': 1.5})
+    node = graph.add(EmulatorNode, parameters={'image_program': str(slow), 'max_run_seconds': 4.0})
     received = graph.collect(Image, 'image_out')
     out = graph.publisher(Image, 'image_in')
     graph.wait_matched(node.image_out, out)
@@ -332,10 +332,11 @@ def test_an_endless_image_program_does_not_hold_the_services(graph, tmp_path):
     started = time.monotonic()
     with DapClient('emulator_node', node=graph.tester, executor=graph.executor) as client:
         assert client.run(library='life', generations=1)['GENERATIONS'] == 1
-    assert node.filtering and time.monotonic() - started < 1.4, 'the services answer while the image is filtered'
+    assert node.filtering and time.monotonic() - started < 3.9, 'the services answer while the image is filtered'
     for level in (10, 20, 30):
         header.stamp.sec = level
         out.publish(array_to_image(np.full((8, 8), level, np.uint8), 'mono8', header))
     graph.spin_until(lambda: received)
-    assert 'run time limit of 1.5 s' in node.health.last_error
-    assert received[0].header.stamp.sec == 30 and received[0].data[0] == 30 and node.health.lost == 2
+    assert 'run time limit of 4 s' in node.health.last_error
+    assert received[0].header.stamp.sec == 30 and received[0].data[0] == 30
+    assert node.health.passed_over + node.health.lost == 2, 'in the node, or on the way to it'

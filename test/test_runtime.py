@@ -331,7 +331,7 @@ def test_the_newest_input_is_kept_until_all_is_compiled(graph, compiler):
         event.set()
     graph.spin_until(lambda: heard, what='the input that waited')
     assert [message.data for message in heard] == ['2']
-    assert (node.health.processed, node.health.lost) == (1, 2)
+    assert (node.health.processed, node.health.passed_over) == (1, 2)
     talk.publish(String(data='after'))
     graph.spin_until(lambda: len(heard) == 2)
 

@@ -120,7 +120,7 @@ class Soak:
     def counted(self) -> int:
         """Pairs that did not come back but are in a counter of a node."""
         return (
-            sum(node.health.lost + node.health.dropped for node in self.nodes[:2])
+            sum(node.health.lost + node.health.passed_over + node.health.dropped for node in self.nodes[:2])
             + self.recovery._sync.counters.unmatched
             + self.recovery._sync.counters.late
         )

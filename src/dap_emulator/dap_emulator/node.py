@@ -188,7 +188,7 @@ class EmulatorNode(GraphNode[EmulatorConfig]):
         if not self.wanted(self.image_out):
             return
         # One image is filtered at a time, and of those that come meanwhile the newest is kept.
-        self.health.lost += self._newest_image is not None
+        self.health.passed_over += self._newest_image is not None
         self._newest_image = message
         self._filter_newest()
 

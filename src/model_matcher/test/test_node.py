@@ -282,7 +282,7 @@ def test_a_search_of_an_hour_holds_nothing_up(tmp_path):
         for second in (2, 3, 4):
             bench.features.publish(stamped(make_scene(l_shape(), second).data, second))
             bench.wait(lambda second=second: waiting() == second)
-        assert bench.node.health.lost == 2 and not arrays
+        assert bench.node.health.passed_over == 2 and not arrays
         changed = time.monotonic()
         set_to(search='hypotheses', time_limit=2.0)
         bench.wait(lambda: arrays)

@@ -58,7 +58,7 @@ def test_one_at_a_time_and_then_the_newest():
     stage = Stage()
     for given in (1, 2, 3, 4):
         stage.beside.take(given)
-    assert stage.begun == [1] and stage.health.lost == 2 and stage.beside.seconds > 0.0
+    assert stage.begun == [1] and stage.health.passed_over == 2 and stage.beside.seconds > 0.0
     stage.let_go |= {1, 4}
     stage.until(lambda: len(stage.finished) == 2)
     assert stage.finished == [(1, 'a'), (4, 'a')] and stage.beside.seconds == 0.0

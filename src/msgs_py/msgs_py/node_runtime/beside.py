@@ -74,7 +74,7 @@ class Beside(Generic[Given, Made]):
     def take(self, given: Given) -> None:
         """Work on an input, or keep it until the one before it is done."""
         if self._job is not None:
-            self._node.health.lost += self._newest is not None
+            self._node.health.passed_over += self._newest is not None
             self._newest = given
         else:
             self._begin(given)

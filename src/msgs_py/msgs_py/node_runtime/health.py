@@ -29,6 +29,8 @@ class Health:
     lost : int
         Inputs that were published and never reached a callback, because newer ones overtook them in the queue, or the
         network dropped or garbled them.
+    passed_over : int
+        Inputs that reached one while the node was at work, and were still waiting when a newer one came.
     problems : int
         Problems reported, repeats included.
     last_error : str
@@ -49,6 +51,7 @@ class Health:
         self.processed = 0
         self.dropped = 0
         self.lost = 0
+        self.passed_over = 0
         self.problems = 0
         self.last_error = ''
         self.last_error_time: float | None = None
@@ -109,6 +112,7 @@ class Health:
             'processed': self.processed,
             'dropped': self.dropped,
             'lost_inputs': self.lost,
+            'passed_over': self.passed_over,
             'latency_p50_ms': f'{p50:.1f}',
             'latency_p99_ms': f'{p99:.1f}',
             'problems': self.problems,

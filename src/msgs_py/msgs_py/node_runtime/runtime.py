@@ -253,7 +253,7 @@ class GraphNode(ManagedNode, Generic[_C]):
 
         def call(message: Any) -> None:
             if self._preparation is not None:
-                self.health.lost += topic in self._newest
+                self.health.passed_over += topic in self._newest
                 self._newest[topic] = (callback, message)
             else:
                 callback(message)
