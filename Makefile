@@ -10,7 +10,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 export PYTHONUNBUFFERED := 1
 TEST_WORKERS ?= 2
 
-.PHONY: help setup demo test test-oldest coverage mutants lint bench experiments docs site stress fresh-seeds colcon clean
+.PHONY: help setup demo test test-oldest coverage mutants lint bench experiments docs site stress fresh-seeds colcon wheels release clean
 
 help:
 	@echo 'make demo         render, recover, match, track: scenes and a real stereo pair, into demo_out/'
@@ -25,6 +25,8 @@ help:
 	@echo 'make site         the HTML site alone, with the reference, into out/site/html'
 	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts, 20,000 certificates'
 	@echo 'make fresh-seeds  the property tests with seeds of this moment and many examples (part of stress)'
+	@echo 'make wheels       the five packages as wheels, into out/wheels'
+	@echo 'make release      wheels; then bloom and rosdep on a stored list of the distribution, into out/bloom'
 	@echo 'make colcon       colcon build of src/ inside the virtual environment'
 
 setup: $(READY)
@@ -121,6 +123,12 @@ fresh-seeds: $(READY)
 
 colcon: $(READY)
 	. .venv/bin/activate && colcon build --base-paths src
+
+wheels: $(READY)
+	$(PY) test/release/wheels.py out/wheels
+
+release: wheels
+	$(PY) test/release/dry_run.py out/bloom
 
 clean:
 	rm -rf .venv .venv-oldest build install log demo_out out

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
-import zipfile
 from configparser import ConfigParser
 from pathlib import Path
 from xml.etree import ElementTree
@@ -77,40 +75,6 @@ def test_every_folder_of_data_is_installed(package):
     }
     assert found <= packed == shared, f'not in setup.cfg: {found - (packed & shared)}'
     assert all((folder / item).is_dir() for item in packed)
-
-
-@pytest.mark.parametrize('package', PACKAGES)
-def test_a_wheel_holds_every_module_and_all_data(package, tmp_path):
-    source = tmp_path / package
-    shutil.copytree(
-        ROOT / 'src' / package,
-        source,
-        ignore=shutil.ignore_patterns('build', '*.egg-info', '__pycache__', 'test', 'docs'),
-    )
-    subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'pip',
-            'wheel',
-            '--quiet',
-            '--no-deps',
-            '--no-build-isolation',
-            '--no-index',
-            '-w',
-            str(tmp_path),
-            str(source),
-        ],
-        check=True,
-        timeout=55,
-        capture_output=True,
-    )
-    with zipfile.ZipFile(next(tmp_path.glob('*.whl'))) as wheel:
-        packed = set(wheel.namelist())
-    expected = {str(path.relative_to(source)) for path in (source / package).rglob('*') if path.is_file()}
-    expected |= {path.name for path in source.glob('*.py') if path.name != 'setup.py'}
-    assert expected <= packed, f'missing: {sorted(expected - packed)}'
-    assert any(name.endswith(f'share/{package}/package.xml') for name in packed)
 
 
 @pytest.mark.parametrize(
