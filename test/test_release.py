@@ -208,3 +208,29 @@ def test_what_has_no_key_is_named_with_the_reason():
         *PACKAGES,
         *extract.keys(),
     } <= WITHOUT_KEY
+
+
+# --- declarations of quality
+
+HEADINGS = (
+    'Version policy [1]',
+    'Change control process [2]',
+    'Documentation [3]',
+    'Testing [4]',
+    'Dependencies [5]',
+    'Platform support [6]',
+    'Security [7]',
+)
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_the_declaration_of_quality_answers_every_heading(package):
+    page = (ROOT / 'src' / package / 'QUALITY_DECLARATION.md').read_text(encoding='utf-8')
+    assert f'`{package}` claims **Quality Level ' in page.replace('\n', ' ')
+    assert tuple(re.findall(r'^## (.*)$', page, re.MULTILINE)) == HEADINGS
+    assert all(len(part.strip()) > 50 for part in re.split(r'^## .*$', page, flags=re.MULTILINE)[1:])
+    of_ros = {key for key in keys_of(package) if not key.startswith('python3-')}
+    assert of_ros <= set(re.findall(r'`(\w+)`', page)), 'a dependency is not accounted for'
+    assert all((ROOT / 'src' / package / place).exists() for place in re.findall(r'\]\(([^):]+)\)', page))
+    readme = (ROOT / 'src' / package / 'README.md').read_text(encoding='utf-8')
+    assert '(QUALITY_DECLARATION.md)' in readme
