@@ -23,7 +23,7 @@ help:
 	@echo 'make experiments  the tables of the thesis, beside ours'
 	@echo 'make docs         tables, parameter files and pictures of the pages, from the code; then the site'
 	@echo 'make site         the HTML site alone, with the reference, into out/site/html'
-	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts, 20,000 certificates'
+	@echo 'make stress       10,000 malformed messages, 5,000 files, 10,000 stereo pairs in one process, 45 restarts, 20,000 certificates, the Dockerfile'
 	@echo 'make fresh-seeds  the property tests with seeds of this moment and many examples (part of stress)'
 	@echo 'make wheels       the five packages as wheels, into out/wheels'
 	@echo 'make release      wheels; then bloom and rosdep on a stored list of the distribution, into out/bloom'
@@ -115,6 +115,7 @@ stress: $(READY)
 	$(MAKE) fresh-seeds
 	$(PY) test/stress/restart.py --rounds 3
 	$(PY) test/stress/certificates.py --cases 20000
+	$(PY) test/stress/container.py
 
 # Property tests on examples that no run has seen before; the pinned seed of pyproject.toml is for commits.
 fresh-seeds: $(READY)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -22,9 +23,9 @@ ROOT = Path(__file__).resolve().parent.parent
 RELEASE = ROOT / 'test' / 'release'
 
 
-def script(name: str) -> ModuleType:
-    """A script of test/release as a module."""
-    spec = importlib.util.spec_from_file_location(name, RELEASE / f'{name}.py')
+def script(name: str, folder: Path = RELEASE) -> ModuleType:
+    """A script of test/release, or of another folder, as a module."""
+    spec = importlib.util.spec_from_file_location(name, folder / f'{name}.py')
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -234,3 +235,46 @@ def test_the_declaration_of_quality_answers_every_heading(package):
     assert all((ROOT / 'src' / package / place).exists() for place in re.findall(r'\]\(([^):]+)\)', page))
     readme = (ROOT / 'src' / package / 'README.md').read_text(encoding='utf-8')
     assert '(QUALITY_DECLARATION.md)' in readme
+
+
+# --- containers
+
+container = script('container', ROOT / 'test' / 'stress')
+
+
+def test_the_dockerfile_does_what_the_readme_says():
+    text = (ROOT / 'Dockerfile').read_text(encoding='utf-8')
+    steps = container.instructions(text)
+    assert [name for name, _ in steps] == ['FROM', 'RUN', 'WORKDIR', 'COPY', 'RUN', 'ENV', 'CMD']
+    (_, image), (_, packages), (_, folder), (_, copied), (_, setup), (_, path), (_, command) = steps
+    assert re.fullmatch(r'debian:[a-z]+-slim', image), 'a release is named, so that a build says the same tomorrow'
+    update, install, tidy = packages.split(' && ')
+    assert (update, tidy) == ('apt-get update', 'rm -rf /var/lib/apt/lists/*')
+    options, names = install.removeprefix('apt-get install ').split(' --yes ')
+    assert options == '--no-install-recommends' and names.split() == sorted(names.split())
+    readme = ' '.join((ROOT / 'README.md').read_text(encoding='utf-8').split())
+    assert f'apt install {names}' in readme and setup in readme and json.loads(command) == ['make', 'demo']
+    assert copied == '. .' and folder.startswith('/') and path == f'PATH={folder}/.venv/bin:$PATH'
+    ignored = (ROOT / '.dockerignore').read_text().split()
+    tracked = subprocess.run(['git', 'ls-files'], cwd=ROOT, check=False, capture_output=True, text=True).stdout.split(
+        '\n'
+    )
+    assert {'.venv', 'out', '.git'} <= set(ignored)
+    assert not {file.split('/')[0] for file in tracked} & set(ignored), 'the image has what the clone has'
+
+
+def test_the_development_container_builds_on_the_dockerfile():
+    file = ROOT / '.devcontainer' / 'devcontainer.json'
+    told = json.loads(file.read_text(encoding='utf-8'))
+    assert set(told) <= {'name', 'build', 'postCreateCommand', 'remoteEnv', 'customizations'}
+    assert (file.parent / told['build']['dockerfile']).resolve() == ROOT / 'Dockerfile'
+    assert (file.parent / told['build']['context']).resolve() == ROOT
+    assert told['postCreateCommand'].endswith('make setup')
+
+
+def test_the_steps_of_the_dockerfile_are_left_out_with_the_reason(monkeypatch):
+    monkeypatch.setattr(container.os, 'geteuid', lambda: 1000)
+    assert container.missing() == 'only root may make a root file system and change to it'
+    monkeypatch.setattr(container.os, 'geteuid', lambda: 0)
+    monkeypatch.setattr(container.shutil, 'which', lambda tool: None if tool == 'debootstrap' else f'/usr/bin/{tool}')
+    assert container.missing() == 'debootstrap not installed'
