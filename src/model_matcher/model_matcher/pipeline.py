@@ -450,21 +450,23 @@ def compile_steps(
 
 
 def _find_in_image() -> None:
-    """Find two blocks, each with a pin, in a picture of their outlines.
+    """Find two blocks, each with a pin, in pictures of their outlines.
 
-    The pin makes rims and a free turn; two of them make outlines that may compete.
+    The pin makes rims and a free turn; two of them make outlines that may compete. Two eyes look at their surfaces.
     """
     _warm.add(True)
     camera = PinholeCamera.centred(160, 120, 200.0)
     solid = Solid.block(0.06, 0.05, 0.04) | Solid.cylinder(0.02, (0.0, 0.0, 0.08))
     index = index_model(model_features(solid), 'model', SolidOutline(solid))
     poses = [Pose.from_rotation_vector([0.5, 0.4, 0.0], [x, 0.0, 0.25]) for x in (-0.06, 0.03)]
-    picture = np.random.default_rng(0).integers(60, 66, (120, 160), dtype=np.uint8)
-    for pose in poses:
-        outline = camera.project(pose.apply(extent_points(index.features)))
-        picture[Delaunay(outline).find_simplex(camera.pixel_grid()).reshape(picture.shape) >= 0] += 100
+    stands = (Pose.identity(), Pose(np.eye(3), np.array([0.01, 0.0, 0.0])))
+    pictures = np.random.default_rng(0).integers(60, 80, (len(stands), 120, 160), dtype=np.uint8)
+    for picture, stand in zip(pictures, stands):
+        for pose in poses:
+            outline = camera.project(stand.inverse().apply(pose.apply(extent_points(index.features))))
+            picture[Delaunay(outline).find_simplex(camera.pixel_grid()).reshape(picture.shape) >= 0] += 100
     data = FeatureSet.concatenate([index.features.transformed(pose) for pose in poses])
-    survey([index], data, MatchParams(false_alarm_rate=1.0), Views.of([picture], camera))
+    survey([index], data, MatchParams(false_alarm_rate=1.0), Views(list(pictures), [camera] * 2, stands))
 
 
 def warm_up(params: MatchParams | None = None, n_models: int = 1, images: bool = False) -> None:
