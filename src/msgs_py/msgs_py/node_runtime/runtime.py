@@ -958,7 +958,9 @@ def run_until_stopped(make: Callable[[], Running], args: list[str] | None = None
     try:
         if outlived:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            signal.signal(signal.SIGTERM, signal.default_int_handler)
+            # What a shell runs in the background ignores SIGINT, unless it says otherwise.
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.default_int_handler)
         else:
             rclpy.init(args=args)
     except Exception as error:  # malformed --ros-args; rclpy has a type for each
