@@ -38,7 +38,6 @@ from .settings import (
     POSE_UNKNOWNS,
     REACH,
     SHOWN,
-    SIGMA_TURNS,
     SIGNIFICANT,
     SPACING,
     STRONG,
@@ -375,11 +374,8 @@ def settled(
     error: ModelError,
     density: float,
     rounds: int,
-    turns: int = SIGMA_TURNS,
 ) -> tuple[FloatArray, FloatArray, FloatArray, ModelError]:
     """Lay a pose (12,) on fitted steps, in place, and tell the outline's errors, in turns; until too few points count.
-
-    turns : of each round's sigmas, at most
 
     Returns
     -------
@@ -391,7 +387,7 @@ def settled(
         residual, weight, normal = laid(shape, motion, views, sight, steps, np.zeros(TO_POSE), error, density)
         if (weight > 0.0).sum() < FEWEST_POINTS:
             break
-        error = fitted_model_error(sight.placed, residual, weight, steps.variance, normal, error, turns)
+        error = fitted_model_error(sight.placed, residual, weight, steps.variance, normal, error)
     return residual, weight, normal, error
 
 

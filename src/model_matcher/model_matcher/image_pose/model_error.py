@@ -51,7 +51,6 @@ def fitted_model_error(
     variance: FloatArray,
     normal: FloatArray,
     before: ModelError,
-    turns: int = SIGMA_TURNS,
 ) -> ModelError:
     """The sigmas by expectation-maximisation.
 
@@ -69,8 +68,6 @@ def fitted_model_error(
         Information that fixed the pose: what the pose has taken of the lines is not known to be none.
     before : ModelError
         The estimate so far.
-    turns : int
-        Steps from there to the next, at most.
 
     Returns
     -------
@@ -79,7 +76,7 @@ def fitted_model_error(
     least = math.sqrt(NOT_ZERO)
     sigmas = max(before.curve, least), max(before.view, least)
     pose = np.linalg.pinv(normal, hermitian=True)
-    return ModelError(*_sigmas(placed, residual, weight, variance, pose, sigmas, turns))
+    return ModelError(*_sigmas(placed, residual, weight, variance, pose, sigmas))
 
 
 @njit(nogil=True)
@@ -90,7 +87,6 @@ def _sigmas(
     variance: FloatArray,
     pose: FloatArray,
     before: tuple[float, float],
-    turns: int,
 ) -> tuple[float, float, float]:
     """As :func:`fitted_model_error`; pose : (6, 6), its covariance; before : sigmas of curve and view."""
     group, curve = placed.group, placed.curve
@@ -103,7 +99,7 @@ def _sigmas(
         add_to_line(sums[group[k]], weight[k], placed.abscissa[k], placed.slope[k], residual[k])
     common, view = before
     shared, own = np.zeros((0, 2)), np.zeros((0, 2))
-    for _ in range(turns):
+    for _ in range(SIGMA_TURNS):
         last = common + view
         shared, own, common, view = _lines(sums, of_curve, pose, common + NOT_ZERO, view + NOT_ZERO)
         if abs(common + view - last) < SETTLED * last:

@@ -20,7 +20,6 @@ from .settings import (
     LONGEST_FIT_STEP,
     OFF_PREDICTED,
     SIGNIFICANT,
-    STRAIGHT,
     TAPS,
 )
 
@@ -158,25 +157,6 @@ def _straight_profile(image: ByteArray, at: tuple[float, ...], spacing: float, r
 
 
 @njit(nogil=True)
-def _quick_profile(
-    image: ByteArray,
-    levels: FloatArray,
-    tone: float,
-    at: tuple[float, ...],
-    spacing: float,
-    bend: float,
-    reach: int,
-    out: FloatArray,
-) -> bool:
-    """As :func:`profile`, by whole numbers where levels are as they are and the stretch is as good as straight."""
-    if tone == 1.0 and abs(bend) * spacing * spacing < 8.0 * STRAIGHT:
-        inside: bool = _straight_profile(image, at, spacing, reach, out)
-    else:
-        inside = profile(image, levels, at, spacing, bend, reach, out)
-    return inside
-
-
-@njit(nogil=True)
 def find_steps(
     image: ByteArray,
     pixel: FloatArray,
@@ -276,7 +256,7 @@ def fit_steps(
         r = outline.flank[n]
         stretch = max(outline.spacing[n], 1.0)
         at = (outline.pixel[n, 0], outline.pixel[n, 1], outline.normal[n, 0], outline.normal[n, 1])
-        if r == 0 or not _quick_profile(image, levels, tone, at, outline.spacing[n], outline.bend[n], r, grey):
+        if r == 0 or not profile(image, levels, at, outline.spacing[n], outline.bend[n], r, grey):
             continue
         size = 3
         while size < most - 1 and not math.isnan(beside[n, (size - 3) // 2]):

@@ -54,8 +54,6 @@ LAST_FIT_STEP = 0.02
 BLUR_POINTS = 64
 # Pixels that a fitted step may be off what the pose predicts: farther, it was not seen from there.
 FARTHEST_STEP = 1.5
-# Pixels that a stretch may leave its tangent by to count as straight.
-STRAIGHT = 0.01
 # Further steps beside one that its fit takes in: an edge of a thin plate has one, a groove two.
 BESIDE = 2
 # Cosine of the angle between edges that run beside one another: across a stretch of 4 px they stay within a pixel.

@@ -16,7 +16,7 @@ from ..image_pose.model_error import NO_ERROR, ModelError
 from ..image_pose.settings import DRAWN_IN, FARTHEST_STEP, FEWEST_POINTS, NEAR, REACH, SPACING
 from ..image_pose.sight import Outline, Shape, drawn
 from ..image_pose.views import Views
-from .settings import ASKED, OTHERS_EDGES, ROUNDS, SIGMA_STEPS
+from .settings import ASKED, OTHERS_EDGES, ROUNDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def measured(
         return None
     density = elsewhere(within(place.steps, NEAR), NEAR)
     steps = fitted(sight, views)
-    _, weight, normal, error = settled(shape, motion, views, sight, steps, error, density, ROUNDS, SIGMA_STEPS)
+    _, weight, normal, error = settled(shape, motion, views, sight, steps, error, density, ROUNDS)
     if (weight > 0.0).sum() < FEWEST_POINTS:
         return None
     if error.point > FARTHEST_STEP:

@@ -39,8 +39,6 @@ SAGITTA_PX = 0.1
 MARGIN_PX = 64
 # Rounds of the outline's sigmas in a frame: they begin at those of the frame before.
 ROUNDS = 2
-# Steps of expectation-maximisation in each of them: an outline's errors stay as they are from frame to frame.
-SIGMA_STEPS = 1
 # Variance of a turn, square radians, above which nothing shows it: that of an angle anywhere within a quarter turn.
 UNSEEN_TURN = 0.2
 # Pixels: of a side of the picture of an object that is looked for again, at most and at least; it is halved until so.
